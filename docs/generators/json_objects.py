@@ -526,6 +526,69 @@ TRUST = Object(
     },
     frozenset({"script", "recording", "variations", "findings"}),
 )
+EXPECTATION = Object(
+    {
+        "text": str,
+        "source": Literal["option"],
+        "holds": bool,
+        "value": float | None,
+        "margin": float | None,
+        "unit": str | None,
+    },
+    {
+        "text": "The expression.",
+        "source": "Where it is from: `option`, of `--expect`.",
+        "holds": "Whether it holds in the script's own run.",
+        "value": "The first quantity that it compares, as the script has it.",
+        "margin": "By how much it holds; below 0 where it does not.",
+        "unit": "That of the quantity, where it is known.",
+    },
+    frozenset({"text", "source", "holds", "value", "margin", "unit"}),
+)
+TIE = {
+    "change": str,
+    "target": list[str],
+    "op": str,
+    "site": str | None,
+}
+TIE_SAYS = {
+    "change": "The compiled field, `option.timestep`, `flag.NAME`, `pair`, `input.ctrl`; or "
+    "`function.argument`, `function` of a call that is left out or added.",
+    "target": "The names of elements, bodies or joints; none if it is the whole run.",
+    "op": "What is done: `*10`, `=0`, `=default`, `stiff`, `^` (turned over), `held`, `late`, "
+    "`undone`, `left-out`.",
+    "site": "File and line of the call; null for all, or if it is no call.",
+}
+MAKES_TRUE = Object(
+    {
+        **TIE,
+        "value": float | None,
+        "least": float | None,
+        "call": str,
+        "result": float | None,
+        "side": float | None,
+        "breaks": bool,
+        "ties": [Object(TIE, TIE_SAYS, frozenset(TIE))],
+        "place": int | None,
+        "row": str | None,
+        "recording": Path | None,
+    },
+    {
+        **TIE_SAYS,
+        "value": "The operand: the factor, or the new value.",
+        "least": "The least factor that makes it true, of the first three that are factors.",
+        "call": "The change in words.",
+        "result": "The quantity in that run.",
+        "side": "The RMS change of all other motion [m].",
+        "breaks": "Whether it takes a part of the scene or of the command away.",
+        "ties": "Other changes with the same motion.",
+        "place": "Its place; outcomes that are alike share one.",
+        "row": "The row of the account that names the same, if there is one.",
+        "recording": "The recording of that run, if it was recorded.",
+    },
+    frozenset({*TIE, "value", "least", "call", "result", "side", "breaks", "ties", "place", "row",
+               "recording"}),
+)  # fmt: skip
 WHY = Object(
     {
         "script": str,
@@ -535,8 +598,8 @@ WHY = Object(
         "seconds": float,
         "noise": (
             Object(
-                {"value": float | None, "unit": Literal["m", "rad"]},
-                {"value": "The distance.", "unit": "As of `moved`."},
+                {"value": float | None, "unit": Literal["m", "rad"] | None},
+                {"value": "The distance.", "unit": "As of `moved`; null of what is expected."},
                 frozenset({"value", "unit"}),
             ),
         ),
@@ -556,6 +619,11 @@ WHY = Object(
                 frozenset({"call", "site"}),
             )
         ],
+        "expectation": EXPECTATION,
+        "chaotic": bool,
+        "complete": bool,
+        "makes_true": [MAKES_TRUE],
+        "moves": [MAKES_TRUE],
     },
     {
         "script": "The script, or the module.",
@@ -563,13 +631,20 @@ WHY = Object(
         "ended": "How its own run ended, as of `drop record`.",
         "runs": "How many things were tried.",
         "seconds": "That all took [s].",
-        "noise": "How far a nudge of 1e-9 moves the outcome at the end; null where there was none.",
+        "noise": "How far a nudge of 1e-9 moves the outcome at the end, or what is "
+        "expected; null where there was none.",
         "findings": "As of `drop analyze`, and what trials show of each.",
         "hangs_on": "Trials by how far they move the outcome; no cause is meant.",
         "shares": "One number of the outcome as a sum over its causes: what deciding trials switch "
         "off, alone and together; null where there are not two, or one stands for another.",
         "no_effect": "With `--ablate`: calls and arguments whose absence changes nothing, to the "
         "bit.",
+        "expectation": "With `--expect`: what was expected, and what came.",
+        "chaotic": "Whether moving everything by 1e-9 makes it true: then no change was tried.",
+        "complete": "Whether no change was left out for want of time.",
+        "makes_true": "What makes it true, each outcome once: what takes nothing away first, then "
+        "what changes least of all other motion.",
+        "moves": "What moves the quantity most towards what is expected, if nothing makes it true.",
     },
     frozenset({"script", "recording", "ended", "runs", "seconds", "noise", "findings", "hangs_on",
                "no_effect", "shares"}),

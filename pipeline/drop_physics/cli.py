@@ -14,7 +14,7 @@ import typer
 
 from drop_physics.console import output
 from drop_physics.console.help import BOX, OWN, RECORDINGS, SCRIPT, App, HelpedCommands
-from drop_physics.console.progress import progress, sweep_progress
+from drop_physics.console.progress import progress, search_progress, sweep_progress
 from drop_physics.console.running import main as main
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.fields import all_of, counted
@@ -464,7 +464,7 @@ def why(given: TypedLine) -> None:
         check_film(film, inputs=[target], force=force)
     _note_ours(given)
     asked = given.of(verbs.WhyArguments) | {"drawn": film is not None, "choice": choice}
-    with sweep_progress() as report:
+    with (sweep_progress if given["expect"] is None else search_progress)() as report:
         result = why(**asked, **_told(), progress=report)
     write_page(result, film_of=result.recording, every=given["every"])
     if film is not None:

@@ -35,6 +35,21 @@ def sweep_progress() -> Iterator[Callable[[int, int, int], None]]:
 
 
 @contextlib.contextmanager
+def search_progress() -> Iterator[Callable[..., None]]:
+    """Yield the function that a search calls: changes tried, those that do it, and their kinds.
+
+    Elements of kinds are tried, too, so that there may be more than kinds.
+    """
+    with _bars() as show:
+        yield lambda tried, true, total: show(
+            "changes",
+            Message("changes, {true:,} make it true", true=true),
+            tried,
+            max(tried, total),
+        )
+
+
+@contextlib.contextmanager
 def _bars() -> Iterator[Callable[[str, str, int, int], None]]:
     """Yield a function that moves a bar, by its name; in a pipe it does nothing.
 

@@ -10,6 +10,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from string import Formatter
 from typing import Any
 
+from drop_physics.engines.watching.single_changes import Change
 from drop_physics.messages import Message
 from drop_physics.trace.cures import NUDGE, ChangedRun, Cure, Scope, whole_number
 
@@ -20,6 +21,8 @@ How = Sequence[Any]
 Becomes = Callable[[float | None], How]
 """What a value becomes, by a cure's number or without one."""
 NOT_SAID = "…"
+MOST_NAMES = 6
+"""Most elements of a change whose names are written out."""
 MORE = 10.0
 """The factor of what is raised, if a cure gives no number."""
 AWAY = 1.001
@@ -144,6 +147,32 @@ class Row:
         return ChangedRun(operations, {self.below: value})
 
 
+OPERATORS = {
+    "=default": Message("as the engine has it"),
+    "default": Message("not given"),
+    "stiff": Message("as stiff as the timestep allows"),
+    "held": Message("held at its first value"),
+    "late": Message("a step late"),
+    "undone": Message("not written"),
+    "left-out": Message("left out"),
+    "*-1": Message("reversed"),
+    "^": Message("turned over"),
+}
+"""What an operator of the causal search does, in words."""
+
+
+def done(op: str) -> str:
+    """Return what an operator of the causal search does, in words."""
+    if op in OPERATORS:
+        return OPERATORS[op]
+    return op.replace("*", "×").replace("=", "= ") if op[0] in "*=" else op
+
+
+def named(names: Sequence[str]) -> str:
+    """Return the names of elements: all, or how many there are of too many."""
+    return ", ".join(names) if len(names) <= MOST_NAMES else Message("all {n}", n=len(names))
+
+
 PARAMETER = Row("parameter", whole_run=True)
 OF_ANY = (
     Row("nudge", below="nudge", usual=NUDGE, whole_run=True),
@@ -169,6 +198,10 @@ class Interventions:
         arguments; None if that cannot be.
     sees
         The operations of a run that is seen by the causal search.
+    trial_of
+        Returns what differs in a run with a single change: its `interventions` and its `variation`.
+    words_of
+        Returns a single change in words.
     """
 
     def __init__(
@@ -178,11 +211,14 @@ class Interventions:
         set_parameter: Callable[[str, float], ChangedRun],
         left_out: Callable[[str, str, int, str | None], ChangedRun | None],
         sees: Sequence[Operation],
+        trial_of: Callable[[Change], dict[str, Any]],
+        words_of: Callable[[Change], str],
     ) -> None:
         every = (*rows, *OF_ANY)
         self.rows = {row.name: row for row in every if row.name}
         self.tried = [row.tried for row in every if row.tries or not row.name]
         """The rows that the causal search tries."""
+        self.trial_of, self.words_of = trial_of, words_of
         self.sees = sees
         """The operations of a run in which it is seen what they would change."""
         self.parameters, self.left_out = parameters, left_out

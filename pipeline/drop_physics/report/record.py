@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def json_of(recorded: Recorded) -> dict[str, Any]:
     """Return the object that `--json` prints."""
     left_out = {"failure", "twice", "reached", "never_began", "is_elsewhere"} | (
-        set() if recorded.twice else {"first_difference"}
+        {"engine", "answer"} | (set() if recorded.twice else {"first_difference"})
     )
     left_out |= {name for name in ("replay", "beside") if getattr(recorded, name) is None}
     values = vars(recorded) | {"error": recorded.error or None}

@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 from drop_physics.errors import DropError
 from drop_physics.workers import Worker, WorkerDiedError
 
+R = TypeVar("R")
 T = TypeVar("T")
 Answering = tuple[Callable[[int], T], Callable[[], None], int]
 """Makes a run, stops all that are under way, and how many may be at once."""
@@ -42,22 +43,22 @@ HTTP2_HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + HTTP2_SETTINGS +
 
 
 def in_threads(
-    work: Callable[[int], T], runs: Iterable[int], *, jobs: int, stop: Callable[[], None]
-) -> Generator[tuple[int, T]]:
+    work: Callable[[R], T], runs: Iterable[R], *, jobs: int, stop: Callable[[], None]
+) -> Generator[tuple[R, T]]:
     """Make runs in threads of this process, which wait for processes of their own.
 
     Parameters
     ----------
     work
-        Function of a run's number.
+        Function of a run's number, or of whatever tells it from others.
     runs
-        Their numbers.
+        Their numbers; an iterator may have more after it had none, while runs are under way.
     jobs
         How many threads.
     stop
         Called when nobody wants the results that are left, to end what is at work.
     """
-    todo, under_way = iter(runs), dict[Future[T], int]()
+    todo, under_way = iter(runs), dict[Future[T], R]()
     with ThreadPoolExecutor(jobs) as threads:
         try:
             while True:

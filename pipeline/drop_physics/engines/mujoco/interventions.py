@@ -20,11 +20,14 @@ from drop_physics.engines.interventions import (
     Operation,
     Row,
     always,
+    done,
+    named,
     raised,
     to,
 )
 from drop_physics.engines.mujoco.frames import PARTS
-from drop_physics.engines.mujoco.watch.single_changes import ENGINE
+from drop_physics.engines.mujoco.watch.single_changes import ENGINE, trial_of
+from drop_physics.engines.watching.single_changes import Change
 from drop_physics.messages import Message
 from drop_physics.trace.cures import ChangedRun, Cure, Scope
 from drop_physics.trace.events import Actuator, Body
@@ -669,4 +672,24 @@ ROWS = (
     FieldRow("without", makes=_without, words=Message("without {left_out}"), needs="function"),
 )
 SEES = [{"engine": ENGINE, "do": "see"}]
-INTERVENTIONS = Interventions(ROWS, OPTIONS, _set_parameter, left_out, SEES)
+
+
+def _words_of(change: Change) -> str:
+    """Return a single change in words, by the attribute that its user would write."""
+    kind, _, part = change.change.partition(".")
+    elements, how = named(change.of), done(change.op)
+    if kind == "flag":
+        return Message("flag {name} turned over", name=part.lower())
+    if kind == "pair":
+        return Message("no contact of {elements}", elements=elements)
+    if kind in ("option", "start"):
+        return Message("{attribute} {how}", attribute=f"{kind} {part}", how=how)
+    attribute = f"data.{part}" if part else WRITTEN_AS.get(kind, kind.partition("_")[2])
+    return Message(
+        "{attribute} of {elements} {how}", attribute=attribute, elements=elements, how=how
+    )
+
+
+WRITTEN_AS = {"actuator_kp_kv": "kp and kv", "actuator_off": "force", "geom_collides": "contype"}
+"""What a user calls a field, where that is not the field's own name."""
+INTERVENTIONS = Interventions(ROWS, OPTIONS, _set_parameter, left_out, SEES, trial_of, _words_of)

@@ -20,6 +20,8 @@ from drop_physics.engines.interventions import (
     Operation,
     Row,
     always,
+    done,
+    named,
     raised,
     times,
     to,
@@ -36,6 +38,8 @@ from drop_physics.engines.pybullet.watch.functions import (
     SHAPES,
     those_that,
 )
+from drop_physics.engines.pybullet.watch.single_changes import trial_of
+from drop_physics.engines.watching.single_changes import Change
 from drop_physics.messages import Message
 from drop_physics.trace.cures import ChangedRun, Cure, Scope, whole_number
 from drop_physics.trace.events import Body
@@ -726,4 +730,26 @@ ROWS = (
         words=Message("p.setJointMotorControl2(…, p.POSITION_CONTROL, …) in its place"),
     ),
 )
-INTERVENTIONS = Interventions(ROWS, dict.fromkeys(PARAMETERS, ()), _set_parameter, left_out, SEES)
+
+
+def _words_of(change: Change) -> str:
+    """Return a single change in words, with the line of its call."""
+    function, _, argument = change.change.partition(".")
+    added = change.how[1]
+    if isinstance(added, Mapping):
+        sets = [f"{name}={how[1]}" for name, how in added["sets"].items() if how[0] == "="]
+        call = f"p.{added['call']}(…, {', '.join(sets)})"
+        of = named([each for each in change.of if each])
+        return (
+            Message("{call} of {of}, added", call=call, of=of)
+            if of
+            else Message("{call}, added", call=call)
+        )
+    place = "" if change.site is None else f" ({change.site[0]}:{change.site[1]})"
+    what = f"{argument} of p.{function}" if argument else f"p.{function}"
+    return Message("{what}{place} {how}", what=what, place=place, how=done(change.op))
+
+
+INTERVENTIONS = Interventions(
+    ROWS, dict.fromkeys(PARAMETERS, ()), _set_parameter, left_out, SEES, trial_of, _words_of
+)

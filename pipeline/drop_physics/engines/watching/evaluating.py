@@ -1,14 +1,13 @@
 """What is evaluated in a run, where the script's own names and its engine are at hand.
 
-An evaluator is a class in a file of ours or of whoever searches, which the script's interpreter
-loads by its path: no package has to be there.
+An evaluator is a class of a module beside this one: it runs in the script's interpreter.
 """
 
 from __future__ import annotations
 
-import importlib.util
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -22,6 +21,9 @@ class Evaluator(ABC):
     def step(self, engine: EngineWatch, frame: Any) -> None:
         """See a step that an engine has just made, called from a frame of the script."""
 
+    def before_end(self) -> None:  # noqa: B027
+        """See that a simulation is about to end, whose names will mean nothing."""
+
     @abstractmethod
     def answer(self) -> Any:
         """Return what was found, once the script has ended."""
@@ -33,14 +35,10 @@ def evaluator_of(given: Mapping[str, Any] | None) -> Evaluator | None:
     Parameters
     ----------
     given
-        The `file` and `name` of its class, and its `arguments`.
+        The `module` and `name` of its class, and its `arguments`.
     """
     if given is None:
         return None
-    spec = importlib.util.spec_from_file_location("_drop_evaluator", given["file"])
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = import_module(f".{given['module']}", __package__)
     evaluator: Evaluator = getattr(module, given["name"])(**given["arguments"])
     return evaluator

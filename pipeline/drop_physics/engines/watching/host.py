@@ -22,6 +22,7 @@ from .evaluating import evaluator_of
 from .forks import Forks
 from .hidden import hide
 from .imports import Then, on_extension, on_import
+from .observed import Observed
 from .outside import Outside
 from .pipe import APART, Pipe
 from .private import Private
@@ -49,6 +50,9 @@ class EngineWatch(ABC):
     host
         What watches the script.
     """
+
+    name = ""
+    """The engine's name."""
 
     def __init__(self, host: ScriptWatch) -> None:
         self.host, self.pipe = host, host.pipe
@@ -87,6 +91,10 @@ class EngineWatch(ABC):
     def tell_episode(self, **what: Any) -> None:
         """Tell that an episode begins or ends in a simulation, given its number as `world`."""
         self.host.tell("episode", **what)
+
+    def observed(self) -> Observed | None:
+        """Return the simulation that was stepped last, as an expectation reads it."""
+        return None
 
     def catch_up(self) -> None:  # noqa: B027
         """Make the steps that simulations in real time owe; the caller holds the turn."""
@@ -319,11 +327,24 @@ class ScriptWatch:
         if self.evaluator is None:
             return
         try:
-            value, error = self.evaluator.answer(), ""
+            value, error = self._apart(self.evaluator.answer), ""
         except Exception as raised:  # noqa: BLE001 - the script's own names may be anything
             value, error = None, f"{type(raised).__name__}: {raised}"
         self.evaluator = None
         self.tell("answer", value=value, error=error)
+
+    def before_end(self) -> None:
+        """Evaluate what is evaluated in the run before a simulation ends."""
+        if self.evaluator is not None:
+            self._apart(self.evaluator.before_end)
+
+    def _apart(self, evaluate: Callable[[], Any]) -> Any:
+        """Evaluate with the engines' own functions, which nobody watches or changes."""
+        on, self.on = self.on, False
+        try:
+            return evaluate()
+        finally:
+            self.on = on
 
     def _time_has_passed(self) -> None:
         if not self.on:

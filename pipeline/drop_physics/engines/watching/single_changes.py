@@ -6,7 +6,7 @@ that would change something in a run, and what each does otherwise there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -32,6 +32,8 @@ class Change:
     """File and line of the call; None for all, or if it is no call."""
     model: tuple[int, ...] = ()
     """What tells the compiled model whose elements they are; empty if there is none."""
+    engine: str = ""
+    """The engine whose run it is."""
 
     def of_some(self, places: Sequence[int]) -> Change:
         """Return the same change of some of its elements, by their places."""
@@ -49,6 +51,13 @@ class Change:
         if self.how[0] != "*":
             raise ValueError(f"only a factor has others, got {self.op}")
         return replace(self, op=f"*{factor:g}", how=("*", factor))
+
+
+def change_of(told: Mapping[str, Any]) -> Change:
+    """Return a change as a run has told it."""
+    lists = ("how", "ids", "of", "site", "model")
+    pairs = {name: told[name] if told[name] is None else tuple(told[name]) for name in lists}
+    return Change(**{**told, **pairs})
 
 
 def how_of(op: str, default: Any = 0.0) -> tuple[str, Any]:

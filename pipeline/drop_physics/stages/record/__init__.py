@@ -107,6 +107,10 @@ class Recorded(Printable, reported_by="drop_physics.report.record"):
     """The outcome of replaying the steps of MuJoCo; None for other engines."""
     beside: Recorded | None = None
     """The recording of the other engine, if the script steps two."""
+    engine: str = ""
+    """The engine whose steps are recorded."""
+    answer: tuple[Any, str] | None = None
+    """What was evaluated in the run, or why it could not be; None if that was not asked."""
     reached: Reached = Reached()
     """What the script reached beside its simulation, if that was observed."""
     never_began: bool = False
@@ -158,6 +162,7 @@ def record_script(asked: verbs.RecordArguments) -> Recorded:
         begins_s,
         explain=asked.explain,
         listens=asked.listens or asked.twice,
+        evaluator=asked.evaluator,
     )
     recording_id = uuid.uuid4().hex
     placed = target_of(
@@ -231,6 +236,8 @@ def record_script(asked: verbs.RecordArguments) -> Recorded:
         first_difference=differs,
         never_began=ended.how == "failed" and not process.decoder.engines,
         is_elsewhere=process.steps_elsewhere() or bool(process.decoder.mujoco.lost),
+        engine=process.decoder.engine,
+        answer=process.decoder.answer,
         reached=process.reached(),
     )
 

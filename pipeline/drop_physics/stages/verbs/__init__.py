@@ -161,6 +161,9 @@ class RecordArguments(OfScript):
     listens: Annotated[
         bool, "Whether to note what it reaches: sockets, programs, files elsewhere."
     ] = False
+    evaluator: Annotated[
+        Mapping[str, Any] | None, "What is evaluated in the run, as `Program` has it."
+    ] = None
     progress: Annotated[
         Callable[[float, int], None] | None,
         "Called ten times a second with the simulated time [s] and the number of steps. Without "
@@ -221,6 +224,13 @@ class WhyArguments(OfScript):
     """
 
     _: KW_ONLY
+    expect: Annotated[
+        str | None,
+        takes(
+            "EXPRESSION",
+            "Say which single change of the run makes this true: z('cube') > 0.3.",
+        ),
+    ] = None
     about: Annotated[
         str | None,
         takes("CODE|BODY|JOINT", "Try only what findings about this code, body or joint propose."),

@@ -15,14 +15,11 @@ from drop_physics.engines.cures import cures_of
 from drop_physics.engines.script import Program
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.interventions import Intervention
-from drop_physics.fields import outside
-from drop_physics.files.outputs import make_folder
 from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message
 from drop_physics.printable import Printable
 from drop_physics.recording.layer_file import VERDICTS, forget_trials, trials_of
 from drop_physics.stages import verbs
-from drop_physics.stages.found import is_of, origin_of
 from drop_physics.stages.interpreter import interpreter_of
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED
 from drop_physics.stages.record import record_script
@@ -32,6 +29,8 @@ from drop_physics.stages.rerun.changed import run_changed
 from drop_physics.stages.rerun.proposals import Candidate, Proposals
 from drop_physics.stages.rerun.runs import only_of
 from drop_physics.stages.verbs.taken import takes_those_of
+from drop_physics.stages.why.asked import checked_bounds, place_of
+from drop_physics.stages.why.expect import Expected, expect
 from drop_physics.stages.why.shares import shares
 from drop_physics.stages.why.trials import RunTrial, TrialRun, first_tried
 from drop_physics.workers import cores
@@ -105,19 +104,25 @@ class Why(Printable, reported_by="drop_physics.report.why"):
     sources: Mapping[str, Path] = field(default_factory=dict)
     """The files that its findings cite, where these are found."""
 
-    def to_show(self) -> Tried | None:
-        """Return the recorded trial to see beside the script's own run; None without any.
+    def filmed(self) -> tuple[Path, str] | None:
+        """Return the recording to see beside the script's own run, and its title.
 
-        That is the cure that moves the outcome most, and without a cure what moves it most.
+        It is of the cure that moves the outcome most, and without a cure of what moves it most;
+        None without any.
         """
         tried = [each for proved in self.findings for each in proved.tried if each.recording]
         cures = [each for each in tried if each.verdict == "cured"]
-        return max(cures or tried, key=lambda e: e.moved.value if e.moved else 0.0, default=None)
+        most = max(cures or tried, key=lambda e: e.moved.value if e.moved else 0.0, default=None)
+        if most is None or most.recording is None:
+            return None
+        return most.recording, most.intervention.call
 
 
 @takes_those_of(verbs.WhyArguments)
-def why(asked: verbs.WhyArguments) -> Why:
+def why(asked: verbs.WhyArguments) -> Why | Expected:
     """Record a script, try what its findings propose, each in a run of its own, and compare.
+
+    Where something is expected of it, generic changes are tried in place of proposals.
 
     Raises
     ------
@@ -128,21 +133,15 @@ def why(asked: verbs.WhyArguments) -> Why:
     DropError
         If the interpreter cannot be started, the script makes no step, or is not run again.
     """
-    force, python = asked.force, asked.python
+    if asked.expect is not None:
+        return expect(asked, asked.expect)
     began = time.monotonic()
-    if not 0 < asked.budget_s < float("inf"):
-        raise outside("--budget", Message("finite and above {low:g}", low=0), asked.budget_s)
-    if asked.jobs is not None and asked.jobs < 1:
-        raise outside("--jobs", Message("at least {low}", low=1), asked.jobs)
+    checked_bounds(asked)
     cures = cures_asked(asked.tries, "--try", whole=False)
-    placed = None if asked.out is None else Path(asked.out) / f"{Path(asked.target).stem}.rrd"
-    if placed is not None:
-        make_folder(placed.parent)
-        origin = origin_of(placed) if placed.is_file() else None
-        force = force or (
-            origin is not None and is_of(origin, asked.target, is_module=asked.is_module)
-        )
-    python = interpreter_of(asked.target, is_module=asked.is_module, given=python, note=asked.note)
+    placed, force = place_of(asked)
+    python = interpreter_of(
+        asked.target, is_module=asked.is_module, given=asked.python, note=asked.note
+    )
     recorded = record_script(
         asked.target,
         asked.arguments,

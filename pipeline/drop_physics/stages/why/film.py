@@ -11,9 +11,10 @@ from drop_physics.stages.render import film_beside
 if TYPE_CHECKING:
     from drop_physics.recording.falling import Progress  # its module loads Rerun
     from drop_physics.stages.why import Why
+    from drop_physics.stages.why.expect import Expected
 
 
-def write_film(why: Why, film: Path, *, force: bool, progress: Progress) -> None:
+def write_film(why: Why | Expected, film: Path, *, force: bool, progress: Progress) -> None:
     """Film the script's own run, and beside it the trial that cures most.
 
     Raises
@@ -23,18 +24,18 @@ def write_film(why: Why, film: Path, *, force: bool, progress: Progress) -> None
     OutputError
         If the file cannot be written.
     """
-    trial = why.to_show()
-    if trial is None or trial.recording is None:
+    filmed = why.filmed()
+    if filmed is None:
         raise DropError(
-            "there is nothing to film beside {script}: no finding proposes a trial; name one with "
+            "there is nothing to film beside {script}: no trial of it was recorded; name one with "
             "--try",
             script=why.script,
         )
     film_beside(
         why.recording,
-        trial.recording,
+        filmed[0],
         film,
-        titles=(Path(why.script).name, trial.intervention.call),
+        titles=(Path(why.script).name, filmed[1]),
         force=force,
         progress=progress,
     )

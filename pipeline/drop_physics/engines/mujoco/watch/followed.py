@@ -183,6 +183,12 @@ class WatchedData:
         if core.saved != core.view or user.saved != user.view or d.time != self.time:
             self.tell_written(d, site, MEMORY)
 
+    def elapse(self, d: Any) -> None:
+        """Note the time after a step of a run that sends nothing."""
+        time = d.time
+        self.elapsed_s += max(time - self.time, 0.0)
+        self.time = time
+
     def tell_written(self, d: Any, site: int, cause: int, argument: int = 0) -> None:
         """Send the parts of the state that changed without a step."""
         count, parts = 0, b""

@@ -25,6 +25,7 @@ from ..frames import CALLBACKS, CAUSES, READS, STEPS, note_bytes
 from . import uncaught
 from .followed import WatchedData, WatchedModel
 from .intervene import ModelChanges
+from .observed import ObservedData
 from .single_changes import possible
 from .viewer import install_viewer
 
@@ -66,6 +67,8 @@ class MujocoWatch(EngineWatch):
         What differs in the run, as `ModelChanges` takes it.
     """
 
+    name = "MuJoCo"
+
     def __init__(
         self,
         host: ScriptWatch,
@@ -81,6 +84,11 @@ class MujocoWatch(EngineWatch):
         self.models: dict[int, WatchedModel] = {}
         self.digests: set[str] = set()
         """The digests of models whose binary form was sent."""
+        self.latest: tuple[Any, Any] | None = None
+        """The model and the state that were stepped last, while something is evaluated."""
+        self._observed: ObservedData | None = None
+        self._of_states: dict[int, ObservedData] = {}
+        """What is observed, by the `id` of the MjData."""
         self.callbacks: dict[str, Any] = {}
         """The script's own, by name."""
         self._changes = ModelChanges(self, operations, variation or {}, host.tell_intervention)
@@ -115,6 +123,17 @@ class MujocoWatch(EngineWatch):
         """Return the single changes of rows of the table, in a run that was seen for them."""
         seen = self._changes.seen.values()
         return [change for each in seen for change in possible(self.mujoco, rows, each)]
+
+    def observed(self) -> ObservedData | None:
+        """Return the state that was stepped last, as an expectation reads it."""
+        if self.latest is None:
+            return None
+        m, d = self.latest
+        if self._observed is None or self._observed.ref() is not d:
+            self._observed = self._of_states.get(id(d))
+            if self._observed is None or self._observed.ref() is not d:
+                self._observed = self._of_states[id(d)] = ObservedData(self.mujoco, m, d)
+        return self._observed
 
     def install(self, module: ModuleType) -> None:
         """Replace functions of mujoco, in place."""
@@ -374,7 +393,7 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
                     if host.stopped or pipe.gone:
                         host.check()
                     # Between the steps of one call, nobody else can have written.
-                    if not made or callbacks or active_count() > 1:
+                    if not pipe.muted and (not made or callbacks or active_count() > 1):
                         state.before(d, site)
                     if number:
                         function = number | state.staleness(everything=number > 1)
@@ -393,8 +412,13 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
                         now[get_ident()] = outer
                 acquire()
                 try:
-                    state.after(d, site, function)
+                    if pipe.muted:
+                        state.elapse(d)
+                    else:
+                        state.after(d, site, function)
                     watch.stepped = state.number
+                    if host.evaluator is not None:
+                        watch.latest = m, d
                     if not uncounted or get_ident() not in uncounted:
                         host.count(state.elapsed_s, watch)
                 except Exception as error:  # noqa: BLE001 - likewise

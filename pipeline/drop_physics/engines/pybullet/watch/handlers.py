@@ -369,6 +369,7 @@ def disconnecting(watch: BulletWatch, name: str, original: Any) -> Call:
 
     def disconnect(*args: Any, **kwargs: Any) -> Any:
         with watch.host.lock:  # no check for Stop: scripts clean up with this call
+            watch.host.before_end()
             watch.end(client_of(name, args, kwargs))
         return original(*args, **kwargs)
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Sequence
+from functools import partial
+from operator import attrgetter
 from types import BuiltinFunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
@@ -22,6 +24,7 @@ from .calls import CallWatch
 from .functions import ROLES
 from .handlers import handler
 from .intervene import Interventions, Operation
+from .observed import ObservedWorld
 from .quiet import Window
 from .readings import Readings
 from .single_changes import possible
@@ -124,6 +127,8 @@ class BulletWatch(EngineWatch):
         What its calls do otherwise.
     """
 
+    name = "PyBullet"
+
     def __init__(
         self,
         host: ScriptWatch,
@@ -141,6 +146,10 @@ class BulletWatch(EngineWatch):
         self.real_time_since: dict[int, tuple[float, float]] = {}
         self.p = SimpleNamespace()
         """PyBullet's own functions."""
+        self._stepped: WatchedWorld | None = None
+        """The simulation that was stepped last."""
+        self._observed: dict[int, ObservedWorld] = {}
+        """What is observed, by the number of the simulation."""
         self._worlds_made = 0
         self._last_end = (0, 0.0)
         self._ended: set[int] = set()
@@ -201,7 +210,9 @@ class BulletWatch(EngineWatch):
         for name, original in originals.items():
             varied = self._variation and self._variation.of(self.p, name, original)
             calls[name] = handler(self, name, varied or original)
-        self._calls |= {name: self._interventions.of(name, calls, self.p) for name in originals}
+        for name in originals:
+            made, plain = self._interventions.of(name, calls, self.p), calls[name]
+            self._calls[name] = made if made is plain else self.host.standing(plain, made)
 
     def _stopping(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
         """Return what stands before a function in a run from which trials part there."""
@@ -227,6 +238,18 @@ class BulletWatch(EngineWatch):
                 type(getattr(module, name)).__call__ = staticmethod(self._calls[name])
 
     # -- simulations ------------------------------------------------------------------------------
+
+    def observed(self) -> ObservedWorld | None:
+        """Return the simulation that was stepped last, as an expectation reads it."""
+        world = self._stepped
+        if world is None:
+            return None
+        if world.number not in self._observed:
+            time_s = attrgetter("time_s")
+            self._observed[world.number] = ObservedWorld(
+                self.p, world.client, partial(time_s, world)
+            )
+        return self._observed[world.number]
 
     def begin(self, client: int, method: str) -> None:
         """Follow a new simulation."""
@@ -277,7 +300,7 @@ class BulletWatch(EngineWatch):
 
     def step(self, world: WatchedWorld, original: Any, args: Any, kwargs: Any) -> Any:
         """Make a step of the script, and count it."""
-        varied = self._variation
+        varied, self._stepped = self._variation, world
         if varied is None:
             result = self._step(world, original, args, kwargs)
         else:
@@ -313,7 +336,7 @@ class BulletWatch(EngineWatch):
         try:
             if world.touched:
                 world.before_step()
-            if not world.step % ASKED_EVERY:
+            if not world.step % ASKED_EVERY and not self.pipe.muted:
                 asks = world.asks_solver()
         except Exception as error:  # noqa: BLE001 - our errors must not reach the script
             self.lose(world, error)

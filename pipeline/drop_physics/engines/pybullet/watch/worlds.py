@@ -368,6 +368,9 @@ class WatchedWorld:
     def sample(self) -> None:
         """Send the current state and contacts: both or, after Ctrl-C, neither."""
         p, client, buffer, pipe = self._p, self.client, self._buffer, self._pipe
+        if pipe.muted:
+            self.sampled = True
+            return
         points = ()
         if self.sampled:  # contacts are of a step, and the first sample has none
             points = p.getContactPoints(-1, -1, -2, -2, client) or ()  # between any links

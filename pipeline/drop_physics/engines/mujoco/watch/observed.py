@@ -1,0 +1,117 @@
+"""A model and a state of a MuJoCo script, as an expectation reads them."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ...watching.observed import Observed, UnknownNameError
+from .writes import FREE
+
+UNSTABLE = ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC")
+"""Warnings with which MuJoCo says that a state is not finite, or too large; it may reset it."""
+AXES = "xyz"
+UP = 8
+"""The place, in a body's rotation matrix, of the upward part of its z axis."""
+
+
+class ObservedData(Observed):
+    """A state that is observed.
+
+    Parameters
+    ----------
+    module
+        The script's mujoco.
+    m, d
+        The MjModel and the MjData.
+    """
+
+    def __init__(self, module: Any, m: Any, d: Any) -> None:
+        self._module, self._model, self.ref = module, m, weakref.ref(d)
+        self._names: dict[str, dict[str, int]] = {}
+        self._position = d.xpos.reshape(-1)
+        self._owner = d
+        self._body_names = [m.body(body).name or f"body{body}" for body in range(m.nbody)]
+
+    @property
+    def time_s(self) -> float:
+        """The simulated time [s]."""
+        return float(self._owner.time)
+
+    def reader(self, kind: str, *names: Any) -> Callable[[], Any]:
+        """Return a function that reads a number, or a vector, as it is now."""
+        d, m = self._owner, self._model
+        if kind in AXES:
+            row, axis = d.xpos[self._number("body", *names)], AXES.index(kind)
+            return lambda: float(row[axis])
+        if kind == "up":
+            turned = d.xmat[self._number("body", *names)]
+            return lambda: float(turned[UP])
+        if kind in ("joint", "rate"):
+            joint = self._number("joint", *names)
+            held = d.qpos if kind == "joint" else d.qvel
+            at = int((m.jnt_qposadr if kind == "joint" else m.jnt_dofadr)[joint])
+            if m.jnt_type[joint] == FREE:
+                return lambda: held[at : at + 3].copy()
+            return lambda: float(held[at])
+        if kind == "sensor":
+            sensor = self._number("sensor", *names)
+            at, size = int(m.sensor_adr[sensor]), int(m.sensor_dim[sensor])
+            if size == 1:
+                return lambda: float(d.sensordata[at])
+            return lambda: d.sensordata[at : at + size].copy()
+        return self._force(m, d, [self._number("body", name) for name in names])
+
+    def positions(self) -> list[float]:
+        """Return the positions of all bodies [m], three numbers each."""
+        numbers: list[float] = self._position.tolist()
+        return numbers
+
+    def bodies(self) -> list[str]:
+        """Return the names of these bodies."""
+        return self._body_names
+
+    def is_finite(self) -> bool:
+        """Return whether all numbers of the state are finite, and the engine has not reset it."""
+        d, warnings = self._owner, self._module.mjtWarning
+        warned = any(d.warning[int(getattr(warnings, name))].number for name in UNSTABLE)
+        return not warned and bool(np.isfinite(d.qpos).all() and np.isfinite(d.qvel).all())
+
+    def _number(self, kind: str, name: Any) -> int:
+        """Return the number of an element by its name."""
+        if isinstance(name, (int, np.integer)) and not isinstance(name, bool):
+            return int(name)
+        if kind not in self._names:
+            m, of = self._model, getattr(self._module.mjtObj, f"mjOBJ_{kind.upper()}")
+            counts = {"body": "nbody", "joint": "njnt", "sensor": "nsensor"}
+            count = getattr(m, counts[kind])
+            named = (self._module.mj_id2name(m, of, n) for n in range(count))
+            self._names[kind] = {each: n for n, each in enumerate(named) if each}
+        if name not in self._names[kind]:
+            raise UnknownNameError(str(name), self._names[kind])
+        return self._names[kind][name]
+
+    def _force(self, m: Any, d: Any, bodies: list[int]) -> Callable[[], float]:
+        """Return what reads the force between two bodies, or of one on all others."""
+        one, others = bodies[0], bodies[1:]
+        of, wrench = m.geom_bodyid, np.zeros(6)
+
+        def force() -> float:
+            total = np.zeros(3)
+            for number in range(d.ncon):
+                contact = d.contact[number]
+                first, second = (int(of[geom]) if geom >= 0 else -1 for geom in contact.geom)
+                if one not in (first, second) or first == second:
+                    continue
+                other = second if first == one else first
+                if others and other not in others:
+                    continue
+                self._module.mj_contactForce(m, d, number, wrench)
+                on_second = contact.frame.reshape(3, 3).T @ wrench[:3]
+                total += on_second if other == first else -on_second
+            return float(np.linalg.norm(total))
+
+        return force

@@ -1,0 +1,170 @@
+"""A simulation of a PyBullet script, as an expectation reads it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from ...watching.observed import Observed, UnknownNameError
+
+AXES = "xyz"
+NORMAL_N, ALONG_N, ACROSS_N = 9, 10, 12
+"""Places of the forces of a contact point in `getContactPoints`; the direction of friction follows
+each of the last two."""
+NORMAL = 7
+"""The place of the normal there, which points towards the first body."""
+
+
+class ObservedWorld(Observed):
+    """A client's simulation that is observed.
+
+    Parameters
+    ----------
+    p
+        PyBullet's own functions.
+    client
+        The client's number.
+    time
+        Returns the simulated time [s].
+    """
+
+    def __init__(self, p: Any, client: int, time: Callable[[], float]) -> None:
+        self._p, self._client, self._time = p, client, time
+        self._places: dict[tuple[int, int], int] = {}
+        self._named: list[str] = []
+
+    @property
+    def time_s(self) -> float:
+        """The simulated time [s]."""
+        return self._time()
+
+    def reader(self, kind: str, *names: Any) -> Callable[[], Any]:
+        """Return a function that reads a number, or a vector, as it is now."""
+        if kind in AXES or kind == "up":
+            pose = self._pose(*self._link(*names))
+            if kind == "up":
+                return lambda: self._upward(pose()[1])
+            axis = AXES.index(kind)
+            return lambda: float(pose()[0][axis])
+        if kind in ("joint", "rate"):
+            body, joint = self._joint(*names)
+            at, state, client = int(kind == "rate"), self._p.getJointState, self._client
+            return lambda: float(state(body, joint, client)[at])
+        if kind == "force":
+            return self._force([self._link(name) for name in names])
+        raise UnknownNameError(str(names[0]), ())
+
+    def positions(self) -> list[float]:
+        """Return the positions of all bodies and links [m], three numbers each."""
+        p, client = self._p, self._client
+        found = [math.nan] * (3 * len(self._places))
+        for body in self._bodies():
+            try:
+                at = [p.getBasePositionAndOrientation(body, client)[0]]
+                joints = p.getNumJoints(body, client)
+                if joints:
+                    states = p.getLinkStates(body, range(joints), physicsClientId=client)
+                    at += [state[4] for state in states]
+            except p.error:  # a soft body
+                continue
+            for link, position in enumerate(at, -1):
+                place = self._places.get((body, link))
+                if place is None:
+                    place = self._places[body, link] = len(self._places)
+                    self._named.append(self._name(body, link))
+                    found += [math.nan] * 3
+                found[3 * place : 3 * place + 3] = position
+        return found
+
+    def bodies(self) -> list[str]:
+        """Return the names of these bodies."""
+        return self._named
+
+    def is_finite(self) -> bool:
+        """Return whether all positions are finite."""
+        seen = self.positions()
+        return not seen or any(map(math.isfinite, seen))
+
+    # -- names ------------------------------------------------------------------------------------
+
+    def _bodies(self) -> list[int]:
+        p, client = self._p, self._client
+        return [p.getBodyUniqueId(n, client) for n in range(p.getNumBodies(client))]
+
+    def _name(self, body: int, link: int) -> str:
+        root, name = (each.decode(errors="replace") for each in self._p.getBodyInfo(body))
+        if link < 0:
+            return name or root or f"body{body}"
+        return str(self._p.getJointInfo(body, link, self._client)[12].decode(errors="replace"))
+
+    def _links(self) -> Iterator[tuple[str, tuple[int, int]]]:
+        """Yield the names of bodies and of links, with what they are."""
+        p, client = self._p, self._client
+        for body in self._bodies():
+            root, name = (each.decode(errors="replace") for each in p.getBodyInfo(body, client))
+            for each in (name, root, f"body{body}"):
+                if each:
+                    yield each, (body, -1)
+            for link in range(p.getNumJoints(body, client)):
+                own = p.getJointInfo(body, link, client)[12].decode(errors="replace")
+                yield own, (body, link)
+                yield f"{name or f'body{body}'}.{own}", (body, link)
+
+    def _link(self, name: Any, link: Any = None) -> tuple[int, int]:
+        """Return body and link by a name, or by the engine's own numbers."""
+        if not isinstance(name, str):
+            return int(name), -1 if link is None else int(link)
+        known: dict[str, tuple[int, int]] = {}
+        for each, what in self._links():
+            known.setdefault(each, what)
+        if name not in known:
+            raise UnknownNameError(name, known)
+        return known[name]
+
+    def _joint(self, name: Any, joint: Any = None) -> tuple[int, int]:
+        """Return body and joint by a name, or by the engine's own numbers."""
+        if joint is not None:
+            return int(name), int(joint)
+        p, client = self._p, self._client
+        known: dict[str, tuple[int, int]] = {}
+        for body in self._bodies():
+            for number in range(p.getNumJoints(body, client)):
+                own = p.getJointInfo(body, number, client)[1].decode(errors="replace")
+                known.setdefault(own, (body, number))
+                known.setdefault(f"{self._name(body, -1)}.{own}", (body, number))
+        if name not in known:
+            raise UnknownNameError(str(name), known)
+        return known[name]
+
+    # -- readings ---------------------------------------------------------------------------------
+
+    def _pose(self, body: int, link: int) -> Callable[[], Any]:
+        """Return what reads the pose of a body's base, or of the frame of a link."""
+        p, client = self._p, self._client
+        if link < 0:
+            return lambda: p.getBasePositionAndOrientation(body, client)
+        return lambda: p.getLinkState(body, link, 0, 1, client)[4:6]
+
+    def _upward(self, orientation: Any) -> float:
+        return float(self._p.getMatrixFromQuaternion(orientation)[8])
+
+    def _force(self, sides: list[tuple[int, int]]) -> Callable[[], float]:
+        """Return what reads the force between two bodies, or of one on all others."""
+        p, client = self._p, self._client
+        (body, link), other = sides[0], dict(zip(("bodyB", "linkIndexB"), (*sides[1:], ())[0]))
+        if other.get("linkIndexB") == -1:
+            del other["linkIndexB"]
+        one = {"bodyA": body, **({} if link < 0 else {"linkIndexA": link})}
+
+        def force() -> float:
+            total = [0.0] * 3
+            for point in p.getContactPoints(**one, **other, physicsClientId=client) or ():
+                for size, along in (
+                    (point[NORMAL_N], point[NORMAL]),
+                    *((point[at], point[at + 1]) for at in (ALONG_N, ACROSS_N)),
+                ):
+                    total = [held + size * each for held, each in zip(total, along)]
+            return math.hypot(*total)
+
+        return force

@@ -1,0 +1,257 @@
+"""What is expected of a run, evaluated in it; and how everything moved, to compare with others."""
+
+from __future__ import annotations
+
+import base64
+import re
+import sys
+from array import array
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from .evaluating import Evaluator
+from .expression import PRINTED, SERIES, Expression
+from .observed import Observed, UnknownNameError, nearest
+from .sites import is_library
+
+if TYPE_CHECKING:
+    from .host import EngineWatch
+
+MOST_ROWS = 160
+"""Most states of a simulation that are kept of how everything moved: about as many as a drawn
+curve needs."""
+MOST_OBSERVED = 8
+"""Most simulations that are observed at once: those that were stepped last."""
+NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?!\w)")
+"""A number in a text."""
+
+
+class Expected(Evaluator):
+    """Evaluates an expression at the end of a run.
+
+    Parameters
+    ----------
+    text
+        The expression.
+    rows
+        Rows of the table of changes, by engine, to find those that the run could have; None if
+        that is not asked.
+    """
+
+    def __init__(
+        self, text: str, rows: Mapping[str, Sequence[dict[str, Any]]] | None = None
+    ) -> None:
+        self._expression, self._rows = Expression(text), rows
+        self._reads = [*self._expression.reads()]
+        self._tracks: dict[int, Track] = {}
+        self._engines: dict[int, EngineWatch] = {}
+        self._frame: Any = None
+        self._frames: list[Any] = []
+        self._before: Any = None
+        """What was found where a simulation was about to end."""
+        self._could: list[Any] | None = None
+        """The changes that the run could have, as they were found there."""
+        self._printed = printed() if self._expression.reads_prints else None
+
+    def step(self, engine: EngineWatch, frame: Any) -> None:
+        """See a step that an engine has just made, called from a frame of the script."""
+        if frame is not self._frame:
+            self._frame, self._frames = frame, _frames_of(frame)
+        self._engines[id(engine)] = engine
+        observed = engine.observed()
+        if observed is None:
+            return
+        track = self._tracks.pop(id(observed), None)
+        if track is None:
+            track = Track(observed, self._reads)
+            while len(self._tracks) >= MOST_OBSERVED:
+                self._tracks.pop(next(iter(self._tracks)))
+        self._tracks[id(observed)] = track  # the last one is the current
+        track.step()
+
+    def before_end(self) -> None:
+        """Evaluate before a simulation ends, after which its names may mean nothing."""
+        self._before = self._judged()
+        if self._rows is not None:
+            self._could = self._changes(self._rows)
+
+    def answer(self) -> Any:
+        """Return what was found, once the script has ended."""
+        found = self._judged()
+        if found["error"] is not None and self._before is not None:
+            found = self._before
+        first = [*self._tracks.values()]
+        if self._rows is not None and self._could is None:
+            self._could = self._changes(self._rows)
+        return {
+            **found,
+            "motion": [track.motion() for track in sorted(first, key=lambda each: each.number)],
+            "finite": all(track.is_finite for track in first),
+            "changes": self._could,
+        }
+
+    def _changes(self, rows: Mapping[str, Sequence[dict[str, Any]]]) -> list[Any]:
+        return [
+            {**asdict(each), "engine": engine.name}
+            for engine in self._engines.values()
+            for each in engine.possible(rows[engine.name])
+        ]
+
+    def _judged(self) -> dict[str, Any]:
+        script = _names_of(self._frames)
+        try:
+            from .series import FUNCTIONS
+
+            ours = {**FUNCTIONS, **{kind: self._reading(kind) for kind in SERIES}}
+            if self._printed is not None:
+                ours[PRINTED] = [float(each) for each in NUMBER.findall("".join(self._printed))]
+            holds, margin, value = self._expression.judged(script, ours)
+        except UnknownNameError as error:
+            return _failed(error, unknown=error.name, nearest=error.nearest)
+        except NameError as error:
+            name = getattr(error, "name", None) or str(error).split("'")[1]
+            known = {*SERIES, *(each for each in script if not each.startswith("_"))}
+            return _failed(error, unknown=name, nearest=nearest(name, known))
+        except Exception as error:  # noqa: BLE001 - the script's own names may be anything
+            return _failed(error)
+        return {"holds": holds, "margin": margin, "value": value, "error": None}
+
+    def _reading(self, kind: str) -> Callable[..., Any]:
+        def read(*names: Any) -> Any:
+            unknown: UnknownNameError | None = None
+            for track in reversed([*self._tracks.values()]):
+                try:
+                    return track.series(kind, names)
+                except UnknownNameError as error:
+                    unknown = unknown or error
+            raise unknown or UnknownNameError(str(names), ())
+
+        return read
+
+
+class Track:
+    """The series of a simulation.
+
+    Parameters
+    ----------
+    observed
+        The simulation.
+    reads
+        The series that are read: functions, and names, or None for those of all bodies or joints.
+    """
+
+    made = 0
+    """Number of tracks in this process."""
+
+    def __init__(
+        self, observed: Observed, reads: Sequence[tuple[str, tuple[Any, ...] | None]]
+    ) -> None:
+        self.number, Track.made = Track.made, Track.made + 1
+        self._observed = observed
+        self._waiting = [(kind, names) for kind, names in reads if names is not None]
+        """Series whose names are not known yet: a body may be loaded later."""
+        self._reads: dict[tuple[str, tuple[Any, ...]], tuple[Callable[[], Any], list[Any]]] = {}
+        self._times = array("d")
+        self._since: dict[tuple[str, tuple[Any, ...]], int] = {}
+        self._steps, self._stride = 0, 1
+        self._rows: list[list[float]] = []
+        self.is_finite = True
+
+    def step(self) -> None:
+        """See a step."""
+        if self._waiting:
+            self._find()
+        self._times.append(self._observed.time_s)
+        for read, values in self._reads.values():
+            values.append(read())
+        if not self._steps % self._stride:
+            self._rows.append(self._observed.positions())
+            self.is_finite &= self._observed.is_finite()
+            if len(self._rows) > MOST_ROWS:
+                del self._rows[1::2]
+                self._stride *= 2
+        self._steps += 1
+
+    def series(self, kind: str, names: tuple[Any, ...]) -> Any:
+        """Return a series by its function and names."""
+        from .series import series_of
+
+        key = kind, names
+        if key not in self._reads:  # of a number that was not known before: what it is now
+            return series_of([self._observed.reader(kind, *names)()], self._times[-1:])
+        return series_of(self._reads[key][1], self._times[self._since[key] :])
+
+    def motion(self) -> dict[str, Any]:
+        """Return how all bodies moved: positions [m] after every `stride` steps, by body."""
+        bodies = self._observed.bodies()
+        width = 3 * len(bodies)
+        flat = array("d")
+        for row in self._rows:
+            flat.extend([*row, *[float("nan")] * (width - len(row))])
+        return {
+            "stride": self._stride,
+            "steps": self._steps,
+            "bodies": [*bodies],
+            "positions": base64.b64encode(flat.tobytes()).decode(),
+        }
+
+    def _find(self) -> None:
+        for key in [*self._waiting]:
+            try:
+                self._reads[key] = self._observed.reader(key[0], *key[1]), []
+            except UnknownNameError:
+                continue
+            self._since[key] = len(self._times)
+            self._waiting.remove(key)
+
+
+def printed() -> list[str]:
+    """Return what is printed from now on, or since this was first called in this process."""
+    write = sys.stdout.write
+    kept: list[str] | None = getattr(write, "drop_kept", None)
+    if kept is not None:
+        return kept
+    texts: list[str] = []
+
+    def kept_and_written(text: str) -> int:
+        texts.append(text)
+        return write(text)
+
+    kept_and_written.drop_kept = texts  # type: ignore[attr-defined]
+    sys.stdout.write = kept_and_written  # type: ignore[method-assign]
+    return texts
+
+
+def _frames_of(frame: Any) -> list[Any]:
+    """Return the frames of the script that a call comes from, the innermost first."""
+    frames = []
+    while frame is not None:
+        if not is_library(frame.f_code.co_filename):
+            frames.append(frame)
+        if frame.f_globals.get("__name__") == "__main__" and frame.f_code.co_name == "<module>":
+            break
+        frame = frame.f_back
+    return frames
+
+
+def _names_of(frames: Sequence[Any]) -> dict[str, Any]:
+    """Return the names that a script has in some frames, and in the modules of these."""
+    names: dict[str, Any] = {}
+    for frame in reversed(frames):
+        names.update(frame.f_globals)
+    for frame in reversed(frames):
+        names.update(frame.f_locals)
+    return names
+
+
+def _failed(
+    error: Exception, unknown: str | None = None, nearest: Sequence[str] = ()
+) -> dict[str, Any]:
+    said = {
+        "kind": type(error).__name__,
+        "text": str(error),
+        "unknown": unknown,
+        "nearest": [*nearest],
+    }
+    return {"holds": False, "margin": None, "value": None, "error": said}

@@ -1,0 +1,186 @@
+"""A sentence of what is expected of a run: a Python expression, and by how much it holds.
+
+It is parsed before anything runs, and evaluated in the script's interpreter. Its names are the
+script's own; and series over the steps, with what is taken of them.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+SERIES = ("x", "y", "z", "up", "joint", "rate", "force", "sensor")
+"""Functions that return a series."""
+TAKEN = ("end", "peak", "low", "drift", "norm", "at", "always", "ever")
+"""Functions of a series."""
+PRINTED = "printed"
+"""The numbers that the script has printed."""
+OURS = "_drop_{}".format
+"""The name under which a function of ours is called, whatever the script has under its own."""
+WORD = {
+    ast.Gt: 1.0, ast.GtE: 1.0, ast.Lt: -1.0, ast.LtE: -1.0,
+}  # fmt: skip
+"""The sign of a comparison's distance."""
+
+Judged = tuple[bool, float, float]
+"""Whether it holds, by how much (below 0 where it does not), and the first quantity compared."""
+
+
+class Expression:
+    """An expectation as its user wrote it.
+
+    Parameters
+    ----------
+    text
+        A Python expression.
+
+    Raises
+    ------
+    SyntaxError
+        If it is none.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self._tree = ast.parse(text.strip(), mode="eval")
+
+    def reads(self) -> Iterator[tuple[str, tuple[Any, ...] | None]]:
+        """Yield the series that it calls for: a function and its arguments, None if they vary."""
+        for node in ast.walk(self._tree):
+            if isinstance(node, ast.Call) and _called(node) in SERIES:
+                given = [each.value for each in node.args if isinstance(each, ast.Constant)]
+                whole = len(given) == len(node.args) and not node.keywords
+                yield _called(node), tuple(given) if whole else None
+
+    @property
+    def reads_prints(self) -> bool:
+        """Whether it is about what the script has printed."""
+        return any(getattr(node, "id", None) == PRINTED for node in ast.walk(self._tree))
+
+    def judged(self, script: Mapping[str, Any], ours: Mapping[str, Any]) -> Judged:
+        """Return whether it holds, by how much, and the first quantity that it compares.
+
+        Parameters
+        ----------
+        script
+            The script's names.
+        ours
+            The functions of this module's names, and values that the script's names cover.
+
+        Raises
+        ------
+        Exception
+            Whatever its evaluation raises.
+        """
+        covered = {
+            name for name in (*SERIES, *TAKEN) if not callable(script.get(name)) and name in ours
+        }
+        tree = _Renamed(covered).visit(ast.parse(self.text.strip(), mode="eval"))
+        ast.fix_missing_locations(tree)
+        names = {**ours, **script, **{OURS(name): ours[name] for name in covered}}
+        return _judged(tree.body, names)
+
+
+class _Renamed(ast.NodeTransformer):
+    """Calls functions of ours where the script has a number of the same name."""
+
+    def __init__(self, covered: set[str]) -> None:
+        self._covered = covered
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        self.generic_visit(node)
+        if isinstance(node.func, ast.Name) and node.func.id in self._covered:
+            node.func = ast.copy_location(ast.Name(OURS(node.func.id), ast.Load()), node.func)
+        return node
+
+
+def _judged(node: ast.expr, names: dict[str, Any]) -> Judged:
+    """Judge a part: `and` is as good as its worst part, `or` as its best."""
+    if isinstance(node, ast.BoolOp):
+        parts = [_judged(each, names) for each in node.values]
+        best = isinstance(node.op, ast.Or)
+        return (max if best else min)(parts, key=lambda part: (part[0], part[1]))
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+        holds, margin, value = _judged(node.operand, names)
+        return not holds, -margin, value
+    if isinstance(node, ast.Call) and _called(node) in ("always", "ever") and len(node.args) == 1:
+        inner = node.args[0]
+        if isinstance(inner, ast.Compare) and len(inner.ops) == 1 and type(inner.ops[0]) in WORD:
+            holds = bool(_value(node, names))
+            left, right = (_value(each, names) for each in (inner.left, inner.comparators[0]))
+            over = _numbers(left - right)
+            sign = WORD[type(inner.ops[0])]
+            margins = [sign * each for each in over]
+            worst = min(margins) if _called(node) == "always" else max(margins)
+            at = margins.index(worst)
+            return holds, worst, _numbers(left)[at] if len(_numbers(left)) > at else worst
+    if isinstance(node, ast.Compare):
+        sides = [node.left, *node.comparators]
+        pairs = zip(node.ops, sides, sides[1:])
+        parts = [_compared(op, left, right, names) for op, left, right in pairs]
+        return min(parts, key=lambda part: (part[0], part[1]))
+    value = _value(node, names)
+    return bool(value), 0.0 if value else -1.0, _number(value)
+
+
+def _compared(op: ast.cmpop, left: ast.expr, right: ast.expr, names: dict[str, Any]) -> Judged:
+    """Judge a comparison of two sides; the quantity is the one that is no constant."""
+    one, other = _value(left, names), _value(right, names)
+    holds = bool(_COMPARES[type(op)](one, other))
+    first, second = _number(one), _number(other)
+    value = second if isinstance(left, ast.Constant) else first
+    if not (math.isfinite(first) and math.isfinite(second)):
+        return holds, 0.0 if holds else -math.inf, value
+    far = first - second
+    if type(op) in WORD:
+        return holds, WORD[type(op)] * far, value
+    if isinstance(op, (ast.Eq, ast.NotEq)):
+        return holds, -abs(far) if isinstance(op, ast.Eq) else abs(far) - (not holds), value
+    return holds, 0.0 if holds else -1.0, value
+
+
+_COMPARES: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
+    ast.Gt: lambda one, other: one > other,
+    ast.GtE: lambda one, other: one >= other,
+    ast.Lt: lambda one, other: one < other,
+    ast.LtE: lambda one, other: one <= other,
+    ast.Eq: lambda one, other: one == other,
+    ast.NotEq: lambda one, other: one != other,
+    ast.Is: lambda one, other: one is other,
+    ast.IsNot: lambda one, other: one is not other,
+    ast.In: lambda one, other: one in other,
+    ast.NotIn: lambda one, other: one not in other,
+}
+
+
+def _called(node: ast.Call) -> str:
+    return str(getattr(node.func, "id", "")).removeprefix(OURS(""))
+
+
+def _value(node: ast.expr, names: dict[str, Any]) -> Any:
+    code = compile(ast.Expression(node), "<expect>", "eval")
+    return eval(code, names)  # the user's own expression
+
+
+def _number(value: Any) -> float:
+    """Return a value as a number: the last one of several; not a number if it is none."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        numbers = _numbers(value)
+        return numbers[-1] if numbers else math.nan
+
+
+def _numbers(value: Any) -> Sequence[float]:
+    """Return all numbers of a value."""
+    try:
+        return [float(each) for each in _plain(value)]
+    except (TypeError, ValueError):
+        return [math.nan]
+
+
+def _plain(value: Any) -> Any:
+    plain = value.tolist() if hasattr(value, "tolist") else value
+    return plain if isinstance(plain, (list, tuple)) else [plain]

@@ -1,0 +1,66 @@
+"""A simulation as an expectation reads it: what engines have in common."""
+
+from __future__ import annotations
+
+import difflib
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
+from typing import Any
+
+NEAREST = 5
+"""Known names that are listed beside one that is unknown."""
+
+
+class UnknownNameError(Exception):
+    """A name that nothing has, and the known ones that are nearest to it."""
+
+    def __init__(self, name: str, known: Iterable[object]) -> None:
+        super().__init__(name)
+        self.name = name
+        self.nearest = nearest(name, known)
+
+
+def nearest(name: str, known: Iterable[object]) -> list[str]:
+    """Return the known names that are nearest to an unknown one."""
+    named = sorted({str(each) for each in known})
+    return difflib.get_close_matches(name, named, NEAREST, cutoff=0.0)
+
+
+class Observed(ABC):
+    """A simulation whose steps are observed."""
+
+    @property
+    @abstractmethod
+    def time_s(self) -> float:
+        """The simulated time [s]."""
+
+    @abstractmethod
+    def reader(self, kind: str, *names: Any) -> Callable[[], Any]:
+        """Return a function that reads a number, or a vector, as it is now.
+
+        Parameters
+        ----------
+        kind
+            `x`, `y`, `z`: the position of a body [m]; `up`: the upward part of its z axis; `joint`,
+            `rate`: the position and the velocity of a joint [rad, m; rad/s, m/s]; `force`: what two
+            bodies press on each other, or one on all [N]; `sensor`: a sensor of the model.
+        names
+            Of what is read; a body may be given by the engine's own number.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is none of such a name, so far.
+        """
+
+    @abstractmethod
+    def positions(self) -> list[float]:
+        """Return the positions of all bodies [m], three numbers each, in the same order always."""
+
+    @abstractmethod
+    def bodies(self) -> list[str]:
+        """Return the names of these bodies."""
+
+    @abstractmethod
+    def is_finite(self) -> bool:
+        """Return whether all numbers of the state are finite, and the engine has not reset it."""

@@ -1,0 +1,101 @@
+"""Series over the steps of a run, and what an expression takes of them.
+
+A bare series stands for its end. This needs numpy, which the script's interpreter has to have.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+
+class Series(np.ndarray):
+    """Numbers, or vectors, after each step; shape (n,) or (n, size).
+
+    As a truth and as a number it is its end. Attribute `times_s` has the times [s], shape (n,).
+    """
+
+    times_s: Any = None
+
+    def __array_finalize__(self, other: Any) -> None:
+        self.times_s = getattr(other, "times_s", None)
+
+    def __bool__(self) -> bool:
+        return bool(np.all(np.asarray(self)[-1]))
+
+    def __float__(self) -> float:
+        return float(np.asarray(self)[-1]) if self.ndim else float(np.asarray(self))
+
+    def at(self, time_s: float) -> Any:
+        """Return what it was at a time [s]."""
+        return at(self, time_s)
+
+
+def series_of(values: Sequence[Any], times_s: Sequence[float]) -> Series:
+    """Return a series of values after steps at some times [s]."""
+    made = np.array(values, float).view(Series)
+    made.times_s = np.array(times_s, float)
+    return made
+
+
+def _plain(values: Any) -> Any:
+    return np.asarray(values, float)
+
+
+def end(values: Any) -> Any:
+    """Return the last one."""
+    return np.asarray(values)[-1]
+
+
+def peak(values: Any) -> float:
+    """Return the largest magnitude."""
+    return float(np.max(np.abs(_plain(values))))
+
+
+def low(values: Any) -> float:
+    """Return the least one."""
+    return float(np.min(_plain(values)))
+
+
+def drift(values: Any) -> float:
+    """Return how far the end is from the beginning."""
+    plain = _plain(values)
+    return float(np.linalg.norm(plain[-1] - plain[0]))
+
+
+def norm(values: Any) -> Any:
+    """Return the length of a vector; of a series of vectors, that of each."""
+    if isinstance(values, Series):
+        length = np.abs(values) if values.ndim < 2 else np.linalg.norm(_plain(values), axis=1)
+        made = np.asarray(length).view(Series)
+        made.times_s = values.times_s
+        return made
+    return float(np.linalg.norm(_plain(values)))
+
+
+def at(values: Any, time_s: float) -> Any:
+    """Return what a series was at a time [s]: after the first step that reaches it."""
+    times = values.times_s
+    place = min(int(np.searchsorted(times, time_s * (1 - 1e-12))), len(times) - 1)
+    return np.asarray(values)[place]
+
+
+def always(values: Any) -> bool:
+    """Return whether something held after every step."""
+    return bool(np.all(np.asarray(values)))
+
+
+def ever(values: Any) -> bool:
+    """Return whether something held after any step."""
+    return bool(np.any(np.asarray(values)))
+
+
+FUNCTIONS: dict[str, Any] = {
+    **{each.__name__: each for each in (end, peak, low, drift, norm, at, always, ever)},
+    "np": np,
+    "math": math,
+}
+"""What an expression may name of ours, apart from series."""

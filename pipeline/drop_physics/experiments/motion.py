@@ -1,0 +1,74 @@
+"""How everything moved in a run, and how far two runs are apart."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drop_physics.arrays import Float64
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The positions of all bodies of a simulation, at some of its steps."""
+
+    stride: int
+    """Every how many steps."""
+    steps: int
+    bodies: tuple[str, ...]
+    positions_m: Float64
+    """Shape (states, bodies, 3); not a number where a body is not there."""
+
+
+def motion_of(told: Mapping[str, Any]) -> Motion:
+    """Return a motion as a run has told it."""
+    bodies = tuple(told["bodies"])
+    flat = np.frombuffer(base64.b64decode(told["positions"]))
+    return Motion(told["stride"], told["steps"], bodies, flat.reshape(-1, len(bodies), 3))
+
+
+def apart_m(one: Sequence[Motion], other: Sequence[Motion]) -> dict[str, float]:
+    """Return the RMS distance of each body in two runs [m], over the steps that both have made.
+
+    Infinite where a body is there in only one of them.
+    """
+    far: dict[str, float] = {}
+    for first, second in zip(one, other, strict=False):
+        stride = math.lcm(first.stride, second.stride)
+        a, b = (each.positions_m[:: stride // each.stride] for each in (first, second))
+        states, bodies = min(len(a), len(b)), min(a.shape[1], b.shape[1])
+        with np.errstate(all="ignore"):
+            squared = np.sum((a[:states, :bodies] - b[:states, :bodies]) ** 2, axis=2)
+            squared = squared[:, ~np.isnan(squared).all(axis=0)] if states else squared
+        names = [
+            name
+            for number, name in enumerate(first.bodies[:bodies])
+            if states and not np.isnan(a[:states, number] - b[:states, number]).all()
+        ]
+        for name, value in zip(names, np.sqrt(np.nanmean(squared, axis=0)), strict=True):
+            far[name] = math.hypot(far.get(name, 0.0), float(value))
+        for name in (*first.bodies[bodies:], *second.bodies[bodies:]):
+            far[name] = math.inf
+    return far
+
+
+def side_m(far: Mapping[str, float], besides: Sequence[str] = ()) -> float:
+    """Return the RMS change of all motion but that of some bodies [m]."""
+    others = [value for name, value in far.items() if name not in besides]
+    return math.sqrt(sum(value * value for value in others))
+
+
+def same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
+    """Return whether two runs are as far from a third in each body: the same motion, to 1 %."""
+    if one.keys() != other.keys():
+        return False
+    return all(math.isclose(one[name], other[name], rel_tol=SAME, abs_tol=SAME_M) for name in one)
+
+
+SAME, SAME_M = 0.01, 1e-7
+"""Two outcomes differ by less where they are one [1, m]."""

@@ -1,0 +1,86 @@
+"""The order in which changes are said that make true what was expected.
+
+Measured on 75 questions: what takes nothing away first, then what changes least of all other
+motion. Changes with the same motion are one outcome, said once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from drop_physics.engines.watching.single_changes import Change
+from drop_physics.experiments.motion import same, side_m
+from drop_physics.experiments.search import Tried
+
+SAME_VALUE = 0.01
+"""Outcomes are alike where their quantity differs by less, as a share of it."""
+SIZES = {"default": 0.5, "=default": 0.5, "left-out": 0.6, "*-1": 1.5}
+"""How large a change is by its operator; a factor is 1, and any other 1.2."""
+
+
+@dataclass(frozen=True)
+class Said:
+    """An outcome that makes it true, by the change that is said of it."""
+
+    tried: Tried
+    alike: Sequence[Tried]
+    """Other changes with the same motion."""
+    side_m: float
+    """The RMS change of all other motion [m]."""
+
+
+def ranked(tried: Iterable[Tried], besides: Sequence[str] = ()) -> list[Said]:
+    """Return what makes it true, each outcome once, in the order in which it is said.
+
+    Parameters
+    ----------
+    tried
+        All changes that were tried.
+    besides
+        The bodies that the expectation names: their motion is no side effect.
+    """
+    true = [each for each in sorted(tried, key=lambda e: e.number) if each.outcome.holds]
+    groups: list[list[Tried]] = []
+    for each in true:
+        if _has_smaller(each, true):
+            continue
+        group = next((group for group in groups if _are_alike(group[0], each)), None)
+        if group is None:
+            groups.append([each])
+        else:
+            group.append(each)
+    said = []
+    for group in groups:
+        first, *alike = sorted(group, key=_plainness)
+        said.append(Said(first, alike, side_m(first.far_m, besides)))
+    return sorted(said, key=lambda each: (each.tried.change.breaks, each.side_m))
+
+
+def _has_smaller(each: Tried, true: Sequence[Tried]) -> bool:
+    """Return whether a part of the same change makes it true, too."""
+    mine = {*map(str, each.change.ids)}
+    return any(
+        other.family == each.family and {*map(str, other.change.ids)} < mine
+        for other in true
+        if other.change.ids
+    )
+
+
+def _are_alike(one: Tried, other: Tried) -> bool:
+    values = one.outcome.value, other.outcome.value
+    alike = math.isclose(*values, rel_tol=SAME_VALUE, abs_tol=1e-9)
+    return alike and same(one.far_m, other.far_m)
+
+
+def _plainness(each: Tried) -> tuple[Any, ...]:
+    """Order outcomes with the same motion: nothing taken away, few elements, a small change."""
+    change = each.change
+    return change.breaks, not change.ids, len(change.ids), size_of(change), each.number
+
+
+def size_of(change: Change) -> float:
+    """Return how large a change is by its operator."""
+    return SIZES.get(change.op, 1.0 if change.op[0] in "*/" else 1.2)

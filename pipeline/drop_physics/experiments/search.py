@@ -1,0 +1,176 @@
+"""A causal search: which single change makes true what was expected of a run.
+
+A kind of change is tried on all elements at once, then on each of them, then by the least factor
+that does it. A change of which a part makes it true is not said.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from drop_physics.engines.watching.single_changes import Change
+from drop_physics.experiments.motion import Motion, apart_m
+
+ONE_BY_ONE = 8
+"""So many elements are tried one by one; more of them by halves."""
+HALVINGS = 4
+"""Trials that narrow a least factor: its logarithm to a sixteenth of that of the factor tried."""
+NARROWED = 3
+"""How many changes are narrowed, the first that are said."""
+NOISE = 10.0
+"""A change moves the quantity where it does so by this many times what nudges do."""
+MOST_MOVERS = 12
+"""Of so many kinds that move the quantity, and do not make it true, each element is tried."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The outcome of a run: whether what was expected came."""
+
+    holds: bool
+    """Whether it did, in a run that ended as the script's own, in finite numbers."""
+    margin: float
+    """By how much; below 0 where it does not."""
+    value: float
+    """The quantity that is compared."""
+    motion: Sequence[Motion] = ()
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A change that was tried."""
+
+    change: Change
+    outcome: Outcome
+    number: int
+    """Its place in the order in which changes were to be tried."""
+    far_m: Mapping[str, float]
+    """How far each body is from where it was in the script's own run, RMS [m]."""
+
+    @property
+    def family(self) -> tuple[Any, ...]:
+        """The kind of change, whatever its elements."""
+        return self.change.change, self.change.op, self.change.site
+
+
+Run = Callable[[Iterator[Change]], Iterable[tuple[Change, Outcome | None]]]
+"""Runs a script with changes, and yields their outcomes as they come: None where no time is left.
+It asks for another change whenever it has room, also after there was none."""
+
+
+@dataclass
+class Search:
+    """A search for changes that make true what is expected.
+
+    Parameters
+    ----------
+    base
+        The outcome of the script's own run.
+    run
+        Makes runs.
+    noise
+        How far nudges have moved the margin.
+    told
+        Called with the numbers of changes that were tried, and of those that make it true.
+    """
+
+    base: Outcome
+    run: Run
+    noise: float = 0.0
+    told: Callable[[int, int], object] = lambda *_: None
+    tried: list[Tried] = field(default_factory=list)
+    _queue: _Queue = field(default_factory=lambda: _Queue())
+    complete: bool = True
+    """Whether nothing was left out for want of time."""
+
+    def all_of(self, changes: Sequence[Change]) -> None:
+        """Try changes in this order, each on all of its elements first."""
+        queue = self._queue
+        for change in changes:
+            queue.put(change, 1)
+        self._drain(queue)
+        moving = (each for each in [*self.tried] if len(each.change.ids) > 1 and self.moves(each))
+        nearest = sorted(moving, key=lambda each: (-each.outcome.margin, each.number))
+        for each in [each for each in nearest if not each.outcome.holds][:MOST_MOVERS]:
+            for part in _parts(each.change):
+                queue.put(part, 2)
+        self._drain(queue)
+
+    def least_of(self, each: Tried) -> float | None:
+        """Return the least factor that makes it true; None where the change is no factor."""
+        operator, factor = each.change.how
+        if operator != "*" or factor <= 0:
+            return None
+        fails, holds = 0.0, 1.0  # as shares of the factor's logarithm
+        for _ in range(HALVINGS):
+            middle = (fails + holds) / 2
+            changed = each.change.by(factor**middle)
+            for _, outcome in self.run(iter([changed])):
+                if outcome is None:
+                    return None
+                fails, holds = (fails, middle) if outcome.holds else (middle, holds)
+        return float(factor**holds)
+
+    def moves(self, each: Tried) -> bool:
+        """Return whether a change moves the quantity by more than chance does."""
+        far = abs(each.outcome.margin - self.base.margin)
+        return math.isfinite(far) and far > NOISE * self.noise + 1e-12
+
+    def movers(self) -> list[Tried]:
+        """Return what moves the quantity towards what is expected, the farthest first."""
+        near = [each for each in self.tried if self.moves(each) and not each.outcome.holds]
+        near = [each for each in near if each.outcome.margin > self.base.margin]
+        return sorted(near, key=lambda each: -each.outcome.margin)
+
+    def _drain(self, queue: _Queue) -> None:
+        for change, outcome in self.run(queue):
+            if outcome is None:
+                self.complete = False
+                continue
+            far_m = apart_m(self.base.motion, outcome.motion)
+            each = Tried(change, outcome, queue.number(change), far_m)
+            self.tried.append(each)
+            self.told(len(self.tried), sum(one.outcome.holds for one in self.tried))
+            if outcome.holds:
+                for part in _parts(change):
+                    queue.put(part, 0)
+
+
+class _Queue(Iterator[Change]):
+    """Changes to try, the most urgent first; more may come after the last one was taken."""
+
+    def __init__(self) -> None:
+        self._heap: list[tuple[int, int, Change]] = []
+        self._numbers: dict[int, int] = {}
+        """Places in the order by the `id` of changes, which all are kept."""
+        self._all: list[Change] = []
+
+    def number(self, change: Change) -> int:
+        """Return the place of a change in the order."""
+        return self._numbers[id(change)]
+
+    def put(self, change: Change, urgency: int) -> None:
+        """Put a change into the queue; 0 is the most urgent."""
+        self._numbers[id(change)] = number = len(self._all)
+        self._all.append(change)
+        heapq.heappush(self._heap, (urgency, number, change))
+
+    def __next__(self) -> Change:
+        if not self._heap:
+            raise StopIteration
+        return heapq.heappop(self._heap)[-1]
+
+
+def _parts(change: Change) -> list[Change]:
+    """Return a change of its elements one by one, or of halves of them; none of a single one."""
+    number = len(change.ids)
+    if number < 2:
+        return []
+    if number <= ONE_BY_ONE:
+        return [change.of_some([place]) for place in range(number)]
+    half = number // 2
+    return [change.of_some(range(half)), change.of_some(range(half, number))]

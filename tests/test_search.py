@@ -1,0 +1,118 @@
+"""The causal search: which changes it tries, which it says, and in which order.
+
+Verification: the runs are a function of what is changed, so it is known what makes it true.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from drop_physics.engines.watching.single_changes import Change
+from drop_physics.experiments.motion import Motion, apart_m, side_m
+from drop_physics.experiments.ranking import ranked
+from drop_physics.experiments.search import Outcome, Search
+
+FRICTION = Change("geom_friction", "*10", ("*", 10.0), tuple(range(12)), tuple("abcdefghijkl"))
+GRAVITY = Change("flag.GRAVITY", "^", ("^", None), breaks=True)
+TIMESTEP = Change("option.timestep", "/2", ("/", 2.0))
+
+
+def motion(height_m: float, aside_m: float = 0.0) -> Motion:
+    """Return the motion of a cube that stays at a height, and of a table beside it."""
+    positions = np.zeros((5, 2, 3))
+    positions[:, 0, 2], positions[:, 1, 0] = height_m, aside_m
+    return Motion(1, 5, ("cube", "table"), positions)
+
+
+@dataclass
+class Runs:
+    """Runs that come out as a function of a change says."""
+
+    height_m: Callable[[Change], float]
+    aside_m: Callable[[Change], float] = lambda _: 0.0
+    most: int = 1000
+
+    def __post_init__(self) -> None:
+        self.made: list[Change] = []
+
+    def __call__(self, changes: Iterator[Change]) -> Iterable[tuple[Change, Outcome | None]]:
+        """Run changes, one after another."""
+        for change in changes:
+            if len(self.made) >= self.most:
+                yield change, None
+                continue
+            self.made.append(change)
+            height = self.height_m(change)
+            moved = motion(height, self.aside_m(change))
+            yield change, Outcome(height > 0.3, height - 0.3, height, [moved])
+
+
+def searched(runs: Runs, *changes: Change) -> Search:
+    """Return a search in which a cube is at 0.1 m, and is expected above 0.3 m."""
+    search = Search(Outcome(False, -0.2, 0.1, [motion(0.1)]), runs)
+    search.all_of(changes)
+    return search
+
+
+def test_a_kind_is_tried_at_once_and_the_element_that_does_it_is_said() -> None:
+    runs = Runs(lambda change: 0.5 if 7 in change.ids else 0.1)
+    search = searched(runs, FRICTION, TIMESTEP)
+    assert [*map(len, (each.ids for each in runs.made))] == [12, 6, 6, 1, 1, 1, 1, 1, 1, 0]
+    (said,) = ranked(search.tried)
+    assert said.tried.change.of == ("h",)
+
+
+def test_elements_of_what_only_moves_it_are_tried_after_all_kinds() -> None:
+    """Of two elements one lifts the cube, and the other holds it down."""
+    two = FRICTION.of_some([0, 1])
+    runs = Runs(lambda change: {(0, 1): 0.2, (0,): 0.5}.get(change.ids, 0.1))
+    search = searched(runs, two, TIMESTEP)
+    assert [each.ids for each in runs.made] == [(0, 1), (), (0,), (1,)]
+    assert [each.tried.change.of for each in ranked(search.tried)] == [("a",)]
+
+
+def test_what_takes_nothing_away_comes_first_then_what_moves_least_besides() -> None:
+    aside = {"geom_friction": 0.2, "option.timestep": 0.1, "flag.GRAVITY": 0.0}
+    runs = Runs(lambda change: 0.5 + aside[change.change], lambda change: aside[change.change])
+    search = searched(runs, GRAVITY, FRICTION.of_some([0]), TIMESTEP)
+    said = ranked(search.tried, besides=["cube"])
+    assert [each.tried.change.change for each in said] == [
+        "option.timestep",
+        "geom_friction",
+        "flag.GRAVITY",
+    ]
+    assert [each.side_m for each in said] == pytest.approx([0.1, 0.2, 0.0])
+
+
+def test_changes_with_the_same_motion_are_one_outcome_said_by_what_takes_nothing_away() -> None:
+    search = searched(Runs(lambda _: 0.5), GRAVITY, TIMESTEP)
+    (said,) = ranked(search.tried)
+    assert said.tried.change == TIMESTEP
+    assert [each.change for each in said.alike] == [GRAVITY]
+
+
+def test_the_least_factor_that_does_it_is_found() -> None:
+    runs = Runs(lambda change: 0.1 * change.how[1])
+    search = searched(runs, FRICTION.of_some([0]))
+    least = search.least_of(search.tried[0])
+    assert least is not None
+    assert 3 < least < 3 * 10 ** (1 / 16)
+
+
+def test_a_search_whose_time_runs_out_is_not_complete() -> None:
+    assert not searched(Runs(lambda _: 0.1, most=1), FRICTION, TIMESTEP).complete
+    assert searched(Runs(lambda _: 0.1), FRICTION, TIMESTEP).complete
+
+
+def test_motions_are_compared_at_the_steps_that_both_have() -> None:
+    """A body that moves at 1 m/step, in 9 and in 4 steps: the states of steps 0, 4, 8 and 0, 4."""
+    positions = np.zeros((9, 1, 3))
+    positions[:, 0, 0] = np.arange(9)
+    one = Motion(1, 9, ("cube",), positions)
+    other = Motion(4, 8, ("cube",), positions[::4][:2] + 3.0)
+    assert apart_m([one], [other])["cube"] == pytest.approx(3 * np.sqrt(3))
+    assert side_m({"cube": 3.0, "a": 3.0, "b": 4.0}, besides=["cube"]) == 5
+    assert apart_m([one], [replace(other, bodies=("ball",))]).keys() == {"cube"}

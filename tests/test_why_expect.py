@@ -1,0 +1,112 @@
+"""`drop why --expect`: which single change of a script makes true what was expected of it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+SCHEMA = json.loads((Path(__file__).parents[1] / "docs/schemas/why.json").read_text("utf-8"))
+SLIDES = """
+import mujoco
+XML = '''<mujoco><worldbody><geom name="floor" type="plane" size="5 5 1" friction="0.1"/>
+<body name="box" pos="0 0 .1"><freejoint/>
+<geom name="box" type="box" size=".1 .1 .1" friction="0.1"/></body>
+<body name="far" pos="0 3 .1"><freejoint/><geom size=".1"/></body></worldbody></mujoco>'''
+def main():
+    m = mujoco.MjModel.from_xml_string(XML)
+    d = mujoco.MjData(m)
+    d.qvel[0] = 1
+    for step in range(250):
+        mujoco.mj_step(m, d)
+    slid = d.qpos[0]
+    print("slid", slid)
+main()
+"""
+SAGS = """
+import pybullet as p
+def main():
+    p.connect(p.DIRECT)
+    p.setGravity(0, 0, -9.81)
+    box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.1])
+    body = p.createMultiBody(1, box, basePosition=[0, 0, 1])
+    hook = p.createConstraint(body, -1, -1, -1, p.JOINT_FIXED, [0, 0, 0], [0, 0, 0], [0, 0, 1])
+    p.changeConstraint(hook, maxForce=5)
+    for step in range(120):
+        p.stepSimulation()
+    height = p.getBasePositionAndOrientation(body)[0][2]
+    p.disconnect()
+main()
+"""
+
+
+def why(folder: Path, script: str, *options: str) -> tuple[int, dict[str, Any], str]:
+    """Return the exit code, the JSON and the messages of a search of a script."""
+    folder.joinpath("script.py").write_text(script)
+    command = [sys.executable, "-m", "drop_physics", "why", "--json", "--budget", "600", *options]
+    done = subprocess.run(
+        [*command, "script.py"], cwd=folder, capture_output=True, text=True, check=False
+    )
+    found = json.loads(done.stdout)
+    if "error" not in found:
+        jsonschema.validate(found, SCHEMA)
+    return done.returncode, found, done.stderr
+
+
+def test_the_friction_of_a_box_that_slides_is_found(tmp_path: Path) -> None:
+    code, found, _ = why(tmp_path, SLIDES, "--expect", "x('box') < 0.15")
+    assert code == 3
+    assert not found["expectation"]["holds"]
+    assert found["expectation"]["value"] > 0.3
+    assert found["complete"]
+    assert not found["chaotic"]
+    first = next(each for each in found["makes_true"] if each["change"] == "geom_friction")
+    assert first["target"] in (["box"], ["floor"]), "MuJoCo takes the larger of two"
+    assert first["result"] < 0.15
+    assert not first["breaks"]
+    assert first in found["makes_true"][:3]
+    breaking = [each["breaks"] for each in found["makes_true"]]
+    assert breaking == sorted(breaking)
+
+
+def test_what_holds_is_said_after_one_run_and_a_local_name_is_known(tmp_path: Path) -> None:
+    code, found, _ = why(tmp_path, SLIDES, "--expect", "slid > 0.3 and printed[-1] == slid")
+    assert (code, found["runs"], found["makes_true"]) == (0, 0, [])
+    assert found["expectation"]["holds"]
+
+
+def test_what_nothing_makes_true_is_said_with_what_comes_nearest(tmp_path: Path) -> None:
+    code, found, _ = why(tmp_path, SLIDES, "--expect", "z('far') > 1000")
+    assert (code, found["makes_true"], found["complete"]) == (3, [], True)
+    assert all(each["result"] > found["expectation"]["value"] for each in found["moves"])
+
+
+@pytest.mark.pybullet
+def test_a_constraint_that_is_too_weak_is_found_though_the_script_disconnects(
+    tmp_path: Path,
+) -> None:
+    expected = "p.getBasePositionAndOrientation(body)[0][2] > 0.99"
+    code, found, _ = why(tmp_path, SAGS, "--expect", expected)
+    assert code == 3
+    assert any("maxForce" in each["change"] for each in found["makes_true"][:3])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("z('boks') > 1", "the nearest names: box"),
+        ("slit > 1", "the nearest names: slid"),
+        ("z('box' > 1", "takes a Python expression"),
+        ("1 / 0 > 1", "ZeroDivisionError"),
+    ],
+)
+def test_what_cannot_be_evaluated_is_one_line(tmp_path: Path, text: str, said: str) -> None:
+    code, found, errors = why(tmp_path, SLIDES, "--expect", text)
+    assert code == 2
+    assert said in found["error"]
+    assert len([line for line in errors.splitlines() if line.startswith("drop: ")]) == 1
