@@ -24,7 +24,7 @@ SAID = {
 }
 # Library -> the only files that may import it.
 ONLY_IN = {
-    "pybullet": {"engines/pybullet/engine.py"},
+    "pybullet": {"engines/pybullet/engine.py", "engines/pybullet/replay/"},
     "pybullet_data": {"engines/pybullet/engine.py"},
     "rerun": {"recording/"},
     "matplotlib": {"figures/"},

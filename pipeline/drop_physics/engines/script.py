@@ -60,6 +60,7 @@ TOLD = (
     "seed",
     "begins_s",
     "listens",
+    "keeps_files",
     "scratch",
     "private",
 )
@@ -100,6 +101,8 @@ class Program:
     """The arguments of a `watching.varied.Variation`, or None."""
     listens: bool = False
     """Whether to observe what it does outside its simulation, which slows it down."""
+    keeps_files: bool = False
+    """Whether it sends the contents of files that its engine loads."""
     interventions: Sequence[Mapping[str, Any]] = ()
     """Changes of its calls, as `interventions` makes them."""
     scratch: str | None = None

@@ -184,8 +184,21 @@ def _also(diff: Diff) -> Iterator[Fact]:
 def _cause(diff: Diff, cause: Cause) -> Message:
     if cause.what == "step":
         return _step(diff, cause)
+    if cause.what == "known":
+        return _known(cause)
     if cause.what == "order":
-        return Message("the same elements in another order")
+        words = Message("the same elements in another order")
+        if cause.element:
+            words = Message("the order in which bodies are made: {what}", what=cause.element)
+        sites = _sites(cause)
+        return joined("", [words, f" ({sites})"]) if sites else words
+    if cause.what == "call" and cause.field == cause.a and cause.b is not None:
+        return _where(Message("{a} → {b}", a=cause.a, b=cause.b), cause)
+    if cause.what == "call" and (cause.a is None or cause.b is None):
+        only = diff.a if cause.b is None else diff.b
+        value = cause.a if cause.b is None else cause.b
+        words = Message("{call}: only in {side}", call=_called(cause, value), side=only)
+        return _where(words, cause)
     if cause.what == "element":
         only = diff.a if cause.a else diff.b
         return Message("only {side} has {elements}", side=only, elements=cause.element)
@@ -193,15 +206,44 @@ def _cause(diff: Diff, cause: Cause) -> Message:
     if cause.a is None and cause.b is None:
         return Message("{name} differs", name=name)
     a, b = values(cause.a, cause.b)
-    words = Message("{name}: {a} → {b}", name=name, a=a, b=b)
-    if cause.step is not None and cause.steps is None:
-        words = joined("", [words, Message(" before step {step}", step=cause.step)])
-    if sites := _sites(cause):
-        words = joined("", [words, f" ({sites})"])
+    words = _where(Message("{name}: {a} → {b}", name=name, a=a, b=b), cause)
     if cause.detail in LATE:
         late = diff.a if cause.detail == "a" else diff.b
         words = joined("; ", [words, Message("{side} changes it one step later", side=late)])
     return words
+
+
+def _where(words: Message, cause: Cause) -> Message:
+    """Return words with step and lines of a cause."""
+    if cause.step is not None and cause.steps is None:
+        words = joined("", [words, Message(" before step {step}", step=cause.step)])
+    sites = _sites(cause)
+    return joined("", [words, f" ({sites})"]) if sites else words
+
+
+def _known(cause: Cause) -> Message:
+    """Return a known difference between two engines."""
+    if cause.step is not None:
+        return Message(
+            "contacts: both touch by step {step}, and none of the known differences takes it away",
+            step=cause.step,
+        )
+    if cause.a is None or cause.b is None:
+        return Message("{name}", name=cause.field)
+    a, b = values(cause.a, cause.b)
+    return Message("{name}: {a} → {b}", name=cause.field, a=a, b=b)
+
+
+def _called(cause: Cause, value: Value) -> str:
+    """Return a call, and the value of its argument."""
+    call = str(cause.field)
+    if call.endswith(")"):
+        call = f"{call[:-1]}={value})"
+    return (
+        Message("{field} of {element}", field=call, element=cause.element)
+        if cause.element
+        else call
+    )
 
 
 def _named(cause: Cause) -> Message:
@@ -253,6 +295,8 @@ def _proved(diff: Diff) -> Iterator[Fact]:
     answer, proved = diff.answer, diff.answer.proved
     if answer.cls in ("none", "length"):
         return
+    if any(cause.what == "known" and cause.step is not None for cause in answer.because):
+        return
     if proved is None and answer.is_halted:
         yield Fact(Message("proved"), Message("nothing yet: it was stopped"))
         return
@@ -303,6 +347,10 @@ SWAPPED = {
     ),
     "fields": Message(
         "with these values of {a}, {b} makes its step in {n:,} of {of:,} steps, {exact}"
+    ),
+    "known": Message("without it both are the same in {n:,} of {of:,} steps, {exact}"),
+    "calls": Message(
+        "{a} with these calls of {b} alone is {b} in the first {n:,} of {of:,} steps, {exact}"
     ),
 }
 """What proves a cause, by what was swapped."""

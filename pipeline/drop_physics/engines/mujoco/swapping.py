@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.engines.mujoco import frames
+from drop_physics.engines.mujoco.described import DescribedModel, base_of, joints_of
 from drop_physics.engines.mujoco.stepping import Stepper, StepsWanted, packed_edits, request_of
 from drop_physics.trace.frames import Frames, ModelEdit
 
@@ -82,6 +83,10 @@ class Swapper(Stepper):
         ends: Float64 = self._asked("rolled", wanted, begin=begin, nudges=nudges)["qpos"]
         return ends
 
+    def trail(self, wanted: Frames, edits: Sequence[ModelEdit]) -> dict[str, Float64]:
+        """Go through all steps with other values of fields: `qpos` and `qvel` after each."""
+        return self._asked("trail", wanted, edits)
+
     def _asked(
         self,
         what: str,
@@ -106,3 +111,19 @@ def _apart(numbers: Float64) -> list[Float64]:
     lengths, flat = numbers[1 : count + 1].astype(np.int64), numbers[count + 1 :]
     width = len(flat) // max(int(lengths.sum()), 1)
     return np.split(flat, np.cumsum(lengths)[:-1] * width)
+
+
+def numbers_of(model: DescribedModel, trail: Mapping[str, Float64]) -> dict[int, Float64]:
+    """Return the numbers of bodies after each step of a trail, by number, shape (n, k) each.
+
+    First those of a base that is free, then the positions of all joints, then their velocities.
+    """
+    qpos, qvel = trail["qpos"], trail["qvel"]
+    found = {}
+    for made in model.bodies:
+        parts = [] if made.free < 0 else [base_of(model.arrays, made, qpos, qvel)]
+        if len(made.rates):
+            parts += joints_of(made, qpos, qvel)
+        if parts:
+            found[made.body.number] = np.hstack(parts)
+    return found

@@ -5,6 +5,7 @@ It is the other end of `watch`; the stream is described in `watching.pipe`.
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -38,7 +39,17 @@ from drop_physics.trace.events import (
 NOTES = frozenset(
     (
         *("world", "site", "raised", "solver", "over", "engine", "body", "look", "gone", "reset"),
-        *("reading", "read", "dynamics", "carried", "layout", "real_time", "fault", "episode"),
+        *(
+            "reading",
+            "read",
+            "dynamics",
+            "carried",
+            "layout",
+            "real_time",
+            "fault",
+            "episode",
+            "file",
+        ),
     )
 )
 """Kinds of notes about its simulations."""
@@ -68,6 +79,8 @@ class BulletDecoder:
         self._called = self.raised = -1
         """The sites of the latest call, and of the latest one that raised."""
         self.samples = 0
+        self.files: dict[str, list[tuple[str, bytes]]] = {}
+        """Paths and contents of files that calls named, each time, if they were sent."""
         self.real_time = False
         self._worlds: dict[int, GatheredWorld] = {}
         self._bodies: dict[int, Known] = {}
@@ -281,6 +294,9 @@ class BulletDecoder:
         if how != "begins":
             yield from its.gathered()
             yield EpisodeEnd(self._at(its), its.client, first, how, **told)
+
+    def _on_file(self, name: str, path: str, content: str) -> None:
+        self.files.setdefault(name, []).append((path, base64.b64decode(content)))
 
     def _on_real_time(self, **_: object) -> None:
         self.real_time = True

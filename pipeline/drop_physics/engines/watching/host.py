@@ -150,6 +150,8 @@ class ScriptWatch:
     ) -> None:
         self.pipe, self.clock, self.private = pipe, clock, private
         self.on = True
+        self.keeps_files = False
+        """Whether contents of files that an engine loads are sent."""
         self.lock, self.sites = Turn(), Sites(pipe)
         self.engines: list[EngineWatch] = []
         self.engine: EngineWatch | None = None

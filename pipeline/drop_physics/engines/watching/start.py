@@ -34,6 +34,7 @@ def watch(
     streams: bool = True,
     evaluator: Mapping[str, Any] | None = None,
     private: Private | None = None,
+    keeps_files: bool = False,
     again: bool = False,
 ) -> ScriptWatch:
     """Watch all engines, each as soon as it is imported.
@@ -61,6 +62,8 @@ def watch(
         evaluated in it, as `ScriptWatch` takes them.
     private
         The view of the file system that this process has entered; None for the machine's own.
+    keeps_files
+        Whether to send the contents of files that an engine loads.
     again
         Whether this program has replaced another one that was watched.
     """
@@ -76,6 +79,7 @@ def watch(
         is_plain=not (variation or interventions or asks),
         private=private,
     )
+    started.keeps_files = keeps_files
     version = ".".join(map(str, sys.version_info[:3]))
     started.pipe.note(
         "python",

@@ -22,9 +22,12 @@ from drop_physics.files.outputs import check_target, make_folder
 from drop_physics.printable import Printable
 from drop_physics.recording.reader import Recording
 from drop_physics.stages import verbs
+from drop_physics.stages.diff.by_calls import answered_by_calls
 from drop_physics.stages.diff.sides import RunSide, recorded_side, sides_of
+from drop_physics.stages.diff.two_engines import AGREES, answered_by_engines
 from drop_physics.stages.record import interrupts
 from drop_physics.stages.verbs.taken import takes_those_of
+from drop_physics.trace.history import DEFAULT_ENGINE
 
 MOST_SIMULATIONS = 32
 """Simulations of a script that are looked at for the one that is apart first."""
@@ -87,11 +90,13 @@ def diff(asked: verbs.Diff) -> Diff:
             recorded_side(side, path, asked, name=name)
             for side, path, name in zip((a, b), paths, names, strict=True)
         )
-        answer, engines, runs = _answered(mine, theirs, asked.tolerance, asked.tell)
+        answer, runs = _answered(mine, theirs, asked.tolerance, asked.tell)
+    engines = mine.recording.seen.engine, theirs.recording.seen.engine
+    two = DEFAULT_ENGINE in engines and engines[0] != engines[1]
     return Diff(
         *names,
         answer,
-        asked.tolerance,
+        asked.tolerance or (AGREES if two else 0.0),
         engines,
         runs,
         None if asked.out is None else (mine.recording.path, theirs.recording.path),
@@ -123,9 +128,13 @@ def _host(a: Recording, b: Recording) -> dict[str, tuple[str, str]]:
 
 def _answered(
     a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None]
-) -> tuple[Answer, tuple[str, str], int]:
-    """Return the answer, both engines, and how often steps were made again."""
+) -> tuple[Answer, int]:
+    """Return the answer, and how often steps were made again."""
     engines = a.recording.seen.engine, b.recording.seen.engine
+    if engines == (DEFAULT_ENGINE, DEFAULT_ENGINE):
+        return answered_by_calls(a, b, tolerance, tell)
+    if DEFAULT_ENGINE in engines:
+        return answered_by_engines(a, b, tolerance, tell)
     for side in (a, b):
         if not side.recording.steps.clients:
             raise RecordingError(
@@ -144,7 +153,7 @@ def _answered(
 
         with interrupts(halted.set):
             answer = Why(crossed, alike, tolerance, sites, halts).answer()
-        return answer, engines, sum(each.jobs for each in swappers)
+        return answer, sum(each.jobs for each in swappers)
 
 
 def _earliest(

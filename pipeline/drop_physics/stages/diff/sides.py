@@ -158,6 +158,10 @@ class RunSide:
     """The interpreter that has its engine."""
     environment: Mapping[str, str]
     """Variables with which that has it."""
+    target: str = ""
+    """The script, or the recording."""
+    files: Mapping[str, Sequence[tuple[str, bytes]]] = field(default_factory=dict)
+    """Paths and contents of files that the engine loaded, by the names that calls gave."""
 
 
 def recorded_side(asked: Asked, path: Path, how: verbs.Diff, *, name: str) -> RunSide:
@@ -186,7 +190,7 @@ def recorded_side(asked: Asked, path: Path, how: verbs.Diff, *, name: str) -> Ru
     if asked.is_recording:
         held = read(Path(asked.target))
         its = (held.ended or {}).get("interpreter")
-        return RunSide(name, held, asked.python or str(its or python), environment)
+        return RunSide(name, held, asked.python or str(its or python), environment, asked.target)
     digest = digest_of_script(asked.target, is_module=False)
     steps, *_ = checked_limits(how.steps, None, None)
     program = Program(
@@ -196,6 +200,7 @@ def recorded_side(asked: Asked, path: Path, how: verbs.Diff, *, name: str) -> Ru
         steps=steps,
         perturb=OTHER_PERTURB if asked.is_second else PERTURB,
         environment=environment,
+        keeps_files=True,
     )
     folders = folders_of(Path(asked.target), Reached())
     again = Again(folders=tuple(folders)) if is_offered(folders) else Again()
@@ -210,4 +215,5 @@ def recorded_side(asked: Asked, path: Path, how: verbs.Diff, *, name: str) -> Ru
         ended = written(process, recorder, path, recording_id=uuid.uuid4().hex, force=True)
     for sentence in ended.notes:
         note(sentence)
-    return RunSide(name, read(path), python, environment)
+    files = process.decoder.bullet.files
+    return RunSide(name, read(path), python, environment, asked.target, files)

@@ -161,6 +161,22 @@ class Swaps(Replay):
         yield frames.arrays_bytes("ends", {"qpos": np.array(ends)})
         yield TAKEN
 
+    def _on_trail(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
+        """Go on from the first step; answer with positions and velocities after each."""
+        asked, state = StepsAsked(arrays, **head), self._data
+        assert state is not None
+        rows: dict[str, list[Any]] = {"qpos": [], "qvel": []}
+        for step in range(asked.begin, asked.end):
+            for edit in asked.edits.get(step, ()):
+                state.model.edit(edit.name, edit.indices, edit.values)
+            state.reached = -1 if step == asked.begin else asked.first + step
+            state.reach(asked, step)
+            self._take(state, asked, step)
+            for name, held in rows.items():
+                held.append(getattr(state.d, name).copy())
+        yield frames.arrays_bytes("trail", {name: np.array(held) for name, held in rows.items()})
+        yield TAKEN
+
     def _cross(self, asked: StepsAsked, step: int) -> Any:
         """Take a step from its own frame; return the data."""
         state = self._data

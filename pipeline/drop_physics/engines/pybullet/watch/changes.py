@@ -63,6 +63,10 @@ def after_change(world: WatchedWorld, name: str, arguments: dict[str, Any], resu
     is_hull = not arguments.get("indices") and not _any(arguments.get("flags"))
     if name in SHAPES and isinstance(result, int) and is_hull:
         file, scale = arguments.get("fileName"), vector(arguments.get("meshScale"))
+        if world.keeps_files and type(file) is str:
+            path = path_of(file, world.search_path)
+            if path is not None:
+                world.tell_file(file, path)
         world.hulls[result] = file if type(file) is str else "", scale or [1.0] * 3
         world.fields.update([result] if number(arguments.get("shapeType", 0)) == FIELD else [])
     if name in SETS_ENGINE:
@@ -111,6 +115,8 @@ def _loaded(name: str, arguments: dict[str, Any], world: WatchedWorld) -> Loaded
         return loaded
     loaded.file = os.path.basename(file)
     path = path_of(file, world.search_path) if file else None
+    if world.keeps_files and path is not None:
+        world.tell_file(file, path)
     if name == "loadMJCF":
         loaded.mjcf = os.path.abspath(path) if path else ""
     elif name == "loadURDF" and path:

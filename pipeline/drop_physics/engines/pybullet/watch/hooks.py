@@ -137,6 +137,7 @@ class BulletWatch(EngineWatch):
         interventions: Sequence[Operation] = (),
     ) -> None:
         super().__init__(host)
+        WatchedWorld.keeps_files = host.keeps_files
         self._differ(variation, interventions)
         self._calls: dict[str, Callable[..., Any]] = {}
         """The replacement of each function of PyBullet, by name, of this run without its trials."""

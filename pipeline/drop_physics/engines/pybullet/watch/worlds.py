@@ -6,6 +6,8 @@ Everything is read with PyBullet's own functions, and nothing here changes a num
 
 from __future__ import annotations
 
+import base64
+import os
 import struct
 from collections.abc import Mapping
 from types import MappingProxyType, SimpleNamespace
@@ -17,6 +19,8 @@ from .bodies import BASE, RIGID, Loaded, WatchedBody, plain
 from .capsules import lay
 from .solver import Solver
 
+MOST_KEPT = 1 << 22
+"""Most bytes of a file whose content is sent."""
 GEAR = 6
 """Type of constraint, as in `getConstraintInfo`."""
 ALL = None
@@ -43,6 +47,8 @@ class WatchedWorld:
     """Number of bodies in all simulations of this process."""
     search_path = ""
     """Further folder in which PyBullet looks for files, for all simulations of this process."""
+    keeps_files = False
+    """Whether contents of files are sent."""
     varied: Mapping[str, Any] = MappingProxyType({})
     """Settings that the engine does not report, and has whatever calls give."""
 
@@ -435,6 +441,17 @@ class WatchedWorld:
         if self.stale_constraints:
             self._read_constraints()
         self.sample()
+
+    def tell_file(self, name: str, path: str) -> None:
+        """Send the content of a file that a call named; a script may remove it soon."""
+        try:
+            if os.path.getsize(path) > MOST_KEPT:
+                return
+            with open(path, "rb") as file:
+                content = base64.b64encode(file.read()).decode()
+        except OSError:
+            return
+        self._pipe.note("file", name=name, path=os.path.abspath(path), content=content)
 
     def end(self) -> None:
         """Send what is left of a simulation that is over, as far as is known."""

@@ -1,0 +1,1 @@
+"""What makes the calls of a recorded script again, in the script's interpreter."""

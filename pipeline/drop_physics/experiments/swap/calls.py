@@ -1,0 +1,305 @@
+"""Why one run is not another, where an engine hides its state: calls are swapped in its log.
+
+The log of the first run's calls is made again, bare, with some of the second's calls in place of
+its own. What makes it the second run to the bit, until both are apart and beyond, is the cause.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from drop_physics.arrays import Float64
+from drop_physics.compare.paired import PairedBody, columns_of, farthest
+from drop_physics.experiments.swap.answer import Answer, Cause, Class, End, Proved, Value
+from drop_physics.experiments.swap.first import differs, first_apart
+from drop_physics.experiments.swap.minimal import minimal
+from drop_physics.trace.logs import LoggedCall, Sets, attributes_apart
+from drop_physics.trace.swaps import Common
+
+MOST_CAUSES = 3
+MOST_UNITS = 2000
+"""Differences of two logs beyond which they are no longer told one by one."""
+LONGEST = 40
+"""Most characters of a value."""
+
+States = Callable[[Sequence[LoggedCall], int], dict[int, Float64] | None]
+"""Makes calls again; returns the states of bodies after each step, by number."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """One difference of two logs."""
+
+    at: int
+    """Where it is in the first log."""
+    removed: Sequence[LoggedCall] = ()
+    added: Sequence[LoggedCall] = ()
+    argument: str = ""
+    """The argument that differs, of one call in place of another."""
+
+    @property
+    def step(self) -> int:
+        """The step before which it is."""
+        return min(each.step for each in (*self.removed, *self.added))
+
+    @property
+    def sets(self) -> set[Sets]:
+        """What its calls set."""
+        return {each.sets for each in (*self.removed, *self.added)}
+
+
+@dataclass
+class WhyCalls:
+    """Answers why one run is not another by their logs.
+
+    Parameters
+    ----------
+    a, b
+        The logs.
+    bodies
+        Each body of both runs, with its number in the logs.
+    lengths, times_s
+        Numbers of steps, and the clock after each step of the first run [s].
+    states
+        Makes calls again.
+    tolerance
+        The largest difference that counts as none; 0 for the same bits.
+    """
+
+    a: Sequence[LoggedCall]
+    b: Sequence[LoggedCall]
+    bodies: Sequence[tuple[int, PairedBody]]
+    lengths: tuple[int, int]
+    times_s: Float64
+    states: States
+    tolerance: float = 0.0
+    _units: list[Unit] = field(default_factory=list)
+
+    def answer(self) -> Answer:
+        """Return the answer."""
+        paired, count = [body for _, body in self.bodies], min(self.lengths)
+        common = Common(("", ""), self.lengths, (self.times_s, self.times_s), columns_of(paired))
+        first = first_apart(common, self.tolerance)
+        self._units = [*units_of(self.a, self.b)]
+        if first is None:
+            cls: Class = "none" if len({*self.lengths}) == 1 else "length"
+            until_s = float(self.times_s[count - 1]) if count else 0.0
+            idle = self._names(self._units) if cls == "none" else []
+            return Answer(self.lengths, count - 1, until_s, None, cls, no_effect=idle)
+        step = first.step
+        until_s = float(self.times_s[step - 1]) if step else 0.0
+        end = farthest(paired, count - 1)
+        answer = Answer(
+            self.lengths, step - 1, until_s, first, None, end=End(end.value, end.unit, end.body)
+        )
+        mine, theirs = (self.states(log, count) for log in (self.a, self.b))
+        if not (self._is(mine, count, second=False) and self._is(theirs, count, second=True)):
+            return answer  # the logs are not all that made these runs
+        before = [each for each in self._units if each.step <= step]
+        if not before or len(before) > MOST_UNITS or not self._holds(before, step + 1):
+            return answer
+        least = minimal(before, lambda some: self._holds(some, step + 1))
+        swapped = self.states(with_units(self.a, least), count)
+        until = self._same_until(swapped, count)
+        return replace(
+            answer,
+            cls=_class_of(least),
+            because=[*_told(least)][:MOST_CAUSES],
+            proved=Proved("calls", until, count, not self.tolerance),
+            no_effect=self._names([each for each in before if each not in least]),
+        )
+
+    def _names(self, units: Sequence[Unit]) -> list[str]:
+        return [*dict.fromkeys(each.field or "" for each in _told(units))]
+
+    def _holds(self, units: Sequence[Unit], steps: int) -> bool:
+        return self._is(self.states(with_units(self.a, units), steps), steps, second=True)
+
+    def _is(self, states: dict[int, Float64] | None, steps: int, *, second: bool) -> bool:
+        """Return whether states are those that one of the runs was recorded with."""
+        return states is not None and self._same_until(states, steps, second=second) == steps
+
+    def _same_until(
+        self, states: dict[int, Float64] | None, steps: int, *, second: bool = True
+    ) -> int:
+        """Return after how many steps states are no longer those of a run."""
+        same = steps
+        for number, body in self.bodies:
+            rows = None if states is None else states.get(number)
+            if rows is None:
+                return 0
+            recorded = (body.b if second else body.a)[1 : steps + 1]
+            there = ~np.isnan(recorded).any(axis=1)
+            found = np.full(recorded.shape, np.nan)
+            if max(body.places, default=-1) < rows.shape[1]:
+                found = rows[:steps, [*body.places]]
+            apart = differs(recorded, found, self.tolerance).any(axis=1) & there
+            same = min(same, int(np.argmax(apart)) if apart.any() else steps)
+        return same
+
+
+def units_of(a: Sequence[LoggedCall], b: Sequence[LoggedCall]) -> Iterator[Unit]:
+    """Yield the differences of two logs, step by step."""
+    groups: dict[int, tuple[list[int], list[LoggedCall]]] = {}
+    for number, call in enumerate(a):
+        groups.setdefault(call.step, ([], []))[0].append(number)
+    for call in b:
+        groups.setdefault(call.step, ([], []))[1].append(call)
+    ends = 0
+    for _, (numbers, theirs) in sorted(groups.items()):
+        mine = [a[number] for number in numbers]
+        begin = numbers[0] if numbers else ends
+        ends = begin + len(numbers)
+        keys = [each.key for each in mine], [each.key for each in theirs]
+        if keys[0] == keys[1]:
+            continue
+        matcher = difflib.SequenceMatcher(None, *keys, autojunk=False)
+        for how, i, j, k, m in matcher.get_opcodes():
+            if how != "equal":
+                yield from _split(begin + i, mine[i:j], theirs[k:m])
+
+
+def _split(at: int, mine: Sequence[LoggedCall], theirs: Sequence[LoggedCall]) -> Iterator[Unit]:
+    """Yield differences one by one: an argument each, where calls correspond."""
+    functions = [[each.function for each in calls] for calls in (mine, theirs)]
+    if functions[0] == functions[1]:
+        for number, (x, y) in enumerate(zip(mine, theirs, strict=True)):
+            names = [n for n in {**x.given, **y.given} if x.given.get(n) != y.given.get(n)]
+            for name in names if x.makes == y.makes else ():
+                yield Unit(at + number, [x], [y], name)
+            if x.makes != y.makes:
+                yield Unit(at + number, [x], [y])
+    elif mine and theirs and not {*functions[0]} & {*functions[1]}:
+        yield Unit(at, mine, theirs)
+    else:
+        for number, call in enumerate(mine):
+            yield Unit(at + number, [call])
+        for call in theirs:
+            yield from _added(at, call)
+
+
+def _added(at: int, call: LoggedCall) -> Iterator[Unit]:
+    """Yield a call that only the second log has, an option of the engine each."""
+    if call.sets != "setting" or len(call.given) < 2 or not call.function.endswith("Parameter"):
+        yield Unit(at, (), [call])
+        return
+    for name, value in call.given.items():
+        yield Unit(at, (), [replace(call, given={name: value})], name)
+
+
+def with_units(log: Sequence[LoggedCall], units: Sequence[Unit]) -> list[LoggedCall]:
+    """Return a log with differences put into it."""
+    removed: set[int] = set()
+    added: dict[int, list[LoggedCall]] = {}
+    changed: dict[int, LoggedCall] = {}
+    for unit in units:
+        if unit.argument and unit.removed:
+            call = changed.get(unit.at, unit.removed[0])
+            changed[unit.at] = _with_argument(call, unit.added[0], unit.argument)
+            continue
+        removed |= {unit.at + number for number in range(len(unit.removed))}
+        added.setdefault(unit.at, []).extend(unit.added)
+    found = []
+    for number in range(len(log) + 1):
+        found += added.get(number, [])
+        if number < len(log) and number not in removed:
+            found.append(changed.get(number, log[number]))
+    return found
+
+
+def _with_argument(call: LoggedCall, other: LoggedCall, name: str) -> LoggedCall:
+    """Return a call with an argument of another one, or without it where that has none."""
+    given = {each: value for each, value in call.given.items() if each != name}
+    if name in other.given:
+        given[name] = other.given[name]
+    is_file = call.content is not None and isinstance(other.given.get(name), str)
+    return replace(call, given=given, content=other.content if is_file else call.content)
+
+
+# -- in words -------------------------------------------------------------------------------------
+
+
+def _class_of(units: Sequence[Unit]) -> Class:
+    sets = set[Sets]().union(*(each.sets for each in units))
+    if sets == {"setting"}:
+        return "settings"
+    if "input" in sets:
+        return "input"
+    return "start" if sets == {"state"} else "model"
+
+
+def _told(units: Sequence[Unit]) -> Iterator[Cause]:
+    removed, added = (
+        [call for unit in units for call in (unit.added if which else unit.removed)]
+        for which in (0, 1)
+    )
+    keys = [sorted(str(each.key) for each in calls) for calls in (removed, added)]
+    if removed and keys[0] == keys[1]:
+        made = [each for each in removed if each.makes is not None]
+        yield Cause("order", element=_names_of(made or removed), site_a=removed[0].site,
+                    site_b=added[0].site, step=removed[0].step or None)  # fmt: skip
+        return
+    for unit in units:
+        yield _told_unit(unit)
+
+
+def _told_unit(unit: Unit) -> Cause:
+    x, y = (calls[0] if calls else None for calls in (unit.removed, unit.added))
+    one = x or y
+    assert one is not None
+    about = next((each.about for each in (x, y) if each is not None and each.about), None)
+    field, a, b = _apart(unit, x, y, one)
+    return Cause(
+        "call",
+        field,
+        about,
+        a,
+        b,
+        site_a=None if x is None else x.site,
+        site_b=None if y is None else y.site,
+        step=unit.step or None,
+    )
+
+
+def _apart(
+    unit: Unit, x: LoggedCall | None, y: LoggedCall | None, one: LoggedCall
+) -> tuple[str, Value, Value]:
+    """Return what differs, and its value in each run."""
+    if not unit.argument:
+        a, b = (
+            ", ".join(dict.fromkeys(each.function for each in calls)) or None
+            for calls in (unit.removed, unit.added)
+        )
+        return a or b or one.function, a, b
+    if x is not None and y is not None and x.content and y.content:
+        apart = [*attributes_apart(x.content, y.content)]
+        if apart and isinstance(x.given.get(unit.argument), str):
+            what, *values = apart[0]
+            return f"{one.function}: {what}", _number(values[0]), _number(values[1])
+    shown = [None if each is None else _shown(each.given.get(unit.argument)) for each in (x, y)]
+    return f"{one.function}({unit.argument})", shown[0], shown[1]
+
+
+def _names_of(calls: Sequence[LoggedCall]) -> str:
+    names = dict.fromkeys(each.about or each.function for each in calls)
+    return ", ".join([*names][:MOST_CAUSES])
+
+
+def _shown(value: Any) -> float | str | None:  # noqa: ANN401 - an argument
+    if value is None or isinstance(value, float | int):
+        return value
+    text = str(value)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
+
+
+def _number(text: str | None) -> float | str | None:
+    """Return a text of a file as a number, where it is one."""
+    try:
+        return text if text is None else float(text)
+    except ValueError:
+        return text

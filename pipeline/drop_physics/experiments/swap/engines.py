@@ -1,0 +1,121 @@
+"""Why a run of one engine is not that of another: known differences are taken away.
+
+Nothing is the same to the bit there, but without contact both agree to rounding where nothing of
+the table differs. Each known difference is taken away alone, then all together and as few as
+possible; what makes both the same well beyond the first difference is the cause. Beyond a contact
+nothing more is claimed than that both touch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drop_physics.arrays import Float64
+from drop_physics.experiments.swap.answer import Answer, Cause, End, First, Proved
+from drop_physics.experiments.swap.minimal import minimal
+from drop_physics.trace.logs import KnownDifference
+from drop_physics.trace.swaps import EndApart
+
+BEYOND = 40
+"""Steps beyond the first difference in which both must be the same, too."""
+
+Trails = Callable[[Sequence[int], int], tuple[Float64, Float64] | None]
+"""Returns the numbers of both runs after each step, in columns that correspond, with some known
+differences taken away, shapes (n, k); None where that cannot be done."""
+
+
+@dataclass(frozen=True, eq=False)
+class WhyEngines:
+    """Answers why a run of one engine is not that of another.
+
+    Parameters
+    ----------
+    known
+        The known differences.
+    trails
+        Makes both runs again.
+    labels, units
+        What each number is of, and its unit.
+    lengths
+        Numbers of steps.
+    times_s
+        The first run's clock after each step [s].
+    tolerance
+        The largest difference that counts as none.
+    touches
+        Returns whether anything touches by a step, in either run.
+    apart
+        Returns where both are the farthest apart in the last step that both make.
+    """
+
+    known: Sequence[KnownDifference]
+    trails: Trails
+    labels: Sequence[str]
+    units: Sequence[str]
+    lengths: tuple[int, int]
+    times_s: Float64
+    tolerance: float
+    touches: Callable[[int], bool]
+    apart: Callable[[], EndApart]
+
+    def answer(self) -> Answer:
+        """Return the answer."""
+        count = min(self.lengths)
+        first = self._first(self.trails((), count))
+        if first is None:
+            until_s = float(self.times_s[count - 1])
+            return Answer(self.lengths, count - 1, until_s, None, "none")
+        step, end = first.step, self.apart()
+        answer = Answer(
+            self.lengths,
+            step - 1,
+            float(self.times_s[step - 1]) if step else 0.0,
+            first,
+            "engines",
+            end=End(end.value, end.unit, end.body),
+        )
+        steps = min(count, step + BEYOND)
+        every = [*range(len(self.known))]
+        alone = [each for each in every if self._holds([each], steps)]
+        least = alone[:1]
+        if not least and every and self._holds(every, steps):
+            least = minimal(every, lambda some: self._holds(some, steps))
+        if not least:
+            if not self.touches(step):
+                return answer
+            return replace(answer, cls="step", because=[Cause("known", "contacts", step=step)])
+        settings = all(self.known[each].is_setting for each in least)
+        then = self._first(self.trails(least, count))
+        return replace(
+            answer,
+            cls="settings" if settings else "model",
+            because=[
+                Cause("known", its.name, None, its.value, its.other)
+                for its in (self.known[each] for each in least)
+            ],
+            proved=Proved("known", count if then is None else then.step, count, exact=False),
+        )
+
+    def _holds(self, known: Sequence[int], steps: int) -> bool:
+        trails = self.trails(known, steps)
+        return trails is not None and self._first(trails) is None
+
+    def _first(self, trails: tuple[Float64, Float64] | None) -> First | None:
+        """Return the first difference of two trails."""
+        if trails is None:
+            return First(0, 0.0, [], float("nan"), "")
+        a, b = trails
+        off = np.abs(a - b)
+        beyond = ~(off <= self.tolerance)
+        rows = np.flatnonzero(beyond.any(axis=1))
+        if not len(rows):
+            return None
+        step = int(rows[0])
+        columns = np.flatnonzero(beyond[step]).tolist()
+        most = max(columns, key=lambda column: float(off[step, column]))
+        bodies = [*dict.fromkeys(self.labels[column] for column in columns)]
+        size = float(off[step, most])
+        return First(step, float(self.times_s[step]), bodies, size, self.units[most])

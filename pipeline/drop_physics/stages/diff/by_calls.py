@@ -1,0 +1,154 @@
+"""Compare two runs of an engine that hides its state: by the logs of their calls."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from drop_physics.arrays import Float64
+from drop_physics.compare.paired import PairedBody, paired_bodies
+from drop_physics.engines.pybullet.logged import BODY, FILES, LogError, LogOf, renumbered
+from drop_physics.engines.pybullet.replayed import Replayer
+from drop_physics.errors import DropError, RecordingError
+from drop_physics.experiments.swap.answer import Answer
+from drop_physics.experiments.swap.calls import WhyCalls
+from drop_physics.explain.times import StepTimes
+from drop_physics.stages.diff.sides import RunSide
+from drop_physics.trace.calls import Call
+from drop_physics.trace.events import Body
+from drop_physics.trace.logs import LoggedCall, Made
+
+
+def answered_by_calls(
+    a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None]
+) -> tuple[Answer, int]:
+    """Return why one run is not another, and how often calls were made again.
+
+    Raises
+    ------
+    RecordingError
+        If one has made no step.
+    DropError
+        If a process ends before it is through.
+    """
+    with tempfile.TemporaryDirectory(prefix="drop-") as folder:
+        (mine, first), (theirs, second) = (logged(side) for side in (a, b))
+        logs = first, second
+        theirs, twin = renumbered(logs[0], logs[1], theirs)
+        bodies = _bodies(a, b, logs[0], logs[1], twin)
+        names = {("body", number): body.name for number, body in bodies}
+        mine, theirs = (_told(log, names) for log in (mine, theirs))
+        lengths = steps_of(a), steps_of(b)
+        times = StepTimes(a.recording.seen, 0)
+        times_s = times.of_all(np.arange(1, lengths[0] + 1))
+        folders = [Path(each.target).absolute().parent for each in (b, a)]
+        with Replayer(a.python, a.environment, folders) as replayer:
+
+            def states(calls: Sequence[LoggedCall], steps: int) -> dict[int, Float64] | None:
+                tell(replayer.jobs)
+                return replayer.states(placed(calls, Path(folder)), steps)
+
+            answer = WhyCalls(mine, theirs, bodies, lengths, times_s, states, tolerance).answer()
+            return answer, replayer.jobs
+
+
+def logged(side: RunSide) -> tuple[list[LoggedCall], LogOf]:
+    """Return the log of a run, and what it was made from.
+
+    Raises
+    ------
+    DropError
+        If a call has arguments that are not recorded.
+    """
+    log = LogOf(side.recording.seen.calls, side.files)
+    try:
+        return log.logged(), log
+    except LogError as error:
+        raise DropError(
+            "a call of {name} cannot be made again, as not all of it is recorded: {call}",
+            name=side.name,
+            call=str(error),
+        ) from None
+
+
+def steps_of(side: RunSide) -> int:
+    """Return the number of steps of a run.
+
+    Raises
+    ------
+    RecordingError
+        If it has made none.
+    """
+    steps = max(side.recording.seen.samples.values(), default=0) - 1
+    if steps < 1:
+        raise RecordingError(
+            "{path} has no step to compare; give the script the arguments with which it steps",
+            path=side.recording.path,
+        )
+    return steps
+
+
+def _bodies(
+    a: RunSide, b: RunSide, mine: LogOf, theirs: LogOf, twin: dict[Made, Made]
+) -> list[tuple[int, PairedBody]]:
+    """Return the bodies that both have, with their numbers in the logs."""
+    of_a, of_b = (
+        {made: _body_of(side, call) for made, call in log.made if made[0] == BODY}
+        for side, log in ((a, mine), (b, theirs))
+    )
+    pairs = [
+        (made[1], x, y)
+        for other, made in twin.items()
+        if (x := of_a.get(made)) is not None and (y := of_b.get(other)) is not None
+    ]
+    seen = a.recording.seen, b.recording.seen
+    steps = min(steps_of(a), steps_of(b))
+    found = []
+    for number, x, y in sorted(pairs, key=lambda each: each[0]):
+        found += [(number, each) for each in paired_bodies(*seen, [(x, y)], steps)]
+    return found
+
+
+def _body_of(side: RunSide, call: Call) -> Body | None:
+    came = side.recording.seen.calls.body_at(call, int(call.result))
+    return None if came is None else came.body
+
+
+def placed(log: Sequence[LoggedCall], folder: Path) -> list[LoggedCall]:
+    """Return a log whose files are there: those that are not any more are written again."""
+    found = []
+    for each in log:
+        if each.content is None:
+            found.append(each)
+            continue
+        name = next(n for n in FILES if n in each.given)
+        path, content = str(each.given[name]), each.content
+        there = Path(path)
+        if not (there.is_file() and there.read_bytes() == content):
+            digest = hashlib.sha256(content).hexdigest()[:16]
+            there = folder / digest / Path(path.partition("#")[0]).name
+            there.parent.mkdir(parents=True, exist_ok=True)
+            there.write_bytes(content)
+        found.append(replace(each, given={**each.given, name: str(there)}))
+    return found
+
+
+def _told(log: Sequence[LoggedCall], names: dict[Made, str]) -> list[LoggedCall]:
+    """Return a log whose calls say in words which body they are about."""
+    found = []
+    for each in log:
+        made = each.makes or next(
+            (
+                (value[0], value[1])
+                for value in each.given.values()
+                if isinstance(value, list) and len(value) == 2 and value[0] == BODY
+            ),
+            None,
+        )
+        found.append(replace(each, about=names.get(made, "") if made else ""))
+    return found

@@ -1,0 +1,88 @@
+"""The calls that make a simulation, as an engine can make them again: a log, and edits of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+from xml.etree import ElementTree as Xml
+
+from drop_physics.messages import Message
+from drop_physics.trace.frames import ModelEdit
+
+Sets = Literal["setting", "state", "input", "model"]
+"""What a call sets: an option of the engine; positions and velocities; what acts from outside; or
+something of a body."""
+Made = tuple[str, int]
+"""What a call makes: its kind, and a number that means the same in both logs."""
+
+
+@dataclass(frozen=True)
+class LoggedCall:
+    """A call that changes a simulation."""
+
+    function: str
+    given: Mapping[str, Any]
+    """Its arguments by name; what an earlier call has made stands as a `Made`."""
+    step: int
+    """Number of steps before it."""
+    sets: Sets
+    makes: Made | None = None
+    site: str | None = None
+    """File and line."""
+    about: str = ""
+    """The body that it is about, in words."""
+    raises: bool = False
+    content: bytes | None = None
+    """Of the file that it names."""
+    key: object = None
+    """The same for calls that do the same, whatever the names of files that they load."""
+
+
+# -- files that calls name ------------------------------------------------------------------------
+
+
+def attributes_apart(a: bytes, b: bytes) -> Iterator[tuple[str, str | None, str | None]]:
+    """Yield the attributes that differ between two XML files of the same elements.
+
+    Each is called by its element and the named element around it, such as `mass value of arm`.
+    Nothing is yielded where the elements differ, or a file is no XML.
+    """
+    try:
+        both = [[*_elements(Xml.fromstring(each), "")] for each in (a, b)]
+    except Xml.ParseError:
+        return
+    if [tag for tag, _, _ in both[0]] != [tag for tag, _, _ in both[1]]:
+        return
+    for (tag, of, mine), (_, _, theirs) in zip(*both, strict=True):
+        for name in dict.fromkeys((*mine, *theirs)):
+            if mine.get(name) != theirs.get(name):
+                what = f"{tag} {name} of {of}" if of else f"{tag} {name}"
+                yield what, mine.get(name), theirs.get(name)
+
+
+def _elements(element: Xml.Element, of: str) -> Iterator[tuple[str, str, dict[str, str]]]:
+    for child in element:
+        name = child.get("name") or of
+        yield child.tag, name, dict(child.attrib)
+        yield from _elements(child, name)
+
+
+# -- two engines ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class KnownDifference:
+    """Something that two engines do otherwise by default, and what takes it away."""
+
+    name: Message
+    is_setting: bool = False
+    """Whether it is an option of the engines rather than of something in a model."""
+    calls: Sequence[LoggedCall] = ()
+    """The calls of the one engine that take it away."""
+    edits: Sequence[ModelEdit] = ()
+    """What takes it away in the model of the other."""
+    value: float | None = None
+    """Its value in the engine whose calls take it away, where it is a number."""
+    other: float | None = None
+    """Its value in the other engine."""
