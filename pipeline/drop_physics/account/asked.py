@@ -393,7 +393,7 @@ def turned_axis(subject: Subject, axis: Axis) -> Message:
 
 def magnitude(salience: float) -> int:
     """Return the power of ten of a salience; alike rows share it."""
-    return int(np.floor(np.log10(max(salience, 1e-12)) + 0.5))
+    return int(np.floor(np.log10(np.clip(np.nan_to_num(salience, nan=1.0), 1e-12, 1e12)) + 0.5))
 
 
 def main_axis(direction: Float64) -> str:
