@@ -313,3 +313,147 @@ def test_a_base_is_not_said_to_carry_what_gravity_compensation_does(told: Told) 
     <body name="leg" gravcomp="1"><joint name="lift" type="slide" axis="0 0 1" damping="20"/>
     <geom type="sphere" size="0.1" mass="2"/></body></body>"""
     assert not [row for row in told(arm) if row.kind == "held"]
+
+
+def test_a_connect_is_told_by_its_gap(told: Told) -> None:
+    """A mass hangs on a soft connect: at rest, its gap is what the states say it is."""
+    world = """<body name="mass" pos="0 0 1"><joint name="up" type="slide" axis="0 0 1"/>
+    <geom type="sphere" size="0.1" mass="2"/></body>"""
+    more = """<equality><connect name="hook" body1="mass" anchor="0.02 0 0.1"
+    solref="-{k} -200"/></equality>"""
+    rows = told(world, more.format(k=5), steps=2000)
+    row, slides = the(rows, "asked", "hook"), the(rows, "moved", "up")
+    assert slides.got is not None
+    assert row.got == pytest.approx(abs(slides.got), rel=1e-6)
+    assert "connect of mass and world" in row.told
+
+
+def test_an_equality_counts_only_while_it_is_active(told: Told) -> None:
+    """A weld that was off while its body fell away is not said to have gaped."""
+    body = """<body name="one" pos="0 0 1"><freejoint/><geom size="0.1"/></body>"""
+    weld = "<equality><weld name='hold' body1='one'/></equality>"
+    row = the(told(body, weld, "data.eq_active[0] = step < 100", steps=400), "asked", "hold")
+    assert "active in 100 of 400 steps" in row.told
+    assert row.got is not None
+    assert row.got < 0.01  # it falls by 1.8 m once it is off
+
+
+def test_a_joint_equality_is_told_by_how_far_it_is_off(told: Told) -> None:
+    world = """<body><joint name="a" axis="0 0 1"/><geom size="0.1" pos="0.3 0 0"/></body>
+    <body pos="0 2 0"><joint name="b" axis="0 0 1"/><geom size="0.1" pos="0.3 0 0"/></body>"""
+    more = """<equality><joint name="belt" joint1="a" joint2="b" polycoef="0 2 0 0 0"/></equality>
+    <actuator><motor joint="b"/></actuator>"""
+    row = the(told(world, more, "data.ctrl[0] = 0.5", steps=300), "asked", "belt")
+    assert "joint of a and b" in row.told
+    assert row.got is not None
+    assert 0 < row.got < 0.05
+
+
+def test_a_touch_sensor_is_told_with_what_presses_outside_of_its_site(told: Told) -> None:
+    box = """<body name="box" pos="0 0 0.1"><freejoint/>
+    <geom type="box" size="0.1 0.1 0.1" mass="2"/>
+    <site name="s" type="sphere" size="{size}" pos="0 0 -0.1"/></body>"""
+    more = "<sensor><touch name='t' site='s'/></sensor>"
+    small = the(told(FLOOR + box.format(size=0.01), more), "reads", "t")
+    assert small.got == 0
+    assert f"contacts press its link with {2 * G:.3g} N" in small.told
+    assert "outside the sensor's site" in small.told  # the corners are 0.14 m off
+    large = the(told(FLOOR + box.format(size=0.2), more), "reads", "t")
+    assert large.got == pytest.approx(2 * G, rel=1e-3)
+    assert "outside" not in large.told
+
+
+def test_a_force_sensor_is_told_with_the_weight_of_what_hangs_on_it(told: Told) -> None:
+    world = """<body name="arm" pos="0 0 1"><joint name="hinge" axis="1 0 0" damping="9"/>
+    <geom size="0.05" mass="1"/><site name="s"/>
+    <body name="hand" pos="0 0 -0.2"><geom size="0.05" mass="2"/></body></body>"""
+    row = the(told(world, "<sensor><force name='f' site='s'/></sensor>"), "reads", "f")
+    assert f"{3 * G:.3g} N at the end; what hangs on it has 3 kg and weighs {3 * G:.3g} N" in (
+        row.told
+    )
+
+
+def test_what_no_force_brakes_goes_on(told: Told) -> None:
+    world = "<body name='puck' pos='0 0 1'>{joint}<geom size='0.1' mass='2'/></body>"
+    free = "<option gravity='0 0 0'/>"
+    pushed = "data.xfrc_applied[1, 0] = 5 if step < 100 else 0"  # 1 N s
+    row = the(told(world.format(joint="<freejoint/>"), free, pushed), "idle", "0_puck")
+    assert "it goes on at 0.5 m/s; the damping of its free joint is 0" in row.told
+    damped = "<joint type='free' damping='2'/>"
+    assert not [r for r in told(world.format(joint=damped), free, pushed) if r.kind == "idle"]
+
+
+def test_a_flexible_body_is_one_row_of_each_kind(told: Told) -> None:
+    world = """<flexcomp name="cloth" type="grid" count="4 4 1" spacing="0.1 0.1 0.1" pos="0 0 1"
+    radius="0.01" dim="2" mass="0.5"><contact selfcollide="none"/></flexcomp>"""
+    rows = told(world, steps=50)
+    assert {row.who for row in rows} == {"cloth"}
+    assert len({row.kind for row in rows}) == len(rows)
+    assert not [row for row in rows if row.terms]  # its steps have no sum
+
+
+BULLET = """
+import pybullet as p
+p.connect(p.DIRECT)
+p.setGravity(0, 0, -9.81)
+cube = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.1])
+floor = p.createMultiBody(0, cube)
+box = p.createMultiBody(8, cube, basePosition=[0, 0, 0.2])
+{before}
+for _ in range(240):
+    p.stepSimulation()
+    {each}
+"""
+
+
+@pytest.mark.pybullet
+@pytest.mark.parametrize(
+    ("before", "words"),
+    [
+        ("", f"all together {8 * G:.3g} N"),
+        ("p.setCollisionFilterPair(floor, box, -1, -1, 0)", "script.py:8 switches it off"),
+    ],
+)
+def test_what_is_read_of_contacts_stands_beside_what_presses(
+    tmp_path: Path, before: str, words: str
+) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(BULLET.format(before=before, each="p.getClosestPoints(floor, box, 1)"))
+    if not before:
+        text = script.read_text().replace(
+            "ClosestPoints(floor, box, 1)", "ContactPoints(floor, box)"
+        )
+        script.write_text(text)
+    recorded = record_script(str(script), out=tmp_path / "script.rrd")
+    row = next(row for row in analyze(recorded.recording).account if row.kind == "reads")
+    assert words in row.told
+    if not before:
+        assert row.got == pytest.approx(8 * G, rel=1e-3)
+        assert f"contacts press with {8 * G:.3g} N in the median" in row.told
+
+
+@pytest.mark.pybullet
+def test_damping_that_the_engine_does_not_read_is_told(tmp_path: Path) -> None:
+    (tmp_path / "swing.xml").write_text(
+        """<mujoco><worldbody><body name="pole" pos="0 0 1">
+        <joint name="hinge" type="hinge" axis="0 1 0" damping="1"/>
+        <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.02"/></body></worldbody></mujoco>"""
+    )
+    script = tmp_path / "script.py"
+    script.write_text(
+        textwrap.dedent(
+            f"""
+            import pybullet as p
+            p.connect(p.DIRECT)
+            p.setGravity(0, 0, -9.81)
+            (swing,) = p.loadMJCF({str(tmp_path / "swing.xml")!r})
+            for j in range(p.getNumJoints(swing)):
+                p.setJointMotorControl2(swing, j, p.VELOCITY_CONTROL, force=0)
+            for _ in range(100):
+                p.stepSimulation()
+            """
+        )
+    )
+    recorded = record_script(str(script), out=tmp_path / "script.rrd")
+    row = the([*analyze(recorded.recording).account], "moved", "hinge")
+    assert "its file gives it a damping of 1, the engine has 0" in row.told

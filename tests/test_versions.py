@@ -97,6 +97,9 @@ def test_analyze_finds_the_same_in_them(pair: tuple[Path, Path]) -> None:
     for each in (now, then):
         for name in OWN:
             each.pop(name)
+        # What a script reads is a row, and raises others; the earliest lack it.
+        rows = [row for row in each.get("account", ()) if row["kind"] != "reads"]
+        each["account"] = sorted((row["kind"], row["body"], row["told"]) for row in rows)
         # What made it, and where.
         for name in [name for name in each["engine"] if name.endswith("_version")]:
             del each["engine"][name]

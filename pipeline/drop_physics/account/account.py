@@ -9,10 +9,11 @@ import numpy as np
 from drop_physics.account import asked, moved
 from drop_physics.account.carried import Carried
 from drop_physics.account.constrained import Held
-from drop_physics.account.idle import Overlaps, idle_actuator_rows, weightless_row
+from drop_physics.account.idle import Overlaps, coasting_row, idle_actuator_rows, weightless_row
 from drop_physics.account.ledger import Ledger, bins_for
 from drop_physics.account.names import Names
 from drop_physics.account.ranking import ranked
+from drop_physics.account.read import Sensed, reading_rows
 from drop_physics.account.rows import Row
 from drop_physics.account.series import BaseTrack, JointSeries
 from drop_physics.account.subjects import Subject, subject_of
@@ -59,6 +60,9 @@ class Account:
         self._broken: dict[int, int] = {}
         """The first sample of each body that is no number."""
         self._touching, self._held, self._overlaps = Touching(), Held(seen), Overlaps(seen)
+        self._sensed = Sensed(seen)
+        self._filtered: dict[frozenset[int], str] = {}
+        """The line that switched off the contacts of two bodies, by their numbers."""
 
     def see(self, explained: ExplainedPiece, joints: JointTable, touches: TouchTable) -> None:
         """Add a piece."""
@@ -71,7 +75,10 @@ class Account:
             self._series.setdefault(number, []).extend(map(JointSeries.of, found))
             for driven in found:
                 self._add_controls(driven.body, explained, driven.steps)
+        for call, bodies in explained.piece.calls.switched_off():
+            self._filtered[frozenset(bodies)] = call.site.place
         self._touching.add(touches.pairs)
+        self._sensed.add(explained, touches.pairs.points)
         self._held.add(explained)
         self._overlaps.add(explained)
 
@@ -124,10 +131,15 @@ class Account:
                 words,
                 self._last[number],
             )
+            if idle is None:
+                idle = coasting_row(subject, self._seen, words)
             yield from filter(None, (written.row(subject, words), idle))
             if number in self._carried:
                 carried = self._carried[number].row(subject, self._gravity[number], words)
                 yield from filter(None, (carried,))
+        pairs = self._touching.pairs
+        yield from reading_rows(self._seen, subjects, pairs, self._filtered, words)
+        yield from self._sensed.rows(self._seen, subjects, pairs, words)
         if self._seen.windows:  # what touched, and held, is known of some steps only
             return
         yield from self._held.rows(subjects, words)

@@ -3,22 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drop_physics.account.rows import Row
 from drop_physics.account.subjects import Subject
-from drop_physics.account.terms import Term
 from drop_physics.account.words import Words
-from drop_physics.arrays import Float64, Int64
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.joined import FIXED, GEAR, POINT, ConstraintVersion
 from drop_physics.explain.recording import NOBODY, ExplainedPiece
 from drop_physics.messages import Message
 from drop_physics.quantities import number, quantity
+from drop_physics.trace.acts import Act
+from drop_physics.trace.calls import Call
+from drop_physics.trace.events import Equality
 from drop_physics.trace.history import Seen
+from drop_physics.trace.writes import written_by
 
-PULL = Term("constraints")
+EXACT = 0.1
+"""What asks for a distance of 0 counts like a position target that asks for nothing: by gap over
+this share of the body's size."""
+
+
+@dataclass(eq=False)
+class HeldEquality:
+    """An equality of a model; grows piece by piece."""
+
+    equality: Equality
+    gap: float = 0.0
+    """The largest distance of its anchors [m], or of a joint from where the other leads it."""
+    gap_step: int = -1
+    end: float = 0.0
+    """That after the last step in which it is active."""
+    active: int = 0
+    """Steps in which it is active."""
+    steps: int = 0
 
 
 @dataclass(eq=False)
@@ -46,6 +66,11 @@ class Held:
         self._held: dict[tuple[int, int], HeldConstraint] = {}
         """Constraints, by client and number of calls before each was made."""
         self._gears: dict[tuple[int, int], ConstraintVersion] = {}
+        self._equalities = [HeldEquality(each) for each in seen.equalities]
+        self._on: dict[tuple[int, int], bool] = {
+            (each.client, each.at.call): each.active for each in seen.equalities
+        }
+        """Whether each equality is active, by client and number."""
 
     def add(self, explained: ExplainedPiece) -> None:
         """Add a piece."""
@@ -62,6 +87,41 @@ class Held:
             for version in explained.constraints.of_client(client):
                 if version.kind == GEAR:
                     self._gears[client, version.made.at.call] = version
+        for held in self._equalities:
+            self._look(held, explained)
+
+    def _look(self, held: HeldEquality, explained: ExplainedPiece) -> None:
+        """Add a piece to an equality: where it is active, and how far its ends are apart."""
+        equality, first, end = held.equality, explained.piece.first, explained.piece.end
+        last = self._seen.samples.get(equality.client, 0)
+        samples = np.arange(max(first, 1), min(end, last))
+        if not len(samples):
+            return
+        active = self._active(equality, explained, samples)
+        held.steps, held.active = held.steps + len(samples), held.active + int(active.sum())
+        if equality.coefficients:
+            off = _off_joints(equality, explained, samples)
+        else:
+            points = [_anchor_m(equality, side, explained, samples) for side in (0, 1)]
+            off = np.linalg.norm(points[0] - points[1], axis=1)
+        off = np.where(active & np.isfinite(off), np.abs(off), 0.0)
+        most = int(np.argmax(off))
+        if off[most] > held.gap:
+            held.gap, held.gap_step = float(off[most]), int(samples[most])
+        if active.any():
+            held.end = float(off[np.flatnonzero(active)[-1]])
+
+    def _active(self, equality: Equality, explained: ExplainedPiece, samples: Int64) -> Flags:
+        """Return in which steps to samples an equality is active, by what calls have written."""
+        key = equality.client, equality.at.call
+        active = np.full(len(samples), self._on[key])
+        for call in explained.piece.calls.of(Act.SET_ACTIVE, Act.RESET_STATE):
+            if call.client == equality.client:
+                resets = call.act is Act.RESET_STATE
+                written = equality.active if resets else _switched(call, equality.at.call)
+                if written is not None:
+                    active[samples > call.at.step] = self._on[key] = written
+        return active
 
     def _add(
         self,
@@ -104,31 +164,10 @@ class Held:
             row = _gear_row(gear, subjects, words)
             if row is not None:
                 yield row
-        for equality in self._seen.equalities:
-            its = [
-                subjects[each]
-                for each in dict.fromkeys((equality.body_a, equality.body_b))
-                if each in subjects
-            ]
-            pulling = [each for each in its if PULL in each.ledger.impulse]
-            if its and not pulling:
-                ends = (equality.body_a, equality.body_b)
-                told = Message(
-                    "{kind} of {one} and {other}: it pulls with nothing in any step",
-                    kind=equality.kind,
-                    one=words.names.body(ends[0]),
-                    other=words.names.body(ends[1]),
-                )
-                if not equality.active:
-                    told = told + Message("; it is not active")
-                yield Row(
-                    kind="idle",
-                    body=its[0].body.label,
-                    constraint=equality.name,
-                    told=told,
-                    salience=0.8,
-                    subject=its[0].body,
-                )
+        for each in self._equalities:
+            row = _equality_row(each, subjects, words)
+            if row is not None:
+                yield row
 
 
 def _point_m(
@@ -140,6 +179,102 @@ def _point_m(
     if body != NOBODY:
         place_m, axes = explained.placed(body, link, steps)
     return np.asarray(place_m + axes @ np.asarray(version.pivots_m[side]))
+
+
+def _switched(call: Call, number: int) -> bool | None:
+    """Return whether a call switches an equality on; None if it does not name it."""
+    written = written_by(call)
+    mine = np.flatnonzero(written.indices == number)
+    return bool(written.values[mine[-1]]) if len(mine) else None
+
+
+def _anchor_m(equality: Equality, side: int, explained: ExplainedPiece, samples: Int64) -> Float64:
+    """Return the point of an equality on one side at samples [m], shape (n, 3); nan if unknown."""
+    if not equality.anchors_m:
+        return np.full((len(samples), 3), np.nan)
+    anchor = np.asarray(equality.anchors_m[side])
+    if equality.of_world[side]:
+        return np.tile(anchor, (len(samples), 1))
+    body = (equality.body_a, equality.body_b)[side]
+    place_m, axes = explained.placed(body, (equality.link_a, equality.link_b)[side], samples)
+    return np.asarray(place_m + axes @ anchor)
+
+
+def _off_joints(equality: Equality, explained: ExplainedPiece, samples: Int64) -> Float64:
+    """Return how far the first joint is from where the second leads it, shape (n,)."""
+    at = [
+        _joint_at(explained, body, link, samples)
+        for body, link in ((equality.body_a, equality.link_a), (equality.body_b, equality.link_b))
+    ]
+    here, there = (each - rest for each, rest in zip(at, equality.rest, strict=True))
+    return np.asarray(here - np.polynomial.Polynomial(equality.coefficients)(there))
+
+
+def _joint_at(explained: ExplainedPiece, body: int, link: int, samples: Int64) -> Float64:
+    """Return the position of a joint at samples, shape (n,); nan where it is not known."""
+    found = np.full(len(samples), np.nan)
+    for steps in explained.bodies[body].intervals if body in explained.bodies else ():
+        _, rows, its = np.intersect1d(steps.steps, samples, return_indices=True)
+        if len(rows) and link < steps.law.tree.links:
+            found[its] = steps.after.joints[rows, steps.law.tree.coordinates[link].start]
+    return found
+
+
+def _equality_row(held: HeldEquality, subjects: Mapping[int, Subject], words: Words) -> Row | None:
+    """Return how well an equality holds; None if its bodies have no steps."""
+    equality = held.equality
+    sides = ((equality.body_a, equality.link_a), (equality.body_b, equality.link_b))
+    its = [subjects[body] for body in dict.fromkeys(body for body, _ in sides) if body in subjects]
+    if not its or not held.steps:
+        return None
+    lighter = min(its, key=lambda each: each.weight_n)
+    joints = bool(equality.coefficients)
+    names = [
+        words.names.rate(subjects[body].body, subjects[body].body.rates[link].start)
+        if joints
+        else Message("world")
+        if of_world
+        else str(words.names.link(body, link))
+        for (body, link), of_world in zip(sides, equality.of_world, strict=True)
+    ]
+    told = Message(
+        "{kind} of {one} and {other}: ", kind=equality.kind, one=names[0], other=names[1]
+    )
+    idle = not held.active
+    if idle:
+        told = told + Message("it is not active in any step, and pulls with nothing")
+    else:
+        unit, size = ("m", min(each.size_m for each in its)) if not joints else ("", 1.0)
+        told = told + Message(
+            "0 asked, got {gap} at {time} ({end} at the end)",
+            gap=quantity(held.gap, unit),
+            time=words.time(lighter, held.gap_step),
+            end=quantity(held.end, unit),
+        )
+        if held.active < held.steps:
+            told = told + Message(
+                "; active in {active:,} of {steps:,} steps", active=held.active, steps=held.steps
+            )
+    row = Row(
+        kind="idle" if idle else "asked",
+        body=lighter.body.label,
+        constraint=equality.name,
+        told=told,
+        salience=0.8,
+        subject=lighter.body,
+    )
+    if idle:
+        return row
+    return replace(
+        row,
+        asked=0.0,
+        got=held.gap,
+        gap=held.gap,
+        unit=unit or "rad",
+        step=held.gap_step,
+        time_s=words.seconds(lighter, held.gap_step),
+        salience=held.gap / size / EXACT,
+    )
 
 
 def _gap_row(held: HeldConstraint, its: list[Subject], words: Words) -> Row:
@@ -172,7 +307,7 @@ def _gap_row(held: HeldConstraint, its: list[Subject], words: Words) -> Row:
         step=held.gap_step,
         time_s=words.seconds(lighter, held.gap_step),
         at_limit=held.pull_n >= 0.999 * held.limit_n,
-        salience=1.5 * held.gap_m / size_m,
+        salience=held.gap_m / size_m / EXACT,
         subject=lighter.body,
     )
 

@@ -8,10 +8,11 @@ from itertools import combinations
 
 import numpy as np
 
+from drop_physics.account.ledger import Ledger
 from drop_physics.account.rows import Row
 from drop_physics.account.subjects import Subject
 from drop_physics.account.words import Words
-from drop_physics.arrays import Float64
+from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.solids import Solid, overlap_m, solid_of
 from drop_physics.messages import Message
@@ -258,6 +259,54 @@ def weightless_row(
         subject=subject.body,
         group=("weightless", subject.kind),
     )
+
+
+def coasting_row(subject: Subject, seen: Seen, words: Words) -> Row | None:
+    """Return the row of a free body that keeps moving at the end, as no force acts on it.
+
+    None if any does in the last tenth of its steps, or these are not explained.
+    """
+    ledger = subject.ledger
+    known = np.flatnonzero(ledger.counts)
+    late = known[-max(1, len(known) // 10) :]
+    window = ledger.window(ledger.last - len(late) * ledger.width, ledger.last)
+    speed = _speed_m_s(ledger, late)
+    if subject.tree.fixed or not ledger.covers(window) or speed < 0.01 * subject.size_m:
+        return None
+    acting = {
+        term.cause for term, impulse in ledger.impulse.items() if impulse[window, :6].any()
+    } - {"bias", "integrator", "remainder"}
+    if acting:
+        return None
+    told = Message(
+        "no force acts on it in the last steps, and it goes on at {speed}",
+        speed=quantity(speed, "m/s"),
+    )
+    reported = [each.reported for each in seen.dynamics if each.body.number == subject.body.number]
+    damping = reported[-1].get("base_damping") if reported else None
+    if damping is not None and np.isfinite(damping[0]):
+        told = told + Message(
+            "; the damping of its free joint is {damping}", damping=number(float(damping[0]))
+        )
+    return Row(
+        kind="idle",
+        body=subject.body.label,
+        told=told,
+        got=speed,
+        unit="m/s",
+        step=ledger.last,
+        time_s=words.seconds(subject, ledger.last),
+        salience=0.6,
+        subject=subject.body,
+        group=("coasting", subject.kind),
+    )
+
+
+def _speed_m_s(ledger: Ledger, bins: Int64) -> float:
+    """Return the mean speed of a free base in bins."""
+    seconds = float(ledger.seconds[bins].sum())
+    way_m = ledger.way[bins, 3:6].sum(axis=0) if not ledger.tree.fixed else np.zeros(3)
+    return float(np.linalg.norm(way_m)) / seconds if seconds else 0.0
 
 
 def idle_actuator_rows(

@@ -77,12 +77,18 @@ class Ledger:
         )
 
     def add(self, steps: BodySteps, impulses: Impulses) -> None:
-        """Add steps of the body; `impulses` are theirs by term, shape (n, size) each."""
+        """Add the explained ones of some steps.
+
+        `impulses` are those of all by term, shape (n, size) each.
+        """
         while (int(steps.steps[-1]) - self.first) // self.width >= self.bins:
             self._widen()
-        at = (steps.steps - self.first) // self.width
-        timestep_s = steps.reported.timestep_s
-        before, after = steps.before.velocity, steps.after.velocity
+        rows = np.flatnonzero(steps.closes)
+        if not len(rows):
+            return
+        at = (steps.steps[rows] - self.first) // self.width
+        timestep_s = steps.reported.timestep_s[rows]
+        before, after = steps.before.velocity[rows], steps.after.velocity[rows]
         mean = 0.5 * (before + after)
         np.add.at(self.counts, at, 1)
         np.add.at(self.seconds, at, timestep_s)
@@ -90,9 +96,10 @@ class Ledger:
         np.add.at(self.gained, at, after - before)
         last = np.flatnonzero(np.diff(at, append=at[-1] + 1))
         for name in ("position_m", "orientation", "joints", "velocity"):
-            getattr(self.ends, name)[at[last]] = getattr(steps.after, name)[last]
+            getattr(self.ends, name)[at[last]] = getattr(steps.after, name)[rows[last]]
         for term, impulse in impulses.items():
-            for kept, values in ((self.impulse, impulse), (self.work, impulse * mean)):
+            its = impulse[rows]
+            for kept, values in ((self.impulse, its), (self.work, its * mean)):
                 if term not in kept:
                     kept[term] = np.zeros((self.bins, self.tree.size))
                 np.add.at(kept[term], at, values)

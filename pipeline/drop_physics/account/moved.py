@@ -63,7 +63,7 @@ def joint_row(subject: Subject, axis: Axis, series: JointSeries, words: Words) -
         )
     else:
         why = Message("nothing commands it")
-    why = why + _reached(subject, axis)
+    why = why + _reached(subject, axis) + _undamped(subject, axis)
     return Row(
         kind="moved",
         body=subject.body.label,
@@ -86,6 +86,21 @@ def joint_row(subject: Subject, axis: Axis, series: JointSeries, words: Words) -
         subject=subject.body,
         group=("moved", subject.kind, _most(gave)),
     )
+
+
+def _undamped(subject: Subject, axis: Axis) -> Message:
+    """Return the damping of a joint that its file gives and no step has, or nothing."""
+    works = subject.ledger.work.get(Term("joint damping"))
+    if works is not None and works[:, axis.rate].any():
+        return Message("")
+    for each in subject.body.asked.dampings:
+        if each.joint == axis.joint.name and each.damping != axis.joint.damping:
+            return Message(
+                "; its file gives it a damping of {asked}, the engine has {got}",
+                asked=number(each.damping),
+                got=number(axis.joint.damping),
+            )
+    return Message("")
 
 
 def _reached(subject: Subject, axis: Axis) -> Message:

@@ -28,7 +28,8 @@ def ranked(rows: Iterable[Row], read: Collection[int], about: str | None = None)
     first: dict[Hashable, int] = {}
     found: list[Row] = []
     for row in weighed:
-        key = None if row.group is None else (row.kind, row.group)
+        node_of = None if row.subject is None else row.subject.node_of
+        key = None if row.group is None else (row.kind, node_of or row.group)
         if key is not None and key in first:
             place = first[key]
             found[place] = replace(found[place], alike=found[place].alike + 1)

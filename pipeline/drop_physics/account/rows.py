@@ -94,8 +94,12 @@ class Row:
         """The name of what the row is about."""
         if self.pair is not None:
             return " × ".join(self.pair)
+        if self.site is not None:
+            return self.site
+        if self.subject is not None and self.subject.node_of:
+            return self.subject.node_of
         named = self.joint or self.constraint or self.actuator or self.link or self.body
-        return named or self.site or ""
+        return named or ""
 
     @property
     def towards(self) -> tuple[RowTerm, ...]:

@@ -18,6 +18,8 @@ from drop_physics.quantities import number, quantity
 
 ODD = ("integrator", "solver", "clamp", "remainder")
 """Causes that physics has not: they give energy only where a step is wrong."""
+UNKNOWN = 0.05
+"""Share of the turnover from which what is unexplained leaves no terms to tell."""
 TURNOVER = 0.02
 """Share of a body's turnover of energy from which what an odd cause gives counts."""
 
@@ -112,10 +114,13 @@ def energy_row(
     given = sum(value for value in values.values() if value > 0)
     taken = -sum(value for value in values.values() if value < 0)
     turnover, potential = max(given, taken), subject.weight_n * subject.size_m
+    if abs(values.get(Term("remainder"), 0.0)) > UNKNOWN * turnover:
+        values = {}
     if turnover < 1e-9 * potential:
         return None
     odd = max((values.get(Term(cause), 0.0) for cause in ODD), default=0.0) / turnover
     large = min(turnover / potential, 1.0)
+    main = max(values, key=lambda term: abs(values[term])).cause if values else ""
     return Row(
         kind="energy",
         body=subject.body.label,
@@ -127,5 +132,5 @@ def energy_row(
         terms=words.terms(subject, values, "J"),
         salience=max(1.2 * odd * large if odd > TURNOVER else 0.0, 0.22 * large),
         subject=subject.body,
-        group=("energy", subject.kind, max(values, key=lambda term: abs(values[term])).cause),
+        group=("energy", subject.kind, main),
     )

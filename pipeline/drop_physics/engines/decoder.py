@@ -11,6 +11,8 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from typing import IO, Any
 
+import numpy as np
+
 from drop_physics.engines.frames import Frames
 from drop_physics.engines.mujoco.frames import STEP
 from drop_physics.engines.mujoco.watched import MujocoDecoder
@@ -183,9 +185,10 @@ class Decoder:
         if self.engine == PYBULLET and not self.also_steps:  # it says what of MuJoCo is not caught
             for _, payload in _frames_in(self._kept):
                 yield from self.mujoco.take(payload)
-        yield from self.bullet.rest(self.counters)
+        answers = np.array(self.counters[pipe.ANSWERED :], np.uint64).view(np.float64)
+        yield from self.bullet.rest(self.counters, answers)
         if not self.bullet.is_used:
-            yield from self.mujoco.rest()
+            yield from self.mujoco.rest(answers)
         self.faults += self.mujoco.notes()
         if self.also_steps:
             self.faults.append(

@@ -213,7 +213,7 @@ class Listener(ABC):
     def steps_elsewhere(self) -> bool:
         """Return whether other processes of the script have an engine, too."""
         loaded = self._others is not None and self._others.found
-        return loaded or any(self.decoder.counters[pipe.APART :])
+        return loaded or any(self.decoder.counters[pipe.APART : pipe.ANSWERED])
 
     def _left_behind(self) -> bytes:
         """Return the bytes that the process had not sent when it ended."""

@@ -34,6 +34,7 @@ from drop_physics.trace.events import (
     PairFriction,
     Put,
     Raised,
+    Sensor,
     Settings,
     Site,
     SolverStop,
@@ -62,6 +63,7 @@ ENTITIES: Mapping[type[Any], str] = {
     EngineWarning: schema.WARNINGS,
     Equality: schema.EQUALITIES,
     EpisodeEnd: schema.EPISODES,
+    Sensor: schema.SENSORS,
 }
 """Where the rows of each kind of event are."""
 MESH, ARRAYS = "mesh", ("corners_m", "triangles")

@@ -46,6 +46,7 @@ from drop_physics.trace.events import (
     PairFriction,
     Put,
     Raised,
+    Sensor,
     Settings,
     Site,
     SolverStop,
@@ -324,6 +325,7 @@ def _seen(
         warnings=json_rows.events(told, EngineWarning),
         equalities=json_rows.events(told, Equality),
         episode_ends=json_rows.events(told, EpisodeEnd),
+        sensors=json_rows.events(told, Sensor),
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from drop_physics.trace.states import BASE_STATE, CONTACT
 
 APPLICATION_ID = "drop"
-SCHEMA_VERSION = 7
+SCHEMA_VERSION = 8
 
 STEP_TIMELINE = "sim_step"
 TIME_TIMELINE = "sim_time"
@@ -105,12 +105,14 @@ EQUALITIES = "equalities"
 """A row per two links that are held together from the beginning on."""
 EPISODES = "episodes"
 """A row per episode that an environment of gymnasium's has ended: how, why, length and return."""
+SENSORS = "sensors"
+"""A row per sensor of a model, written at the end: what it read."""
 
 JSON = "json"
 """The column of their rows."""
 TOLD = (
     *(BODIES, SURFACES, SET, DYNAMICS, SETTINGS, SOLVER, READINGS, SITES, RAISED, CAUSES, PAIRS),
-    *(WARNINGS, EQUALITIES, EPISODES),
+    *(WARNINGS, EQUALITIES, EPISODES, SENSORS),
 )
 """Entities with rows of JSON, covered by one digest."""
 

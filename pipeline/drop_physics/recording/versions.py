@@ -39,6 +39,7 @@ ADDED: Mapping[int, Addition] = {
         of_replayed=True,
     ),
     7: Addition(Message("the episodes of its environments"), of_drops=False),
+    8: Addition(Message("what the script's readings gave"), of_drops=False),
 }
 """What each schema added."""
 

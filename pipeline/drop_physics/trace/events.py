@@ -16,7 +16,7 @@ from drop_physics.messages import Message
 from drop_physics.physics.tree import places
 from drop_physics.trace.acts import Act, act_of
 from drop_physics.trace.frames import Frames, ModelPart
-from drop_physics.trace.readings import Reading
+from drop_physics.trace.readings import Answer, Reading
 from drop_physics.trace.states import Joints, Rows
 
 
@@ -154,6 +154,15 @@ class Mimic:
 
 
 @dataclass(frozen=True)
+class FileDamping:
+    """The damping of a joint, by its file."""
+
+    joint: str
+    damping: float
+    """[N m s/rad] or [N s/m]."""
+
+
+@dataclass(frozen=True)
 class FileRequests:
     """What a body's file asks for that an engine may ignore."""
 
@@ -161,6 +170,8 @@ class FileRequests:
     """Factor by which a call scaled the whole body."""
     links: tuple[FileLink, ...] = ()
     mimics: tuple[Mimic, ...] = ()
+    dampings: tuple[FileDamping, ...] = ()
+    """Of a file whose damping the engine may not read."""
 
 
 @dataclass(frozen=True)
@@ -233,6 +244,8 @@ class Body:
     keyframes: tuple[Keyframe, ...] = ()
     apart: tuple[tuple[int, int, int], ...] = ()
     """The contacts that its model excludes: own link, number of the other body, and its link."""
+    node_of: str = ""
+    """The flexible body that it is a node of; empty if it is none."""
 
     @cached_property
     def coordinates(self) -> tuple[slice, ...]:
@@ -603,7 +616,7 @@ class Equality:
     client: int
     name: str
     kind: str
-    """`connect` or `weld`."""
+    """`connect` or `weld`; `joint` of two joints, which are those before the links."""
     body_a: int
     link_a: int
     body_b: int
@@ -612,6 +625,35 @@ class Equality:
     """Softness: time constant [s] and damping ratio, or stiffness and damping if negative."""
     active: bool = True
     """Whether it holds them as the run begins."""
+    anchors_m: tuple[tuple[float, ...], ...] = ()
+    """The points that are to meet, of both links, from the centre of mass in the axes of the
+    link's inertia; where a link is of the world, in world axes."""
+    of_world: tuple[bool, bool] = (False, False)
+    """Whether each side is the world."""
+    coefficients: tuple[float, ...] = ()
+    """Of a polynomial by which the first joint follows the second: c0 + c1 x + … from the
+    positions in which the model was made."""
+    rest: tuple[float, ...] = ()
+    """These positions of both joints [rad] or [m]."""
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A sensor of a model, with what it read in all steps."""
+
+    at: At
+    client: int
+    name: str
+    kind: str
+    """`touch`, `force`, `torque`, `accelerometer`, `velocimeter`, `gyro`, `magnetometer`,
+    `rangefinder`; empty of any other."""
+    body: int
+    """Number of the body that it is on; -1 if it is on none, or that is not known."""
+    link: int
+    answers: tuple[Answer, ...]
+    """What it read after each step, a number each."""
+    place: Collision | None = None
+    """The site of a sensor, as a shape on its link."""
 
 
 @dataclass(frozen=True)
@@ -652,6 +694,7 @@ Event = (
     | EngineWarning
     | Equality
     | EpisodeEnd
+    | Sensor
     | Impulses
     | Controls
     | ContactRows

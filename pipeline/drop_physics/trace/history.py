@@ -25,6 +25,7 @@ from drop_physics.trace.events import (
     Impulses,
     Put,
     Samples,
+    Sensor,
     Settings,
     SolverStop,
     Surface,
@@ -183,6 +184,7 @@ class Seen:
     """The ends of episodes that environments of gymnasium's have told."""
     cuts: Sequence[int] = ()
     """Samples that begin a piece."""
+    sensors: Sequence[Sensor] = ()
 
     @property
     def engine(self) -> str:

@@ -14,6 +14,9 @@ from drop_physics.trace.events import Appearance, At, Calls, Raised, Site, order
 from drop_physics.trace.motors import Command, commands_of
 from drop_physics.trace.properties import link_reached
 
+PAIR = ("bodyUniqueIdA", "bodyUniqueIdB")
+"""Arguments of a call that filters contacts."""
+
 
 class Log:
     """Calls as they were recorded: of one site each is a row of numbers.
@@ -182,6 +185,14 @@ class Log:
         return self._lives
 
     # -- what they asked for ----------------------------------------------------------------------
+
+    def switched_off(self) -> Iterator[tuple[Call, tuple[int, ...]]]:
+        """Yield the calls that switch off contacts of two bodies, with the bodies' numbers."""
+        for call in self.of(Act.FILTER_PAIR):
+            named = call.values
+            if named.get("enableCollision", (1.0,))[0] == 0:
+                its = [self.body_at(call, int(named[name][0])) for name in PAIR if name in named]
+                yield call, tuple(each.body.number for each in its if each is not None)
 
     def pushes(self) -> Iterator[Push]:
         """Yield the forces and torques that calls applied."""

@@ -1,6 +1,7 @@
 """What a script read of its simulation: where, by which function, of what, how often and when.
 
-No values: states and contacts give them back.
+And what the first and the last reading of a line gave, the least and the greatest; other values are
+given back by states and contacts.
 """
 
 from __future__ import annotations
@@ -22,6 +23,23 @@ class Subject:
     """Number of the other body, if pairs are read."""
     other_link: int | None = None
     """Link of the other body."""
+
+
+POINTS, FIRST_FORCE, FORCE, DISTANCE = "points", "force of the first", "force of all", "distance"
+"""Names of the numbers of contact points: how many, normal forces [N], least distance [m]."""
+REACTION, TORQUE = "reaction", "torque"
+"""Beginning of the names of what a joint's sensor reads, and what a motor gives [N] or [N m]."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A number of what a line's readings gave, of those that were looked at."""
+
+    name: str
+    first: float
+    last: float
+    least: float
+    greatest: float
 
 
 @dataclass(frozen=True)
@@ -91,6 +109,8 @@ class Reading:
     """Whether `targets` is complete; at most 1024 are kept."""
     camera: Lens | None = None
     """The camera of its first picture."""
+    answers: tuple[Answer, ...] = ()
+    """What it gave, a number each; of several bodies or links those of all."""
 
     @property
     def act(self) -> Act:

@@ -59,6 +59,7 @@ TRANSMISSIONS = {0: "joint", 1: "joint", 2: "slider-crank", 3: "tendon", 4: "sit
 """What an actuator acts on (`mjtTrn`)."""
 WRAPS_JOINT, WRAPS_SITE = 1, 3
 """What a tendon goes over (`mjtWrap`)."""
+NAMED_KINDS = ("body", "jnt", "geom", "mesh", "actuator", "tendon", "eq", "site", "key")
 NAMED = {"joint": "jnt", "tendon": "tendon", "site": "site", "body": "body"}
 
 
@@ -141,10 +142,7 @@ def described(
     known
         Bodies that are as before, by number.
     """
-    names = {
-        kind: _names(arrays, kind)
-        for kind in ("body", "jnt", "geom", "mesh", "actuator", "tendon", "eq", "site", "key")
-    }
+    names = {kind: _names(arrays, kind) for kind in (*NAMED_KINDS, "sensor", "flex")}
     parents = arrays["body_parentid"].tolist()
     tops = [body for body in range(1, len(parents)) if parents[body] == 0]
     if _geoms_of(arrays, 0):
@@ -170,6 +168,13 @@ def described(
             begin = 6
         for k, dof in enumerate(made.rates.tolist()):
             dof_of[dof] = number, begin + k
+    nodes = _nodes(arrays, names["flex"])
+    bodies = [
+        replace(made, body=replace(made.body, node_of=nodes[made.root]))
+        if made.root in nodes
+        else made
+        for made in bodies
+    ]
     apart = _apart(arrays, link_of)
     bodies = [
         replace(made, body=replace(made.body, apart=tuple(apart[made.body.number])))
@@ -178,6 +183,17 @@ def described(
         for made in bodies
     ]
     return DescribedModel(arrays, tuple(bodies), link_of, dof_of, names)
+
+
+def _nodes(arrays: Arrays, names: list[str]) -> dict[int, str]:
+    """Return the name of the flexible body that each of MuJoCo's bodies is a node of."""
+    found: dict[int, str] = {}
+    bodies = np.atleast_1d(arrays.get("flex_vertbodyid", ()))
+    for flex, name in enumerate(names if len(bodies) else ()):
+        first = int(np.atleast_1d(arrays["flex_vertadr"])[flex])
+        its = bodies[first : first + int(np.atleast_1d(arrays["flex_vertnum"])[flex])]
+        found |= dict.fromkeys((int(each) for each in its if each > 0), name)
+    return found
 
 
 def _apart(
@@ -433,8 +449,10 @@ def reported_of(arrays: Arrays, made: DescribedBody) -> dict[str, Float64]:
             inertias[row] = arrays["body_inertia"][link.of]
         if geoms := _geoms_of(arrays, link.of):
             friction[row] = max(arrays["geom_friction"][geoms, 0])
+    damping = np.full(count, np.nan)
     if made.free >= 0:
         dof = int(arrays["jnt_dofadr"][made.free])
+        damping[0] = float(arrays["dof_damping"].reshape(-1)[dof])
         armature[0] = arrays["dof_armature"][dof]
         held = arrays["dof_M0"][dof + 3 : dof + 6] - armature[0]
         if arrays["dof_simplenum"][dof] and not np.allclose(held, inertias[0], ROUNDED, 0.0):
@@ -447,6 +465,7 @@ def reported_of(arrays: Arrays, made: DescribedBody) -> dict[str, Float64]:
         "inertial_orientation": orientations,
         "lateral_friction": friction,
         "armature": armature,
+        "base_damping": damping,
         **({"coupled": np.array(coupled)} if coupled else {}),
     }
 
@@ -569,7 +588,7 @@ def _shapes(
         position = _turned_back(axes, arrays["geom_pos"][geom] - centre)
         orientation = _product(_inverse(axes), xyzw(arrays["geom_quat"][geom]))
         pose = tuple(position.tolist()), tuple(orientation.tolist())
-        size, file = _size(kind, arrays["geom_size"][geom]), ""
+        size, file = size_of(kind, arrays["geom_size"][geom]), ""
         if kind == "mesh":
             mesh = int(arrays["geom_dataid"][geom])
             size, file = (1.0, 1.0, 1.0), str(_mesh(arrays, names["mesh"], mesh, folder))
@@ -582,7 +601,7 @@ def _shapes(
     return tuple(shapes), tuple(collisions)
 
 
-def _size(kind: str, size: NDArray[Any]) -> tuple[float, ...]:
+def size_of(kind: str, size: NDArray[Any]) -> tuple[float, ...]:
     """Return a geometry's size as a `Shape` has it, from MuJoCo's halves."""
     x, y, z = size.tolist()
     return {

@@ -8,46 +8,105 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.engines.mujoco.described import DescribedModel
+from drop_physics.engines.mujoco.described import DescribedModel, xyzw
+from drop_physics.physics.rotations import rotate_inverse
+from drop_physics.physics.tree import BASE
 from drop_physics.trace.events import At, Equality
 
 Arrays = Mapping[str, NDArray[Any]]
 Numbers = tuple[float, ...]
 
-KINDS = {0: "connect", 1: "weld"}
-"""Kinds of equalities between bodies (`mjtEq`)."""
-BODY, SITE = 1, 6
+KINDS = {0: "connect", 1: "weld", 2: "joint"}
+"""Kinds of equalities between bodies, and between joints (`mjtEq`)."""
+WELD, OF_JOINTS = 1, 2
+OF_BODY, OF_SITE = 1, 6
 """Kinds of things that an equality joins (`mjtObj`)."""
 OVERRIDES = 1
 """The bit of `opt.enableflags` by which all contacts are as soft as the options say."""
 
 
 def equalities_of(described: DescribedModel, client: int) -> Iterator[Equality]:
-    """Yield the equalities between bodies."""
+    """Yield the equalities between bodies, and between two joints."""
     arrays = described.arrays
     for number in range(len(np.atleast_1d(arrays.get("eq_type", ())))):
-        kind = KINDS.get(int(arrays["eq_type"][number]))
-        of = int(arrays["eq_objtype"][number]) if "eq_objtype" in arrays else BODY
-        if kind is None or of not in (BODY, SITE):
+        which = int(arrays["eq_type"][number])
+        of = int(arrays["eq_objtype"][number]) if "eq_objtype" in arrays else OF_BODY
+        ids = [int(arrays[f"eq_obj{side}id"][number]) for side in (1, 2)]
+        if which == OF_JOINTS:
+            found = _of_joints(described, number, ids)
+        elif which in KINDS and of in (OF_BODY, OF_SITE):
+            found = _of_bodies(described, number, ids, which, sites=of == OF_SITE)
+        else:
             continue
-        both = [int(arrays[f"eq_obj{side}id"][number]) for side in (1, 2)]
-        if of == SITE:
-            both = [int(arrays["site_bodyid"][site]) for site in both]
-        if not all(each in described.link_of for each in both):
-            continue
-        (body_a, link_a), (body_b, link_b) = (described.link_of[each] for each in both)
-        yield Equality(
-            At(0, 0.0, number),
-            client,
-            described.names["eq"][number],
-            kind,
-            body_a,
-            link_a,
-            body_b,
-            link_b,
-            _numbers(arrays["eq_solref"][number]),
-            active=bool(arrays["eq_active0"][number]),
-        )
+        if found is not None:
+            yield Equality(
+                At(0, 0.0, number),
+                client,
+                described.names["eq"][number],
+                KINDS[which],
+                solref=_numbers(arrays["eq_solref"][number]),
+                active=bool(arrays["eq_active0"][number]),
+                **found,
+            )
+
+
+def _of_bodies(
+    described: DescribedModel, number: int, ids: list[int], which: int, *, sites: bool
+) -> dict[str, Any] | None:
+    """Return what two bodies, or their sites, are held by (`mj_instantiateEquality`)."""
+    arrays, data = described.arrays, described.arrays["eq_data"][number]
+    bodies = [int(arrays["site_bodyid"][each]) for each in ids] if sites else ids
+    if not all(each in described.link_of for each in bodies):
+        return None
+    (body_a, link_a), (body_b, link_b) = (described.link_of[each] for each in bodies)
+    anchors = []
+    for side, (body, of) in enumerate(zip(bodies, ids, strict=True)):
+        if sites:
+            point = arrays["site_pos"][of]
+        else:  # a weld has the second body's anchor first
+            at = 3 * (1 - side if which == WELD else side)
+            point = data[at : at + 3]
+        anchors.append(_from_centre(arrays, body, point))
+    return {
+        "body_a": body_a,
+        "link_a": link_a,
+        "body_b": body_b,
+        "link_b": link_b,
+        "anchors_m": tuple(anchors),
+        "of_world": (bodies[0] == 0, bodies[1] == 0),
+    }
+
+
+def _of_joints(described: DescribedModel, number: int, ids: list[int]) -> dict[str, Any] | None:
+    """Return how a joint follows another; None of one that stands, or that is not known."""
+    arrays = described.arrays
+    places = {
+        link.joint: (made.body.number, index)
+        for made in described.bodies
+        for index, link in enumerate(made.links, BASE)
+        if link.joint >= 0
+    }
+    if not all(each in places for each in ids):
+        return None
+    (body_a, link_a), (body_b, link_b) = (places[each] for each in ids)
+    starts = [int(arrays["jnt_qposadr"][each]) for each in ids]
+    return {
+        "body_a": body_a,
+        "link_a": link_a,
+        "body_b": body_b,
+        "link_b": link_b,
+        "coefficients": _numbers(arrays["eq_data"][number][:5]),
+        "rest": _numbers(np.asarray(arrays["qpos0"])[starts]),
+    }
+
+
+def _from_centre(arrays: Arrays, body: int, point_m: NDArray[Any]) -> Numbers:
+    """Return a point of a body from its centre of mass, in the axes of its inertia."""
+    if body == 0:
+        return _numbers(point_m)
+    axes = xyzw(arrays["body_iquat"][body])
+    arm = np.asarray(point_m, np.float64) - arrays["body_ipos"][body]
+    return _numbers(rotate_inverse(axes[None], arm[None])[0])
 
 
 def softness_of(arrays: Arrays, first: int, second: int) -> tuple[Numbers, Numbers]:

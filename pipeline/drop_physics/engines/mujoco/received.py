@@ -207,6 +207,9 @@ class Received:
         self.version = self.python = ""
         self.models: dict[int, MujocoModel] = {}
         self.sites: list[ScriptLine] = []
+        self.sensed: dict[int, tuple[int, int]] = {}
+        """Where what the sensors of a simulation read is among the answers, and of how many
+        numbers."""
         self.uncaught: list[dict[str, Any]] = []
         self.idle: list[tuple[int, int]] = []
         """States, each with its model, that were only computed, again and again."""
@@ -351,8 +354,11 @@ class Received:
         core: list[tuple[str, int, int]],
         user: list[tuple[str, int, int]],
         core_bytes: int,
+        sensed: tuple[int, int] | None = None,
         **_: Any,  # noqa: ANN401
     ) -> None:
+        if sensed is not None:
+            self.sensed[number] = sensed
         widths = {name: size // frames.kind_of(name).itemsize for name, _, size in user}
         self._worlds[number] = _World(number, model, core, widths, core_bytes)
         self._worlds[number].edited = [each._replace(step=0) for each in self._edits.get(model, ())]

@@ -36,8 +36,10 @@ from drop_physics.engines.mujoco.frames import CAUSES
 from drop_physics.engines.mujoco.held import equalities_of
 from drop_physics.engines.mujoco.impulses import ExplainedSteps
 from drop_physics.engines.mujoco.received import Edited, Received, ScriptLine, StepPiece, Written
+from drop_physics.engines.mujoco.sensed import sensors_of
 from drop_physics.engines.mujoco.stepping import Stepper, StepsWanted
 from drop_physics.engines.surfaces import surfaces_of
+from drop_physics.engines.watching.pipe import EXTREMES
 from drop_physics.fields import all_of, counted
 from drop_physics.messages import Message
 from drop_physics.trace.events import (
@@ -248,15 +250,22 @@ class MujocoDecoder:
         pieces = self._received.take(payload)
         return self._on_pieces(pieces) if pieces else ()
 
-    def rest(self) -> Iterator[Event]:
-        """Yield the remaining events, at the end of the stream."""
+    def rest(self, answers: Float64) -> Iterator[Event]:
+        """Yield the remaining events, at the end of the stream.
+
+        `answers` is what sensors read, as kept in the memory shared with the process.
+        """
         if self._received is not None:
             yield from self._on_pieces(self._received.rest())
             if not self.steps:
                 for world, model in self._received.idle:
                     yield self._settings(self._simulation(world, model, 0), At(0, 0.0, 0))
-        for its in self._simulations.values():
+        for (world, _), its in self._simulations.items():
             yield from its.warned.values()
+            if self._received is not None and world in self._received.sensed and its.ends:
+                begin, numbers = self._received.sensed[world]
+                kept = answers[begin : begin + EXTREMES * numbers].reshape(EXTREMES, numbers)
+                yield from sensors_of(its.described, its.client, kept)
 
     def explained(self, python: str) -> Iterator[Event]:
         """Take all steps again and explain them, if they are few; yield what that says.

@@ -11,7 +11,16 @@ from typing import Any
 import numpy as np
 
 from drop_physics.arrays import Float64
-from drop_physics.trace.events import Body, Collision, FileLink, FileRequests, Joint, Mimic, Shape
+from drop_physics.trace.events import (
+    Body,
+    Collision,
+    FileDamping,
+    FileLink,
+    FileRequests,
+    Joint,
+    Mimic,
+    Shape,
+)
 from drop_physics.trace.states import BASE
 
 KINDS = {
@@ -146,7 +155,12 @@ def _asked(note: dict[str, Any]) -> FileRequests:
         )
         for name, mass, inertia, position, angles in note["file_links"]
     )
-    return FileRequests(note["scale"], links, tuple(Mimic(*mimic) for mimic in note["mimics"]))
+    return FileRequests(
+        note["scale"],
+        links,
+        tuple(Mimic(*mimic) for mimic in note["mimics"]),
+        tuple(FileDamping(*each) for each in note.get("dampings", [])),
+    )
 
 
 def _name(*candidates: str) -> str:

@@ -3,13 +3,47 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from drop_physics.arrays import Float64
 from drop_physics.engines.pybullet.gathered import GatheredWorld
 from drop_physics.engines.watching import pipe
-from drop_physics.trace.readings import Lens, Reading, Subject
+from drop_physics.trace.readings import (
+    DISTANCE,
+    FIRST_FORCE,
+    FORCE,
+    POINTS,
+    REACTION,
+    TORQUE,
+    Answer,
+    Lens,
+    Reading,
+    Subject,
+)
 
+PLACE = ("x", "y", "z")
+TURN = ("orientation x", "orientation y", "orientation z", "orientation w")
+STATE = (
+    "position",
+    "rate",
+    *(f"{REACTION} {axis}" for axis in ("fx", "fy", "fz", "mx", "my", "mz")),
+)
+OF_POINTS = (POINTS, FIRST_FORCE, FORCE, DISTANCE)
+NAMES: Mapping[str, tuple[str, ...]] = {
+    "getContactPoints": OF_POINTS,
+    "getClosestPoints": OF_POINTS,
+    "getJointState": (*STATE, TORQUE),
+    "getJointStates": (*STATE, TORQUE),
+    "getLinkState": (*PLACE, *TURN),
+    "getBasePositionAndOrientation": (*PLACE, *TURN),
+    "getBaseVelocity": (
+        *(f"velocity {axis}" for axis in PLACE),
+        *(f"spin {axis}" for axis in PLACE),
+    ),
+    "rayTest": ("body", "link", "fraction", *PLACE),
+}
+"""The names of the numbers that are kept of an answer; those of other functions are numbered."""
 Ids = Sequence[tuple[int, int | None]]
 """What is read, by the engine's ids: bodies and their links, or a constraint."""
 
@@ -62,12 +96,13 @@ class Reads:
         self._cut |= {number for its, number, _ in self._waiting if world in (its, None)}
         self._waiting = [each for each in self._waiting if world not in (each[0], None)]
 
-    def counted(self, counters: Sequence[int]) -> Iterator[Reading]:
+    def counted(self, counters: Sequence[int], answers: Float64) -> Iterator[Reading]:
         """Yield all places, with their counts."""
         self.forget(None)
+        kept = answers.reshape(pipe.PLACES, pipe.ANSWERS, pipe.EXTREMES)
         for number, place in self._places.items():
             at, targets = number * pipe.COUNTERS, self._targets[number]
-            count, is_estimate, last_step = counters[at : at + pipe.COUNTERS]
+            count, is_estimate, last_step, numbers = counters[at : at + pipe.COUNTERS]
             yield Reading(
                 **place,
                 last_step=last_step,
@@ -76,4 +111,12 @@ class Reads:
                 targets=tuple(each for each in targets if isinstance(each, Subject)),
                 constraints=tuple(each for each in targets if isinstance(each, int)),
                 complete=number not in self._cut,
+                answers=tuple(_answers(place["function"], kept[number, :numbers])),
             )
+
+
+def _answers(function: str, kept: Float64) -> Iterator[Answer]:
+    """Yield the numbers of a place's answers, shape (numbers, 4), by name."""
+    names = NAMES.get(function, ())
+    for k, values in enumerate(kept.tolist()):
+        yield Answer(names[k] if k < len(names) else str(k), *values)

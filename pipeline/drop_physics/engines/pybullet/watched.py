@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from drop_physics.arrays import Float64
 from drop_physics.engines.frames import StreamError
 from drop_physics.engines.pybullet.described import Numbering, moving_links, reported_of, shapes_of
 from drop_physics.engines.pybullet.gathered import GatheredWorld, Known
@@ -125,16 +126,17 @@ class BulletDecoder:
         """Return the events in a note, one of `NOTES`."""
         return getattr(self, f"_on_{what}")(**values) or ()
 
-    def rest(self, counters: Sequence[int]) -> Iterator[Event]:
+    def rest(self, counters: Sequence[int], answers: Float64) -> Iterator[Event]:
         """Yield the events that were gathered but not yet yielded, at the end of the stream.
 
-        `counters` are those of the shared memory: the numbers of readings.
+        `counters` and `answers` are those of the shared memory: the numbers of readings, and what
+        they gave.
         """
         for world in self._worlds.values():
             yield from world.gathered()
         yield from self._solvers.values()
         if counters:
-            yield from self._reads.counted(counters)
+            yield from self._reads.counted(counters, answers)
 
     # -- numbers ----------------------------------------------------------------------------------
 

@@ -44,14 +44,19 @@ IMAGE_HEAD = struct.Struct("<I")
 BLOCK = struct.Struct("=QQ")
 """What stands at the block's start: bytes sent so far, and bytes in it now."""
 BLOCK_BYTES = 1 << 20
-PLACES, COUNTERS = 1 << 12, 3
+PLACES, COUNTERS = 1 << 12, 4
 """Behind it are, of so many places that read, so many whole numbers in 64 bits: readings in all;
-whether some may be missing; the last step in which one was looked at."""
+whether some may be missing; the last step in which one was looked at; numbers in an answer."""
+ANSWERS, EXTREMES = 10, 4
+"""Most numbers of an answer that are kept, and how many are kept of each: what the first and the
+last reading gave, the least and the greatest."""
 MOST_TARGETS = 1024
 """Most bodies, links or pairs of them that are listed of a place that reads."""
 APART = PLACES * COUNTERS
 """Behind those is, of forked children, whether any makes a step: nothing else is told of them."""
-SHARED_BYTES = BLOCK_BYTES + 8 * (APART + 1)
+ANSWERED = APART + 1
+"""Behind that are the answers of each place, as doubles."""
+SHARED_BYTES = BLOCK_BYTES + 8 * (ANSWERED + PLACES * ANSWERS * EXTREMES)
 CUT_BYTES = 64
 """Room in the block for the note that it is full and the pipe closed."""
 LONGEST = 1 << 29
@@ -83,6 +88,7 @@ class Pipe:
         self.inode_of_block = os.fstat(block).st_ino
         self.memory: Any = mmap.mmap(block, SHARED_BYTES)
         self.counters: Any = memoryview(self.memory)[BLOCK_BYTES:].cast("Q")
+        self.answers: Any = memoryview(self.memory)[BLOCK_BYTES + 8 * ANSWERED :].cast("d")
         self.counts: Any = memoryview(self.memory)[: BLOCK.size].cast("Q")
         os.set_inheritable(pipe, False)
         os.close(block)
@@ -207,6 +213,7 @@ class Pipe:
         self.open = False
         self.memory, self.counts = bytearray(BLOCK_BYTES), [0, 0]
         self.counters = [0] * (APART + 1)
+        self.answers = [0.0] * (PLACES * ANSWERS * EXTREMES)
         self.end, self.limit = BLOCK.size, BLOCK.size + FLUSH_BYTES
 
     def _hand_over(self, data: bytes | memoryview) -> None:

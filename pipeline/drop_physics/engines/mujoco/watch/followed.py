@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...watching.pipe import MUJOCO
+from ...watching.pipe import ANSWERS, EXTREMES, MUJOCO, PLACES
 from .. import memory
 from ..frames import (
     CALLBACK,
@@ -114,6 +114,40 @@ class WatchedModel:
             saved[:] = view
 
 
+class SensorExtremes:
+    """The first and the last reading of each number of all sensors, the least and the greatest.
+
+    They are in memory that the recorder shares: no crash loses any.
+    """
+
+    @staticmethod
+    def of(watch: MujocoWatch, d: Any) -> SensorExtremes | None:
+        """Return those of an MjData; None if it has no sensor, or there is no room left."""
+        size = EXTREMES * d.sensordata.size
+        begin = PLACES * ANSWERS * EXTREMES - watch.sensed - size  # from behind
+        if not size or begin < 0 or not watch.pipe.open:
+            return None
+        watch.sensed += size
+        view = memory.view_of(d.sensordata.ctypes.data, d.sensordata.nbytes)
+        return SensorExtremes(watch.pipe.answers[begin : begin + size], view, begin)
+
+    def __init__(self, kept: Any, now: memoryview, begin: int) -> None:
+        self._now = np.frombuffer(now)
+        self._kept = np.frombuffer(kept).reshape(EXTREMES, -1)
+        self._is_first = True
+        self.place = begin, len(self._now)
+        """Where they begin among the answers, and how many numbers there are of each."""
+
+    def add(self) -> None:
+        """Add the readings after a step."""
+        kept, now = self._kept, self._now
+        if self._is_first:
+            self._is_first, kept[:] = False, now
+        kept[1] = now
+        np.fmin(kept[2], now, out=kept[2])
+        np.fmax(kept[3], now, out=kept[3])
+
+
 class WatchedData:
     """A state whose steps are sent.
 
@@ -141,6 +175,7 @@ class WatchedData:
         self.warned = memory.warnings_of(d)
         self._warnings = bytearray(self.warned)
         self._passive = memory.view_of(d.qfrc_passive.ctypes.data, d.qfrc_passive.nbytes)
+        self._sensed = SensorExtremes.of(watch, d)
         self.lost = False
         """Whether it could not be read, and is followed no longer."""
         self.time = self.elapsed_s = 0.0
@@ -164,6 +199,7 @@ class WatchedData:
                 core=core,
                 user=[*user, *asleep],
                 core_bytes=self.core.size,
+                sensed=None if self._sensed is None else self._sensed.place,
             )
         )
         self.tell_written(d, site, FIRST)
@@ -292,6 +328,8 @@ class WatchedData:
             self.watch.send(head + bytes(core.view))
         core.kept[:] = core.view
         self._posed = None
+        if self._sensed is not None:
+            self._sensed.add()
         if reset or self.asleep.saved != self.asleep.view:
             self.tell_written(d, site, RESET)
         # MuJoCo clears the counters where it resets itself: then they may be what they were.

@@ -104,6 +104,8 @@ class MujocoWatch(EngineWatch):
         self._sites: dict[tuple[int, int, int, int], int] = {}
         self._codes: list[Any] = []
         """The code of sites, so that none is replaced by another at its address."""
+        self.sensed = 0
+        """How much of the shared memory for answers is taken by sensors."""
         self._models = self._worlds = 0
         """How many of them were sent."""
         self._faults: set[tuple[int | None, str]] = set()

@@ -1,4 +1,7 @@
-"""What a URDF asks for that PyBullet may not do: inertia, masses, joints that follow others."""
+"""What a file asks for that PyBullet may not do.
+
+Of a URDF inertia, masses, joints that follow others; of an MJCF damping.
+"""
 
 from __future__ import annotations
 
@@ -59,3 +62,25 @@ def _parsed(path: str) -> dict[str, Any] | None:
             found["concave"] |= "concave" in attributes
 
     return found if walk(path, start) else None
+
+
+def dampings_in(path: str) -> list[list[Any]]:
+    """Return the names of an MJCF's joints, each with its damping; those without one are left out.
+
+    Of defaults only the outermost counts: which class an element has is not followed.
+    """
+    default, found = [""], list[list[Any]]()
+
+    def start(within: tuple[str, ...], attributes: dict[str, str]) -> None:
+        if within == ("mujoco", "default", "joint"):
+            default[0] = attributes.get("damping", "")
+        elif within[:2] == ("mujoco", "worldbody") and within[-1] == "joint":
+            given = attributes.get("damping") or ("class" not in attributes and default[0])
+            if "name" in attributes and given:
+                found.append([attributes["name"], float(given)])
+
+    try:
+        walk(path, start)
+    except OSError:
+        return []
+    return found

@@ -151,6 +151,7 @@ class WatchedBody:
             "scale": loaded.scale,
             "file_links": asked.get("links", []),
             "mimics": asked.get("mimics", []),
+            "dampings": asked.get("dampings", []),
             "bounds": self.bounds(),
             "joints": plain(self.joint_infos),
             "joint_widths": self.widths,

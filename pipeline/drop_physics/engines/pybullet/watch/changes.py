@@ -6,7 +6,7 @@ import os
 from typing import Any
 
 from .arguments import ARGUMENTS, body_of, number, values, vector
-from .asked import asked_of
+from .asked import asked_of, dampings_in
 from .bodies import Loaded
 from .functions import (
     CONSTRAINS,
@@ -119,6 +119,7 @@ def _loaded(name: str, arguments: dict[str, Any], world: WatchedWorld) -> Loaded
         world.tell_file(file, path)
     if name == "loadMJCF":
         loaded.mjcf = os.path.abspath(path) if path else ""
+        loaded.asked = {"dampings": dampings_in(path)} if path else None
     elif name == "loadURDF" and path:
         loaded.asked = asked_of(path)
         loaded.hulls = loaded.asked is not None and not loaded.asked["concave"]

@@ -254,7 +254,7 @@ def reading(watch: BulletWatch, name: str, original: Any) -> Call:
                 raise
             acquire()
             try:
-                readings.count(name, args, kwargs, frame(1))
+                readings.count(name, args, kwargs, frame(1), result)
             except Exception as error:  # noqa: BLE001 - our errors must not reach the script
                 readings.fail(error)
             finally:

@@ -11,8 +11,9 @@ from __future__ import annotations
 import itertools
 from typing import TYPE_CHECKING, Any
 
-from ...watching.pipe import COUNTERS, MOST_TARGETS, PLACES
+from ...watching.pipe import ANSWERS, COUNTERS, EXTREMES, MOST_TARGETS, PLACES
 from ...watching.sites import caller_of
+from .answers import numbers_in
 from .arguments import CLIENT, client_of, named, number, vector
 from .calls import MOST_PLANS, is_numpy
 from .functions import CONVERTS, PHOTOGRAPHS
@@ -101,8 +102,15 @@ class Readings:
         """Note that the numbers of bodies may mean others."""
         self._plans, self._codes, self._targets = {}, [], {}
 
-    def count(self, name: str, args: tuple[Any, ...], kwargs: dict[str, Any], place: Any) -> None:
-        """Count a reading that a frame has made."""
+    def count(
+        self,
+        name: str,
+        args: tuple[Any, ...],
+        kwargs: dict[str, Any],
+        place: Any,
+        answer: Any = None,
+    ) -> None:
+        """Count a reading that a frame has made, and keep what it gave."""
         key = name, id(place.f_code), place.f_lasti, args, *kwargs.items()
         try:
             at, world = self._plans[key]
@@ -119,8 +127,26 @@ class Readings:
                 self._codes.append(place.f_code)
         self._read.add(name)
         counters = self._watch.pipe.counters
+        if answer is not None:
+            self._keep(at, numbers_in(name, answer))
         counters[at] += self._unseen.get(name, 1)
         counters[at + 2] = world.step
+
+    def _keep(self, at: int, values: list[float]) -> None:
+        """Keep the first and the last answer of a place, the least and the greatest."""
+        pipe = self._watch.pipe
+        counters, kept = pipe.counters, pipe.answers
+        begin, known = at // COUNTERS * ANSWERS * EXTREMES, counters[at + 3]
+        for k, value in enumerate(values):
+            one = begin + k * EXTREMES
+            if k >= known:
+                kept[one] = kept[one + 2] = kept[one + 3] = value
+            kept[one + 1] = value
+            if value < kept[one + 2]:
+                kept[one + 2] = value
+            if value > kept[one + 3]:
+                kept[one + 3] = value
+        counters[at + 3] = max(known, len(values))
 
     def fail(self, error: Exception) -> None:
         """Note that something could not be counted; the script goes on."""

@@ -1,0 +1,273 @@
+"""Rows of what the script read of contacts and joints, with what the sum has behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+
+import numpy as np
+
+from drop_physics.account.rows import Row
+from drop_physics.account.subjects import Subject
+from drop_physics.account.touching import PairKey, Touched
+from drop_physics.account.words import Words
+from drop_physics.explain.contact_points import Points
+from drop_physics.explain.recording import ExplainedPiece
+from drop_physics.explain.solids import solid_of
+from drop_physics.messages import Message
+from drop_physics.physics.columns import rotation
+from drop_physics.physics.tree import BASE
+from drop_physics.quantities import number, quantity
+from drop_physics.trace.events import Sensor, located
+from drop_physics.trace.history import Seen
+from drop_physics.trace.readings import (
+    DISTANCE,
+    FIRST_FORCE,
+    FORCE,
+    POINTS,
+    REACTION,
+    Answer,
+    Reading,
+)
+from drop_physics.trace.readings import Subject as Target
+
+LEAST_N = 1e-9
+LOOKS = 64
+"""Contact points of a piece at which the site of a sensor is looked at."""
+
+
+def reading_rows(
+    seen: Seen,
+    subjects: Mapping[int, Subject],
+    pairs: Mapping[PairKey, Touched],
+    filtered: Mapping[frozenset[int], str],
+    words: Words,
+) -> Iterator[Row]:
+    """Yield the rows of the places that read contacts or the reaction of a joint.
+
+    `filtered` has the line that switched off the contacts of two bodies, by their numbers.
+    """
+    for reading in seen.readings:
+        answers = {each.name: each for each in reading.answers}
+        its = {target.body for target in reading.targets} & subjects.keys()
+        its = its or {each for each in subjects if seen.bodies[each].client == reading.client}
+        if not answers or not its:
+            continue
+        subject = subjects[min(its)]
+        if POINTS in answers:
+            told = _points(answers) + _pressing(reading, pairs, filtered)
+            whom, got = _whom(reading, words), answers.get(FORCE)
+        elif any(abs(answers[name].last) > LEAST_N for name in answers if _is_reaction(name)):
+            link = next((each.link for each in reading.targets), None)
+            if link is None or not 0 <= link < subject.tree.links:
+                continue
+            told, got = _reaction(answers) + _beyond(subject, link), None
+            whom = words.names.link(subject.body.number, link)
+        else:
+            continue
+        step = min(reading.last_step, subject.ledger.last)
+        yield Row(
+            kind="reads",
+            body=subject.body.label,
+            site=located(reading.file, reading.line),
+            told=Message("{function} of {whom}: ", function=reading.function, whom=whom) + told,
+            got=None if got is None else got.last,
+            unit=None if got is None else "N",
+            step=step,
+            time_s=words.seconds(subject, step),
+            salience=0.4,
+            subject=subject.body,
+        )
+
+
+class Sensed:
+    """How near contacts come to the sites of sensors of touch; grows piece by piece."""
+
+    def __init__(self, seen: Seen) -> None:
+        self._sensors = [each for each in seen.sensors if each.kind == "touch" and each.place]
+        self._solids = [solid_of(each.place) for each in self._sensors if each.place]
+        self.outside_m = {each.name: np.inf for each in self._sensors}
+        """How far the nearest contact point is outside the site of each, by its name."""
+
+    def add(self, explained: ExplainedPiece, points: Points) -> None:
+        """Add the contact points of a piece."""
+        for sensor, solid in zip(self._sensors, self._solids, strict=True):
+            mine = (points.body == sensor.body) & (points.link == sensor.link)
+            rows = np.flatnonzero(mine.any(axis=1) & (points.normal_n > 0))
+            if solid is None or not len(rows):
+                continue
+            rows = rows[:: max(1, len(rows) // LOOKS)]
+            # Positions and contacts are those with which a step begins.
+            place_m, axes = explained.placed(
+                sensor.body, sensor.link, points.step[rows], after=False
+            )
+            at_m = points.at_m[rows].mean(axis=1)
+            in_link = np.einsum("nji,nj->ni", axes, at_m - place_m)
+            shape = solid.collision
+            turn = rotation(np.array(shape.orientation)[:, None])[..., 0]
+            in_site = (in_link - np.array(shape.position_m)) @ turn
+            nearest = float(np.nanmin(-solid.depth_m(in_site)))
+            self.outside_m[sensor.name] = min(self.outside_m[sensor.name], nearest)
+
+    def rows(
+        self,
+        seen: Seen,
+        subjects: Mapping[int, Subject],
+        pairs: Mapping[PairKey, Touched],
+        words: Words,
+    ) -> Iterator[Row]:
+        """Yield the rows of a model's sensors of touch and force."""
+        for sensor in seen.sensors:
+            subject = subjects.get(sensor.body)
+            if subject is None or sensor.kind not in ("touch", "force") or not sensor.answers:
+                continue
+            told = Message(
+                "{kind} on {link}: {value} at the end",
+                kind=sensor.kind,
+                link=words.names.link(sensor.body, sensor.link),
+                value=quantity(float(np.linalg.norm([a.last for a in sensor.answers])), "N"),
+            )
+            if len(sensor.answers) == 1:
+                told = told + _range(sensor.answers[0])
+            if sensor.kind == "touch":
+                told = told + self._touch(sensor, pairs)
+            elif sensor.link > BASE:
+                told = told + _beyond(subject, sensor.link)
+            last = subject.ledger.last
+            yield Row(
+                kind="reads",
+                body=subject.body.label,
+                site=sensor.name,
+                told=told,
+                got=sensor.answers[0].last if len(sensor.answers) == 1 else None,
+                unit="N",
+                step=last,
+                time_s=words.seconds(subject, last),
+                salience=0.4,
+                subject=subject.body,
+            )
+
+    def _touch(self, sensor: Sensor, pairs: Mapping[PairKey, Touched]) -> Message:
+        target = Target(sensor.body, sensor.link)
+        force_n = sum(its.normal_n for key, its in pairs.items() if _meant(target, key))
+        told = Message(
+            "; contacts press its link with {force} in the median", force=quantity(force_n, "N")
+        )
+        outside_m = self.outside_m.get(sensor.name, np.inf)
+        if force_n and 0 < outside_m < np.inf:
+            told = told + Message(
+                ", and the nearest of their points is {outside} outside the sensor's site",
+                outside=quantity(outside_m, "m"),
+            )
+        return told
+
+
+def _whom(reading: Reading, words: Words) -> str:
+    """Return whose contacts a place reads."""
+    for target in reading.targets[:1]:
+        one = words.names.link(target.body, BASE if target.link is None else target.link)
+        if target.other is None:
+            return one
+        at = BASE if target.other_link is None else target.other_link
+        return f"{one} × {words.names.link(target.other, at)}"
+    return Message("all bodies")
+
+
+def _points(answers: Mapping[str, Answer]) -> Message:
+    told = Message("{points} in the last reading", points=_count(answers[POINTS].last))
+    told = told + _range(answers[POINTS])
+    if FORCE in answers:
+        first, whole = answers[FIRST_FORCE], answers[FORCE]
+        told = told + Message(
+            ", the first with a normal force of {force}", force=quantity(first.last, "N")
+        )
+        told = told + _range(first)
+        told = told + Message(", all together {force}", force=quantity(whole.last, "N"))
+        told = told + _range(whole)
+    if DISTANCE in answers and answers[FORCE].greatest <= LEAST_N:
+        apart = quantity(answers[DISTANCE].last, "m")
+        told = told + Message(", {apart} apart", apart=apart)
+    return told
+
+
+def _count(points: float) -> Message:
+    return Message("1 point") if points == 1 else Message("{points:.0f} points", points=points)
+
+
+def _range(answer: Answer) -> Message:
+    """Return the least and the greatest value of an answer, or nothing where both are one."""
+    if answer.greatest - answer.least <= 1e-3 * max(abs(answer.greatest), abs(answer.least)):
+        return Message("")
+    return Message(
+        " (from {least} to {greatest})",
+        least=number(answer.least),
+        greatest=number(answer.greatest),
+    )
+
+
+def _pressing(
+    reading: Reading, pairs: Mapping[PairKey, Touched], filtered: Mapping[frozenset[int], str]
+) -> Message:
+    """Return the force of all contacts between those that are read."""
+    its = [
+        touched
+        for key, touched in pairs.items()
+        if not reading.targets or any(_meant(target, key) for target in reading.targets)
+    ]
+    force_n = sum(touched.normal_n for touched in its)
+    if not force_n:
+        told = Message("; no contact between them presses in any step")
+        for target in reading.targets:
+            line = filtered.get(frozenset((target.body, target.other or 0)))
+            if line is not None and target.other is not None:
+                told = told + Message(", as {line} switches it off", line=line)
+                break
+        return told
+    return Message("; contacts press with {force} in the median", force=quantity(force_n, "N"))
+
+
+def _meant(target: Target, key: PairKey) -> bool:
+    """Return whether two links that touch are those that are read."""
+    sides = ((key[0], key[2]), (key[1], key[3]))
+    for one, other in (sides, sides[::-1]):
+        here = one[0] == target.body and target.link in (None, one[1])
+        there = target.other is None or (
+            other[0] == target.other and target.other_link in (None, other[1])
+        )
+        if here and there:
+            return True
+    return False
+
+
+def _is_reaction(name: str) -> bool:
+    return name.startswith(REACTION)
+
+
+def _reaction(answers: Mapping[str, Answer]) -> Message:
+    its = [each.last for name, each in answers.items() if _is_reaction(name)]
+    force, torque = (", ".join(number(value) for value in part) for part in (its[:3], its[3:]))
+    return Message(
+        "reaction {force} N and {torque} N m in the last reading, {size} together",
+        force=force,
+        torque=torque,
+        size=quantity(float(np.linalg.norm(its[:3])), "N"),
+    )
+
+
+def _beyond(subject: Subject, link: int) -> Message:
+    """Return the weight of what hangs on a joint."""
+    mass_kg = mass_beyond_kg(subject, {link})
+    pull = subject.weight_n / subject.mass_kg if subject.mass_kg else 0.0
+    return Message(
+        "; what hangs on it has {mass} and weighs {weight}",
+        mass=quantity(mass_kg, "kg"),
+        weight=quantity(mass_kg * pull, "N"),
+    )
+
+
+def mass_beyond_kg(subject: Subject, links: Collection[int]) -> float:
+    """Return the mass of links and of all that hangs on them [kg]."""
+    tree, held = subject.tree, set(links)
+    for link, parent in enumerate(tree.parents):
+        if parent in held:
+            held.add(link)
+    return float(sum(tree.masses_kg[link + 1] for link in held))

@@ -1,0 +1,49 @@
+"""The numbers in what a reading gives, as `pybullet.reads` names them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...watching.pipe import ANSWERS
+
+POINTS = frozenset(("getContactPoints", "getClosestPoints"))
+"""Functions that give contact points."""
+DISTANCE, FORCE = 8, 9
+"""Where a contact point has its distance and its normal force."""
+NUMBERED = frozenset(
+    (
+        "getJointState",
+        "getJointStates",
+        "getLinkState",
+        "getBasePositionAndOrientation",
+        "getBaseVelocity",
+        "calculateInverseKinematics",
+        "calculateInverseDynamics",
+        "rayTest",
+    )
+)
+"""Functions of whose answers the first numbers are kept, of a list those of its first element."""
+SINGLE = (int, float)
+
+
+def numbers_in(name: str, answer: Any) -> list[float]:
+    """Return the numbers that are kept of an answer, at most `ANSWERS`."""
+    if name in POINTS:
+        points = answer or ()
+        if not points:
+            return [0.0]
+        forces = [point[FORCE] for point in points]
+        return [len(points), forces[0], sum(forces), min(point[DISTANCE] for point in points)]
+    return _flat(answer, []) if name in NUMBERED else []
+
+
+def _flat(answer: Any, found: list[float]) -> list[float]:
+    """Add the numbers of nested tuples to those found."""
+    for each in answer:
+        if len(found) >= ANSWERS:
+            break
+        if isinstance(each, SINGLE):
+            found.append(each)
+        elif isinstance(each, (tuple, list)):
+            _flat(each, found)
+    return found
