@@ -36,10 +36,16 @@ class Answer:
     """A number of what a line's readings gave, of those that were looked at."""
 
     name: str
+    """What it is: `points`, `force of all`, `reaction fx`, `x` …; its place in the answer where it
+    has no name."""
     first: float
+    """What the first reading gave."""
     last: float
+    """What the last one gave."""
     least: float
+    """The least that any gave."""
     greatest: float
+    """The greatest."""
 
 
 @dataclass(frozen=True)
