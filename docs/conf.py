@@ -39,7 +39,7 @@ html_search_language = "en-ja"
 _MENU = {
     "Guides": [
         "docs/install", "docs/walkthrough", "docs/record", "docs/why", "docs/mujoco",
-        "docs/from_pybullet", "docs/prove",
+        "docs/from_pybullet", "docs/prove", "docs/diff",
         "docs/drop", "docs/engines", "docs/viewing", "docs/scale", "docs/ci",
         "docs/pipeline",
     ],

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 from conftest import Drop
+from drop_physics import check, record
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.swap.minimal import minimal
 from drop_physics.report.diff import json_of, report_of, values
@@ -265,3 +267,56 @@ for _ in range(200): mujoco.mj_step(m, d)
     (cause,) = printed["because"]
     assert (cause["stage"], sorted(cause["pair"])) == ("collision", ["side", "table"])
     assert "contact" in cause["feature"]
+
+
+# -- where it is used -----------------------------------------------------------------------------
+
+
+def test_a_check_that_fails_says_why_and_one_that_need_not_passes(
+    drop: Drop, tmp_path: Path
+) -> None:
+    touchless = MARKED.replace('name="gu"', 'name="gu" solimp=".8 .95 .001"')
+    for name, text in (("golden", SCRIPT), ("heavier", HEAVIER), ("same", touchless)):
+        (tmp_path / f"{name}.py").write_text(text)
+        drop("record", "--no-explain", "--out", f"{name}.rrd", f"{name}.py")
+    done = drop("check", "heavier.rrd", "--against", "golden.rrd")
+    assert done.returncode == 3
+    assert "because     body_mass of fore: 0.6 → 0.61\n" in done.stdout
+    printed = json.loads(drop("check", "heavier.rrd", "--against", "golden.rrd", "--json").stdout)
+    assert printed["why"]["proved"] == {"by": "fields", "steps": 120, "of": 120, "exact": True}
+    same = drop("check", "same.rrd", "--against", "golden.rrd", "--json")
+    assert same.returncode == 0
+    assert json.loads(same.stdout)["first_difference"] is None
+
+
+def test_a_golden_block_holds_what_tells_why(tmp_path: Path) -> None:
+    runs = []
+    for name, text in (("golden", SCRIPT), ("fresh", HEAVIER)):
+        with record(tmp_path / f"{name}.rrd", drawn=False):
+            exec(compile(text, name, "exec"), {})
+        runs.append(tmp_path / f"{name}.rrd")
+    why = check(runs[1], runs[0]).why
+    assert isinstance(why, Diff)
+    assert [each.field for each in why.answer.because] == ["body_mass"]
+
+
+def test_a_script_as_it_was_committed_is_beside_its_data(tmp_path: Path) -> None:
+    reads = SCRIPT + "print((pathlib.Path(__file__).parent / 'data.txt').read_text())\n"
+    reads = reads.replace("import mujoco", "import pathlib, mujoco", 1)
+    script = tmp_path / "s.py"
+    script.write_text(reads)
+
+    def git(*words: str) -> None:
+        who = "-c", "user.name=x", "-c", "user.email=x@example.org"
+        subprocess.run(["git", *who, *words], cwd=tmp_path, check=True, capture_output=True)
+
+    git("init", "-q")
+    git("add", "s.py")
+    git("commit", "-qm", "first")
+    (tmp_path / "data.txt").write_text("kept")
+    script.write_text(reads.replace('mass="0.6"', 'mass="0.61"'))
+    result = diff([str(script)], revision="HEAD")
+    assert (result.a, result.b) == ("HEAD", "s.py")
+    assert [each.field for each in result.answer.because] == ["body_mass"]
+    with pytest.raises(DropError, match="git says"):
+        diff([str(script)], revision="no-such")

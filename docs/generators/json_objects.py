@@ -353,6 +353,7 @@ CHECK = _object(
     Check,
     {"same", "largest_difference_m", "first_difference"},
     comparison=None,
+    why=None,
     same=bool,
     largest_difference_m=float | None,
     first_difference=None,
@@ -377,8 +378,8 @@ CHECK = CHECK._replace(
     descriptions=CHECK.descriptions
     | _descriptions(Comparison)
     | {
-        "first_difference": "The first difference at a step: of an input, a sample, or a picture; "
-        "null where there is none.",
+        "first_difference": "The first difference at a step, of a sample or a picture; null where "
+        "there is none.",
         "same": CHECK.descriptions["same"],
     },
 )
@@ -700,6 +701,14 @@ DIFF = Object(
          "nudges", "no_effect", "runs", "cause_text"}
     ),
 )  # fmt: skip
+CHECK = CHECK._replace(
+    keys={**CHECK.keys, "why": (DIFF, None)},
+    descriptions=CHECK.descriptions
+    | {
+        "why": "As of `drop diff`, of the golden recording and this one: why they are not the "
+        "same; null where they are, where nothing tells it, and of a drop."
+    },
+)
 VIEW = Object(
     {
         "recordings": list[Path],

@@ -43,10 +43,10 @@ class Comparison:
     """Whether both are of a drop."""
     differences: list[Difference]
     """Settings of a drop, or inputs of a script that differed before any sample did: bodies, the
-    engine's settings, masses …"""
+    engine's settings, masses … Of a script they are no difference by themselves."""
     first: Difference | None
-    """The first difference at a step: of an input, else of a sample; None if there is none, or
-    nothing was compared. A setting of the engine counts if samples differ, too."""
+    """The first difference of a sample, or the first body that only one has; None if there is none,
+    or nothing was compared."""
     call_before: Call | None
     """The last call before the first difference."""
     other_call: OtherCall | None
@@ -78,7 +78,8 @@ class Comparison:
     @property
     def same(self) -> bool:
         """Whether it is the same physics: of nothing that could be compared nothing is the same."""
-        alike = self.first is None and not self.differences and not self.not_compared
+        alike = self.first is None and not self.not_compared
+        alike &= not (self.of_drop and self.differences)
         return alike and self.largest_difference_m is not None
 
 
@@ -112,8 +113,8 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
         samples.end()
     parted = samples.parted
     inputs = [each for each in inputs if parted is None or each.when < parted]
-    effective = [each for each in inputs if parted is not None or not _is_setting(each)]
-    first = earliest(samples.first, *(effective if samples.shared else []))
+    only = [each for each in inputs if each.difference.column == "there"]
+    first = earliest(samples.first, *(only if samples.shared else []))
     largest = [each for _, each in sorted(samples.largest.items())]
     metres = [each.difference for each in largest if each.quantity == "position"]
     numbers = {*run.seen.bodies, *pairs.bodies} - pairs.common.keys()
@@ -139,11 +140,6 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
         real_time=run.seen.real_time or golden.seen.real_time,
         unpaired=unpaired,
     )
-
-
-def _is_setting(dated: Dated) -> bool:
-    """Return whether an input is one of the engine's settings."""
-    return dated.difference.column.startswith("engine.")
 
 
 def _pieces(run: Seen, golden: Seen) -> Iterator[tuple[Piece, Piece]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from drop_physics.compare.difference import Difference
 from drop_physics.compare.tolerance import IN_CONTACT_M
@@ -12,6 +12,7 @@ from drop_physics.explain.jsonable import jsonable
 from drop_physics.files.outputs import output_errors
 from drop_physics.messages import Message, joined, localized, shell_command
 from drop_physics.report.blocks import Fact, Facts, Report, Section
+from drop_physics.report.diff import facts_of
 from drop_physics.report.markdown import markdown_of
 from drop_physics.report.words import NONE
 from drop_physics.scenario import Scenario
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from drop_physics.compare.comparison import Comparison
     from drop_physics.compare.difference import Largest
     from drop_physics.stages.check import Check, FrameComparison
+    from drop_physics.stages.diff import Diff
     from drop_physics.trace.calls import Call
 
 DIFFERS = 3
@@ -86,6 +88,7 @@ def json_of(check: Check) -> dict[str, Any]:
         }
     found |= {
         "engines": check.engines,
+        "why": None if check.why is None else check.why.as_json(),
         "frames": check.frames,
         "tolerance_m": check.tolerance_m,
         "recording": check.recording,
@@ -190,25 +193,21 @@ def _compared(check: Check, compared: Comparison) -> Iterator[Fact]:
         else:
             name = setting.column.removeprefix("engine.")
             yield Fact(Message("engine"), _beside(name, setting.value, setting.golden))
-    if check.first is not None:
-        yield Fact(Message("first"), _difference(check.first))
-    if compared.call_before is not None:
-        yield Fact(Message("after"), _call(compared.call_before))
-    other = compared.other_call
-    if other is not None:
-        calls = {"call": _call(other.value), "golden": _call(other.golden)}
-        yield Fact(Message("call"), Message("{call}, golden {golden}", **calls))
+    if check.why is not None:
+        yield from facts_of(cast("Diff", check.why))
+    else:
+        yield from _first(check, compared)
     yield from _distances(check, compared)
     # What a call sets is kept beside what the engine reports of it.
     told = {each.column for each in compared.differences}
     more = [
         each
-        for each in compared.differences
+        for each in (compared.differences if check.why is None else ())
         if each not in (*settings, check.first)
         and not (SET in each.column and each.column.replace(SET, "engine.") in told)
     ]
     for difference in more[:MOST]:
-        title = Message("input") if check.first is None else Message("also")
+        title = Message("no effect") if check.same else Message("input")
         yield Fact(title, _difference(difference))
     if len(more) > MOST:
         yield Fact("", Message("and {more:,} more: see --json", more=len(more) - MOST))
@@ -217,6 +216,18 @@ def _compared(check: Check, compared: Comparison) -> Iterator[Fact]:
     if check.frames is not None:
         yield Fact(Message("frames"), _frames(check.frames))
     yield from _besides(compared)
+
+
+def _first(check: Check, compared: Comparison) -> Iterator[Fact]:
+    """Yield the first difference of a sample, and the calls around it."""
+    if check.first is not None:
+        yield Fact(Message("first"), _difference(check.first))
+    if compared.call_before is not None:
+        yield Fact(Message("after"), _call(compared.call_before))
+    other = compared.other_call
+    if other is not None:
+        calls = {"call": _call(other.value), "golden": _call(other.golden)}
+        yield Fact(Message("call"), Message("{call}, golden {golden}", **calls))
 
 
 def _left_out(compared: Comparison) -> Message | None:

@@ -81,9 +81,13 @@ def _json_of_cause(cause: Cause) -> dict[str, Any]:
 
 def report_of(diff: Diff) -> Report:
     """Report until when they are the same, what makes them part, and what proves it."""
-    answer = diff.answer
-    same = answer.cls == "none"
-    rows = [
+    code = 0 if diff.answer.cls == "none" else APART
+    return Report(sections=[Section([Facts(facts_of(diff), COLUMN)])], code=code)
+
+
+def facts_of(diff: Diff) -> list[Fact]:
+    """Return the lines of an answer."""
+    return [
         *_same(diff),
         *_cut_short(diff),
         *_because(diff),
@@ -93,7 +97,6 @@ def report_of(diff: Diff) -> Report:
         *_end(diff),
         *_no_effect(diff),
     ]
-    return Report(sections=[Section([Facts(rows, COLUMN)])], code=0 if same else APART)
 
 
 def _same(diff: Diff) -> Iterator[Fact]:

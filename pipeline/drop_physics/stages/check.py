@@ -8,6 +8,7 @@ import shutil
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,9 @@ from drop_physics.recording import sealing
 from drop_physics.recording.damage import damaged
 from drop_physics.recording.frames import frames, frames_of_cameras
 from drop_physics.recording.reader import Recording, is_recording, read
+
+if TYPE_CHECKING:
+    from drop_physics.stages.diff import Diff
 from drop_physics.stages import verbs
 from drop_physics.stages.verbs.taken import takes_those_of
 
@@ -67,6 +71,8 @@ class Check(Printable, reported_by="drop_physics.report.check"):
     """Where and why the engines part, if the drops differ in nothing else."""
     updated: bool = False
     """Whether the recording has been made the golden one."""
+    why: Printable | None = None
+    """A `Diff`: why they are not the same; None if nothing told it, or of a drop."""
     lacks: tuple[str, ...] = ()
     """What one of them lacks because it has an earlier schema, and so was not compared."""
 
@@ -177,8 +183,21 @@ def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
         comparison,
         pictures,
         engines,
+        why=_why(run, golden, comparison, tolerance_m),
         lacks=tuple(each.lacks for each in (run, golden) if each.lacks is not None),
     )
+
+
+def _why(
+    run: Recording, golden: Recording, comparison: Comparison, tolerance_m: float
+) -> Diff | None:
+    """Return why two runs of scripts are not the same."""
+    if run.drop is not None or (comparison.first is None and comparison.same):
+        return None
+    from drop_physics.stages.diff import why_apart
+
+    found = why_apart(golden, run, ("golden", run.path.name), tolerance_m)
+    return None if found is None or found.answer.cls in (None, "none") else found
 
 
 def _side(recording: Recording) -> Side:

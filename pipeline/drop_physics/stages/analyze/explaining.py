@@ -180,7 +180,7 @@ def _interpreter(
     candidates = [python] if python else [*([recorded] if recorded else []), sys.executable]
     for each in candidates:
         path = str(Path(each).expanduser())
-        has = _version_in(path)
+        has = version_in(path)
         if has == version:
             return path, None
         found.append(f"{each}: {has or '–'}")
@@ -192,7 +192,7 @@ def _interpreter(
     )
 
 
-def _version_in(python: str) -> str:
+def version_in(python: str) -> str:
     """Return an interpreter's version of MuJoCo; empty if it has none, or cannot be run."""
     if python == sys.executable:
         try:

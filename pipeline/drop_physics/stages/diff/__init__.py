@@ -7,7 +7,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from drop_physics.engines.mujoco.crossed import CrossedRuns
@@ -23,7 +23,7 @@ from drop_physics.printable import Printable
 from drop_physics.recording.reader import Recording
 from drop_physics.stages import verbs
 from drop_physics.stages.diff.by_calls import answered_by_calls
-from drop_physics.stages.diff.sides import RunSide, recorded_side, sides_of
+from drop_physics.stages.diff.sides import RunSide, recorded_side, side_of, sides_of
 from drop_physics.stages.diff.two_engines import AGREES, answered_by_engines
 from drop_physics.stages.record import interrupts
 from drop_physics.stages.verbs.taken import takes_those_of
@@ -72,8 +72,9 @@ def diff(asked: verbs.Diff) -> Diff:
         variables=asked.variables,
         pythons=asked.pythons,
         twice=asked.twice,
+        revision=asked.revision,
     )
-    names = a.named(b) or "a", b.named(a) or "b"
+    names = a.named(b) or Path(a.target).name, b.named(a) or Path(b.target).name
     if names[0] == names[1]:
         names = f"{names[0]} (a)", f"{names[1]} (b)"
     with ExitStack() as stack:
@@ -90,19 +91,38 @@ def diff(asked: verbs.Diff) -> Diff:
             recorded_side(side, path, asked, name=name)
             for side, path, name in zip((a, b), paths, names, strict=True)
         )
-        answer, runs = _answered(mine, theirs, asked.tolerance, asked.tell)
-    engines = mine.recording.seen.engine, theirs.recording.seen.engine
+        found = _compared(mine, theirs, asked.tolerance, asked.tell)
+    kept = None if asked.out is None else (mine.recording.path, theirs.recording.path)
+    return replace(found, recordings=kept)
+
+
+def why_apart(a: Recording, b: Recording, names: tuple[str, str], tolerance: float) -> Diff | None:
+    """Return why one recording is not another; None where that cannot be told.
+
+    It takes an interpreter with the engine of each, and nothing is fetched.
+    """
+    try:
+        sides = [side_of(each, name) for each, name in zip((a, b), names, strict=True)]
+        return _compared(sides[0], sides[1], tolerance, lambda _: None)
+    except DropError:
+        return None
+
+
+def _compared(a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None]) -> Diff:
+    answer, runs = _answered(a, b, tolerance, tell)
+    engines = a.recording.seen.engine, b.recording.seen.engine
     two = DEFAULT_ENGINE in engines and engines[0] != engines[1]
     return Diff(
-        *names,
+        a.name,
+        b.name,
         answer,
-        asked.tolerance or (AGREES if two else 0.0),
+        tolerance or (AGREES if two else 0.0),
         engines,
         runs,
-        None if asked.out is None else (mine.recording.path, theirs.recording.path),
-        _host(mine.recording, theirs.recording),
-        (_ending(mine.recording), _ending(theirs.recording)),
-        [*dict.fromkeys((*mine.recording.seen.unseeded, *theirs.recording.seen.unseeded))],
+        None,
+        _host(a.recording, b.recording),
+        (_ending(a.recording), _ending(b.recording)),
+        [*dict.fromkeys((*a.recording.seen.unseeded, *b.recording.seen.unseeded))],
     )
 
 

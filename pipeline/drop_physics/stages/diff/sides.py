@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import shlex
+import sys
 import uuid
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from drop_physics.engines import script as running
@@ -15,7 +17,9 @@ from drop_physics.errors import ScenarioError
 from drop_physics.recording import schema
 from drop_physics.recording.reader import Recording, read
 from drop_physics.stages import verbs
-from drop_physics.stages.diff.wheels import checked, unpacked
+from drop_physics.stages.analyze.explaining import version_in
+from drop_physics.stages.diff.revision import exported
+from drop_physics.stages.diff.wheels import checked, kept, unpacked
 from drop_physics.stages.interpreter import interpreter_of
 from drop_physics.stages.program import checked_limits, digest_of_script, texts_of
 from drop_physics.stages.record import interrupts, origin_of, written
@@ -164,6 +168,23 @@ class RunSide:
     """Paths and contents of files that the engine loaded, by the names that calls gave."""
 
 
+def side_of(held: Recording, name: str) -> RunSide:
+    """Return a recording as a side: with an interpreter that has its engine, if one is found.
+
+    That is the script's, or ours, perhaps with a version that was fetched before.
+    """
+    recorded = str((held.ended or {}).get("interpreter") or sys.executable)
+    python = recorded if os.access(recorded, os.X_OK) else sys.executable
+    version = held.seen.engine.partition(" ")[2]
+    environment: dict[str, str] = {}
+    if version and version_in(python) != version:
+        if version_in(sys.executable) == version:
+            python = sys.executable
+        else:
+            environment = kept(held.seen.engine, python)
+    return RunSide(name, held, python, environment, str(held.path))
+
+
 def recorded_side(asked: Asked, path: Path, how: verbs.Diff, *, name: str) -> RunSide:
     """Record a side, or read it where it is a recording.
 
@@ -189,8 +210,24 @@ def recorded_side(asked: Asked, path: Path, how: verbs.Diff, *, name: str) -> Ru
     environment = {**unpacked(asked.packages, python, note), **asked.variables}
     if asked.is_recording:
         held = read(Path(asked.target))
-        its = (held.ended or {}).get("interpreter")
-        return RunSide(name, held, asked.python or str(its or python), environment, asked.target)
+        if asked.python or environment:
+            return RunSide(name, held, python, environment, asked.target)
+        return replace(side_of(held, name), target=asked.target)
+    digest_of_script(asked.target, is_module=False)  # before what takes long
+    with exported(Path(asked.target), asked.revision) as script:
+        return _recorded(replace(asked, target=str(script)), path, how, name, python, environment)
+
+
+def _recorded(
+    asked: Asked,
+    path: Path,
+    how: verbs.Diff,
+    name: str,
+    python: str,
+    environment: Mapping[str, str],
+) -> RunSide:
+    """Run and record a script."""
+    note = how.note
     digest = digest_of_script(asked.target, is_module=False)
     steps, *_ = checked_limits(how.steps, None, None)
     program = Program(

@@ -34,6 +34,16 @@ def cache() -> Path:
     return above / "drop" / "with"
 
 
+def kept(engine: str, python: str) -> dict[str, str]:
+    """Return the variables with which an interpreter finds an engine's version, if it was fetched.
+
+    `engine` is its name and version, as in a recording.
+    """
+    name, _, version = engine.lower().partition(" ")
+    folder = cache() / f"{name}-{version}-{_tag(python)}"
+    return {"PYTHONPATH": str(folder)} if folder.is_dir() else {}
+
+
 def forget() -> int:
     """Empty that folder, and return how many versions were in it."""
     folder = cache()

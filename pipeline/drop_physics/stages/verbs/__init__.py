@@ -310,6 +310,10 @@ class Diff(Printed):
         Sequence[str], takes("PATH", "The interpreter of one side; repeatable.", "--python")
     ] = ()
     twice: Annotated[bool, flag("Compare the script with itself, run twice.")] = False
+    revision: Annotated[
+        str | None,
+        takes("REV", "Compare the script as committed in Git, as HEAD, with what it is.", "--rev"),
+    ] = None
     tolerance: Annotated[
         float,
         takes(
