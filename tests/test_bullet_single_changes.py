@@ -278,3 +278,41 @@ def test_what_makes_a_thing_and_is_left_out_returns_that_there_is_none() -> None
     joints = p.getNumConstraints()
     made = run.createConstraint(body, -1, -1, -1, p.JOINT_FIXED, [0] * 3, [0] * 3, [0] * 3)
     assert (made, p.getNumConstraints()) == (-1, joints)
+
+
+def several(p: Any, *, targets: Any = (0.3, 0.2), joints: Any = (0, 1), turn: Any = None) -> bytes:
+    """Run a script that commands two joints in one call, of an arm that lies; return its states."""
+    p.disconnect()
+    p.connect(p.DIRECT)
+    p.setAdditionalSearchPath(pybullet_data.getDataPath())
+    p.setGravity(0, 0, -9.81)
+    turned = p.getQuaternionFromEuler([1.2, 0, 0]) if turn is None else turn
+    arm = p.loadURDF("pendulum5.urdf", [0, 0, 1], turned, useFixedBase=True)
+    states = []
+    for _ in range(STEPS):
+        p.setJointMotorControlArray(
+            arm, joints, p.POSITION_CONTROL, targetPositions=targets, forces=[50] * len(joints)
+        )
+        p.stepSimulation()
+        states += [p.getJointState(arm, joint)[0] for joint in range(4)]
+    return np.array(states).tobytes()
+
+
+def test_a_call_for_several_joints_is_changed_for_one_and_a_turned_body_stands_upright() -> None:
+    run = Watched(BULLET.sees)
+    several(run)
+    found = possible(p, BULLET.tried, run.interventions.seen)
+    targets = the(found, "setJointMotorControlArray.targetPositions", "*-1")
+    assert len(targets.of) == 2
+
+    def made(change: Change) -> bytes:
+        changed = Watched(json.loads(json.dumps(trial_of(change)["interventions"])))
+        return several(changed)
+
+    assert made(targets) == several(p, targets=(-0.3, -0.2))
+    assert made(targets.of_some([1])) == several(p, targets=(0.3, -0.2))
+    out = the(found, "setJointMotorControlArray", "left-out")
+    assert made(out.of_some([1])) == several(p, targets=(0.3,), joints=(0,))
+    upright = the(found, "loadURDF.baseOrientation", "=default")
+    assert made(upright) == several(p, turn=[0, 0, 0, 1])
+    assert upright.target == ("pendulum5",)

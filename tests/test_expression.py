@@ -88,11 +88,15 @@ class Falling(Observed):
 
     def positions(self) -> list[float]:
         """Return where it is."""
-        return [0.0, 0.0, -float(self.steps)]
+        return 3 * [0.0, 0.0, -float(self.steps)]
 
     def bodies(self) -> list[str]:
         """Return its name."""
         return ["ball"]
+
+    def astray(self) -> dict[str, float]:
+        """Return how far it is from what is asked: nothing is."""
+        return {}
 
     def is_finite(self) -> bool:
         """Return that it is."""

@@ -238,6 +238,20 @@ def test_an_input_is_another_and_the_script_reads_its_own(
     assert run.d.xfrc_applied[1, 0] == 0.5
 
 
+def test_what_is_undone_is_not_how_the_script_begins(
+    found: dict[tuple[str, str], Change],
+) -> None:
+    """Its first pose and speeds are the script's, which writes no others then."""
+
+    def begins(_: Any, d: Any) -> None:
+        d.qvel[-1] = 0.5
+
+    run = Script()
+    begins(run.m, run.d)
+    run.become(found["input.qvel", "undone"])
+    assert run.run().tobytes() == bare(begins, script=untouched).tobytes()
+
+
 def test_a_finer_timestep_makes_so_many_steps(found: dict[tuple[str, str], Change]) -> None:
     run = Script()
     run.become(found["option.timestep", "/2"])

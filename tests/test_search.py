@@ -22,9 +22,9 @@ TIMESTEP = Change("option.timestep", "/2", ("/", 2.0))
 
 def motion(height_m: float, aside_m: float = 0.0) -> Motion:
     """Return the motion of a cube that stays at a height, and of a table beside it."""
-    positions = np.zeros((5, 2, 3))
-    positions[:, 0, 2], positions[:, 1, 0] = height_m, aside_m
-    return Motion(1, 5, ("cube", "table"), positions)
+    positions = np.zeros((5, 2, 9))
+    positions[:, 0, 2::3], positions[:, 1, ::3] = height_m, aside_m
+    return Motion(1, 5, ("cube", "table"), {}, positions)
 
 
 @dataclass
@@ -109,10 +109,10 @@ def test_a_search_whose_time_runs_out_is_not_complete() -> None:
 
 def test_motions_are_compared_at_the_steps_that_both_have() -> None:
     """A body that moves at 1 m/step, in 9 and in 4 steps: the states of steps 0, 4, 8 and 0, 4."""
-    positions = np.zeros((9, 1, 3))
-    positions[:, 0, 0] = np.arange(9)
-    one = Motion(1, 9, ("cube",), positions)
-    other = Motion(4, 8, ("cube",), positions[::4][:2] + 3.0)
+    positions = np.zeros((9, 1, 9))
+    positions[:, 0, ::3] = np.arange(9)[:, None]
+    one = Motion(1, 9, ("cube",), {}, positions)
+    other = Motion(4, 8, ("cube",), {}, positions[::4][:2] + 3.0)
     assert apart_m([one], [other])["cube"] == pytest.approx(3 * np.sqrt(3))
     assert side_m({"cube": 3.0, "a": 3.0, "b": 4.0}, besides=["cube"]) == 5
     assert apart_m([one], [replace(other, bodies=("ball",))]).keys() == {"cube"}

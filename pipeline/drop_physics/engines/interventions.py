@@ -10,7 +10,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from string import Formatter
 from typing import Any
 
-from drop_physics.engines.watching.single_changes import Change
+from drop_physics.engines.watching.single_changes import MOST_NAMES, Change
 from drop_physics.messages import Message
 from drop_physics.trace.cures import NUDGE, ChangedRun, Cure, Scope, whole_number
 
@@ -21,8 +21,6 @@ How = Sequence[Any]
 Becomes = Callable[[float | None], How]
 """What a value becomes, by a cure's number or without one."""
 NOT_SAID = "…"
-MOST_NAMES = 6
-"""Most elements of a change whose names are written out."""
 MORE = 10.0
 """The factor of what is raised, if a cure gives no number."""
 AWAY = 1.001
@@ -93,6 +91,8 @@ class Row:
     """The engine's default, for the operator `=default`."""
     change: str = ""
     """What the search changes, if that is not what the row sets first."""
+    is_geometry: bool = False
+    """Whether that is where things are, and how large: seldom what a user has got wrong."""
 
     @property
     def tried(self) -> dict[str, Any]:
@@ -102,6 +102,7 @@ class Row:
             "tries": self.tries.split(),
             "breaks": self.breaks.split(),
             "default": self.default,
+            "is_geometry": self.is_geometry,
         }
 
     def number(self, cure: Cure) -> float | None:

@@ -12,6 +12,9 @@ import numpy as np
 
 from drop_physics.arrays import Float64
 
+POINTS = 3
+"""Points of a body by which its motion is told: of one that turns on the spot, two move."""
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -21,15 +24,24 @@ class Motion:
     """Every how many steps."""
     steps: int
     bodies: tuple[str, ...]
+    astray: Mapping[str, float]
+    """How far each command is from what comes, RMS, in its unit, by name."""
     positions_m: Float64
-    """Shape (states, bodies, 3); not a number where a body is not there."""
+    """Of three points of each body: shape (states, bodies, 9); not a number where a body is not
+    there."""
 
 
 def motion_of(told: Mapping[str, Any]) -> Motion:
     """Return a motion as a run has told it."""
     bodies = tuple(told["bodies"])
     flat = np.frombuffer(base64.b64decode(told["positions"]))
-    return Motion(told["stride"], told["steps"], bodies, flat.reshape(-1, len(bodies), 3))
+    return Motion(
+        told["stride"],
+        told["steps"],
+        bodies,
+        told["astray"],
+        flat.reshape(-1, len(bodies), 3 * POINTS),
+    )
 
 
 def apart_m(one: Sequence[Motion], other: Sequence[Motion]) -> dict[str, float]:
@@ -43,7 +55,7 @@ def apart_m(one: Sequence[Motion], other: Sequence[Motion]) -> dict[str, float]:
         a, b = (each.positions_m[:: stride // each.stride] for each in (first, second))
         states, bodies = min(len(a), len(b)), min(a.shape[1], b.shape[1])
         with np.errstate(all="ignore"):
-            squared = np.sum((a[:states, :bodies] - b[:states, :bodies]) ** 2, axis=2)
+            squared = np.sum((a[:states, :bodies] - b[:states, :bodies]) ** 2, axis=2) / POINTS
             squared = squared[:, ~np.isnan(squared).all(axis=0)] if states else squared
         names = [
             name
@@ -55,6 +67,16 @@ def apart_m(one: Sequence[Motion], other: Sequence[Motion]) -> dict[str, float]:
         for name in (*first.bodies[bodies:], *second.bodies[bodies:]):
             far[name] = math.inf
     return far
+
+
+def worse(one: Sequence[Motion], other: Sequence[Motion]) -> list[str]:
+    """Return the commands that are followed worse in another run, by their names."""
+    return [
+        name
+        for first, second in zip(one, other, strict=False)
+        for name, far in second.astray.items()
+        if name in first.astray and far > WORSE * first.astray[name] + NEXT_TO_NOTHING
+    ]
 
 
 def side_m(far: Mapping[str, float], besides: Sequence[str] = ()) -> float:
@@ -70,5 +92,8 @@ def same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
     return all(math.isclose(one[name], other[name], rel_tol=SAME, abs_tol=SAME_M) for name in one)
 
 
+WORSE, NEXT_TO_NOTHING = 1.1, 1e-3
+"""A command is followed worse where it is farther from what comes by this factor, and more than
+that [rad, m; rad/s, m/s]."""
 SAME, SAME_M = 0.01, 1e-7
 """Two outcomes differ by less where they are one [1, m]."""

@@ -7,7 +7,7 @@ motion. Changes with the same motion are one outcome, said once.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +18,8 @@ from drop_physics.experiments.search import Tried
 SAME_VALUE = 0.01
 """Outcomes are alike where their quantity differs by less, as a share of it."""
 SIZES = {"default": 0.5, "=default": 0.5, "left-out": 0.6, "*-1": 1.5}
-"""How large a change is by its operator; a factor is 1, and any other 1.2."""
+ADDED = 0.8
+"""How large a change is by its operator, or as an added call; a factor is 1, any other 1.2."""
 
 
 @dataclass(frozen=True)
@@ -78,9 +79,12 @@ def _are_alike(one: Tried, other: Tried) -> bool:
 def _plainness(each: Tried) -> tuple[Any, ...]:
     """Order outcomes with the same motion: nothing taken away, few elements, a small change."""
     change = each.change
-    return change.breaks, not change.ids, len(change.ids), size_of(change), each.number
+    size = change.is_geometry, size_of(change), each.number
+    return change.breaks, not change.ids, len(change.ids), *size
 
 
 def size_of(change: Change) -> float:
     """Return how large a change is by its operator."""
+    if isinstance(change.how[1], Mapping):  # a call that is often left out
+        return ADDED
     return SIZES.get(change.op, 1.0 if change.op[0] in "*/" else 1.2)

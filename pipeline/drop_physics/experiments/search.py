@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from drop_physics.engines.watching.single_changes import Change
-from drop_physics.experiments.motion import Motion, apart_m
+from drop_physics.experiments.motion import Motion, apart_m, worse
 
 ONE_BY_ONE = 8
 """So many elements are tried one by one; more of them by halves."""
@@ -50,6 +50,8 @@ class Tried:
     """Its place in the order in which changes were to be tried."""
     far_m: Mapping[str, float]
     """How far each body is from where it was in the script's own run, RMS [m]."""
+    worse: Sequence[str] = ()
+    """The commands that are followed worse than there."""
 
     @property
     def family(self) -> tuple[Any, ...]:
@@ -132,7 +134,8 @@ class Search:
                 self.complete = False
                 continue
             far_m = apart_m(self.base.motion, outcome.motion)
-            each = Tried(change, outcome, queue.number(change), far_m)
+            follows = worse(self.base.motion, outcome.motion)
+            each = Tried(change, outcome, queue.number(change), far_m, follows)
             self.tried.append(each)
             self.told(len(self.tried), sum(one.outcome.holds for one in self.tried))
             if outcome.holds:

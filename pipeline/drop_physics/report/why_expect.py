@@ -96,7 +96,7 @@ def _json_of(
 def _named(tried: Tried) -> dict[str, Any]:
     change = tried.change
     site = None if change.site is None else ":".join(map(str, change.site))
-    return {"change": change.change, "target": [*change.of], "op": change.op, "site": site}
+    return {"change": change.change, "target": [*change.target], "op": change.op, "site": site}
 
 
 # -- as lines -------------------------------------------------------------------------------------

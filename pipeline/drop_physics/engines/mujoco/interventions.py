@@ -314,6 +314,10 @@ GRAVITY: dict[str, Becomes] = {
     "opt.disableflags": always("~", "mjDSBL_GRAVITY"),
 }
 
+GEOMETRY = (
+    *("jnt_axis", "jnt_pos", "geom_pos", "geom_size", "body_ipos", "site_pos", "site_size"),
+)
+"""Fields that say where things are, and how large."""
 SEARCHED = (
     ("jnt_stiffness", "stiffness", "=0 *0.1 *10", ""),
     ("jnt_axis", "axis", "*-1", ""),
@@ -326,6 +330,7 @@ SEARCHED = (
     ("actuator_off", "actuator", "=0", "=0"),
     ("actuator_forcelimited", "forcelimited", "=0", ""),
     ("actuator_dyntype", "dyntype", "=0", ""),
+    ("geom_condim_friction", 'condim="6" and its friction', "*10 *100", ""),
     ("geom_margin", "margin", "=0", ""),
     ("geom_pos", "pos", "=0", ""),
     ("geom_size", "size", "*0.5", ""),
@@ -665,7 +670,14 @@ ROWS = (
         whole_run=True,
     ),
     *(
-        Row("", change=change, words=words, tries=tries, breaks=breaks)
+        Row(
+            "",
+            change=change,
+            words=words,
+            tries=tries,
+            breaks=breaks,
+            is_geometry=change in GEOMETRY,
+        )
         for change, words, tries, breaks in SEARCHED
     ),
     Row("", change="geom_solimp", words="solimp", tries="=default stiff", default=SOLIMP),
@@ -677,7 +689,7 @@ SEES = [{"engine": ENGINE, "do": "see"}]
 def _words_of(change: Change) -> str:
     """Return a single change in words, by the attribute that its user would write."""
     kind, _, part = change.change.partition(".")
-    elements, how = named(change.of), done(change.op)
+    elements, how = named(change.target), done(change.op)
     if kind == "flag":
         return Message("flag {name} turned over", name=part.lower())
     if kind == "pair":
@@ -690,6 +702,11 @@ def _words_of(change: Change) -> str:
     )
 
 
-WRITTEN_AS = {"actuator_kp_kv": "kp and kv", "actuator_off": "force", "geom_collides": "contype"}
+WRITTEN_AS = {
+    "actuator_kp_kv": "kp and kv",
+    "actuator_off": "force",
+    "geom_collides": "contype",
+    "geom_condim_friction": 'condim="6", friction of torsion and rolling',
+}
 """What a user calls a field, where that is not the field's own name."""
 INTERVENTIONS = Interventions(ROWS, OPTIONS, _set_parameter, left_out, SEES, trial_of, _words_of)

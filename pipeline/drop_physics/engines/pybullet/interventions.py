@@ -357,22 +357,34 @@ def _added(
 LEFT, LEFT_BREAKS = "left-out held late", "left-out held"
 MOTOR_CALL, PUSH = r"setJointMotorControl\w*", r"applyExternal\w+"
 POSITIVE, NUMBERS = "*10 *0.1 =0 default", "*10 *0.1 =0 *-1 default"
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+"""The orientation of what is not turned."""
+SIZES = r".*\.(halfExtents|radius|height)"
+TURNS = r".*\.(\w*[oO]rientation|ornObj)"
+PLACES = r"(load|create|resetBase)\w+\.(basePosition|posObj)"
 IN_CALLS = (
-    (rf"{MOTOR_CALL}|{PUSH}|setGravity|resetBaseVelocity", LEFT, LEFT_BREAKS),
-    (r"(set|change|reset|enable|removeC)\w+|createConstraint", LEFT, ""),
+    (
+        rf"{MOTOR_CALL}|{PUSH}|setGravity|resetBaseVelocity|enable\w+|createConstraint",
+        LEFT,
+        LEFT_BREAKS,
+    ),
+    (r"(set|change|reset|removeC)\w+", LEFT, ""),
     (r".*\.\w*(UniqueId[AB]?|Indices|Index[AB]?|Id|Type|Mode|fileName|body[AB])", "", ""),
     (r"loadURDF\.flags", "^2 ^8 ^128 ^4096", ""),
     (rf"{PUSH}\.flags", "^3", ""),
     (r".*\.flags", "", ""),
     (r".*\.(useFixedBase|enableCollision|useMaximalCoordinates)", "^1", ""),
-    (r".*\.(halfExtents|radius|height|timeStep|globalScaling|meshScale)", "*10 *0.1", ""),
+    (r".*\.(timeStep|globalScaling|meshScale)", "*10 *0.1", ""),
+    (SIZES, "*10 *0.1", "*0.1"),
+    (TURNS, "=default default", ""),
+    (PLACES, "*10 *0.1 =0 *-1", "*10 *0.1 =0 *-1"),
     (r".*\.(mass|baseMass|\w*[iI]nertia\w*)", POSITIVE, POSITIVE),
     (rf"{MOTOR_CALL}\.forces?", POSITIVE, "=0"),
     (r".*\.(\w*(Friction|Damping|Stiffness|Gains?|Force)|max\w*Velocity)", POSITIVE, ""),
     (r".*\.(distance|restitution|erp|\w*ERP|num\w+)", POSITIVE, ""),
     (rf"{MOTOR_CALL}\.target\w+", NUMBERS, "=0 default"),
-    (rf"({PUSH}|setGravity)\.\w+", NUMBERS, "=0"),
-    (r"resetBaseVelocity\.\w+", NUMBERS, NUMBERS),
+    (rf"{PUSH}\.\w+", NUMBERS, "=0"),
+    (r"(setGravity|resetBaseVelocity)\.\w+", NUMBERS, NUMBERS),
     (r".*\..*", NUMBERS, ""),
 )
 """What the causal search tries in calls: function, or function and argument; operators; and those
@@ -709,7 +721,17 @@ ROWS = (
     ),
     # What the search changes in calls that the script makes, by function and argument: the first
     # pattern counts.
-    *(Row("", change=pattern, tries=tries, breaks=breaks) for pattern, tries, breaks in IN_CALLS),
+    *(
+        Row(
+            "",
+            change=each,
+            tries=tries,
+            breaks=breaks,
+            default=UPRIGHT if each == TURNS else 0.0,
+            is_geometry=each in (SIZES, PLACES, TURNS),
+        )
+        for each, tries, breaks in IN_CALLS
+    ),
     # Calls left out.
     CallRow("without", makes=_without, words=Message("without p.{function}(…)"), needs="function"),
     Row("without:argument", words=Message("without p.{function}(…, {argument}=…)")),
@@ -739,7 +761,7 @@ def _words_of(change: Change) -> str:
     if isinstance(added, Mapping):
         sets = [f"{name}={how[1]}" for name, how in added["sets"].items() if how[0] == "="]
         call = f"p.{added['call']}(…, {', '.join(sets)})"
-        of = named([each for each in change.of if each])
+        of = named(change.target)
         return (
             Message("{call} of {of}, added", call=call, of=of)
             if of

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from .evaluating import Evaluator
 from .expression import PRINTED, SERIES, Expression
-from .observed import Observed, UnknownNameError, nearest
+from .observed import NUMBERS, Observed, UnknownNameError, nearest
 from .sites import is_library
 
 if TYPE_CHECKING:
@@ -154,8 +154,10 @@ class Track:
         self._reads: dict[tuple[str, tuple[Any, ...]], tuple[Callable[[], Any], list[Any]]] = {}
         self._times = array("d")
         self._since: dict[tuple[str, tuple[Any, ...]], int] = {}
-        self._steps, self._stride = 0, 1
+        self._steps, self._stride, self._seen = 0, 1, 0
         self._rows: list[list[float]] = []
+        self._astray: dict[str, float] = {}
+        """The sum of squares of how far each command is from what comes."""
         self.is_finite = True
 
     def step(self) -> None:
@@ -168,6 +170,9 @@ class Track:
         if not self._steps % self._stride:
             self._rows.append(self._observed.positions())
             self.is_finite &= self._observed.is_finite()
+            for name, far in self._observed.astray().items():
+                self._astray[name] = self._astray.get(name, 0.0) + far * far
+            self._seen += 1
             if len(self._rows) > MOST_ROWS:
                 del self._rows[1::2]
                 self._stride *= 2
@@ -185,7 +190,7 @@ class Track:
     def motion(self) -> dict[str, Any]:
         """Return how all bodies moved: positions [m] after every `stride` steps, by body."""
         bodies = self._observed.bodies()
-        width = 3 * len(bodies)
+        width = NUMBERS * len(bodies)
         flat = array("d")
         for row in self._rows:
             flat.extend([*row, *[float("nan")] * (width - len(row))])
@@ -193,6 +198,7 @@ class Track:
             "stride": self._stride,
             "steps": self._steps,
             "bodies": [*bodies],
+            "astray": {name: (far / self._seen) ** 0.5 for name, far in self._astray.items()},
             "positions": base64.b64encode(flat.tobytes()).decode(),
         }
 

@@ -7,6 +7,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from typing import Any
 
+NUMBERS = 9
+"""Of three points of a body, in `Observed.positions`."""
 NEAREST = 5
 """Known names that are listed beside one that is unknown."""
 
@@ -55,11 +57,22 @@ class Observed(ABC):
 
     @abstractmethod
     def positions(self) -> list[float]:
-        """Return the positions of all bodies [m], three numbers each, in the same order always."""
+        """Return where three points of each body are [m], the bodies in the same order always.
+
+        They are its centre of mass, and two at its radius of gyration from there along axes of its
+        own: so that a body that turns on the spot moves, too.
+        """
 
     @abstractmethod
     def bodies(self) -> list[str]:
         """Return the names of these bodies."""
+
+    @abstractmethod
+    def astray(self) -> dict[str, float]:
+        """Return how far each joint is from what the script commands now, by the command's name.
+
+        Of a position [rad, m], or of a velocity [rad/s, m/s].
+        """
 
     @abstractmethod
     def is_finite(self) -> bool:

@@ -10,6 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+MOST_NAMES = 6
+"""Most elements of a change that are named one by one."""
+
 
 @dataclass(frozen=True)
 class Change:
@@ -34,11 +37,23 @@ class Change:
     """What tells the compiled model whose elements they are; empty if there is none."""
     engine: str = ""
     """The engine whose run it is."""
+    is_geometry: bool = False
+    """Whether it changes where things are, or how large."""
+    bodies: tuple[str, ...] = ()
+    """The bodies whose elements all are changed, of which it can be; empty of some of them."""
+
+    @property
+    def target(self) -> tuple[str, ...]:
+        """The names of what is changed: of too many elements, those of their bodies."""
+        names = self.bodies if self.bodies and len(self.of) > MOST_NAMES else self.of
+        return tuple(dict.fromkeys(each for each in names if each))
 
     def of_some(self, places: Sequence[int]) -> Change:
         """Return the same change of some of its elements, by their places."""
         ids, of = (tuple(held[place] for place in places) for held in (self.ids, self.of))
-        return replace(self, ids=ids, of=of)
+        return replace(
+            self, ids=ids, of=of, bodies=self.bodies if len(ids) == len(self.ids) else ()
+        )
 
     def by(self, factor: float) -> Change:
         """Return the same change by another factor.
@@ -55,7 +70,7 @@ class Change:
 
 def change_of(told: Mapping[str, Any]) -> Change:
     """Return a change as a run has told it."""
-    lists = ("how", "ids", "of", "site", "model")
+    lists = ("how", "ids", "of", "site", "model", "bodies")
     pairs = {name: told[name] if told[name] is None else tuple(told[name]) for name in lists}
     return Change(**{**told, **pairs})
 

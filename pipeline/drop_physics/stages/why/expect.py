@@ -40,6 +40,11 @@ if TYPE_CHECKING:
 NUDGES = 5
 """Runs whose bodies are moved by 1e-9 before the first step: if one of them comes out as expected,
 chance does it."""
+CHANCE = 1e-3
+"""Where nudges move the quantity by more than this share of what it is short of, a change has to
+make it true in nudged runs, too."""
+CONFIRMS = 2
+"""The number of these."""
 PARTS = {"MuJoCo": 0}
 """After how many steps runs part from one another, by engine: a model of MuJoCo is loaded once, and
 is changed before its first step. In PyBullet each run loads its own bodies."""
@@ -174,16 +179,19 @@ class Trials:
         """Return the outcome of a run with a change; None where no time is left."""
         if time.time() > self.until:
             return None
-        trial = TABLES[change.engine].trial_of(change)
-        return self._outcome(
-            interventions=trial["interventions"], variation=trial["variation"] or None
-        )
+        return self._outcome(**self._trial_of(change))
 
-    def nudged(self, number: int) -> Outcome | None:
-        """Return the outcome of a run whose bodies are moved by next to nothing."""
+    def nudged(self, number: int, change: Change | None = None) -> Outcome | None:
+        """Return the outcome of a run, or one with a change, moved by next to nothing."""
         if time.time() > self.until:
             return None
-        return self._outcome(variation={"nudge": NUDGE, "seed": number})
+        trial = {} if change is None else self._trial_of(change)
+        nudge = {"nudge": NUDGE, "seed": number}
+        return self._outcome(**{**trial, "variation": {**(trial.get("variation") or {}), **nudge}})
+
+    def _trial_of(self, change: Change) -> dict[str, Any]:
+        trial = TABLES[change.engine].trial_of(change)
+        return {"interventions": trial["interventions"], "variation": trial["variation"] or None}
 
     def _outcome(self, **changed: object) -> Outcome:
         answer, ended = self.answered(**changed)
@@ -195,10 +203,15 @@ class Trials:
         """Make runs with changes, and yield their outcomes as they come."""
         return in_threads(self.changed, changes, jobs=self.jobs, stop=self.stop)
 
-    def nudges(self) -> list[Outcome]:
-        """Return the outcomes of nudged runs."""
-        made = in_threads(self.nudged, iter(range(NUDGES)), jobs=self.jobs, stop=self.stop)
+    def nudges(self, change: Change | None = None, number: int = NUDGES) -> list[Outcome]:
+        """Return the outcomes of nudged runs, of the script or with a change."""
+        work = partial(self.nudged, change=change)
+        made = in_threads(work, range(number), jobs=self.jobs, stop=self.stop)
         return [outcome for _, outcome in made if outcome is not None]
+
+    def stands(self, change: Change) -> bool:
+        """Return whether a change makes it true, too, where everything is nudged."""
+        return all(each.holds for each in self.nudges(change, CONFIRMS))
 
     def stop(self) -> None:
         """Stop the runs under way."""
@@ -355,9 +368,11 @@ def _searched(
         return {"noise": noise, "chaotic": True}
     search = Search(base, trials.all_of, noise)
     changes = sorted(map(change_of, seen["changes"]), key=_likely)
-    search.told = partial(progress, total=len(changes))
+    search.told = lambda tried, true: progress(tried, true, len(changes))
     search.all_of(changes)
     said = ranked(search.tried)
+    if noise > CHANCE * abs(base.margin):  # what it does may be chance
+        said = _standing(trials, said)
     return {
         "noise": noise,
         "tried": len(search.tried),
@@ -366,6 +381,17 @@ def _searched(
         "least": [search.least_of(each.tried) for each in said[:NARROWED]],
         "moves": [] if said else search.movers()[:MOST_MOVERS],
     }
+
+
+def _standing(trials: Trials, said: Sequence[Said]) -> list[Said]:
+    """Return outcomes without those, among the first ones, that a nudge undoes."""
+    standing: list[Said] = []
+    for number, each in enumerate(said):
+        if len(standing) == NARROWED:
+            return [*standing, *said[number:]]
+        if trials.stands(each.tried.change):
+            standing.append(each)
+    return standing
 
 
 def _likely(change: Change) -> int:

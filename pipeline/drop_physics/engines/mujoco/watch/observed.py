@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...watching.observed import Observed, UnknownNameError
+from .single_changes import AFFINE
 from .writes import FREE
 
 UNSTABLE = ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC")
@@ -32,8 +33,16 @@ class ObservedData(Observed):
     def __init__(self, module: Any, m: Any, d: Any) -> None:
         self._module, self._model, self.ref = module, m, weakref.ref(d)
         self._names: dict[str, dict[str, int]] = {}
-        self._position = d.xpos.reshape(-1)
+        mass = np.where(m.body_mass > 0, m.body_mass, np.inf)
+        self._radius = np.sqrt(m.body_inertia.max(axis=1) / mass)[:, None]
         self._owner = d
+        self._servos = [
+            (n, m.actuator(n).name or f"actuator{n}", gain, spring, damper)
+            for n in np.flatnonzero(m.actuator_biastype == AFFINE).tolist()
+            for gain, spring, damper in [(m.actuator_gainprm[n, 0], *-m.actuator_biasprm[n, 1:3])]
+            if spring > 0 or damper > 0
+        ]
+        """Number, name, gain, stiffness and damping of actuators that are servos."""
         self._body_names = [m.body(body).name or f"body{body}" for body in range(m.nbody)]
 
     @property
@@ -66,13 +75,26 @@ class ObservedData(Observed):
         return self._force(m, d, [self._number("body", name) for name in names])
 
     def positions(self) -> list[float]:
-        """Return the positions of all bodies [m], three numbers each."""
-        numbers: list[float] = self._position.tolist()
+        """Return where three points of each body are [m]."""
+        centre, turned = self._owner.xipos, self._owner.xmat.reshape(-1, 3, 3)
+        arms = (centre + self._radius * turned[:, :, axis] for axis in (0, 2))
+        numbers: list[float] = np.concatenate([centre, *arms], axis=1).reshape(-1).tolist()
         return numbers
 
     def bodies(self) -> list[str]:
         """Return the names of these bodies."""
         return self._body_names
+
+    def astray(self) -> dict[str, float]:
+        """Return how far each servo's joint or tendon is from what `ctrl` asks for."""
+        d, found = self._owner, {}
+        for number, name, gain, spring, damper in self._servos:
+            asked = gain * d.ctrl[number]
+            if spring:
+                found[name] = float(asked / spring - d.actuator_length[number])
+            else:
+                found[name] = float(asked / damper - d.actuator_velocity[number])
+        return found
 
     def is_finite(self) -> bool:
         """Return whether all numbers of the state are finite, and the engine has not reset it."""

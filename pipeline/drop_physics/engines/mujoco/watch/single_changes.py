@@ -39,7 +39,14 @@ OF_INPUTS = {
     "qvel": "joint",
 }
 """What has the numbers of an input."""
-OF_CONTACT = ("geom_friction", "geom_condim", "geom_solref", "geom_solimp", "geom_margin")
+OF_CONTACT = (
+    "geom_friction",
+    "geom_condim_friction",
+    "geom_condim",
+    "geom_solref",
+    "geom_solimp",
+    "geom_margin",
+)
 SAME_FRAME = {"geom_pos": "geom_sameframe", "site_pos": "site_sameframe"}
 """Where MuJoCo has noted as it compiles that a position is that of a body, or of its inertia."""
 DERIVED = (
@@ -47,6 +54,8 @@ DERIVED = (
     *("dof_armature", "actuator_gear"),
 )
 """Fields from which MuJoCo derives others."""
+ROLLS = 6
+"""The dimension of contacts that have friction of torsion and of rolling, too."""
 STIFF_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
 AFFINE, MESH = 1, 7
 """A bias of an actuator that is affine in length and rate; a type of geometries."""
@@ -72,7 +81,14 @@ def possible(module: Any, rows: Sequence[Mapping[str, Any]], seen: Seen) -> list
     for row in rows:
         for op in row["tries"]:
             how, breaks = how_of(op, row["default"]), op in row["breaks"]
-            whole = Change(row["change"], op, how, breaks=breaks, model=tuple(sizes(m)))
+            whole = Change(
+                row["change"],
+                op,
+                how,
+                breaks=breaks,
+                model=tuple(sizes(m)),
+                is_geometry=row["is_geometry"],
+            )
             elements = _elements(m, whole, seen)
             if elements is None:
                 found += [whole] if _does(module, seen, whole) else []
@@ -80,7 +96,9 @@ def possible(module: Any, rows: Sequence[Mapping[str, Any]], seen: Seen) -> list
             kind, ids = elements
             ids = [n for n in ids if _does(module, seen, replace(whole, ids=(n,)))]
             of = tuple(name_of(module, m, kind, n) for n in ids)
-            found += [replace(whole, ids=tuple(ids), of=of)] if ids else []
+            trees = (_tree_of(module, m, kind, n) for n in ids)
+            bodies = tuple(dict.fromkeys(each for each in trees if each))
+            found += [replace(whole, ids=tuple(ids), of=of, bodies=bodies)] if ids else []
     return found
 
 
@@ -90,6 +108,17 @@ def trial_of(change: Change) -> dict[str, Any]:
         return {"interventions": [], "variation": {"finer": int(change.how[1])}}
     operation = {"engine": ENGINE, "do": "single", "change": asdict(change)}
     return {"interventions": [operation], "variation": {}}
+
+
+def _tree_of(module: Any, m: Any, kind: str, which: Any) -> str:
+    """Return the name of the first body of the tree that an element belongs to; empty if none."""
+    if kind == "actuator":
+        kind, which = "joint", int(m.actuator_trnid[which, 0])
+    owner = {"geom": "geom_bodyid", "joint": "jnt_bodyid", "site": "site_bodyid"}.get(kind)
+    if kind != "body" and owner is None:
+        return ""
+    body = which if owner is None else int(getattr(m, owner)[which])
+    return name_of(module, m, "body", int(m.body_rootid[body]))
 
 
 def name_of(module: Any, m: Any, kind: str, which: Any) -> str:
@@ -230,6 +259,9 @@ def _written(module: Any, m: Any, change: Change) -> Iterator[Written]:
     name, ids, how = change.change, [*change.ids], change.how
     if name == "body_mass":
         yield from ((field, how, ids) for field in (name, "body_inertia"))
+    elif name == "geom_condim_friction":
+        yield "geom_condim", ("=", ROLLS), ids
+        yield from ((f"geom_friction[{column}]", how, ids) for column in (1, 2))
     elif name in ("actuator_kp", "actuator_kv", "actuator_kp_kv"):
         yield from _servo(m, name, ids, how)
     elif name == "actuator_off":

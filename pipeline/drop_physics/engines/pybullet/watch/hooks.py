@@ -19,9 +19,10 @@ from ...watching.hidden import hide, hiding
 from ...watching.host import EngineWatch, ScriptWatch
 from ...watching.single_changes import Change
 from ...watching.sites import shown_file
+from .arguments import client_of, named
 from .bodies import WatchedBody
 from .calls import CallWatch
-from .functions import ROLES
+from .functions import COMMANDS, ROLES
 from .handlers import handler
 from .intervene import Interventions, Operation
 from .observed import ObservedWorld
@@ -213,7 +214,22 @@ class BulletWatch(EngineWatch):
             calls[name] = handler(self, name, varied or original)
         for name in originals:
             made, plain = self._interventions.of(name, calls, self.p), calls[name]
-            self._calls[name] = made if made is plain else self.host.standing(plain, made)
+            made = made if made is plain else self.host.standing(plain, made)
+            follows = self.host.evaluator is not None and self.pipe.muted
+            self._calls[name] = (
+                self._commanding(name, made) if follows and name in COMMANDS else made
+            )
+
+    def _commanding(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        """Return what notes what a motor is asked for, as the script asks it."""
+
+        def command(*args: Any, **kwargs: Any) -> Any:
+            world = self.worlds.get(client_of(name, args, kwargs))
+            if world is not None and self.host.on:
+                self.guarded(world, self._observed_of(world).command, named(name, args, kwargs))
+            return call(*args, **kwargs)
+
+        return hiding(command)
 
     def _stopping(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
         """Return what stands before a function in a run from which trials part there."""
@@ -242,9 +258,9 @@ class BulletWatch(EngineWatch):
 
     def observed(self) -> ObservedWorld | None:
         """Return the simulation that was stepped last, as an expectation reads it."""
-        world = self._stepped
-        if world is None:
-            return None
+        return None if self._stepped is None else self._observed_of(self._stepped)
+
+    def _observed_of(self, world: WatchedWorld) -> ObservedWorld:
         if world.number not in self._observed:
             time_s = attrgetter("time_s")
             self._observed[world.number] = ObservedWorld(

@@ -8,6 +8,7 @@ what it would have read without.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any
@@ -25,6 +26,8 @@ Operation = Mapping[str, Any]
 `_DO` returns the arguments of such a call, or None to leave it out; `_DO_then` follows it.
 """
 
+JOINTS = "jointIndices"
+"""The argument of a call for several joints."""
 WHOLE = ("connect", "resetSimulation", "stepSimulation")
 """Calls that are about no body, and so about every one."""
 PLURAL = {
@@ -91,7 +94,8 @@ class Seen:
         key = shown_file(frame.f_code.co_filename), frame.f_lineno, function
         calls = self.calls.setdefault(key, SeenCalls())
         calls.keywords.update(keywords)
-        calls.note(element_of(client, arguments), arguments)
+        for each in elements_of(client, arguments):
+            calls.note(each, arguments)
 
 
 class SeenCalls:
@@ -106,10 +110,15 @@ class SeenCalls:
         """The names of those that are given by name."""
         self.varies = False
         """Whether calls for the same element differ."""
+        self.file = ""
+        """The name, without ending, of the file that the first of them loads."""
 
     def note(self, element: Any, arguments: Mapping[str, Any]) -> None:
         """Note the arguments of a call."""
         now = _copied(arguments)
+        path = arguments.get("fileName")
+        if isinstance(path, str) and not self.file:
+            self.file = os.path.splitext(os.path.basename(path))[0]
         self.arguments = {**now, **self.arguments}
         self.varies |= _differ(now, self.elements.setdefault(element, now))
         self.elements[element] = now
@@ -168,6 +177,8 @@ class Interventions:
                 if make is not None and self.is_about(operation, name, changed, client):
                     self._made = False
                     made = make(operation, changed, client)
+                    if operation.get("elements") and JOINTS in changed:
+                        made = _of_joints(changed, made, elements_of(client, changed), operation)
                     if self._made or _differ(made, changed):
                         self._tell(which)
                         if made is None:
@@ -235,8 +246,10 @@ class Interventions:
             if name not in WHOLE and body not in here:
                 return False
         elements = operation.get("elements")
-        if elements is not None and [*element_of(client, arguments)] not in elements:
-            return False
+        if elements is not None:
+            its = [[*each] for each in elements_of(client, arguments)]
+            if not any(each in elements for each in its):
+                return False
         modes = operation.get("modes")
         return modes is None or arguments.get("controlMode") in modes
 
@@ -300,13 +313,13 @@ class Interventions:
     def _motor(self, operation: Operation, arguments: Any, _: int) -> Any:
         """Set the motors of joints; links None for all that a call is for."""
         links, made = operation.get("links"), {**arguments}
-        if "jointIndices" not in arguments:
+        if JOINTS not in arguments:
             if links is None or number(arguments.get("jointIndex")) in links:
                 for name, how in operation["sets"].items():
                     if name in arguments or how[0] != "*":
                         made[name] = _becoming(arguments.get(name), how)
             return made
-        joints = [number(each) for each in arguments["jointIndices"]]
+        joints = [number(each) for each in arguments[JOINTS]]
         for name, how in operation["sets"].items():
             plural = PLURAL.get(name)
             given = arguments.get(plural)
@@ -323,9 +336,9 @@ class Interventions:
         """Send the motor calls of joints to others."""
         to = dict(operation["links"])
         made = dict(arguments)
-        if "jointIndices" in arguments:
-            joints = [number(each) for each in arguments["jointIndices"]]
-            made["jointIndices"] = [to.get(each, each) for each in joints]
+        if JOINTS in arguments:
+            joints = [number(each) for each in arguments[JOINTS]]
+            made[JOINTS] = [to.get(each, each) for each in joints]
         else:
             joint = number(arguments.get("jointIndex"))
             made["jointIndex"] = to.get(joint, joint)
@@ -573,6 +586,38 @@ def element_of(client: int, arguments: Mapping[str, Any]) -> tuple[int, int | No
     """Return client, body, and joint or link that a call is about."""
     link = arguments.get("jointIndex", arguments.get("linkIndex"))
     return client, body_of({**arguments}), number(link)
+
+
+def elements_of(
+    client: int, arguments: Mapping[str, Any]
+) -> list[tuple[int, int | None, int | None]]:
+    """Return client, body, and joint or link of each thing that a call is about."""
+    if JOINTS not in arguments:
+        return [element_of(client, arguments)]
+    return [(client, body_of({**arguments}), number(each)) for each in arguments[JOINTS]]
+
+
+def _of_joints(
+    arguments: Mapping[str, Any],
+    made: Mapping[str, Any] | None,
+    elements: Sequence[Any],
+    operation: Operation,
+) -> Mapping[str, Any] | None:
+    """Return a call for several joints in which only those of an operation are changed."""
+    changed = [[*each] in operation["elements"] for each in elements]
+    if all(changed):
+        return made
+    merged = {}
+    for name, value in arguments.items():
+        own = _plain(value)
+        if not isinstance(own, list) or len(own) != len(changed):
+            merged[name] = value
+        elif made is None:  # left out
+            merged[name] = [each for each, out in zip(own, changed) if not out]
+        else:
+            new = _plain(made.get(name, own))
+            merged[name] = [b if taken else a for a, b, taken in zip(own, new, changed)]
+    return merged
 
 
 def there(p: Any, client: int, each: str, pairs: Iterable[Sequence[int]]) -> Iterator[Any]:

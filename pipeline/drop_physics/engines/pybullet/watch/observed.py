@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from ...watching.observed import Observed, UnknownNameError
+from ...watching.observed import NUMBERS, Observed, UnknownNameError
+from .arguments import number, vector
 
 AXES = "xyz"
 NORMAL_N, ALONG_N, ACROSS_N = 9, 10, 12
@@ -31,8 +32,11 @@ class ObservedWorld(Observed):
 
     def __init__(self, p: Any, client: int, time: Callable[[], float]) -> None:
         self._p, self._client, self._time = p, client, time
-        self._places: dict[tuple[int, int], int] = {}
+        self._places: dict[tuple[int, int], tuple[int, float]] = {}
+        """The place of each body and link, and its radius of gyration [m]."""
         self._named: list[str] = []
+        self._targets: dict[tuple[int, int], tuple[int, float]] = {}
+        """What is asked of each joint: whether it is a velocity, and the target."""
 
     @property
     def time_s(self) -> float:
@@ -56,30 +60,66 @@ class ObservedWorld(Observed):
         raise UnknownNameError(str(names[0]), ())
 
     def positions(self) -> list[float]:
-        """Return the positions of all bodies and links [m], three numbers each."""
+        """Return where three points of each body and link are [m]."""
         p, client = self._p, self._client
-        found = [math.nan] * (3 * len(self._places))
+        found = [math.nan] * (NUMBERS * len(self._places))
         for body in self._bodies():
             try:
-                at = [p.getBasePositionAndOrientation(body, client)[0]]
+                poses = [p.getBasePositionAndOrientation(body, client)]
                 joints = p.getNumJoints(body, client)
                 if joints:
                     states = p.getLinkStates(body, range(joints), physicsClientId=client)
-                    at += [state[4] for state in states]
+                    poses += [state[:2] for state in states]
             except p.error:  # a soft body
                 continue
-            for link, position in enumerate(at, -1):
-                place = self._places.get((body, link))
-                if place is None:
-                    place = self._places[body, link] = len(self._places)
+            for link, (centre, turned) in enumerate(poses, -1):
+                known = self._places.get((body, link))
+                if known is None:
+                    known = self._places[body, link] = len(self._places), self._radius(body, link)
                     self._named.append(self._name(body, link))
-                    found += [math.nan] * 3
-                found[3 * place : 3 * place + 3] = position
+                    found += [math.nan] * NUMBERS
+                place, radius = known
+                found[NUMBERS * place : NUMBERS * (place + 1)] = _points(centre, turned, radius)
         return found
+
+    def _radius(self, body: int, link: int) -> float:
+        """Return the largest radius of gyration of a link [m]."""
+        mass, _, inertia = self._p.getDynamicsInfo(body, link, self._client)[:3]
+        return math.sqrt(max(*inertia, 0.0) / mass) if mass > 0 else 0.0
 
     def bodies(self) -> list[str]:
         """Return the names of these bodies."""
         return self._named
+
+    def astray(self) -> dict[str, float]:
+        """Return how far each joint is from the target of its motor."""
+        p, client, found = self._p, self._client, {}
+        for (body, joint), (at, target) in self._targets.items():
+            try:
+                is_at = p.getJointState(body, joint, client)[at]
+            except p.error:  # its body is gone
+                continue
+            found[f"{body}.{joint}.{at}"] = target - is_at
+        return found
+
+    def command(self, arguments: Mapping[str, Any]) -> None:
+        """Note a motor call of the script, by the names of its arguments."""
+        body, mode = number(arguments.get("bodyUniqueId")), arguments.get("controlMode")
+        names = {
+            self._p.POSITION_CONTROL: ("targetPosition", 0),
+            self._p.VELOCITY_CONTROL: ("targetVelocity", 1),
+        }
+        if body is None or mode not in names:
+            return
+        name, at = names[mode]
+        joints, targets = [arguments.get("jointIndex")], [arguments.get(name)]
+        if joints[0] is None:
+            joints, targets = arguments.get("jointIndices", ()), arguments.get(f"{name}s", ())
+            joints = [*joints]
+        for joint, target in zip(joints, targets):
+            which, to = number(joint), vector([target])
+            if which is not None and to is not None:
+                self._targets[body, which] = at, to[0]
 
     def is_finite(self) -> bool:
         """Return whether all positions are finite."""
@@ -129,10 +169,10 @@ class ObservedWorld(Observed):
         p, client = self._p, self._client
         known: dict[str, tuple[int, int]] = {}
         for body in self._bodies():
-            for number in range(p.getNumJoints(body, client)):
-                own = p.getJointInfo(body, number, client)[1].decode(errors="replace")
-                known.setdefault(own, (body, number))
-                known.setdefault(f"{self._name(body, -1)}.{own}", (body, number))
+            for which in range(p.getNumJoints(body, client)):
+                own = p.getJointInfo(body, which, client)[1].decode(errors="replace")
+                known.setdefault(own, (body, which))
+                known.setdefault(f"{self._name(body, -1)}.{own}", (body, which))
         if name not in known:
             raise UnknownNameError(str(name), known)
         return known[name]
@@ -168,3 +208,12 @@ class ObservedWorld(Observed):
             return math.hypot(*total)
 
         return force
+
+
+def _points(centre: Any, turned: Any, radius_m: float) -> list[float]:
+    """Return a centre, and points at a radius from it along the turned axes x and z."""
+    x, y, z, w = turned
+    along_x = 1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)
+    along_z = 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
+    arms = (at + radius_m * part for each in (along_x, along_z) for at, part in zip(centre, each))
+    return [*centre, *arms]

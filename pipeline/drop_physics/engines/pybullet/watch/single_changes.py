@@ -7,7 +7,7 @@ of functions and arguments with what is tried of them in the script's own calls.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -52,6 +52,8 @@ def possible(p: Any, rows: Sequence[Row], seen: Seen) -> list[Change]:
                 change = replace(change, how=(op, _once(row, op)))
                 ids = [each for n in clients for each in there(p, n, row["each"], seen.pairs)]
                 of = tuple(name_of(p, row["each"], each) for each in ids) if row["each"] else ()
+                bodies = _bodies(p, ids) if row["each"] in ("links", "joints") else ()
+                change = replace(change, is_geometry=row["is_geometry"], bodies=bodies)
                 found += [replace(change, ids=tuple(ids), of=of)] if ids else []
     return found
 
@@ -107,30 +109,48 @@ def _of_calls(
 ) -> Iterator[Change]:
     """Yield the changes of the calls of a function in a line."""
     file, line, function = site
-    ids = tuple(calls.elements)
-    names = (name_of(p, "links", each) for each in ids)
-    change = Change(function, "", ("", None), ids, tuple(names), site=(file, line))
-    for op, breaks in _tried(function, patterns):
+    ids, bodies = tuple(calls.elements), _bodies(p, calls.elements)
+    names = tuple(name_of(p, "links", each) or calls.file for each in ids)
+    change = Change(function, "", ("", None), ids, names, site=(file, line), bodies=bodies)
+    # Without an argument whose absence breaks, such as a mass, a call breaks, too.
+    breaking = any(
+        op == "default" and breaks
+        for argument in calls.arguments
+        for op, breaks in _tried(_row_of(f"{function}.{argument}", patterns))
+    )
+    for op, breaks in _tried(_row_of(function, patterns)):
         if op in OF_CALLS and (op == "left-out" or calls.varies):
-            yield replace(change, op=op, how=how_of(op), breaks=breaks)
+            broken = breaks or (op == "left-out" and breaking)
+            yield replace(change, op=op, how=how_of(op), breaks=broken)
     for argument, value in {**NOT_SAID.get(function, {}), **calls.arguments}.items():
         named = f"{function}.{argument}"
+        row = _row_of(named, patterns)
         # The first and the last value of each element: one alone may be 0.
         given = [value, *(each.get(argument) for each in calls.elements.values())]
         bits = [f"^{1 << n}" for n in range(24) if argument == "flags" and value & (1 << n)]
-        tried = dict(_tried(named, patterns))
+        tried = dict(_tried(row))
         for op, breaks in {**(dict.fromkeys(bits, False) if tried else {}), **tried}.items():
-            how = how_of(op)
+            how = how_of(op, [*row["default"]] if row and op == "=default" else 0.0)
+            is_geometry = bool(row and row["is_geometry"])
             if argument in calls.keywords if op == "default" else any(_does(v, how) for v in given):
-                yield replace(change, change=named, op=op, how=how, breaks=breaks)
+                one = replace(change, change=named, op=op, how=how, breaks=breaks)
+                yield replace(one, is_geometry=is_geometry)
 
 
-def _tried(named: str, patterns: Sequence[Row]) -> Iterator[tuple[str, bool]]:
-    """Yield the operators of the first pattern, and whether they break."""
-    for row in patterns:
-        if re.fullmatch(row["change"], named):
-            yield from ((op, op in row["breaks"]) for op in row["tries"])
-            return
+def _bodies(p: Any, elements: Iterable[Sequence[Any]]) -> tuple[str, ...]:
+    """Return the names of the bodies to which elements belong."""
+    named = (name_of(p, "links", each[:2]) for each in elements)
+    return tuple(dict.fromkeys(each for each in named if each))
+
+
+def _row_of(named: str, patterns: Sequence[Row]) -> Row | None:
+    """Return the first row whose pattern a function, or an argument of it, has."""
+    return next((row for row in patterns if re.fullmatch(row["change"], named)), None)
+
+
+def _tried(row: Row | None) -> list[tuple[str, bool]]:
+    """Return the operators of a row, and whether they break."""
+    return [] if row is None else [(op, op in row["breaks"]) for op in row["tries"]]
 
 
 def _does(value: Any, how: tuple[str, Any]) -> bool:
@@ -140,6 +160,8 @@ def _does(value: Any, how: tuple[str, Any]) -> bool:
         return False
     if how[0] == "^":
         return True
+    if isinstance(how[1], list):
+        return bool(value != how[1])
     return not isinstance(value, bool) and any(becoming(each, how) != each for each in numbers)
 
 
