@@ -9,6 +9,7 @@ import numpy as np
 from drop_physics.account import asked, moved
 from drop_physics.account.carried import Carried
 from drop_physics.account.constrained import Held
+from drop_physics.account.feedback import Given
 from drop_physics.account.idle import Overlaps, coasting_row, idle_actuator_rows, weightless_row
 from drop_physics.account.ledger import Ledger, bins_for
 from drop_physics.account.names import Names
@@ -159,6 +160,10 @@ class Account:
         controls = self._controls_of(subject.body, len(series))
         yield from asked.clamped_rows(subject, controls)
         yield from idle_actuator_rows(subject, self._seen, controls)
+        given = Given(subject, series, controls, words)
+        yield from given.rows
+        for k, aim in given.aims.items():
+            series.target[:, k] = aim.target
         needs = [row.needs_at_target for row in joints.rows(number)]
         for axis in asked.axes_of(subject, words):
             k = axis.joint_rate
@@ -173,7 +178,7 @@ class Account:
             turns = np.isfinite(rate)
             row: Row | None
             if np.isfinite(series.target[:, k]).mean() > asked.SELDOM:
-                row = asked.position_row(subject, axis, series, words, needs[k])
+                row = asked.position_row(subject, axis, series, words, needs[k], given.stiffness(k))
             elif turns.mean() > asked.SELDOM and np.abs(rate[turns]).max(initial=0.0) > 0:
                 row = asked.rate_row(subject, axis, series, words)
             elif motors or series.torque_asked[:, k].mean() > asked.SELDOM:

@@ -64,11 +64,18 @@ def axes_of(subject: Subject, words: Words) -> Iterator[Axis]:
 
 
 def position_row(
-    subject: Subject, axis: Axis, series: JointSeries, words: Words, needs: float | None
+    subject: Subject,
+    axis: Axis,
+    series: JointSeries,
+    words: Words,
+    needs: float | None,
+    stiffness: float | None = None,
 ) -> Row | None:
     """Return the row of a joint that has position targets, at its telling moment.
 
-    `needs` is the effort that holding its last target takes [N] or [N m], None if not known.
+    `needs` is the effort that holding its last target takes [N] or [N m], None if not known;
+    `stiffness` that by which the script itself drives it there [N/m] or [N m/rad], None if the
+    engine does.
     """
     k, steps = axis.joint_rate, series.steps
     target, after = series.target[:, k], series.after[:, k]
@@ -95,6 +102,9 @@ def position_row(
         gap=quantity(float(off[at]), axis.unit, "+"),
         time=words.time(subject, int(steps[at])),
     )
+    if stiffness is not None:
+        unit = f"{axis.force_unit}/{axis.unit}"
+        told = Message("by its control, {stiffness}: ", stiffness=quantity(stiffness, unit)) + told
     jumps = np.abs(np.diff(target[known])) > ROUND
     if len(jumps) > 10 and jumps.mean() > 0.5:
         told = told + Message(", while its target moves")

@@ -86,6 +86,9 @@ class Row:
     gives_j: float = field(default=0.0, repr=False, metadata={"json": False})
     """Energy that the drive of its joint gave: rows of a body that moves raise those of what
     moves it."""
+    misled: bool = field(default=False, repr=False, metadata={"json": False})
+    """Whether it is of a control that is of another joint, late, of the wrong sign or cut off: told
+    of a run that ended well, too."""
     group: Hashable = field(default=None, repr=False, metadata={"json": False})
     """Rows of equal groups are alike: the first stands for all."""
 

@@ -23,7 +23,7 @@ from drop_physics.report.blocks import (
     Section,
     Words,
 )
-from drop_physics.report.episodes import episode_lines
+from drop_physics.report.episodes import ended_well, episode_lines
 from drop_physics.report.flights import contact_by, contacts, falls, flights, momentum
 from drop_physics.report.words import MISSING, SEGMENTS, kinds_of_samples
 from drop_physics.rules.choice import minor
@@ -69,7 +69,10 @@ def report_of_bodies(analysis: Analysis, *, verbose: bool = False) -> Report:
     episodes = [*episode_lines(analysis.episodes, analysis.episode, verbose=verbose)]
     sections = [*episodes, Section([found], apart=False)]
     rows = len(analysis.account) if verbose else account.FEW if shown else account.MANY
-    sections += account.account_of(analysis.account, shown[:most], rows)
+    told = analysis.account
+    if not verbose and ended_well(analysis.episodes):
+        told = [row for row in told if row.misled]
+    sections += account.account_of(told, shown[:most], rows)
     verbose = verbose or alone
     if verbose:
         sections += _joints(moving)

@@ -47,6 +47,12 @@ def episode_lines(
     yield Section([Facts(facts, COLUMN)])
 
 
+def ended_well(rows: Sequence[EpisodeRow]) -> bool:
+    """Return whether environments have ended all episodes, and none failed: nothing is asked."""
+    ways = [row.ended in ("terminated", "truncated") and not row.failed for row in rows]
+    return bool(ways) and all(ways)
+
+
 def line_of(row: EpisodeRow, count: int) -> Message:
     """Return an episode in a line: when and how it ended, and what was at its limit."""
     how: Message = ENDED[row.ended]
@@ -72,6 +78,8 @@ def line_of(row: EpisodeRow, count: int) -> Message:
                 reward=number(row.reward or 0.0),
             )
         )
+    if ended_well([row]):
+        return joined("; ", parts)
     if row.first_contact is not None:
         parts.append(
             Message(

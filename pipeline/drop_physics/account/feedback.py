@@ -1,0 +1,319 @@
+"""Rows of controls that a script computes from states: of which joint, how late, and towards what.
+
+A controller of a joint gives u = -K q(t - l) - D v(t - l) + s(t), where s is smooth: its aim.
+Which joint's q and v these are, and how late (l), is found by least squares: a controller is exact,
+so the right ones leave nothing over, and all others do. A policy that is not of this form leaves
+something over in any case, and nothing is said of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from drop_physics.account.rows import Row
+from drop_physics.account.series import JointSeries
+from drop_physics.account.subjects import Subject
+from drop_physics.account.words import Words
+from drop_physics.arrays import Flags, Float64, Int64
+from drop_physics.messages import Message
+from drop_physics.quantities import number, quantity
+from drop_physics.trace.events import Actuator
+
+LEAST, MOST, MOST_LATE = 8, 240, 16
+"""Fewest controls beyond what an aim is made of that are fitted; most that are, the last ones; and
+most by which a state may be late."""
+DEGREES = 0.0, 1 / 3, 2 / 3
+"""Chebyshev polynomials that an aim is made of, by control: none but a constant, or enough to
+follow a sine that has five controls in a period."""
+LEFT, APART = 1e-3, 30.0
+"""Share of a control that the right joint leaves at most, and factor by which all others leave
+more."""
+FLAT, LEVELS = 0.2, 8
+"""Share of controls that are at exactly their largest or least from which that is told, and fewest
+different controls of which it is."""
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """What a control is computed from."""
+
+    joint: int
+    """Index of the joint among those that were compared."""
+    late: int
+    """By how many controls the state is late."""
+    stiffness: float
+    """K, per rad or m."""
+    damping: float
+    """D, per rad/s or m/s."""
+
+
+def feedback_of(control: Float64, position: Float64, rate: Float64) -> Feedback | None:
+    """Return what a control is computed from; None where no joint alone leaves nothing over.
+
+    `control` has the shape (n,), `position` and `rate` the shape (n, joints): the states with which
+    the steps of n equally spaced controls begin.
+    """
+    kept = ~_extreme(control)
+    found = (_fitted(control, position, rate, kept, share) for share in DEGREES)
+    return next(filter(None, found), None)
+
+
+def _fitted(
+    control: Float64, position: Float64, rate: Float64, kept: Flags, share: float
+) -> Feedback | None:
+    n, joints = position.shape
+    size = float(np.linalg.norm(control[kept] - control[kept].mean())) if kept.any() else 0.0
+    left = np.full((MOST_LATE + 1, joints), np.inf)
+    for late in range(min(MOST_LATE, n) + 1):
+        aim, rows = _aim(kept, late, share)
+        if not len(rows):
+            break
+        y, q, v = (
+            _without(aim, each)
+            for each in (control[rows], position[rows - late], rate[rows - late])
+        )
+        if np.linalg.norm(y) > 10 * LEFT * size:
+            left[late] = _left(y, q, v) / size
+        elif not late:
+            return None  # the aim alone is enough
+    late, joint = divmod(int(np.argmin(left)), joints)
+    best = float(left[late, joint])
+    left[late, joint] = np.inf
+    if not best < LEFT or not left.min() > APART * max(best, 1e-9):
+        return None
+    aim, rows = _aim(kept, late, share)
+    columns = np.stack([position[rows - late, joint], rate[rows - late, joint]], axis=1)
+    gains, *_ = np.linalg.lstsq(_without(aim, columns), _without(aim, control[rows]), rcond=None)
+    return Feedback(joint, late, -float(gains[0]), -float(gains[1]))
+
+
+def _aim(kept: Flags, late: int, share: float) -> tuple[Float64, Int64]:
+    """Return what an aim is made of, as orthonormal columns, in the rows of the controls to fit."""
+    rows = np.flatnonzero(kept[late:]) + late
+    degree = int(share * len(rows))
+    if len(rows) - degree < LEAST:
+        return np.empty((0, 0)), np.empty(0, np.int64)
+    times = np.linspace(-1, 1, len(kept))[rows]
+    return np.linalg.qr(chebyshev.chebvander(times, degree))[0], rows
+
+
+def _without(aim: Float64, values: Float64) -> Float64:
+    """Return what a smooth aim does not account for; `aim` has orthonormal columns."""
+    return np.asarray(values - aim @ (aim.T @ values))
+
+
+def _left(y: Float64, q: Float64, v: Float64) -> Float64:
+    """Return what q and v of each joint leave of y: the length of the residual, shape (joints,)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one = q / np.linalg.norm(q, axis=0)
+        other = v - one * (one * v).sum(axis=0)
+        other /= np.linalg.norm(other, axis=0)
+        rest = y[:, None] - one * (one * y[:, None]).sum(axis=0)
+        rest = rest - other * (other * rest).sum(axis=0)
+    return np.asarray(np.nan_to_num(np.linalg.norm(rest, axis=0), nan=np.inf))
+
+
+def _extreme(control: Float64) -> Flags:
+    """Return which controls are at the largest or the least one, where several are."""
+    extreme = np.zeros(len(control), np.bool_)
+    for bound in (control.max(), control.min()):
+        its = control == bound
+        if its.sum() > 1:
+            extreme |= its
+    return extreme
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What a control aims a joint at."""
+
+    target: Float64
+    """Position in each step, shape (n,) [rad] or [m]."""
+    stiffness: float
+    """Force or torque of the drive by the gap [N m/rad] or [N/m]."""
+
+
+class Given:
+    """The controls of a body's actuators.
+
+    Parameters
+    ----------
+    subject
+        The body.
+    series
+        Its joints in n steps.
+    controls
+        The control of each actuator in these steps, shape (n,).
+    words
+        How times and joints are told.
+    """
+
+    def __init__(
+        self,
+        subject: Subject,
+        series: JointSeries,
+        controls: Mapping[Actuator, Float64],
+        words: Words,
+    ) -> None:
+        self._subject, self._series, self._words = subject, series, words
+        self.aims: dict[int, Aim] = {}
+        """What controls aim joints at that they are computed from in time, by rate."""
+        self.rows = [*self._rows(controls)]
+        """The rows of controls that are of another joint, late, drive away, or stay in bounds."""
+
+    def stiffness(self, rate: int) -> float | None:
+        """Return the stiffness with which a joint is driven to an aim; None where none is known."""
+        return self.aims[rate].stiffness if rate in self.aims else None
+
+    def _rows(self, controls: Mapping[Actuator, Float64]) -> Iterator[Row]:
+        updates = _updates(controls)
+        if updates is None:
+            return
+        at, period = updates
+        body = self._subject.body
+        rates = {
+            joint.name: place.start
+            for joint, place in zip(body.joints, body.rates, strict=True)
+            if joint.widths[1] == 1
+        }
+        self._limit(controls, rates)
+        position, rate = self._series.before[at], self._series.rate[at - 1]
+        known = np.flatnonzero(np.isfinite(position).all(axis=0) & np.isfinite(rate).all(axis=0))
+        for actuator, given in controls.items():
+            own, control = rates.get(actuator.target), given[at]
+            if actuator.acts_on != "joint" or actuator.kind not in ("motor", "general"):
+                continue
+            if own not in known or not np.isfinite(control).all():
+                continue
+            assert own is not None
+            if (row := self._bounded(actuator, own, control)) is not None:
+                yield row
+            last = slice(max(0, len(at) - MOST), None)
+            states = position[last][:, known], rate[last][:, known]
+            found = feedback_of(control[last], *states)
+            if found is None:
+                continue
+            row = self._misled(actuator, own, int(known[found.joint]), found, at, period)
+            if row is not None:
+                yield row
+            elif found.stiffness:
+                self.aims[own] = self._aim(actuator, own, control, found, at)
+
+    def _limit(self, controls: Mapping[Actuator, Float64], rates: Mapping[str, int]) -> None:
+        """Note where a motor is at its limit because its control is at an end of its range."""
+        series = self._series
+        for actuator, given in controls.items():
+            own = rates.get(actuator.target) if actuator.acts_on == "joint" else None
+            if own is None or actuator.ctrl_range is None or actuator.kind != "motor":
+                continue
+            low, high = actuator.ctrl_range
+            most = max(abs(low), abs(high)) * abs(actuator.gear * actuator.kp)
+            series.at_limit[:, own] |= (given <= low) | (given >= high)
+            series.limit[:, own] = np.fmin(series.limit[:, own], most)
+
+    def _aim(
+        self, actuator: Actuator, own: int, control: Float64, found: Feedback, at: Int64
+    ) -> Aim:
+        """Return q + (u + D v) / K, in between and where the control is at a bound as around."""
+        q, v = self._series.before[at, own], self._series.rate[at - 1, own]
+        target = q + (control + found.damping * v) / found.stiffness
+        kept = ~_extreme(control)
+        steps = np.arange(len(self._series))
+        held = np.interp(steps, at[kept], target[kept])
+        return Aim(np.round(held, 6), found.stiffness * actuator.gear * actuator.kp)
+
+    def _bounded(self, actuator: Actuator, own: int, control: Float64) -> Row | None:
+        """Return the row of a control that is often at the same bounds, within its range."""
+        bound = float(control.max())
+        low, high = actuator.ctrl_range or (-np.inf, np.inf)
+        share = float((np.abs(control) == bound).mean())
+        if control.min() != -bound or share < FLAT or len(np.unique(control)) < LEVELS:
+            return None
+        if not (low < -bound and bound < high):
+            return None
+        told = Message(
+            "ctrl is exactly ±{bound} in {share:.0%} of the steps, and never beyond",
+            bound=number(bound),
+            share=share,
+        )
+        if actuator.ctrl_range is not None:
+            told = told + Message(
+                "; its range is {low} to {high}", low=number(low), high=number(high)
+            )
+        return self._row(actuator, own, told, 10.0, ("bounded", bound), bound, "")
+
+    def _misled(
+        self,
+        actuator: Actuator,
+        own: int,
+        joint: int,
+        found: Feedback,
+        at: Int64,
+        period: int,
+    ) -> Row | None:
+        """Return the row of a control that is of another joint, is late, or drives away."""
+        names, body = self._words.names, self._subject.body
+        steps = self._series.steps[at[:1]]
+        late_s = found.late * period * float(self._words.timesteps_s(self._subject, steps)[0])
+        if joint != own:
+            told = Message(
+                "its control follows {other}, not {own}",
+                other=names.rate(body, joint),
+                own=names.rate(body, own),
+            )
+            return self._row(actuator, own, told, 30.0, ("follows",), late_s, "s")
+        if found.late:
+            told = Message(
+                "its control is late: of the state {late} before ({controls} × {every})",
+                late=quantity(late_s, "s"),
+                controls=found.late,
+                every=quantity(late_s / found.late, "s"),
+            )
+            # Sensors, too, are of the step before.
+            salience = 10.0 if found.late * period > 1 else 0.3
+            return self._row(actuator, own, told, salience, ("late", found.late), late_s, "s")
+        if found.stiffness * actuator.gear * actuator.kp < 0:
+            told = Message("its control drives it away: it grows with its own position")
+            return self._row(actuator, own, told, 10.0, ("away",), late_s, "s")
+        return None
+
+    def _row(
+        self,
+        actuator: Actuator,
+        own: int,
+        told: Message,
+        salience: float,
+        group: tuple[object, ...],
+        got: float,
+        unit: str,
+    ) -> Row:
+        return Row(
+            kind="given",
+            body=self._subject.body.label,
+            joint=self._words.names.rate(self._subject.body, own),
+            actuator=actuator.name,
+            told=told,
+            got=got,
+            unit=unit,
+            salience=salience,
+            misled=True,
+            subject=self._subject.body,
+            group=(*group, self._subject.kind),
+        )
+
+
+def _updates(controls: Mapping[Actuator, Float64]) -> tuple[Int64, int] | None:
+    """Return the rows before which controls are given, and the steps between two of them."""
+    if not controls:
+        return None
+    given = np.stack([*controls.values()], axis=1)
+    changes = 1 + np.flatnonzero((np.diff(given, axis=0) != 0).any(axis=1))
+    if len(changes) < LEAST:
+        return None
+    period = int(np.median(np.diff(changes)))
+    at = np.arange(1 + (int(changes[0]) - 1) % period, len(given), period, dtype=np.int64)
+    return (at, period) if np.isin(changes, at).all() else None

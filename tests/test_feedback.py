@@ -1,0 +1,118 @@
+"""What a control is computed from: which joint, how late, how stiff, towards what.
+
+Verification: controllers whose law is known; and controls of which nothing may be said.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drop_physics.account.feedback import MOST_LATE, feedback_of
+from drop_physics.account.rows import Row
+from drop_physics.stages.analyze import analyze
+from drop_physics.stages.record import record_script
+
+CONTROLS, JOINTS, STEP_S = 150, 5, 0.02
+K, D = 40.0, 1.5
+
+
+def motion(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions and rates of joints that impacts move, shape (CONTROLS, JOINTS) each."""
+    random = np.random.default_rng(seed)
+    rate = np.cumsum(random.standard_normal((CONTROLS, JOINTS)), axis=0)
+    rate -= np.linspace(0, 1, CONTROLS)[:, None] * rate[-1]
+    return np.cumsum(rate, axis=0) * STEP_S, rate
+
+
+TIMES_S = np.arange(CONTROLS) * STEP_S
+AIMS = {"constant": 0.3 + 0 * TIMES_S, "sine": 0.3 * np.sin(18 * TIMES_S)}
+
+
+@pytest.mark.parametrize("aim", AIMS)
+@pytest.mark.parametrize("joint", [0, 3])
+@pytest.mark.parametrize("late", [0, 1, 7, MOST_LATE])
+def test_the_law_of_a_controller_is_found(aim: str, joint: int, late: int) -> None:
+    position, rate = motion()
+    control = K * (AIMS[aim] - np.roll(position[:, joint], late)) - D * np.roll(
+        rate[:, joint], late
+    )
+    found = feedback_of(np.clip(control, -60, 60)[late:], position[late:], rate[late:])
+    assert found is not None
+    assert (found.joint, found.late) == (joint, late)
+    # Of a sine, few polynomials leave up to LEFT of the control, some hundredths of which are not
+    # smooth: the gains take that up.
+    assert (found.stiffness, found.damping) == pytest.approx((K, D), rel=5e-3)
+
+
+def test_nothing_is_said_of_what_is_no_law_of_one_joint() -> None:
+    position, rate = motion()
+    random = np.random.default_rng(1)
+    policies = [
+        np.tanh(position @ random.standard_normal(JOINTS) + rate @ random.standard_normal(JOINTS)),
+        K * (AIMS["sine"] - position[:, 0]) - 0.2 * K * position[:, 1],
+        AIMS["sine"],
+        random.standard_normal(CONTROLS),
+        np.sign(random.standard_normal(CONTROLS)),
+        np.zeros(CONTROLS),
+        K * (0.3 - position[:, 0]) * (1 + 0.1 * random.standard_normal(CONTROLS)),
+    ]
+    assert [feedback_of(each, position, rate) for each in policies] == [None] * len(policies)
+    alike = position.copy(), rate.copy()
+    for each in alike:  # two fingers that mirror each other: either may be meant
+        each[:, 1] = -each[:, 0]
+    assert feedback_of(-K * position[:, 0] - D * rate[:, 0], *alike) is None
+
+
+LINKS = """
+<mujoco><option timestep="0.002"/><worldbody>
+<body name="upper" pos="0 0 2"><joint name="a" axis="0 1 0" damping="0.1"/>
+<geom type="capsule" size="0.03" fromto="0 0 0 0 0 -0.4" mass="1"/>
+<body name="lower" pos="0 0 -0.4"><joint name="b" axis="0 1 0" damping="0.1"/>
+<geom type="capsule" size="0.03" fromto="0 0 0 0 0 -0.4" mass="1"/></body></body></worldbody>
+<actuator><motor name="ma" joint="a" gear="2" ctrlrange="-20 20"/>
+<motor name="mb" joint="b" gear="2" ctrlrange="-20 20"/></actuator></mujoco>
+"""
+DRIVEN = """
+import collections, mujoco, numpy as np
+model = mujoco.MjModel.from_xml_string('''{links}''')
+data = mujoco.MjData(model)
+data.qpos[:] = 1.0, -0.5
+aim, kp, kd, late, order, most = np.array([0.4, 0.8]), 3.0, 0.3, 0, [0, 1], 20
+{fault}
+given = collections.deque([np.zeros(2)] * late, late + 1)
+for control in range(80):
+    torque = kp * (aim - data.qpos) - kd * data.qvel
+    given.append(np.clip(torque, -most, most)[order])
+    data.ctrl[:] = given[0]
+    mujoco.mj_step(model, data, 10)
+"""
+
+
+def rows_of(tmp_path: Path, fault: str) -> list[Row]:
+    script = tmp_path / "script.py"
+    script.write_text(DRIVEN.format(links=LINKS, fault=fault))
+    recorded = record_script(str(script), out=tmp_path / "run.rrd")
+    return [*analyze(recorded.recording).account]
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ("order = [1, 0]", "its control follows b, not a"),
+        ("late = 2", "its control is late: of the state 0.04 s before (2 × 0.02 s)"),
+        ("kp = np.array([-3.0, 3.0])", "its control drives it away"),
+        ("most = 0.5", "ctrl is exactly ±0.5 in"),
+    ],
+)
+def test_a_faulty_controller_is_told_first(tmp_path: Path, fault: str, said: str) -> None:
+    assert said in str(rows_of(tmp_path, fault)[0].told)
+
+
+def test_a_right_controller_is_told_by_what_it_aims_at(tmp_path: Path) -> None:
+    rows = rows_of(tmp_path, "")
+    assert not [row for row in rows if row.misled]
+    asked = {row.joint: row for row in rows if row.kind == "asked"}
+    assert asked["a"].asked == pytest.approx(0.4, abs=1e-5)
+    assert "by its control, 6 N m/rad" in str(asked["a"].told)  # kp times the gear
