@@ -354,7 +354,9 @@ def test_what_reaches_outside_is_not_run_again_unasked(
         proved(tmp_path / "here", text, tries=["damping"], force=True)
     assert (tmp_path / "other.txt").read_text() == "xx"
     proved(tmp_path / "here", text, tries=["damping"], again=True, force=True)
-    assert (tmp_path / "other.txt").read_text() == "xxxxx"  # its own run, the nudge and the trial
+    assert (
+        tmp_path / "other.txt"
+    ).read_text() == "x" * 6  # its own, the nudge, an unchanged run, and the trial
 
 
 def test_trials_write_in_a_copy_and_draw_what_the_script_drew(
@@ -433,14 +435,39 @@ def test_trials_go_with_the_recording(tmp_path: Path, monkeypatch: pytest.Monkey
     Path("script.py").write_text(HEAD + HELD)
     notes: list[str] = []
     result = why("script.py", budget_s=1e-9, stdout=2, note=notes.append)
-    # The budget is over before anything is tried; the best is, in any case.
-    assert found(result, "weak-constraint").verdict == "cured"
-    assert [each.intervention.name for each in result.hangs_on] == ["constraint-force"]
+    assert found(result, "weak-constraint").verdict == "untried"  # it is over before anything is
+    assert (result.hangs_on, result.noise, result.runs) == ([], None, 0)
     assert any(each.startswith("not tried within 1e-09 s: ") for each in notes)
     folder = trials_of(result.recording)
     assert folder.joinpath("why.json").is_file()
     assert record_script("script.py", stdout=2).recording == result.recording
     assert not folder.exists()
+
+
+def test_ctrl_c_shows_what_was_found_so_far(tmp_path: Path) -> None:
+    notes: list[str] = []
+
+    def interrupt(done: int, *_: int) -> None:
+        if done:
+            raise KeyboardInterrupt
+
+    how: dict[str, Any] = {"progress": interrupt, "note": notes.append}
+    (tmp_path / "script.py").write_text(HEAD + HELD)
+    result = why(
+        str(tmp_path / "script.py"), ablate=True, out=tmp_path / "out", jobs=1, stdout=2, **how
+    )
+    assert found(result, "weak-constraint").verdict == "cured"
+    assert result.runs == 1
+    assert any(each.startswith("interrupted: ") for each in notes)
+
+
+def test_runs_that_differ_by_themselves_are_said_to(tmp_path: Path) -> None:
+    notes: list[str] = []
+    chance = "import os\nb = p.loadURDF('cube_small.urdf', [int.from_bytes(os.urandom(4)), 0, 1])\n"
+    proved(tmp_path, HELD, tries=["damping"], note=notes.append)
+    assert not any("differ though nothing is changed" in each for each in notes)
+    proved(tmp_path, chance + "steps(9)\n", tries=["damping"], note=notes.append, force=True)
+    assert any("differ though nothing is changed" in each for each in notes)
 
 
 def test_a_script_is_swept_over_interventions(

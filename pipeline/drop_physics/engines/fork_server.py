@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import signal
 import socket
 import threading
 import time
@@ -15,7 +14,7 @@ from typing import Any
 
 from drop_physics.engines.channel import shared_block, wide_pipe
 from drop_physics.engines.decoder import Decoder
-from drop_physics.engines.script import TRIES, Listener, Program, Script, end_group
+from drop_physics.engines.script import TOO_LONG, TRIES, Listener, Program, Script, end_group
 from drop_physics.engines.watching.forks import FIRST_USE, LENGTH
 from drop_physics.errors import DropError
 from drop_physics.trace.events import Ending, Event
@@ -24,8 +23,6 @@ WAIT_S = 0.002
 """Pause between looks for what the run has told [s]."""
 TELLS_WITHIN_S = 1.0
 """Time within which the run tells how a trial has ended whose pipe is closed [s]."""
-TOO_LONG = signal.SIGXCPU
-"""The signal that ends a trial which has used up its processor time."""
 
 
 class Fork(Listener):

@@ -27,7 +27,7 @@ from drop_physics.engines.watching import pipe
 from drop_physics.errors import DropError
 from drop_physics.messages import Message
 from drop_physics.trace.events import Ending, Event, located
-from drop_physics.workers import how_it_ended, under_load, users_environment
+from drop_physics.workers import CPU_USED_UP, how_it_ended, under_load, users_environment
 
 MODULE = "watching.running"
 """The command that runs a script in its interpreter."""
@@ -42,6 +42,8 @@ STOPS_WITHIN_S = 6.0
 INTERRUPT_AGAIN_S = 2.0
 """Time [s] after which a script that still runs gets another Ctrl-C; a terminal sends the first."""
 TICK_S = 0.1
+TOO_LONG = CPU_USED_UP
+"""The signal that ends a run which has used up its processor time; None on Windows."""
 ELSEWHERE = Message(
     "other processes that the script starts use the engine, too: what they step is not recorded; "
     "let the script step in its own process (with gymnasium: SyncVectorEnv)"
@@ -488,7 +490,9 @@ class Script(Listener):
             ending.how, ending.error = self._why, ""
         elif not self.decoder.stopped and not self.decoder.ended:
             ending.how, ending.error = ("failed" if code else "finished"), ""
-            if code < 0:
+            if self._is_limited and -code == TOO_LONG:
+                ending.how = "interrupted"
+            elif code < 0:
                 name = signal.Signals(-code).name
                 ending.error = Message("it was ended by {signal}", signal=name)
             elif code:

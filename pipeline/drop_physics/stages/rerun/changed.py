@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
@@ -148,6 +148,7 @@ def run_changed(
     jobs: int,
     ray: str | None,
     progress: Progress,
+    entered: Callable[[int, T], object] = lambda *_: None,
 ) -> dict[int, T]:
     """Run candidates in this order, and return the result of each by its number.
 
@@ -159,6 +160,8 @@ def run_changed(
         How many run at once on this machine; or a Ray cluster's address.
     progress
         Called while they run.
+    entered
+        Called with each result, as it arrives.
     """
     reruns = Reruns(work.program, work.again)
     with contextlib.nullcontext() if ray is not None else reruns:
@@ -170,4 +173,5 @@ def run_changed(
             jobs=1 if work.again.alone else jobs,
             progress=progress,
             ray=None if ray is None else (replace(work, base=None), ray),
+            entered=entered,
         )

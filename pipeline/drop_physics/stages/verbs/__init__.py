@@ -249,7 +249,7 @@ class WhyArguments(OfScript):
         flag("Leave out in turn each call that sets something, and each optional argument."),
     ] = False
     budget_s: Annotated[
-        float, takes("SECONDS", "Begin no trial so long after the script's own run [s].")
+        float, takes("SECONDS", "Longest time that all of it takes, once the script has run [s].")
     ] = 60.0
     every: ClassVar[
         Annotated[

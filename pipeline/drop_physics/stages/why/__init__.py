@@ -48,9 +48,7 @@ MOST_KEPT = 12
 """Number of trials whose recordings are kept, the best: each is as large as the script's own."""
 LARGE_BYTES = 10_000_000
 """Trials that take more room on disk are worth a word."""
-BUDGET_S = 60.0
-"""No trial begins later after the script's own run [s]."""
-TAKES = 5.0
+TAKES = 2.0
 """Time that a trial may take, its comparison included, in that of the script's own run."""
 
 
@@ -215,6 +213,7 @@ def why(asked: verbs.WhyArguments) -> Why | Expected:
         explain=True,
     )
     order = [*first_tried([*candidates, *ablated])]
+    spent_s = time.monotonic() - began
     work = RunTrial(
         program,
         [*candidates, *ablated],
@@ -223,26 +222,45 @@ def why(asked: verbs.WhyArguments) -> Why | Expected:
         base,
         rerun,
         asked.drawn,
-        until=time.time() + asked.budget_s,
-        best=next(iter(order), None),
+        until=time.time() - spent_s + asked.budget_s,
     )
 
     def run(which: RunTrial, numbers: Sequence[int]) -> dict[int, TrialRun]:
-        return run_changed(
-            which,
-            numbers,
-            jobs=asked.jobs or cores(),
-            ray=asked.ray,
-            progress=asked.progress,
-        )
+        """Return what trials came to, until Ctrl-C: those that are then missing were not made."""
+        made: dict[int, TrialRun] = {}
+        try:
+            if not interrupted:
+                run_changed(
+                    which,
+                    numbers,
+                    jobs=asked.jobs or cores(),
+                    ray=asked.ray,
+                    progress=asked.progress,
+                    entered=made.__setitem__,
+                )
+        except KeyboardInterrupt:
+            interrupted.append(True)
+        return {number: made.get(number) or which.not_made(number) for number in numbers}
 
-    own = _own(base, findings)
+    own, interrupted = _own(base, findings), list[bool]()
     try:
-        done = run(work, [*order[:1], work.nudge, *order[1:]])
+        done = run(work, [*order[:1], work.nudge, work.unchanged, *order[1:]])
         summed = shares(work, done, run, own)
-    except BaseException:  # Ctrl-C, too: half a trial is none
+    except BaseException:  # half a trial is none
         forget_trials(recorded.recording)
         raise
+    if interrupted:
+        asked.note(Message("interrupted: this is what was found until then"))
+    second = done[work.unchanged].outcome
+    if second is not None and not second.apart.same:
+        asked.note(
+            Message(
+                "two runs of {script} differ though nothing is changed and its random numbers are "
+                "seeded: what trials show may be chance; drop record --twice says from which step "
+                "on",
+                script=asked.target,
+            )
+        )
     result = _why(
         asked.target,
         base.path,
@@ -258,7 +276,7 @@ def why(asked: verbs.WhyArguments) -> Why | Expected:
     lacking = {
         work.candidates[n].intervention.short: made.stopped
         for n, made in done.items()
-        if n != work.nudge and made.outcome is None and work.run_of(n) is not None
+        if n < work.nudge and made.outcome is None and work.run_of(n) is not None
     }
     stopped = [name for name, slow in lacking.items() if slow]
     if stopped:
@@ -270,8 +288,8 @@ def why(asked: verbs.WhyArguments) -> Why | Expected:
             )
         )
     untried = [name for name in lacking if name not in stopped]
-    if untried:
-        enough_s = asked.budget_s + TAKES * max(recorded.wall_s, 1.0) * len(untried)
+    if untried and not interrupted:
+        enough_s = spent_s + TAKES * max(spent_s, 1.0) * (len(order) + 2)
         asked.note(
             Message(
                 "not tried within {budget:g} s: {names}; for all: drop why --budget {enough:.0f} "
@@ -374,7 +392,7 @@ def _why(
         if place in chosen
     ]
     proved = _bounded(proved)
-    runs = sum(each.outcome is not None for n, each in done.items() if n != work.nudge)
+    runs = sum(each.outcome is not None for n, each in done.items() if n < work.nudge)
     return Why(
         target,
         recording,

@@ -56,7 +56,7 @@ def shares(
     tries = [_switched_off(off, finer) for finer in by]
     if timed is not None:
         tries.append(_switched_off(ChangedRun(), FINER[-1]))
-    others = run(replace(work, candidates=tries, best=None), range(len(tries)))
+    others = run(replace(work, candidates=tries), range(len(tries)))
     if any(each.outcome is None for each in others.values()):
         return None
     together = {finer: _apart(others[n]) for n, finer in enumerate(by)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,25 +34,48 @@ class TrialRun:
 
 @dataclass(frozen=True)
 class RunTrial(RunChanged[TrialRun]):
-    """Runs one candidate, called with its number; the one after the last is the nudge."""
+    """Runs one candidate, called with its number.
+
+    After the last come the nudge, and a run in which nothing is changed.
+    """
 
     until: float = np.inf
     """The budget ends then, by the time of day [s]."""
-    best: int | None = None
-    """The candidate that is tried in any case, by number."""
+    took_s: list[float] = field(default_factory=list)
+    """Durations of the trials made so far [s]."""
 
     @property
     def nudge(self) -> int:
         """The number of the nudge."""
         return len(self.candidates)
 
+    @property
+    def unchanged(self) -> int:
+        """The number of the run in which nothing is changed."""
+        return len(self.candidates) + 1
+
+    def __call__(self, number: int) -> TrialRun:
+        """Run a candidate, and note how long that takes."""
+        began = time.monotonic()
+        made = super().__call__(number)
+        if made.outcome is not None:
+            self.took_s.append(time.monotonic() - began)
+        return made
+
+    @property
+    def ends_by(self) -> float:
+        """The budget is over then."""
+        return self.until
+
     def is_late(self, number: int) -> bool:
-        """Return whether there is no time left for a candidate."""
-        return number not in (self.best, self.nudge) and time.time() > self.until
+        """Return whether there is not enough time left for a candidate."""
+        del number
+        return time.time() + max(self.took_s, default=0.0) > self.until
 
     def run_of(self, number: int) -> ChangedRun | None:
         """Return what a run does otherwise; None if the engine has no such run."""
-        return NUDGED if number == self.nudge else self.candidates[number].run
+        others = {self.nudge: NUDGED, self.unchanged: ChangedRun()}
+        return others[number] if number in others else self.candidates[number].run
 
     def not_made(self, number: int) -> TrialRun:
         """Return what stands for a trial that was not run, or stopped."""
@@ -65,8 +88,8 @@ class RunTrial(RunChanged[TrialRun]):
 
     def name_of(self, number: int) -> str:
         """Return the name of a run."""
-        if number == self.nudge:
-            return "nudge"
+        if number >= self.nudge:
+            return "nudge" if number == self.nudge else "unchanged"
         each = self.candidates[number].intervention
         return f"{number + 1}-{each.name}" + ("" if each.value is None else f"={each.value:g}")
 
@@ -78,7 +101,7 @@ class RunTrial(RunChanged[TrialRun]):
         path, base, finer = self.path_of(number), self.own, self.finer(number)
         if ended.how == "interrupted":
             path.unlink(missing_ok=True)
-            return TrialRun(None, None, stopped=True)
+            return TrialRun(None, None, stopped=time.time() < self.until)
         other = read(path)
         with np.errstate(all="ignore"):  # of states that are not finite
             far = apart(base.seen, other.seen, finer=finer)
@@ -99,6 +122,8 @@ class RunTrial(RunChanged[TrialRun]):
         from drop_physics.experiments.run_distance import paired
         from drop_physics.stages.analyze.explaining import explained
 
+        if number == self.unchanged:
+            return []
         if number != self.nudge and not self.candidates[number].findings:
             return []
         base, there = self.own.seen, other.seen.bodies
