@@ -411,7 +411,7 @@ for _ in range(240):
     ("before", "words"),
     [
         ("", f"all together {8 * G:.3g} N"),
-        ("p.setCollisionFilterPair(floor, box, -1, -1, 0)", "script.py:8 switches it off"),
+        ("p.setCollisionFilterPair(floor, box, -1, -1, 0)", "script.py:8 filters it"),
     ],
 )
 def test_what_is_read_of_contacts_stands_beside_what_presses(
@@ -457,3 +457,52 @@ def test_damping_that_the_engine_does_not_read_is_told(tmp_path: Path) -> None:
     recorded = record_script(str(script), out=tmp_path / "script.rrd")
     row = the([*analyze(recorded.recording).account], "moved", "hinge")
     assert "its file gives it a damping of 1, the engine has 0" in row.told
+
+
+# -- rows that were false once --------------------------------------------------------------------
+
+
+def test_a_servo_that_stands_where_it_was_sent_is_not_idle(told: Told) -> None:
+    more = "<option gravity='0 0 0'/><actuator><position joint='up' kp='50'/></actuator>"
+    sent = "data.ctrl[0] = data.qpos[0] = 0.2"
+    assert not [r for r in told(SLIDE.format(damping=1), more, sent, 50) if r.kind == "idle"]
+
+
+def test_an_idle_control_keeps_its_sign(told: Told) -> None:
+    more = """<option><flag actuation='disable'/></option>
+    <actuator><motor name='m' joint='up'/></actuator>"""
+    row = the(told(SLIDE.format(damping=1), more, "data.ctrl[0] = -1", 50), "idle", "m")
+    assert row.asked == -1
+
+
+def test_what_is_thrown_is_not_said_to_fall_by_nothing(told: Told) -> None:
+    ball = """<body name="ball" pos="0 0 1"><freejoint/><geom size="0.1" mass="2"/></body>"""
+    row = next(
+        r
+        for r in told(ball, before="data.qvel[0] = 9 if step == 0 else data.qvel[0]", steps=100)
+        if r.kind == "moved"
+    )
+    assert row.told.startswith("x +1.8 m (and z -0.19")
+    assert row.told.endswith("nothing gives: its start velocity")
+
+
+def test_no_torque_is_told_of_steps_without_a_sum(told: Told) -> None:
+    """A step that resets itself has no sum: what began it is not said to be 0 N m."""
+    world = """<body><joint name="j" axis="0 0 1" damping="-1000"/><geom size="0.1" mass="1"
+    pos="0.1 0 0"/></body>"""
+    more = "<option integrator='RK4'/><actuator><motor joint='j'/></actuator>"
+    for row in told(world, more, "data.ctrl[0] = 1", 20):
+        assert "as it began 0 N m" not in row.told
+
+
+@pytest.mark.pybullet
+def test_a_filter_that_lets_a_box_fall_through_is_told(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        BULLET.format(before="p.setCollisionFilterGroupMask(box, -1, 0, 0)", each="pass").replace(
+            "[0, 0, 0.2]", "[0, 0, 0.3]"
+        )
+    )
+    recorded = record_script(str(script), out=tmp_path / "script.rrd")
+    (row,) = [row for row in analyze(recorded.recording).account if row.kind == "idle"]
+    assert "script.py:8 filters their contacts" in row.told

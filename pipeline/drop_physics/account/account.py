@@ -63,7 +63,7 @@ class Account:
         self._touching, self._held, self._overlaps = Touching(), Held(seen), Overlaps(seen)
         self._sensed = Sensed(seen)
         self._filtered: dict[frozenset[int], str] = {}
-        """The line that switched off the contacts of two bodies, by their numbers."""
+        """The line that may have ended contacts of two bodies, or of one, by their numbers."""
 
     def see(self, explained: ExplainedPiece, joints: JointTable, touches: TouchTable) -> None:
         """Add a piece."""
@@ -76,7 +76,7 @@ class Account:
             self._series.setdefault(number, []).extend(map(JointSeries.of, found))
             for driven in found:
                 self._add_controls(driven.body, explained, driven.steps)
-        for call, bodies in explained.piece.calls.switched_off():
+        for call, bodies in explained.piece.calls.filters():
             self._filtered[frozenset(bodies)] = call.site.place
         self._touching.add(touches.pairs)
         self._sensed.add(explained, touches.pairs.points)

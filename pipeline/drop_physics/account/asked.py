@@ -241,12 +241,10 @@ def torque_row(
         way = float(np.abs(np.cumsum(series.rate[:, k] * words.timesteps_s(subject, steps))).max())
     took = -sum(f for term, f in forces.items() if f < 0 and term is not OWN and term != OWN)
     cancelled = min(1.0, took / max(abs(given), 1e-12))
-    told = _controls(actuators) + Message(
-        "moved {way}; {when} {force}",
-        way=quantity(way, axis.unit),
-        when=when,
-        force=quantity(abs(given), axis.force_unit),
-    )
+    told = _controls(actuators) + Message("moved {way}", way=quantity(way, axis.unit))
+    if forces:
+        force = quantity(abs(given), axis.force_unit)
+        told = told + Message("; {when} {force}", when=when, force=force)
     still = way / axis.scale < 0.1
     step = ledger.first + begins * ledger.width
     return Row(

@@ -6,16 +6,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drop_physics.account.ledger import Ledger
 from drop_physics.account.rows import Row
 from drop_physics.account.subjects import Subject
 from drop_physics.account.words import Words
-from drop_physics.arrays import Float64, Int64
+from drop_physics.arrays import Float64
 from drop_physics.explain.steps import BodySteps
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
+from drop_physics.physics.moving import moved
+from drop_physics.physics.tree import States, Tree
 from drop_physics.quantities import quantity
 
+INSTANT_S = 1e-6
+"""Time over which the way of the centres of mass gives their velocities."""
 SETTLED = 0.1
 """Share of the weight below which what takes up momentum has to be for a mean to tell anything."""
 OUTSIDE = {"applied", "constraints", "gravity compensation", "fluid", "remainder", "contacts"}
@@ -30,10 +33,22 @@ class Carried:
 
     impulse_n_s: Float64 = field(default_factory=lambda: np.zeros(3))
     """Of all contacts, world axes."""
+    first_n_s: Float64 | None = None
+    """The momentum before the first step."""
+    last_n_s: Float64 = field(default_factory=lambda: np.zeros(3))
+    """The momentum after the last one."""
+    put: bool = False
+    """Whether its state was written in between, which gives momentum that no force does."""
 
     def add(self, steps: BodySteps) -> None:
         """Add explained steps of the body."""
-        contacts = steps.reported.contacts
+        contacts, tree = steps.reported.contacts, steps.law.tree
+        if self.first_n_s is None:
+            self.first_n_s = momentum_n_s(tree, steps.before.at(np.array([0])))
+            self.put |= bool(steps.put[1:].any())
+        else:
+            self.put |= bool(steps.put.any())
+        self.last_n_s = momentum_n_s(tree, steps.after.at(np.array([len(steps) - 1])))
         if len(contacts):
             timestep_s = steps.reported.timestep_s[contacts.step]
             self.impulse_n_s += (contacts.force_n * timestep_s[:, None]).sum(axis=0)
@@ -50,10 +65,12 @@ class Carried:
         outside = causes & OUTSIDE or any(each.acts_on in FREE for each in body.actuators)
         pull = float(np.linalg.norm(gravity_m_s2))
         all_steps = slice(0, (ledger.last - ledger.first) // ledger.width + 1)
-        if outside or body.links[0] == "world" or not pull or not ledger.covers(all_steps):
+        if outside or self.put or self.first_n_s is None or not ledger.covers(all_steps):
+            return None
+        if body.links[0] == "world" or not pull:
             return None
         weight_n, up = subject.mass_kg * pull, -gravity_m_s2 / pull
-        taken_n = float(_gained_n_s(subject) @ up) / seconds
+        taken_n = float((self.last_n_s - self.first_n_s) @ up) / seconds
         if not abs(taken_n) < SETTLED * weight_n:
             return None
         rest_n = float(self.impulse_n_s @ up) / seconds
@@ -62,36 +79,30 @@ class Carried:
             kind="held",
             body=body.label,
             told=Message(
-                "its base is fixed and carries {base} of its weight of {weight}; contacts carry "
-                "{rest}",
+                "its base is fixed and carries {base}, and what moves of it weighs {weight}; "
+                "contacts {push} it with {rest}",
                 base=quantity(base_n, "N"),
                 weight=quantity(weight_n, "N"),
-                rest=quantity(rest_n, "N"),
+                push=Message("lift") if rest_n >= 0 else Message("press"),
+                rest=quantity(abs(rest_n), "N"),
             ),
             asked=weight_n,
             got=base_n,
             unit="N",
             step=ledger.last,
             time_s=words.seconds(subject, ledger.last),
-            salience=0.12,
+            salience=0.03,
             subject=body,
             group=("carried", subject.kind),
         )
 
 
-def _gained_n_s(subject: Subject) -> Float64:
-    """Return the change of a body's momentum from its first explained step to its last, (3,)."""
-    ledger = subject.ledger
-    known = np.flatnonzero(ledger.counts)
-    first, last = (_velocity_m_s(ledger, known[part]) for part in (slice(0, 2), slice(-2, None)))
-    return np.asarray(subject.mass_kg * (last - first))
-
-
-def _velocity_m_s(ledger: Ledger, bins: Int64) -> Float64:
-    """Return the velocity of the centre of mass between the ends of two bins, shape (3,)."""
-    if len(bins) < 2:
-        return np.full(3, np.nan)
-    kin, masses = kinematics(ledger.tree, ledger.ends.at(bins)), ledger.tree.masses_kg[1:]
-    places = np.stack([kin.position_m(link) for link in range(ledger.tree.links)])
-    centre = np.tensordot(masses, places, 1) / masses.sum()
-    return np.asarray((centre[1] - centre[0]) / ledger.seconds[bins[1]])
+def momentum_n_s(tree: Tree, state: States) -> Float64:
+    """Return the momentum of a tree in one state, shape (3,)."""
+    there = moved(tree, state, state.velocity, np.array([INSTANT_S]), np.inf)
+    ways_m = [
+        tree.masses_kg[link + 1] * (end.position_m(link) - begin.position_m(link))[0]
+        for begin, end in [(kinematics(tree, state), kinematics(tree, there))]
+        for link in range(tree.links)
+    ]
+    return np.asarray(sum(ways_m, start=np.zeros(3)) / INSTANT_S)

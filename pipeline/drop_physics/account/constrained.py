@@ -342,6 +342,6 @@ def _gear_row(gear: ConstraintVersion, subjects: Mapping[int, Subject], words: W
         constraint=f"gear {one} – {other}",
         told=told,
         asked=gear.ratio,
-        salience=0.4,
+        salience=min(0.4, max(abs(first), abs(second))),
         subject=subject.body,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -26,6 +26,8 @@ LOOKS = 16
 """Samples of a piece, evenly spread, at which overlaps are looked for."""
 MOST_PAIRS = 400
 """Most pairs of shapes that are looked at; in a world of more, filters are intended."""
+MOST_CORNERS = 1000
+"""Most corners of a hull that is looked at: one of more takes longer than all else."""
 DEEP = 0.05
 """Share of the smaller body from which an overlap is one."""
 SELF_COLLISION, OF_PARENTS = 8, 16 | 32 | 8192
@@ -62,6 +64,8 @@ class Overlaps:
     def add(self, explained: ExplainedPiece) -> None:
         """Add a piece."""
         piece = explained.piece
+        for call, bodies in piece.calls.filters():
+            self.pairs += _pairs_filtered(self.seen, call.site.place, bodies)
         last = max(self.seen.samples.values(), default=0)
         first, end = max(piece.first, 1), min(piece.end, last)
         if not self.pairs or end <= first:
@@ -130,7 +134,7 @@ def _pairs_without_contact(seen: Seen) -> Iterator[Overlap]:
         (body, shape, solid, touchable)
         for body in seen.bodies.values()
         for shape, touchable in _shapes(body)
-        if (solid := solid_of(shape)) is not None
+        if len(shape.hull_m) <= 3 * MOST_CORNERS and (solid := solid_of(shape)) is not None
     ]
     if len(held) > 200:
         return
@@ -155,6 +159,24 @@ def _pairs_without_contact(seen: Seen) -> Iterator[Overlap]:
             why = Message("a flag of the model switches contacts off")
         if why is not None:
             yield Overlap(places, (solid_a, solid_b), why)
+
+
+def _pairs_filtered(seen: Seen, line: str, bodies: Collection[int]) -> Iterator[Overlap]:
+    """Yield the pairs of shapes of bodies whose contacts a call filters; of one with all others."""
+    held = {
+        body.number: [
+            (shape.link, solid)
+            for shape in body.collisions
+            if len(shape.hull_m) <= 3 * MOST_CORNERS and (solid := solid_of(shape)) is not None
+        ]
+        for body in seen.bodies.values()
+    }
+    for a, b in combinations(seen.bodies.values(), 2):
+        its = {a.number, b.number} & {*bodies}
+        if len(its) == len({*bodies}) and a.client == b.client and (a.moving or b.moving):
+            why = Message("{line} filters their contacts", line=line)
+            for (link_a, solid_a), (link_b, solid_b) in product(held[a.number], held[b.number]):
+                yield Overlap(((a.number, link_a), (b.number, link_b)), (solid_a, solid_b), why)
 
 
 def _shapes(body: Body) -> Iterator[tuple[Collision, bool]]:
@@ -312,14 +334,19 @@ def _speed_m_s(ledger: Ledger, bins: Int64) -> float:
 def idle_actuator_rows(
     subject: Subject, seen: Seen, controls: Mapping[Actuator, Float64]
 ) -> Iterator[Row]:
-    """Yield a row for each actuator that was given a control and never gave a force."""
+    """Yield a row for each actuator that was given a control and never gave a force.
+
+    A servo that stands where it was sent has none to give.
+    """
     for actuator, given in controls.items():
-        most = float(np.nanmax(np.abs(given), initial=0.0))
+        if actuator.kind == "position" or not np.isfinite(given).any():
+            continue
+        most = float(given[int(np.nanargmax(np.abs(given)))])
         acts = any(
             term.cause == f"actuator {actuator.name}" or term.name == actuator.name
             for term in subject.ledger.impulse
         )
-        if most > 0 and not acts and subject.ledger.counts.any():
+        if most and not acts and subject.ledger.counts.any():
             told = Message(
                 "ctrl up to {given}, and it gives no force in any step; it acts on {target}",
                 given=number(most),

@@ -191,12 +191,11 @@ def _way(subject: Subject, track: BaseTrack, way: Float64, main: Float64, words:
     window = ledger.window(ledger.first, step)
     gave, took = given_and_taken(ledger.works_along(along, window))
     far = float(np.linalg.norm(way))
-    parts = [
-        f"{'xyz'[k]} {quantity(float(way[k]), 'm', '+')}"
-        for k in range(3)
-        if abs(way[k]) > 0.1 * far
-    ]
-    told = Message("{way} by {time}", way=", ".join(parts), time=words.time(subject, step))
+    besides = way - main
+    told = Message("{way}", way=_along_axes(main, far))
+    if np.linalg.norm(besides) > 0.1 * far:
+        told = told + Message(" (and {besides})", besides=_along_axes(besides, far))
+    told = told + Message(" by {time}", time=words.time(subject, step))
     if not gave and ledger.covers(window):
         told = told + Message("; nothing gives: its start velocity")
     return Row(
@@ -211,6 +210,12 @@ def _way(subject: Subject, track: BaseTrack, way: Float64, main: Float64, words:
         subject=subject.body,
         group=("base", subject.kind, _most(gave), int(np.argmax(np.abs(main))), magnitude(far)),
     )
+
+
+def _along_axes(way: Float64, far: float) -> str:
+    """Return a way by its parts along the world axes that are not small."""
+    large = [k for k in range(3) if abs(way[k]) > 0.1 * far]
+    return ", ".join(f"{'xyz'[k]} {quantity(float(way[k]), 'm', '+')}" for k in large)
 
 
 def _turn(subject: Subject, track: BaseTrack, words: Words) -> Row:

@@ -44,7 +44,7 @@ def reading_rows(
 ) -> Iterator[Row]:
     """Yield the rows of the places that read contacts or the reaction of a joint.
 
-    `filtered` has the line that switched off the contacts of two bodies, by their numbers.
+    `filtered` has the line that filters the contacts of bodies, by their numbers.
     """
     for reading in seen.readings:
         answers = {each.name: each for each in reading.answers}
@@ -217,9 +217,10 @@ def _pressing(
     if not force_n:
         told = Message("; no contact between them presses in any step")
         for target in reading.targets:
-            line = filtered.get(frozenset((target.body, target.other or 0)))
-            if line is not None and target.other is not None:
-                told = told + Message(", as {line} switches it off", line=line)
+            both = {target.body} if target.other is None else {target.body, target.other}
+            line = filtered.get(frozenset(both))
+            if line is not None:
+                told = told + Message(": {line} filters it", line=line)
                 break
         return told
     return Message("; contacts press with {force} in the median", force=quantity(force_n, "N"))

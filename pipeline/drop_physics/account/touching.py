@@ -44,9 +44,9 @@ class Touched:
     deepest_step: int = -1
     slid_m: float = 0.0
     at_limit: int = 0
-    """Points whose friction is at its limit."""
+    """Steps in which the friction of all points together is at its limit."""
     limited: int = 0
-    """Points that friction may act on."""
+    """Steps in which friction may act."""
     friction: float = 0.0
     """The largest coefficient."""
     rubs: bool = False
@@ -96,12 +96,13 @@ class Touching:
             each_m = np.bincount(row.reshape(-1), np.where(pressed, slip_m[its], 0.0))
             points_of = np.maximum(np.bincount(row.reshape(-1), pressed), 1)
             touched.slid_m += float((each_m / points_of).sum())
-            acts = limit_n[its] > 1e-9
-            touched.limited += int(acts.sum())
-            touched.at_limit += int((tangential_n[its][acts] >= LIMIT * limit_n[its][acts]).sum())
+            whole_n = np.bincount(row.reshape(-1), tangential_n[its])
+            most_n = np.bincount(row.reshape(-1), limit_n[its])
+            touched.limited += int((most_n > 1e-9).sum())
+            touched.at_limit += int(((whole_n >= LIMIT * most_n) & (most_n > 1e-9)).sum())
             touched.friction = max(touched.friction, float(points.friction[its].max()))
-            most_n = float(points.normal_n[its].max())
-            touched.rubs |= bool((tangential_n[its] > 1e-6 * most_n).any())
+            pressing_n = float(points.normal_n[its].max())
+            touched.rubs |= bool((tangential_n[its] > 1e-6 * pressing_n).any())
 
     def rows(self, subjects: Mapping[int, Subject], seen: Seen, words: Words) -> Iterator[Row]:
         """Yield the rows of all pairs."""

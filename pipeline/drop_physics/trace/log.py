@@ -8,14 +8,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 
 from drop_physics.arrays import Flags, Int64
-from drop_physics.trace.acts import MAKES, PUSHES, Act
+from drop_physics.trace.acts import FILTERS, MAKES, PUSHES, Act
 from drop_physics.trace.calls import BODY_NAMES, WORLD_FRAME, Call, Given, Push
 from drop_physics.trace.events import Appearance, At, Calls, Raised, Site, order, widths_of
 from drop_physics.trace.motors import Command, commands_of
 from drop_physics.trace.properties import link_reached
 
-PAIR = ("bodyUniqueIdA", "bodyUniqueIdB")
-"""Arguments of a call that filters contacts."""
+PAIR = ("bodyUniqueIdA", "bodyUniqueIdB", "bodyUniqueId")
+"""Arguments of a call that filters contacts: of two bodies, or of one."""
 
 
 class Log:
@@ -186,11 +186,14 @@ class Log:
 
     # -- what they asked for ----------------------------------------------------------------------
 
-    def switched_off(self) -> Iterator[tuple[Call, tuple[int, ...]]]:
-        """Yield the calls that switch off contacts of two bodies, with the bodies' numbers."""
-        for call in self.of(Act.FILTER_PAIR):
+    def filters(self) -> Iterator[tuple[Call, tuple[int, ...]]]:
+        """Yield the calls that may end contacts of two bodies, or of one with all others.
+
+        With them the bodies' numbers.
+        """
+        for call in self.of(*FILTERS):
             named = call.values
-            if named.get("enableCollision", (1.0,))[0] == 0:
+            if named.get("enableCollision", (0.0,))[0] == 0:
                 its = [self.body_at(call, int(named[name][0])) for name in PAIR if name in named]
                 yield call, tuple(each.body.number for each in its if each is not None)
 
