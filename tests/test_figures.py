@@ -11,7 +11,9 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pybullet as p
@@ -260,6 +262,13 @@ def test_an_svg_keeps_its_text_as_text_and_no_date() -> None:
         assert f">{text}</text>" in svg
     assert "dc:date" not in svg
     assert "sans-serif" in svg  # for readers without matplotlib's own font
+
+
+def test_an_svg_is_xml_whatever_names_hold() -> None:
+    named = replace(PLOT.panels[0], title="a\x1b[31m\x00")
+    svg = render(replace(PLOT, title="\x07\x1b", panels=[named]), "svg", dark=False)
+    texts = [each.text for each in ElementTree.fromstring(svg).iter() if each.text]
+    assert {r"\u0007\u001b", r"a\u001b[31m\u0000 [m]"} <= set(texts)
 
 
 def test_the_users_own_settings_are_ignored_and_untouched() -> None:

@@ -319,6 +319,24 @@ def test_a_chain_of_hundreds_of_links_is_recorded(tmp_path: Path) -> None:
     assert len(body.links) == 401
 
 
+def test_names_may_be_longer_than_an_entity_s(tmp_path: Path) -> None:
+    """A chain of links that are each drawn below the one before, as deep as they are."""
+    deep = 64
+    links = "".join(
+        f'<body name="{number}{"n" * 6000}" pos="0 .1 0"><joint/><geom size=".02" contype="0"/>'
+        for number in range(deep)
+    )
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import mujoco\n"
+        f"m = mujoco.MjModel.from_xml_string('<mujoco><worldbody>{links}{'</body>' * deep}"
+        "</worldbody></mujoco>')\nmujoco.mj_step(m, mujoco.MjData(m))"
+    )
+    found = record_script(str(script), out=tmp_path / "run.rrd", stdout=2)
+    (body,) = read(found.recording).seen.bodies.values()
+    assert [name.rstrip("n") for name in body.links[1:]] == [*map(str, range(deep))]
+
+
 def test_recordings_are_compared_to_the_bit(recorded: tuple[Recorded, str], tmp_path: Path) -> None:
     from drop_physics.stages.check import check
 

@@ -104,7 +104,7 @@ def _draw_panels(
 
 def _draw(axes: Axes, panel: Panel, time: Unit, theme: Theme, letters: Letters) -> None:
     panel, mark = _readable(panel), f"{panel.mark}  " if panel.mark else ""
-    title = f"{mark}{style.label(panel.title)} [{panel.unit}]"
+    title = f"{mark}{style.lines_of([panel.title], style.TITLE, 1)} [{panel.unit}]"
     axes.set_title(title, loc="left", size=letters.title, pad=5)
     axes.tick_params(labelsize=letters.tick)
     if panel.span_s is not None:

@@ -25,7 +25,7 @@ from matplotlib.text import Text
 
 from drop_physics.figures.gif import MADE_BY_DROP
 from drop_physics.figures.theme import DARK, LIGHT, Theme
-from drop_physics.messages import Message, translated, wrapped
+from drop_physics.messages import Message, harmless, translated, wrapped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -80,7 +80,8 @@ def label(template: str, /, **values: object) -> str:
     """Return a message, or a template's, in the reader's language if there is a font for it."""
     message = template if isinstance(template, Message) else Message(template, **values)
     shown = translated(message)
-    return shown if shown == message or japanese_font() is not None else str(message)
+    # A name may hold what no XML may, and so no SVG: control characters.
+    return harmless(shown if shown == message or japanese_font() is not None else str(message))
 
 
 def lines_of(texts: Sequence[str], columns: int, most: int) -> str:

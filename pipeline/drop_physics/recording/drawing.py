@@ -44,6 +44,8 @@ MOST_TRAILS, TRAIL_PER_S, TRAIL_M = 6, 20, 1e-3
 """Bodies whose way is drawn; its points per second, and how far apart they are at least."""
 DEEPEST = 64
 """Links of a chain that are drawn each below the one before."""
+LONGEST_PART = 60
+"""Characters of a link's part of an entity's name: `DEEPEST` of them fit in `rrd.LONGEST_NAME`."""
 ARROW = 1 / 3
 """Length of the heaviest body's weight as an arrow, of the diagonal of its box; twice as long at
 most."""
@@ -426,7 +428,7 @@ def _line_to(body: Body, link: int) -> list[int]:
 def _plain(name: str) -> str:
     return "".join(
         letter if letter.isascii() and (letter.isalnum() or letter in "_-") else "_"
-        for letter in name
+        for letter in name[:LONGEST_PART]
     )
 
 
