@@ -6,6 +6,9 @@ Verification: against what the script itself counts and sums.
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +17,8 @@ import pytest
 from drop_physics.account.episodes import EpisodeRow
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.record import record_script
+from drop_physics.stages.why import why
+from drop_physics.stages.why.expect import Expected
 
 Told = Callable[..., tuple[list[EpisodeRow], Any]]
 
@@ -226,3 +231,116 @@ def test_the_account_is_of_the_end_of_what_failed(tmp_path: Path) -> None:
     begins = third.episodes[2].last_step - round(2 / TIMESTEP_S)
     assert all(row.step is None or row.step > begins for row in third.account)
     assert not [row for row in third.account if row.kind == "moved"]  # by then it lies
+
+
+WATCHED = """
+import drop_physics
+from drop_physics.stages.analyze import analyze
+"""
+
+
+def test_watching_an_environment_records_its_episodes(tmp_path: Path) -> None:
+    ran = _python(
+        ENVIRONMENT
+        + WATCHED
+        + f"""
+env = drop_physics.watch(Falling(), {str(tmp_path / "one.rrd")!r})
+assert env.recorded is None
+for _ in range(2):
+    env.reset()
+    while not env.step(0)[2]: pass
+env.close()
+env.recorded.recording
+many = drop_physics.watch(
+    gymnasium.vector.SyncVectorEnv([Falling] * 2), {str(tmp_path / "many.rrd")!r}
+)
+many.reset()
+for _ in range(9): many.step([0, 0])
+many.close()
+bare = Falling()
+said = [drop_physics.watch(bare) is bare, env.recorded.samples, many.recorded.samples]
+"""
+        + END
+    )
+    alone = [*analyze(tmp_path / "one.rrd").episodes]
+    assert [row.ended for row in alone] == ["terminated", "terminated"]
+    many = [*analyze(tmp_path / "many.rrd").episodes]
+    assert {row.client for row in many} == {0, 1}
+    # A sample before the first step of each simulation, and one after each.
+    assert ran == [True, alone[-1].last_step + 1, sum(_last(many, k) + 1 for k in (0, 1))]
+
+
+def _last(rows: list[EpisodeRow], client: int) -> int:
+    return max(row.last_step for row in rows if row.client == client)
+
+
+def test_each_worker_that_steps_apart_has_a_recording(tmp_path: Path) -> None:
+    out = str(tmp_path / "run.rrd")
+    said = _python(
+        ENVIRONMENT
+        + WATCHED
+        + f"""
+make = lambda: drop_physics.watch(Falling(), {out!r})
+many = gymnasium.vector.AsyncVectorEnv([make] * 2, shared_memory=False)
+many.reset()
+for _ in range(9): many.step([0, 0])
+many.close()
+try:
+    drop_physics.watch(gymnasium.vector.AsyncVectorEnv([Falling]), {out!r})
+except drop_physics.DropError as error:
+    said = str(error)
+"""
+        + END
+    )
+    assert "must be in the workers" in said
+    for worker in (0, 1):
+        rows = analyze(tmp_path / f"run-{worker}.rrd").episodes
+        assert rows[0].ended == "terminated"
+
+
+def _python(script: str) -> Any:
+    """Run a script without `drop record`; return what it printed last, as JSON."""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert not done.returncode, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.mark.pybullet
+@pytest.mark.parametrize(("resets", "said"), [(1, "; in episode 2"), (3, "; so in 3 episodes")])
+def test_a_finding_of_a_reset_names_its_episode(tmp_path: Path, resets: int, said: str) -> None:
+    example = Path(__file__).parents[1] / "docs/examples/why/reset_leaves.py"
+    begins, _, again = example.read_text().rpartition("for joint, angle in enumerate(home)")
+    script = tmp_path / "script.py"
+    again = textwrap.indent("for joint, angle in enumerate(home)" + again, "    ")
+    script.write_text(f"{begins}for _ in range({resets}):\n{again}")
+    recorded = record_script(str(script), out=tmp_path / "run.rrd")
+    analysis = analyze(recorded.recording)
+    assert len(analysis.episodes) == resets + 1
+    (found,) = [each for each in analysis.findings if each.code == "reset-leaves"]
+    assert found.told.endswith(said)
+    assert found.episodes == resets
+
+
+@pytest.mark.parametrize("text", ["terminated", "length < 1e3", "reward < 1e3"])
+def test_an_expectation_names_the_end_of_episodes(tmp_path: Path, text: str) -> None:
+    script = tmp_path / "script.py"
+    own = "\nterminated, length, reward = False, 1e6, 1e6\nenv.unwrapped.close()"
+    script.write_text(ENVIRONMENT + ROLLED + own)
+    (row, *_) = rows = _rows(script, tmp_path / "run.rrd")
+    found = why(str(script), expect=text, out=tmp_path)
+    assert isinstance(found, Expected)
+    ended = [each for each in rows if each.ended != "run"]
+    known = {
+        "terminated": 1.0,
+        "length": min(each.length or 0 for each in ended),
+        "reward": sum(each.reward or 0.0 for each in ended) / len(ended),
+    }
+    assert found.base.holds
+    assert found.base.value == pytest.approx(known[text.partition(" ")[0]])
+    assert row.ended == "terminated"
+
+
+def _rows(script: Path, out: Path) -> list[EpisodeRow]:
+    return [*analyze(record_script(str(script), out=out).recording).episodes]

@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from drop_physics.stages.sweep import sweep as sweep
     from drop_physics.stages.trust import Trust as Trust
     from drop_physics.stages.trust import trust as trust
+    from drop_physics.stages.watch import watch as watch
     from drop_physics.stages.why import Why as Why
     from drop_physics.stages.why import why as why
     from drop_physics.sweeping.plan import Plan as Plan
@@ -91,6 +92,7 @@ _HOMES = {
     "Sweep": "drop_physics.stages.sweep",
     "trust": "drop_physics.stages.trust",
     "Trust": "drop_physics.stages.trust",
+    "watch": "drop_physics.stages.watch",
     "why": "drop_physics.stages.why",
     "Why": "drop_physics.stages.why",
     "Plan": "drop_physics.sweeping.plan",

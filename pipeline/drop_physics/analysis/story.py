@@ -29,7 +29,7 @@ from drop_physics.physics.laws.lookup import step_law
 from drop_physics.rules.answer import Finding, Scene
 from drop_physics.rules.every import Rules, ranked, told_apart
 from drop_physics.trace.cures import Cure
-from drop_physics.trace.episodes import Episode, episodes_of
+from drop_physics.trace.episodes import Episode, episode_at, episodes_of
 from drop_physics.trace.history import Piece, Seen
 
 
@@ -86,12 +86,14 @@ class Story:
         self.explanation: Explanation | Replayed = (
             Replayed(seen) if step_law(seen.engine) is None else Explanation(seen, other)
         )
+        episodes = episodes_of(seen) if asked else []
         self.scene = Scene(
             seen=seen,
             origin=origin,
             times=times,
             joints=JointTable(seen),
             touches=TouchTable(seen),
+            episodes=episodes,
             call_of=call_of,
         )
         self.curves = CurveTable(seen, self.scene.times)
@@ -99,7 +101,6 @@ class Story:
         self._account = Account(seen, times) if asked else None
         self._joints = self.scene.joints if episode is None else JointTable(seen)
         """The joints that are told: in all steps, or as the episode ends."""
-        episodes = episodes_of(seen) if asked else []
         shown = episodes[0] if len(episodes) == 1 else episode
         self._episodes = EpisodeTable(seen, times, episodes, shown)
         self._episode = episode
@@ -181,7 +182,19 @@ class Story:
         After the last piece.
         """
         found = ranked(each for each in self._found if self._reports(each) == reported)
-        return [*told_apart(found, self._seen.bodies.values())]
+        return [*self._placed(told_apart(found, self._seen.bodies.values()))]
+
+    def _placed(self, findings: Iterable[Finding]) -> Iterator[Finding]:
+        """Yield findings with the episode that their steps are of, where there are several."""
+        episodes = self.scene.episodes
+        clients = {body.label: body.client for body in self._seen.bodies.values()}
+        for finding in findings:
+            steps, client = finding.steps, clients.get(finding.body or "")
+            if len(episodes) < 2 or steps is None or client is None:
+                yield finding
+                continue
+            first, last = episode_at(episodes, client, [steps.first, steps.last]).tolist()
+            yield replace(finding, episode=first if first == last and first else None)
 
     @cached_property
     def _found(self) -> list[Finding]:

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 MOST_AT_THE_END = 12
 """Most bodies, and joints, whose final positions are listed."""
+SURVIVES = "not terminated"
+"""What is expected of an episode that was terminated and did not reach its goal."""
 TOO_GRAVE = 3
 """Exit code of an analysis with a finding of the level of `--fail-on`, or a graver one."""
 
@@ -90,7 +92,8 @@ def _next(analysis: Analysis) -> Iterator[str]:
     if origin is not None and analysis.samples > 1:
         name = str(origin["script"])
         script = analysis.sources.get(name)
-        proof = repeated("why", origin, script)
+        failed = any(each.failed and each.ended == "terminated" for each in analysis.episodes)
+        proof = repeated("why", origin, script, expect=SURVIVES if failed else None)
         if proof is not None and (script is not None or name.startswith("-m ")):
             yield proof
     yield shell_command("drop", "view", analysis.recording)

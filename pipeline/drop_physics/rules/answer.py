@@ -33,6 +33,7 @@ from drop_physics.rules.placing import Placing
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.cures import Cure as Cure  # part of a finding
+from drop_physics.trace.episodes import Episode
 from drop_physics.trace.events import Body, Site
 from drop_physics.trace.history import Piece, Seen
 
@@ -108,6 +109,11 @@ class Finding:
     """The steps that it covers."""
     site: str | None = None
     """File and line of the call that caused it; of a notebook, cell and line."""
+    episode: int | None = None
+    """Number of the episode that these steps are of; None where they are of several, or all are of
+    one."""
+    episodes: int = 1
+    """Number of episodes in which it was found."""
 
     terms: tuple[RowTerm, ...] = field(default=(), compare=False)
     """The terms of the sum of its joint, of the row of the account whose place it takes."""
@@ -126,10 +132,15 @@ class Finding:
     @property
     def told(self) -> str:
         """The message, and for how many other bodies it holds."""
+        said = self.said
+        if self.episodes > 1:
+            said = Message("{text}; so in {n} episodes", text=said, n=self.episodes)
+        elif self.episode is not None:
+            said = Message("{text}; in episode {number}", text=said, number=self.episode)
         if self.bodies < 2:
-            return self.said
+            return said
         others = counted(self.bodies - 1, "other body", "other bodies")
-        return Message("{text}; the same holds for {others}", text=self.said, others=others)
+        return Message("{text}; the same holds for {others}", text=said, others=others)
 
     @property
     def advised(self) -> str | None:
@@ -168,6 +179,7 @@ class Scene:
     """Times of steps by client."""
     joints: JointTable
     touches: TouchTable
+    episodes: Sequence[Episode] = ()
     actuators: ActuatorTable = field(default_factory=ActuatorTable)
     call_of: Callable[[Cure], str] = lambda cure: cure.call
     """Returns a cure as a user of the engine would write it."""

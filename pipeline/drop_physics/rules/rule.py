@@ -47,6 +47,7 @@ from drop_physics.rules.tables import TABLES, RuleTable, TableName, tables
 from drop_physics.rules.target_columns import left_standing
 from drop_physics.rules.thresholds import MINOR
 from drop_physics.trace.calls import Call
+from drop_physics.trace.episodes import episode_at
 from drop_physics.trace.events import Body
 
 Numbers = Mapping[str, Any]
@@ -379,6 +380,8 @@ class Rules:
         self._rules = [rule for rule in RULES if engine_of(scene.seen) in rule.engines]
         self._open: list[Runs | None] = [None] * len(self._rules)
         """What may go on of each rule, and the worst of what has ended of each key."""
+        self._in: dict[int, set[tuple[int, ...]]] = {}
+        """The keys that each rule has found, with the number of the episode."""
         self._ended: list[Runs | None] = [None] * len(self._rules)
 
     def see(self) -> None:
@@ -405,10 +408,29 @@ class Rules:
 
     def _end(self, place: int, ended: Runs) -> None:
         """Keep the worst of each key."""
+        self._note(place, ended)
         before = self._ended[place]
         runs = ended if before is None else Runs.listed([before, ended])
         if len(runs):
             self._ended[place] = runs.greatest(self._sizes(place, runs))
+
+    def _note(self, place: int, ended: Runs) -> None:
+        """Note in which episodes a rule has found something of a key."""
+        episodes = self.scene.episodes
+        if len(episodes) < 2 or not len(ended):
+            return
+        counting = ended.at(self._sizes(place, ended) > 0)
+        clients = {n: self.scene.body(n).client for n in np.unique(counting.keys[:, 0]).tolist()}
+        for number, client in clients.items():
+            its = counting.at(counting.keys[:, 0] == number)
+            numbers = episode_at(episodes, client, its.first)
+            rows = np.unique(np.column_stack([its.keys, numbers])[numbers > 0], axis=0)
+            self._in.setdefault(place, set()).update(map(tuple, rows.tolist()))
+
+    def _episodes(self, place: int, keys: Int64) -> int:
+        """Return in how many episodes a rule has found something of some keys."""
+        known = {*map(tuple, keys.tolist())}
+        return len({row[-1] for row in self._in.get(place, ()) if row[:-1] in known}) or 1
 
     @np.errstate(all="ignore")
     def _sizes(self, place: int, runs: Runs) -> Float64:
@@ -439,7 +461,7 @@ class Rules:
                 )
                 finding = self._finding(rule, worst, among, joints)
                 if finding is not None:
-                    yield finding
+                    yield replace(finding, episodes=self._episodes(place, mine.keys))
         for rule in [each for each in self._rules if each.table == "inputs"]:
             for said in rule.matches(self.scene.inputs):
                 said = replace(said, reason=said.reason or rule.reason)

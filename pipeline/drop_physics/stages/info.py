@@ -175,8 +175,13 @@ def engine_of(held: Recording) -> str:
     return f"{PYBULLET} {bullet or ''}".rstrip()
 
 
-def repeated(verb: str, origin: Origin, script: Path | None = None) -> str | None:
-    """Return the command that runs a recorded script with a verb, as it was run.
+def repeated(
+    verb: str,
+    origin: Origin,
+    script: Path | None = None,
+    **more: str | None,
+) -> str | None:
+    """Return the command that runs a recorded script with a verb, as it was run, and more options.
 
     None for a block of Python, and where a name or an argument is not UTF-8. The script is named by
     its path, if that is known.
@@ -185,7 +190,7 @@ def repeated(verb: str, origin: Origin, script: Path | None = None) -> str | Non
     if name == schema.BLOCK or any(REPLACED in word for word in (name, *arguments)):
         return None
     options = {name.removesuffix("_s"): origin.get(name) for name in OPTIONS}
-    return command_of(verb, name if script is None else script, arguments, **options)
+    return command_of(verb, name if script is None else script, arguments, **options, **more)
 
 
 def _duration_s(seen: Seen) -> float:

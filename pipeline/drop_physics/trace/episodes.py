@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from drop_physics.arrays import Int64
 from drop_physics.errors import ScenarioError
 from drop_physics.trace.events import Appearance, At, EpisodeEnd, Put, order
 from drop_physics.trace.history import Seen
@@ -50,6 +51,15 @@ class Episode:
 
 ENDS = "terminated", "truncated"
 """How an environment ends an episode."""
+
+
+def episode_at(episodes: Sequence[Episode], client: int, steps: Int64 | Sequence[int]) -> Int64:
+    """Return the number of the episode in which each step to a sample was made, 0 for none."""
+    found = np.zeros(len(steps), np.int64)
+    for each in episodes:
+        if each.client == client:
+            found[(each.first < np.asarray(steps)) & (np.asarray(steps) <= each.last)] = each.number
+    return found
 
 
 def looked_at(episodes: Sequence[Episode], number: int | None) -> Episode | None:

@@ -72,6 +72,20 @@ class Environments:
         for name in MODULES:
             self._host.on_import(name, self._install)
 
+    def outcome(self) -> dict[str, Any]:
+        """Return what an expectation may name of the episodes that have ended; empty without any.
+
+        Where none has, it is of the one that goes on.
+        """
+        ended = [each for each in self.episodes if each.how not in ("", "run")] or self.episodes
+        if not ended:
+            return {}
+        return {
+            "terminated": any(each.how == "terminated" for each in ended),
+            "reward": sum(each.reward for each in ended) / len(ended),
+            "length": min(each.length for each in ended),
+        }
+
     def settle(self) -> None:
         """Tell the episodes that the script's end leaves unfinished."""
         for episode in self.episodes:

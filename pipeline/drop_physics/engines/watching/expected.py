@@ -11,7 +11,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from .evaluating import Evaluator
-from .expression import PRINTED, SERIES, Expression
+from .expression import EPISODE, PRINTED, SERIES, Expression
 from .observed import NUMBERS, Observed, UnknownNameError, nearest
 from .sites import is_library
 
@@ -104,6 +104,13 @@ class Expected(Evaluator):
             from .series import FUNCTIONS
 
             ours = {**FUNCTIONS, **{kind: self._reading(kind) for kind in SERIES}}
+            for engine in [*self._engines.values()][:1]:  # a loop's own names are of its last step
+                ours.update(engine.host.environments.outcome())
+            script = {
+                name: value
+                for name, value in script.items()
+                if name not in EPISODE or name not in ours
+            }
             if self._printed is not None:
                 ours[PRINTED] = [float(each) for each in NUMBER.findall("".join(self._printed))]
             holds, margin, value = self._expression.judged(script, ours)

@@ -15,6 +15,9 @@ SERIES = ("x", "y", "z", "up", "joint", "rate", "force", "sensor")
 """Functions that return a series."""
 TAKEN = ("end", "peak", "low", "drift", "norm", "at", "always", "ever")
 """Functions of a series."""
+EPISODE = ("terminated", "reward", "length")
+"""What the environments of a script make known: whether an episode was terminated, the mean return,
+and the least number of steps of an episode."""
 PRINTED = "printed"
 """The numbers that the script has printed."""
 OURS = "_drop_{}".format

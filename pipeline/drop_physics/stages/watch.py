@@ -1,0 +1,117 @@
+"""Record what an environment of gymnasium's does while it is trained or tried: `watch`."""
+
+from __future__ import annotations
+
+import atexit
+import multiprocessing
+import os
+import re
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from drop_physics.errors import DropError, ScenarioError
+from drop_physics.stages.block import Block, record
+
+
+def watch(env: Any, out: Path | str | None = None, *, force: bool = False) -> Any:  # noqa: ANN401
+    """Record an environment of gymnasium's from now until it is closed, or the program ends.
+
+    The recording is that of the process: environments that are watched while it is open are in it,
+    too. In a worker of `AsyncVectorEnv`, which steps in a process of its own, the worker's number
+    is added to the file's name: `run-0.rrd`.
+
+    Parameters
+    ----------
+    env
+        The environment, or a vector of them that are stepped in this process.
+    out
+        The recording to write; None to watch nothing, which returns the environment itself.
+    force
+        Whether an existing recording may be replaced.
+
+    Returns
+    -------
+    Any
+        A wrapper around the environment, whose attribute `recorded` is the result once it is
+        closed.
+
+    Raises
+    ------
+    ScenarioError
+        If the environments step in other processes.
+    OutputError
+        If the recording cannot be written.
+    DropError
+        If gymnasium is not installed.
+    """
+    if out is None:
+        return env
+    try:
+        from gymnasium import Wrapper
+        from gymnasium.vector import AsyncVectorEnv, VectorEnv, VectorWrapper
+    except ModuleNotFoundError:
+        raise DropError("watch needs gymnasium: pip install gymnasium") from None
+    if isinstance(env.unwrapped, AsyncVectorEnv):
+        raise ScenarioError(
+            "watch must be in the workers of AsyncVectorEnv, which step in processes of their own: "
+            "AsyncVectorEnv([lambda: drop_physics.watch(gymnasium.make(…), {out!r})] * n)",
+            out=str(out),
+        )
+    recording = _Recording.of_process(_named_for_worker(Path(out)), force=force)
+    base: Any = VectorWrapper if isinstance(env, VectorEnv) else Wrapper
+
+    class Watched(base):  # type: ignore[misc]
+        """An environment whose steps are recorded."""
+
+        recorded = None
+
+        def close(self, **how: Any) -> None:  # noqa: ANN401 - as its environment takes it
+            super().close(**how)
+            self.recorded = recording.leave()
+
+    return Watched(env)
+
+
+class _Recording:
+    """The recording of a process, which ends with the last environment that is watched."""
+
+    opened: _Recording | None = None
+
+    def __init__(self, path: Path, *, force: bool) -> None:
+        self._stack, self._process, self._watched = ExitStack(), os.getpid(), 0
+        self._block: Block = self._stack.enter_context(
+            record(path, keep_sleeping=True, force=force)
+        )
+        atexit.register(self.end)
+
+    @classmethod
+    def of_process(cls, path: Path, *, force: bool) -> _Recording:
+        """Return the recording that is open in this process, or a new one."""
+        found = cls.opened
+        if found is None or found._process != os.getpid():
+            found = cls.opened = cls(path, force=force)
+        found._watched += 1
+        return found
+
+    def leave(self) -> Any:  # noqa: ANN401 - a `Recorded`, or None while others are watched
+        """Note that an environment is closed; return the result of the last one."""
+        self._watched -= 1
+        if self._watched <= 0:
+            self.end()
+        return self._block.recorded
+
+    def end(self) -> None:
+        """End the recording, in the process that began it."""
+        if self._process == os.getpid() and _Recording.opened is self:
+            _Recording.opened = None
+            atexit.unregister(self.end)
+            self._stack.close()
+
+
+def _named_for_worker(path: Path) -> Path:
+    """Return the name of a recording with the number of the worker process, where this is one."""
+    if multiprocessing.parent_process() is None:
+        return path
+    number = re.search(r"\d+$", multiprocessing.current_process().name)
+    return path.with_stem(f"{path.stem}-{number[0] if number else os.getpid()}")
