@@ -10,6 +10,7 @@ import json
 import os
 import subprocess
 import sys
+from ctypes.util import find_library
 from pathlib import Path
 from typing import Any
 
@@ -320,3 +321,42 @@ def test_a_script_as_it_was_committed_is_beside_its_data(tmp_path: Path) -> None
     assert [each.field for each in result.answer.because] == ["body_mass"]
     with pytest.raises(DropError, match="git says"):
         diff([str(script)], revision="no-such")
+
+
+@pytest.mark.long
+def test_pictures_that_a_renderer_draws_otherwise_are_seen(
+    drop_process: Drop, tmp_path: Path
+) -> None:
+    if find_library("EGL") is None:
+        pytest.skip("no libEGL; try: apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri")
+    draws = SCRIPT.replace("for k in", "r = mujoco.Renderer(m, 48, 64)\nfor k in")
+    draws = draws.replace("range(120)", "range(6)")
+    draws += "    if k > 3: r.update_scene(d); r.render()\n"
+    green = draws.replace('name="gc"', 'name="gc" rgba="0 1 0 1"')
+    for name, text in (("a.py", draws), ("b.py", green), ("c.py", draws)):
+        (tmp_path / name).write_text(text)
+    egl = ("--env", "MUJOCO_GL=egl") * 2
+    done = drop_process("diff", "a.py", "b.py", *egl, "--out", "kept")
+    assert done.returncode == 0, done.stderr
+    assert "pictures    2 of 2 differ though states are the same, first after step 4" in done.stdout
+    assert "pictures" not in drop_process("diff", "a.py", "c.py", *egl).stdout
+    again = drop_process("check", "kept/b.rrd", "--against", "kept/a.rrd", "--json")
+    assert json.loads(again.stdout)["frames"]["differing"] == 2
+
+
+@pytest.mark.parametrize(
+    ("callback", "gain", "field"),
+    [("control", "d.ctrl[1] = {} * d.qvel[1]", "ctrl"),
+     ("passive", "d.qfrc_passive[1] += {} * d.qvel[1]", "qfrc_passive")],
+)  # fmt: skip
+def test_what_a_callback_writes_within_a_step_is_an_input(
+    callback: str, gain: str, field: str, tmp_path: Path
+) -> None:
+    sets = "def call(m, d): {}\nmujoco.set_mjcb_{}(call)\nfor k in"
+    a, b = (
+        SCRIPT.replace("for k in", sets.format(gain.format(value), callback))
+        for value in (-0.3, -0.31)
+    )
+    printed = json_of(compared(tmp_path, a, b))
+    assert (printed["class"], printed["because"][0]["field"]) == ("input", field)
+    assert printed["proved"]["steps"] == printed["proved"]["of"]

@@ -95,6 +95,7 @@ def facts_of(diff: Diff) -> list[Fact]:
         *_also(diff),
         *_host(diff),
         *_end(diff),
+        *_pictures(diff),
         *_no_effect(diff),
     ]
 
@@ -400,6 +401,20 @@ def _end(diff: Diff) -> Iterator[Fact]:
 
 def _far(end: End) -> str:
     return readable(end.value, end.unit) if end.value > 1e-7 else f"{end.value:.1e} {end.unit}"
+
+
+def _pictures(diff: Diff) -> Iterator[Fact]:
+    apart = diff.pictures
+    if apart is not None:
+        words = Message(
+            "{differing:,} of {of:,} differ though states are the same, first after step {step} "
+            "({site})",
+            differing=apart.differing,
+            of=apart.of,
+            step=apart.first_step - 1,
+            site=apart.site,
+        )
+        yield Fact(Message("pictures"), words)
 
 
 def _no_effect(diff: Diff) -> Iterator[Fact]:

@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import Enum
 
+PICTURE = "Renderer.render"
+"""What draws a picture of which only a digest is recorded."""
+
 
 class Act(Enum):
     """What a call does; its value is the functions of PyBullet that do it.

@@ -14,7 +14,7 @@ from drop_physics.engines.mujoco.fields_apart import FieldsApart, Swappable, ele
 from drop_physics.engines.mujoco.frames import ASLEEP, USER
 from drop_physics.engines.mujoco.stages_apart import Computed, stages_apart
 from drop_physics.engines.mujoco.swapping import Swapper
-from drop_physics.engines.mujoco.taken import TakenSteps
+from drop_physics.engines.mujoco.taken import PASSIVE, TakenSteps
 from drop_physics.trace.frames import CLOCK, Column, Frames, ModelEdit
 from drop_physics.trace.swaps import Common, EndApart, Paired, StageApart, TermPut
 
@@ -66,7 +66,7 @@ class CrossedRuns:
         found = FieldsApart(a.fields, b.fields, self._matched)
         self._swappable: Sequence[Swappable] = found.swappable
         self._count = min(len(a.steps), len(b.steps))
-        columns = [*self._paired(), *self._edited()]
+        columns = [*self._paired(), *self._added(), *self._edited()]
         self.common = Common(
             (a.engine, b.engine),
             (len(a.steps), len(b.steps)),
@@ -130,7 +130,7 @@ class CrossedRuns:
             if not len(mine) or (name not in b.before and name not in b.inputs):
                 continue
             if name in USER:
-                given = a.inputs[name][:n, mine], b.inputs[name][:n, theirs]
+                given = a.acting[name][:n, mine], b.acting[name][:n, theirs]
                 yield Paired(name, "input", labels, *given)
                 continue
             starts = a.before[name][:n, mine], b.before[name][:n, theirs]
@@ -139,6 +139,17 @@ class CrossedRuns:
                 yield Paired(name, "motion", labels, *starts, *ends, self._units(name))
             else:
                 yield Paired(name, "hidden", labels, *starts, *ends)
+
+    def _added(self) -> Iterator[Paired]:
+        """Yield what callbacks add to the passive forces, in either run."""
+        a, b, n = self._a.steps.acting, self._b.steps.acting, self._count
+        if PASSIVE in a or PASSIVE in b:
+            mine, theirs, labels = self._columns["qvel"]
+            rows = [
+                np.zeros((n, len(places))) if PASSIVE not in held else held[PASSIVE][:n, places]
+                for held, places in ((a, mine), (b, theirs))
+            ]
+            yield Paired(PASSIVE, "input", labels, rows[0], rows[1])
 
     def _units(self, name: str) -> list[str]:
         """Return the unit of each column of positions or velocities."""
@@ -194,7 +205,7 @@ class CrossedRuns:
         b = self._b.steps
         rows = {name: held[steps] for name, held in self._base.items()}
         for each in self.common.columns:
-            if each.kind != "edit" and len(its := [*kept.get(each.name, ())]):
+            if each.name in rows and len(its := [*kept.get(each.name, ())]):
                 columns = self._columns[each.name][1][its]
                 rows[each.name][:, columns] = each.before_b[steps][:, its]
         edits = [

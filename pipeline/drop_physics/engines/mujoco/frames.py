@@ -73,6 +73,7 @@ CAUSES = (
     "mj_copyState",
     "mj_copyData",
     "mj_setConst",
+    "picture",
     "mj_forward",
     "mj_step1",
     "mj_inverse",
@@ -83,7 +84,8 @@ CAUSES = (
     *READS,
 )
 """What changed a state: the script's own writes; nothing, it is what data were computed for; it is
-the state when first seen; the step before, in which MuJoCo has reset itself; or a function: from
+the state when first seen; the step before, in which MuJoCo has reset itself; a picture that was
+drawn of it, whose argument is the picture's digest; or a function: from
 `mj_forward` on, one that the script's own writes were followed by."""
 CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
 

@@ -9,12 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.engines.mujoco.explain.asked import answers_in
 from drop_physics.engines.mujoco.frames import USER
 from drop_physics.trace.frames import CLOCK, Column, Frames, ModelEdit
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Rows = Mapping[str, Float64]
+
+PASSIVE = "qfrc_passive"
+"""What callbacks add to the passive forces."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +31,8 @@ class TakenSteps:
     """The state before each step, shape (n, width) each."""
     inputs: Rows
     """What acts in each step, likewise."""
+    acting: Rows
+    """The same with what callbacks write within a step; `qfrc_passive` is what they add."""
     edited: Mapping[str, tuple[Int64, Float64]]
     """The elements of each field that are written while it runs, and their values in each step:
     shapes (k,) and (n, k)."""
@@ -65,12 +71,27 @@ def taken(pieces: Iterable[Frames], fields: Mapping[str, NDArray[Any]]) -> Taken
     """
     whole = joined([*pieces])
     names = {each.name for each in whole.edits}
+    inputs = {name: _held(each, len(whole)) for name, each in whole.inputs.items() if name in USER}
     return TakenSteps(
         whole,
         {name: whole.starts(name) for name in whole.after},
-        {name: _held(each, len(whole)) for name, each in whole.inputs.items() if name in USER},
+        inputs,
+        _acting(whole, inputs) if whole.answers else inputs,
         {name: edited_of(whole, name, fields[name]) for name in sorted(names) if name in fields},
     )
+
+
+def _acting(whole: Frames, inputs: Rows) -> Rows:
+    """Return what acts in each step once callbacks have written within it."""
+    nv = whole.after["qvel"].shape[1]
+    acting = {name: rows.copy() for name, rows in inputs.items()}
+    acting[PASSIVE] = np.zeros((len(whole), nv))
+    for step, payload in whole.answers:
+        for _, parts in answers_in(payload, nv):
+            for name, indices, values in parts if isinstance(parts, list) else ():
+                if name in acting:
+                    acting[name][step, slice(None) if indices is None else indices] = values
+    return acting
 
 
 def edited_of(whole: Frames, name: str, compiled: NDArray[Any]) -> tuple[Int64, Float64]:

@@ -42,6 +42,7 @@ from drop_physics.engines.surfaces import surfaces_of
 from drop_physics.engines.watching.pipe import EXTREMES
 from drop_physics.fields import all_of, counted
 from drop_physics.messages import Message
+from drop_physics.trace.acts import PICTURE
 from drop_physics.trace.events import (
     Appearance,
     At,
@@ -621,6 +622,10 @@ class MujocoDecoder:
     ) -> Iterator[Put]:
         """Apply what was written before a step; yield the bodies that it moved."""
         step = written.step - its.first
+        if written.cause == "picture":
+            values = np.array([float(written.argument)])
+            self._call(PICTURE, written.site, -1, step, "{}", ("key",), values, rows)
+            return
         if written.step > its.first and its.start is None:
             its.start = dict(its.held)
         row = written.step - piece.first - 1

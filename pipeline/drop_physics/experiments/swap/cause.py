@@ -222,7 +222,7 @@ class Why:
         return Cause(
             what,  # type: ignore[arg-type]
             given.paired.name,
-            ", ".join(elements[:MOST_CAUSES]),
+            ", ".join(elements[:MOST_CAUSES]) or None,
             a,
             b,
             *sites,
@@ -369,7 +369,7 @@ class Why:
         only = self._common.only
         beyond = int((np.asarray(sizes) > REAL).sum())
         told = [
-            Cause("element", None, ", ".join(names[:MOST_CAUSES]), *PRESENT[side])
+            Cause("element", None, ", ".join([*dict.fromkeys(names)][:MOST_CAUSES]), *PRESENT[side])
             for side, names in only.items()
             if names
         ]

@@ -23,6 +23,7 @@ from drop_physics.printable import Printable
 from drop_physics.recording.reader import Recording
 from drop_physics.stages import verbs
 from drop_physics.stages.diff.by_calls import answered_by_calls
+from drop_physics.stages.diff.pictures import PicturesApart, pictures_apart
 from drop_physics.stages.diff.sides import RunSide, recorded_side, side_of, sides_of
 from drop_physics.stages.diff.two_engines import AGREES, answered_by_engines
 from drop_physics.stages.record import interrupts
@@ -52,6 +53,8 @@ class Diff(Printable, reported_by="drop_physics.report.diff"):
     """How each run ended."""
     unseeded: Sequence[str] = ()
     """The lines of the scripts that drew unseeded random numbers."""
+    pictures: PicturesApart | None = None
+    """The pictures that differ though states are the same, of an engine that draws them itself."""
 
 
 @takes_those_of(verbs.Diff)
@@ -110,7 +113,7 @@ def why_apart(a: Recording, b: Recording, names: tuple[str, str], tolerance: flo
 
 def _compared(a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None]) -> Diff:
     answer, runs = _answered(a, b, tolerance, tell)
-    engines = a.recording.seen.engine, b.recording.seen.engine
+    engines, first = (a.recording.seen.engine, b.recording.seen.engine), answer.first
     two = DEFAULT_ENGINE in engines and engines[0] != engines[1]
     return Diff(
         a.name,
@@ -123,6 +126,7 @@ def _compared(a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], No
         _host(a.recording, b.recording),
         (_ending(a.recording), _ending(b.recording)),
         [*dict.fromkeys((*a.recording.seen.unseeded, *b.recording.seen.unseeded))],
+        pictures_apart(a.recording, b.recording, None if first is None else first.step),
     )
 
 

@@ -110,7 +110,7 @@ class StepsAsked:
     def answers(self, step: int, nv: int) -> list[Answer]:
         """Return what callbacks did within a step; `nv` is the number of degrees of freedom."""
         payload = self._answers.get(step)
-        return [] if payload is None else _answers_in(payload, nv)
+        return [] if payload is None else answers_in(payload, nv)
 
 
 def edits_of(arrays: dict[str, Any], edits: list[Any]) -> list[Edit]:
@@ -135,7 +135,7 @@ def _by_step(arrays: dict[str, Any], group: str, name: str) -> dict[int, Any]:
     return dict(zip(arrays[f"{group}@{name}"].tolist(), arrays[f"{group}/{name}"]))
 
 
-def _answers_in(payload: bytes, nv: int) -> list[Answer]:
+def answers_in(payload: bytes, nv: int) -> list[Answer]:
     """Return what callbacks did, as a `frames.CALLBACK` says it."""
     *_, count = frames.CALLBACK_HEAD.unpack_from(payload)
     at, found = frames.CALLBACK_HEAD.size, list[Answer]()

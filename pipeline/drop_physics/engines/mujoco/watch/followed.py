@@ -272,6 +272,10 @@ class WatchedData:
             self.watch.send(head)
         self._posed = None
 
+    def drawn(self, site: int, cause: int, digest: int) -> None:
+        """Send that a picture of the state was drawn."""
+        self.watch.send(DONE_HEAD.pack(DONE, cause, 0, self.number, site, digest))
+
     def staleness(self, everything: bool) -> int:
         """Send what data are of, before a step that does not compute them; return a flag.
 

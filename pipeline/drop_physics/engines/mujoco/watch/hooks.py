@@ -22,7 +22,7 @@ from ...watching.pipe import MUJOCO, frame
 from ...watching.single_changes import Change
 from ...watching.sites import caller
 from ..frames import CALLBACKS, CAUSES, READS, STEPS, note_bytes
-from . import uncaught
+from . import pictures, uncaught
 from .followed import WatchedData, WatchedModel
 from .intervene import ModelChanges
 from .observed import ObservedData
@@ -157,6 +157,8 @@ class MujocoWatch(EngineWatch):
         for name in CALLBACKS:
             self._hook_callback(module, f"mjcb_{name}")
         self._hook_warnings(module)
+        if hasattr(module, "Renderer"):
+            pictures.install(self, module.Renderer)
         if again:
             return
         self.tell("mujoco", version=module.__version__, python=sys.version.split()[0])

@@ -1,0 +1,39 @@
+"""Pictures of two runs, of which only digests are recorded: how many are not the same."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from drop_physics.recording.reader import Recording
+from drop_physics.trace.acts import PICTURE
+
+
+class PicturesApart(NamedTuple):
+    """How many pictures differ."""
+
+    differing: int
+    of: int
+    first_step: int
+    """The number of steps before the first that differs."""
+    site: str
+    """The line that drew it."""
+
+
+def pictures_apart(a: Recording, b: Recording, until: int | None) -> PicturesApart | None:
+    """Return how many pictures differ of those drawn before states are apart; None if none do.
+
+    Parameters
+    ----------
+    a, b
+        The recordings.
+    until
+        The first step after which states are apart; None where they never are.
+    """
+    mine, theirs = (each.seen.calls.named(PICTURE) for each in (a, b))
+    both = [
+        (x, y) for x, y in zip(mine, theirs, strict=False) if until is None or x.at.step <= until
+    ]
+    apart = [x for x, y in both if x.numbers != y.numbers]
+    if not apart:
+        return None
+    return PicturesApart(len(apart), len(both), apart[0].at.step, apart[0].site.place)
