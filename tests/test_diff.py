@@ -7,6 +7,7 @@ no effect. The judge is how the scripts were made.
 from __future__ import annotations
 
 import json
+import lzma
 import os
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from drop_physics.report.diff import json_of, report_of, values
 from drop_physics.stages.diff import Diff, diff, wheels
 from drop_physics.stages.diff.sides import sides_of
 
+RECORDINGS = Path(__file__).parent / "recordings"
 SCRIPT = '''
 import mujoco, numpy as np
 XML = """<mujoco><option timestep="0.002"/><worldbody>
@@ -165,6 +167,41 @@ def test_an_answer_has_at_most_twelve_lines(drop: Drop, tmp_path: Path) -> None:
     lines = done.stdout.splitlines()
     assert len(lines) <= 12
     assert lines[0].startswith("same ")
+
+
+def test_steps_correspond_by_their_times_if_that_is_asked_for(tmp_path: Path) -> None:
+    begins = SCRIPT.replace("0.3 * np.sin(0.1 * k)", "0.3 * np.sin(50 * d.time)")
+    finer = begins.replace('timestep="0.002"', 'timestep="0.001"').replace("(120)", "(240)")
+    finer = finer.replace("0.1\n", "0.1 if k < 80 else 0.2\n")
+    printed = json_of(compared(tmp_path, begins, finer, align="time"))
+    assert (printed["steps"], printed["class"]) == ([120, 120], "settings")
+    assert printed["proved"] == {"by": "fields", "steps": 120, "of": 120, "exact": True}
+    coarse = begins.replace("0.1\n", "0.1 if k < 80 else 0.2\n")
+    later = json_of(compared(tmp_path, begins, coarse, align="time"))
+    assert (later["same_until"], later["because"][0]["step"]) == (79, 80)
+
+
+def test_what_moves_in_one_run_only_is_never_the_same(tmp_path: Path) -> None:
+    far = '<body name="far" pos="3 3 1"><freejoint/><geom size=".1"/></body></worldbody>'
+    short = SCRIPT.replace("range(120)", "range(10)")
+    result = compared(tmp_path, short, short.replace("</worldbody>", far))
+    assert json_of(result)["cause_text"] == ["only b.py has far"]
+    assert report_of(result).code == 3
+
+
+def test_a_run_that_fails_is_compared_as_far_as_it_goes(tmp_path: Path) -> None:
+    fails = SCRIPT + "    if k == 50: raise ValueError(k)\n"
+    result = compared(tmp_path, SCRIPT, fails)
+    printed = json_of(result)
+    assert (printed["class"], printed["steps"], printed["same_until"]) == ("length", [120, 51], 50)
+    assert "b.py failed" in str(result)
+
+
+def test_the_first_recordings_that_hold_no_frames_are_compared_by_samples(tmp_path: Path) -> None:
+    old = tmp_path / "old.rrd"
+    old.write_bytes(lzma.decompress((RECORDINGS / "5" / "swing.rrd.xz").read_bytes()))
+    result = diff([str(old), str(old)])
+    assert (result.answer.cls, result.runs) == ("none", 0)
 
 
 # -- what is asked for ----------------------------------------------------------------------------

@@ -52,6 +52,16 @@ def paired_bodies(
     return found
 
 
+def moving_alone(a: Seen, b: Seen, bodies: Sequence[tuple[Body, Body]]) -> dict[str, list[str]]:
+    """Return the bodies that move and have no counterpart, of both runs: `a` and `b`."""
+    found = {}
+    for which, (side, seen) in enumerate((("a", a), ("b", b))):
+        known = {pair[which].number for pair in bodies}
+        moving = sorted({*_motions(seen)} - known)
+        found[side] = [_label(seen.bodies[number]) for number in moving]
+    return found
+
+
 def columns_of(bodies: Sequence[PairedBody]) -> list[Paired]:
     """Return the numbers of bodies as columns, before and after each step."""
     return [

@@ -119,7 +119,7 @@ def _same(diff: Diff) -> Iterator[Fact]:
             theirs=answer.steps[1],
         )
     elif first is None:
-        words = Message("nothing compared")
+        words = Message("as far as both have the same bodies and joints, which is not all")
     else:
         bodies = ", ".join(first.bodies[:4]) + (" …" if len(first.bodies) > 4 else "")
         words = Message(
@@ -297,12 +297,16 @@ def values(a: Value, b: Value) -> tuple[str, str]:
 
 def _proved(diff: Diff) -> Iterator[Fact]:
     answer, proved = diff.answer, diff.answer.proved
-    if answer.cls in ("none", "length"):
+    if answer.cls in ("none", "length") or answer.first is None:
         return
     if any(cause.what == "known" and cause.step is not None for cause in answer.because):
         return
     if proved is None and answer.is_halted:
         yield Fact(Message("proved"), Message("nothing yet: it was stopped"))
+        return
+    if proved is None and not diff.runs:
+        what = Message("nothing: not all that a step starts from is recorded")
+        yield Fact(Message("proved"), what)
         return
     if proved is None:
         words = Message("nothing: no swap that was tried gives a step of {a}", a=diff.a)

@@ -110,10 +110,21 @@ class Common:
     is_same_model: bool = False
     """Whether the compiled models are the same in all that a step reads."""
 
+    moves_alone: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """Those of them that move, or that the joints are of which move: `a` and `b`."""
+    numbers: Int64 | None = None
+    """The first run's number of each step that is compared; None if all are, in order."""
+    count: int = -1
+    """The number of steps that are compared; -1 for all that both make."""
+
     @property
     def steps(self) -> int:
-        """The number of steps that both make."""
-        return min(self.lengths)
+        """The number of steps that are compared."""
+        return min(self.lengths) if self.count < 0 else self.count
+
+    def number(self, step: int) -> int:
+        """Return the first run's number of a step that is compared."""
+        return step if self.numbers is None or step < 0 else int(self.numbers[step])
 
 
 class OneStep(Protocol):

@@ -14,7 +14,7 @@ from drop_physics.engines.mujoco.fields_apart import FieldsApart, Swappable, ele
 from drop_physics.engines.mujoco.frames import ASLEEP, USER
 from drop_physics.engines.mujoco.stages_apart import Computed, stages_apart
 from drop_physics.engines.mujoco.swapping import Swapper
-from drop_physics.engines.mujoco.taken import PASSIVE, TakenSteps
+from drop_physics.engines.mujoco.taken import PASSIVE, TICK_S, TakenSteps, aligned
 from drop_physics.trace.frames import CLOCK, Column, Frames, ModelEdit
 from drop_physics.trace.swaps import Common, EndApart, Paired, StageApart, TermPut
 
@@ -57,9 +57,18 @@ class CrossedRuns:
     tolerance
         The largest difference of a position or velocity at which steps are the same; 0 for the
         same bits.
+    by_time
+        Whether steps correspond that start and end at the same times, rather than in order.
     """
 
-    def __init__(self, a: Side, b: Side, tolerance: float = 0.0) -> None:
+    def __init__(self, a: Side, b: Side, tolerance: float = 0.0, *, by_time: bool = False) -> None:
+        lengths, numbers = (len(a.steps), len(b.steps)), None
+        if by_time:
+            mine, theirs, numbers = aligned(a.steps, b.steps)
+            ends_s = a.steps.whole.clock_s[-1:], b.steps.whole.clock_s[-1:]
+            a, b = replace(a, steps=mine), replace(b, steps=theirs)
+            if np.allclose(*ends_s, rtol=0.0, atol=TICK_S):
+                lengths = len(mine), len(theirs)
         self._a, self._b, self._tolerance = a, b, tolerance
         self._matched = Matched(Elements(a.fields), Elements(b.fields))
         self._columns = {name: self._places(name) for name in (*a.steps.before, *a.steps.inputs)}
@@ -69,7 +78,7 @@ class CrossedRuns:
         columns = [*self._paired(), *self._added(), *self._edited()]
         self.common = Common(
             (a.engine, b.engine),
-            (len(a.steps), len(b.steps)),
+            lengths,
             (a.steps.whole.clock_s, b.steps.whole.clock_s),
             columns,
             [each.told for each in found.swappable],
@@ -77,6 +86,9 @@ class CrossedRuns:
             self._matched.only(),
             self._matched.is_reordered,
             not found.swappable and not found.others and self._matched.is_same_layout,
+            self._matched.only(("jnt",)),
+            numbers,
+            self._count,
         )
         self._base = self._based()
 
@@ -333,9 +345,11 @@ class CrossedRuns:
         a, draws = self._a.steps, np.random.default_rng(0)
         width = a.after["qvel"].shape[1]
         nudges = [np.zeros(width), *(size * draws.choice((-1.0, 1.0), width) for _ in range(count))]
-        ends = self._a.swapper.rolled(a.whole, step, np.array(nudges))
+        numbers = self.common.numbers
+        begin = step if numbers is None else int(numbers[step])
+        ends = self._a.swapper.rolled(a.full, begin, np.array(nudges))
         off = np.abs(ends[1:] - ends[0]).max(axis=1, initial=0.0)
-        return bool(np.array_equal(ends[0], a.after["qpos"][-1])), sorted(off.tolist())
+        return bool(np.array_equal(ends[0], a.full.after["qpos"][-1])), sorted(off.tolist())
 
     def apart(self, step: int) -> EndApart:
         """Return where both runs are the farthest apart after a step, and how far."""

@@ -144,12 +144,12 @@ class Matched:
         """Return the numbers of elements that correspond."""
         return self._pairs[kind]
 
-    def only(self) -> dict[str, list[str]]:
-        """Return the elements that only one model has, `a` and `b`."""
+    def only(self, kinds: Sequence[str] = KINDS) -> dict[str, list[str]]:
+        """Return the elements of some kinds that only one model has, `a` and `b`."""
         return {
             side: [
                 elements.label(kind, each)
-                for kind in KINDS
+                for kind in kinds
                 for each in _without(elements.count(kind), (p[which] for p in self._pairs[kind]))
             ]
             for which, (side, elements) in enumerate((("a", self.a), ("b", self.b)))

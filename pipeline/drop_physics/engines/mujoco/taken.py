@@ -36,6 +36,10 @@ class TakenSteps:
     edited: Mapping[str, tuple[Int64, Float64]]
     """The elements of each field that are written while it runs, and their values in each step:
     shapes (k,) and (n, k)."""
+    starts_s: Float64
+    """The clock before each step [s], shape (n,)."""
+    full: Frames
+    """The frames of the whole run, of which `whole` may be some."""
 
     def __len__(self) -> int:
         """Return the number of steps."""
@@ -46,17 +50,24 @@ class TakenSteps:
         """The state after each step."""
         return self.whole.after
 
-    @property
-    def starts_s(self) -> Float64:
-        """The clock before each step [s], shape (n,)."""
-        starts_s = np.concatenate(([0.0], self.whole.clock_s[:-1]))
-        before = self.whole.before[CLOCK]
-        starts_s[before.at] = before.rows[:, 0]
-        return starts_s
-
-    def wrote(self, step: int) -> bool:
-        """Return whether the state was written before a step other than the first."""
-        return step > 0 and bool(np.isin(step, self.whole.before[CLOCK].at))
+    def only(self, starts: Int64, ends: Int64) -> TakenSteps:
+        """Return some steps: what they start from, and what perhaps others lead to."""
+        whole, row_of = self.whole, {step: row for row, step in enumerate(starts.tolist())}
+        some = replace(
+            whole,
+            clock_s=whole.clock_s[ends],
+            functions=whole.functions[starts],
+            after={name: rows[ends] for name, rows in whole.after.items()},
+            posed={name: _some(each, row_of) for name, each in whole.posed.items()},
+            answers=[(row_of[step], told) for step, told in whole.answers if step in row_of],
+            edits=[],
+        )
+        before, inputs, acting = (
+            {name: rows[starts] for name, rows in held.items()}
+            for held in (self.before, self.inputs, self.acting)
+        )
+        edited = {name: (at, rows[starts]) for name, (at, rows) in self.edited.items()}
+        return TakenSteps(some, before, inputs, acting, edited, self.starts_s[starts], self.full)
 
 
 def taken(pieces: Iterable[Frames], fields: Mapping[str, NDArray[Any]]) -> TakenSteps:
@@ -78,7 +89,54 @@ def taken(pieces: Iterable[Frames], fields: Mapping[str, NDArray[Any]]) -> Taken
         inputs,
         _acting(whole, inputs) if whole.answers else inputs,
         {name: edited_of(whole, name, fields[name]) for name in sorted(names) if name in fields},
+        _starts_s(whole),
+        whole,
     )
+
+
+def aligned(a: TakenSteps, b: TakenSteps) -> tuple[TakenSteps, TakenSteps, Int64]:
+    """Return the steps of two runs that start and end at the same times.
+
+    Also returns the numbers of these steps in the first run. A step of the second may be several:
+    what it starts from is that of the first of them, what it leads to that of the last.
+    """
+    starts, ends = _places(b.starts_s), _places(b.whole.clock_s)
+    rows = [
+        (step, starts[begin], ends[end])
+        for step, (begin, end) in enumerate(
+            zip(_ticks(a.starts_s), _ticks(a.whole.clock_s), strict=True)
+        )
+        if begin in starts and end in ends and starts[begin] <= ends[end]
+    ]
+    mine, begins, finishes = np.array(rows, np.int64).reshape(-1, 3).T
+    return a.only(mine, mine), b.only(begins, finishes), mine
+
+
+TICK_S = 1e-9
+"""Times that are at most so far apart are the same [s]."""
+
+
+def _ticks(times_s: Float64) -> list[int]:
+    found: list[int] = np.round(times_s / TICK_S).astype(np.int64).tolist()
+    return found
+
+
+def _places(times_s: Float64) -> dict[int, int]:
+    return {tick: step for step, tick in reversed([*enumerate(_ticks(times_s))])}
+
+
+def _some(column: Column, row_of: Mapping[int, int]) -> Column:
+    which = [n for n, step in enumerate(column.at.tolist()) if step in row_of]
+    at = [row_of[step] for step in column.at[which].tolist()]
+    return Column(np.array(at, np.int64), column.rows[which])
+
+
+def _starts_s(whole: Frames) -> Float64:
+    """Return the clock before each step [s], shape (n,)."""
+    starts_s = np.concatenate(([0.0], whole.clock_s[:-1]))
+    before = whole.before[CLOCK]
+    starts_s[before.at] = before.rows[:, 0]
+    return starts_s
 
 
 def _acting(whole: Frames, inputs: Rows) -> Rows:

@@ -7,7 +7,7 @@ its own. What makes it the second run to the bit, until both are apart and beyon
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from drop_physics.arrays import Float64
 from drop_physics.compare.paired import PairedBody, columns_of, farthest
 from drop_physics.experiments.swap.answer import Answer, Cause, Class, End, Proved, Value
+from drop_physics.experiments.swap.cause import alone
 from drop_physics.experiments.swap.first import differs, first_apart
 from drop_physics.experiments.swap.minimal import minimal
 from drop_physics.trace.logs import LoggedCall, Sets, attributes_apart
@@ -78,6 +79,8 @@ class WhyCalls:
     times_s: Float64
     states: States
     tolerance: float = 0.0
+    moves_alone: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """The bodies that move in one run only: `a` and `b`."""
     _units: list[Unit] = field(default_factory=list)
 
     def answer(self) -> Answer:
@@ -86,6 +89,9 @@ class WhyCalls:
         common = Common(("", ""), self.lengths, (self.times_s, self.times_s), columns_of(paired))
         first = first_apart(common, self.tolerance)
         self._units = [*units_of(self.a, self.b)]
+        if first is None and any(self.moves_alone.values()):
+            told = alone(self.moves_alone)
+            return Answer(self.lengths, count - 1, 0.0, None, "model", told)
         if first is None:
             cls: Class = "none" if len({*self.lengths}) == 1 else "length"
             until_s = float(self.times_s[count - 1]) if count else 0.0

@@ -101,7 +101,32 @@ class Why:
 
     def answer(self) -> Answer:
         """Return the answer."""
+        return self._numbered(self._found())
+
+    def _numbered(self, answer: Answer) -> Answer:
+        """Return an answer whose steps have the first run's numbers."""
+        number, first = self._common.number, answer.first
+
+        def told(causes: Sequence[Cause]) -> list[Cause]:
+            return [
+                each if each.step is None else replace(each, step=number(each.step))
+                for each in causes
+            ]
+
+        return replace(
+            answer,
+            same_until=number(answer.same_until),
+            first=None if first is None else replace(first, step=number(first.step)),
+            because=told(answer.because),
+            also=told(answer.also),
+        )
+
+    def _found(self) -> Answer:
+        """Return the answer, in which steps are numbered as they are compared."""
         common, first = self._common, first_apart(self._common, self._tolerance)
+        if first is None and any(common.moves_alone.values()):
+            told = alone(common.moves_alone)
+            return Answer(common.lengths, common.steps - 1, 0.0, None, "model", told)
         if first is None:
             cls: Class = "none" if len({*common.lengths}) == 1 else "length"
             until_s = float(common.times_s[0][common.steps - 1]) if common.steps else 0.0
@@ -368,11 +393,7 @@ class Why:
         """Return the answer where one engine made both, so that only the models can differ."""
         only = self._common.only
         beyond = int((np.asarray(sizes) > REAL).sum())
-        told = [
-            Cause("element", None, ", ".join([*dict.fromkeys(names)][:MOST_CAUSES]), *PRESENT[side])
-            for side, names in only.items()
-            if names
-        ]
+        told = alone(only)
         if not told and self._common.is_reordered:
             told = [Cause("order")]
         if not told and self._common.other_fields:
@@ -396,6 +417,15 @@ class Why:
         size = max(first.size, TINY)
         again, ends = self._one.nudged(first.step, size, NUDGES)
         return replace(answer, nudges=Nudges(size, ends)) if again else answer
+
+
+def alone(only: Mapping[str, Sequence[str]]) -> list[Cause]:
+    """Return what only one run has, `a` or `b`, as causes."""
+    return [
+        Cause("element", None, ", ".join([*dict.fromkeys(names)][:MOST_CAUSES]), *PRESENT[side])
+        for side, names in only.items()
+        if names
+    ]
 
 
 def _is_apart(given: Given, step: int, column: int) -> bool:

@@ -14,7 +14,7 @@ from drop_physics.engines.mujoco.crossed import CrossedRuns
 from drop_physics.engines.mujoco.crossed import Side as CrossedSide
 from drop_physics.engines.mujoco.swapping import Swapper
 from drop_physics.engines.mujoco.taken import taken
-from drop_physics.errors import DropError, RecordingError
+from drop_physics.errors import DropError
 from drop_physics.experiments.swap.answer import Answer
 from drop_physics.experiments.swap.cause import Alike, Why
 from drop_physics.experiments.swap.first import first_apart
@@ -22,7 +22,8 @@ from drop_physics.files.outputs import check_target, make_folder
 from drop_physics.printable import Printable
 from drop_physics.recording.reader import Recording
 from drop_physics.stages import verbs
-from drop_physics.stages.diff.by_calls import answered_by_calls
+from drop_physics.stages.diff.by_calls import answered_by_calls, steps_of
+from drop_physics.stages.diff.by_samples import answered_by_samples
 from drop_physics.stages.diff.pictures import PicturesApart, pictures_apart
 from drop_physics.stages.diff.sides import RunSide, recorded_side, side_of, sides_of
 from drop_physics.stages.diff.two_engines import AGREES, answered_by_engines
@@ -66,7 +67,7 @@ def diff(asked: verbs.Diff) -> Diff:
     ScenarioError
         If what is asked for makes no two sides.
     DropError
-        If a side cannot be run or read, or holds nothing to compare.
+        If a side cannot be run or read, or makes no step.
     """
     a, b = sides_of(
         asked.words,
@@ -94,7 +95,7 @@ def diff(asked: verbs.Diff) -> Diff:
             recorded_side(side, path, asked, name=name)
             for side, path, name in zip((a, b), paths, names, strict=True)
         )
-        found = _compared(mine, theirs, asked.tolerance, asked.tell)
+        found = _compared(mine, theirs, asked.tolerance, asked.tell, asked.align)
     kept = None if asked.out is None else (mine.recording.path, theirs.recording.path)
     return replace(found, recordings=kept)
 
@@ -111,8 +112,14 @@ def why_apart(a: Recording, b: Recording, names: tuple[str, str], tolerance: flo
         return None
 
 
-def _compared(a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None]) -> Diff:
-    answer, runs = _answered(a, b, tolerance, tell)
+def _compared(
+    a: RunSide,
+    b: RunSide,
+    tolerance: float,
+    tell: Callable[[int], None],
+    align: str = "step",
+) -> Diff:
+    answer, runs = _answered(a, b, tolerance, tell, by_time=align == "time")
     engines, first = (a.recording.seen.engine, b.recording.seen.engine), answer.first
     two = DEFAULT_ENGINE in engines and engines[0] != engines[1]
     return Diff(
@@ -151,23 +158,20 @@ def _host(a: Recording, b: Recording) -> dict[str, tuple[str, str]]:
 
 
 def _answered(
-    a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None]
+    a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None], *, by_time: bool
 ) -> tuple[Answer, int]:
     """Return the answer, and how often steps were made again."""
     engines = a.recording.seen.engine, b.recording.seen.engine
+    for side in (a, b):
+        steps_of(side)  # if there are any
     if engines == (DEFAULT_ENGINE, DEFAULT_ENGINE):
         return answered_by_calls(a, b, tolerance, tell)
     if DEFAULT_ENGINE in engines:
         return answered_by_engines(a, b, tolerance, tell)
-    for side in (a, b):
-        if not side.recording.steps.clients:
-            raise RecordingError(
-                "{path} has no step that can be made again: it is of an earlier version of drop, "
-                "or the script made none",
-                path=side.recording.path,
-            )
+    if not (a.recording.steps.clients and b.recording.steps.clients):  # of an earlier schema
+        return answered_by_samples(a, b, tolerance), 0
     with ExitStack() as stack:
-        crossed, swappers = _earliest(stack, a, b, tolerance)
+        crossed, swappers = _earliest(stack, a, b, tolerance, by_time=by_time)
         alike = Alike(_is_same_script(a.recording, b.recording), engines[0] == engines[1])
         sites, halted = _sites(a.recording, b.recording), threading.Event()
 
@@ -181,21 +185,28 @@ def _answered(
 
 
 def _earliest(
-    stack: ExitStack, a: RunSide, b: RunSide, tolerance: float
+    stack: ExitStack, a: RunSide, b: RunSide, tolerance: float, *, by_time: bool
 ) -> tuple[CrossedRuns, Sequence[Swapper]]:
     """Return the simulations that are apart first, as what takes single steps of them."""
     both = [*zip(a.recording.steps.clients, b.recording.steps.clients, strict=False)]
     firsts = []
     for number, clients in enumerate(both[:MOST_SIMULATIONS] if len(both) > 1 else ()):
         with ExitStack() as one:
-            crossed, _ = _crossed(one, a, b, clients, tolerance)
+            crossed, _ = _crossed(one, a, b, clients, tolerance, by_time=by_time)
             first = first_apart(crossed.common, tolerance)
             firsts.append((first.time_s if first is not None else math.inf, number))
-    return _crossed(stack, a, b, both[min(firsts, default=(0.0, 0))[1]], tolerance)
+    chosen = both[min(firsts, default=(0.0, 0))[1]]
+    return _crossed(stack, a, b, chosen, tolerance, by_time=by_time)
 
 
 def _crossed(
-    stack: ExitStack, a: RunSide, b: RunSide, clients: tuple[int, int], tolerance: float
+    stack: ExitStack,
+    a: RunSide,
+    b: RunSide,
+    clients: tuple[int, int],
+    tolerance: float,
+    *,
+    by_time: bool,
 ) -> tuple[CrossedRuns, Sequence[Swapper]]:
     """Return what takes single steps of one simulation of each; `stack` ends its processes."""
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="drop-")))
@@ -219,7 +230,7 @@ def _crossed(
         fields, features = swapper.fields()
         sides.append(CrossedSide(engine, swapper, fields, features, taken(pieces, fields)))
         swappers.append(swapper)
-    return CrossedRuns(sides[0], sides[1], tolerance), swappers
+    return CrossedRuns(sides[0], sides[1], tolerance, by_time=by_time), swappers
 
 
 def _is_same_script(a: Recording, b: Recording) -> bool:

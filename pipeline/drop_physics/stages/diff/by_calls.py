@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from drop_physics.arrays import Float64
-from drop_physics.compare.paired import PairedBody, paired_bodies
+from drop_physics.compare.paired import PairedBody, moving_alone, paired_bodies
 from drop_physics.engines.pybullet.logged import BODY, FILES, LogError, LogOf, renumbered
 from drop_physics.engines.pybullet.replayed import Replayer
 from drop_physics.errors import DropError, RecordingError
@@ -40,7 +40,8 @@ def answered_by_calls(
         (mine, first), (theirs, second) = (logged(side) for side in (a, b))
         logs = first, second
         theirs, twin = renumbered(logs[0], logs[1], theirs)
-        bodies = _bodies(a, b, logs[0], logs[1], twin)
+        bodies, both = _bodies(a, b, logs[0], logs[1], twin)
+        moves = moving_alone(a.recording.seen, b.recording.seen, both)
         names = {("body", number): body.name for number, body in bodies}
         mine, theirs = (_told(log, names) for log in (mine, theirs))
         lengths = steps_of(a), steps_of(b)
@@ -53,7 +54,9 @@ def answered_by_calls(
                 tell(replayer.jobs)
                 return replayer.states(placed(calls, Path(folder)), steps)
 
-            answer = WhyCalls(mine, theirs, bodies, lengths, times_s, states, tolerance).answer()
+            answer = WhyCalls(
+                mine, theirs, bodies, lengths, times_s, states, tolerance, moves
+            ).answer()
             return answer, replayer.jobs
 
 
@@ -87,16 +90,16 @@ def steps_of(side: RunSide) -> int:
     steps = max(side.recording.seen.samples.values(), default=0) - 1
     if steps < 1:
         raise RecordingError(
-            "{path} has no step to compare; give the script the arguments with which it steps",
-            path=side.recording.path,
+            "{name} makes no step that can be compared; give it the arguments with which it steps",
+            name=Path(side.target).name,
         )
     return steps
 
 
 def _bodies(
     a: RunSide, b: RunSide, mine: LogOf, theirs: LogOf, twin: dict[Made, Made]
-) -> list[tuple[int, PairedBody]]:
-    """Return the bodies that both have, with their numbers in the logs."""
+) -> tuple[list[tuple[int, PairedBody]], list[tuple[Body, Body]]]:
+    """Return the bodies that both have, with their numbers in the logs, and these as pairs."""
     of_a, of_b = (
         {made: _body_of(side, call) for made, call in log.made if made[0] == BODY}
         for side, log in ((a, mine), (b, theirs))
@@ -111,7 +114,7 @@ def _bodies(
     found = []
     for number, x, y in sorted(pairs, key=lambda each: each[0]):
         found += [(number, each) for each in paired_bodies(*seen, [(x, y)], steps)]
-    return found
+    return found, [(x, y) for _, x, y in pairs]
 
 
 def _body_of(side: RunSide, call: Call) -> Body | None:

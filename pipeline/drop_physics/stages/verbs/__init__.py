@@ -321,6 +321,10 @@ class Diff(Printed):
             "Largest difference of a position or velocity that passes [m, rad, m/s, rad/s].",
         ),
     ] = 0.0
+    align: Annotated[
+        Literal["step", "time"],
+        takes("HOW", "Which steps of MuJoCo correspond: those of one number, or of one time."),
+    ] = "step"
     steps: Steps = None
     out: Annotated[File | None, takes("DIR", "Keep both recordings in this folder.", *OUT)] = None
     forget: ClassVar[
