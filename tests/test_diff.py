@@ -12,6 +12,7 @@ import os
 import subprocess
 import sys
 from ctypes.util import find_library
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from conftest import Drop
 from drop_physics import check, record
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.swap.minimal import minimal
-from drop_physics.report.diff import json_of, report_of, values
+from drop_physics.report.diff import facts_of, json_of, report_of, values
 from drop_physics.stages.diff import Diff, diff, wheels
 from drop_physics.stages.diff.sides import sides_of
 
@@ -160,13 +161,33 @@ def test_recordings_are_compared_as_scripts_are(drop: Drop, tmp_path: Path) -> N
 
 
 def test_an_answer_has_at_most_twelve_lines(drop: Drop, tmp_path: Path) -> None:
-    for name, text in (("a.py", SCRIPT), ("b.py", HEAVIER)):
+    much = HEAVIER.replace('name="gc"', 'name="gc" friction="1.5" solref=".03 1"')
+    much = much.replace("range(120)", "range(119)") + "    d.qfrc_applied[:] = 0.01 * k\n"
+    much += "    if k == 3: mujoco.mj_resetData(m, d)\n    if k == 118: raise ValueError\n"
+    much = much.replace('mass="0.61"', 'mass="0.6"')
+    much = much.replace(
+        "    mujoco.mj_step", "    d.xfrc_applied[1:, :] = 0.1 * k\n    mujoco.mj_step"
+    )
+    for name, text in (("a.py", SCRIPT), ("b.py", much)):
         (tmp_path / name).write_text(text)
     done = drop("diff", "a.py", "b.py")
     assert done.returncode == 3
     lines = done.stdout.splitlines()
-    assert len(lines) <= 12
+    assert 7 <= len(lines) <= 12
     assert lines[0].startswith("same ")
+
+
+def test_what_is_needed_least_is_left_out_of_twelve_lines(tmp_path: Path) -> None:
+    result = compared(tmp_path, SCRIPT, PUSHED)
+    cause = result.answer.because[0]
+    also = [replace(cause, steps=3, element=f"joint number {n}") for n in range(9)]
+    many = replace(result, answer=replace(result.answer, also=also, no_effect=["geom_solimp"]))
+    titles = [fact.title for fact in facts_of(many)]
+    fewer = replace(many, answer=replace(many.answer, also=[]))
+    assert "no effect" in [fact.title for fact in facts_of(fewer)]
+    assert titles[:3] == ["same", "because", "proved"]
+    assert "also" in titles
+    assert len(many.report().sections[0].blocks[0].rows) <= 12
 
 
 def test_steps_correspond_by_their_times_if_that_is_asked_for(tmp_path: Path) -> None:
@@ -282,6 +303,16 @@ def test_values_have_as_many_digits_as_tell_them_apart() -> None:
     assert values(0.6, 0.61) == ("0.6", "0.61")
     assert values(0.02, 0.020000000001) == ("0.02", "0.020000000001")
     assert values((1.0, 2.0), (1.0, 3.0)) == ("1 2", "1 3")
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not os.environ.get("OLDER_MUJOCO"), reason="OLDER_MUJOCO names no interpreter")
+def test_a_script_without_contact_is_the_same_in_both_versions(tmp_path: Path) -> None:
+    script = tmp_path / "s.py"
+    script.write_text(SCRIPT.replace('pos=".45 0 .06"', 'pos=".45 0 9"'))
+    pythons = [os.environ["OLDER_MUJOCO"], sys.executable]
+    printed = json_of(diff([str(script)], pythons=pythons))
+    assert (printed["class"], printed["same_until"]) == ("none", 119)
 
 
 @pytest.mark.long

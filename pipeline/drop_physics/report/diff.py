@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from drop_physics.experiments.swap.answer import Cause, End, Value
 from drop_physics.explain.jsonable import jsonable
 from drop_physics.fields import all_of
-from drop_physics.messages import Message, joined
+from drop_physics.messages import Message, joined, wrapped
 from drop_physics.report.blocks import Fact, Facts, Report, Section
 from drop_physics.stages.trust.findings import readable
 from drop_physics.trace.events import ENDED
@@ -23,9 +23,11 @@ APART = 3
 """Exit code of two runs that are not the same."""
 COLUMN = 12
 """Width of a title in columns."""
+LINES, WIDTH = 12, 80
+"""Most lines of an answer, in a terminal so wide."""
 MOST = 6
 """Most names that are listed; all are in the JSON."""
-HIDDEN = ("detail", "bodies", "others", "steps")
+HIDDEN = ("detail", "bodies", "others", "steps", "follows")
 """Fields of a cause that only words are made of."""
 HOST = {
     "hash_seed": Message("PYTHONHASHSEED"),
@@ -87,17 +89,30 @@ def report_of(diff: Diff) -> Report:
 
 def facts_of(diff: Diff) -> list[Fact]:
     """Return the lines of an answer."""
-    return [
+    because, also = [*_because(diff)], [*_also(diff)]
+    rows = [
         *_same(diff),
         *_cut_short(diff),
-        *_because(diff),
+        *because,
         *_proved(diff),
-        *_also(diff),
+        *also,
         *_host(diff),
         *_end(diff),
         *_pictures(diff),
         *_no_effect(diff),
     ]
+    least = [*also[:0:-1], *because[:0:-1], *reversed(rows)]  # what is needed least comes first
+    for each in least:
+        if sum(map(_height, rows)) <= LINES:
+            break
+        if each in rows and each is not rows[0] and each not in (*because[:1], *also[:1]):
+            rows.remove(each)
+    return rows
+
+
+def _height(fact: Fact) -> int:
+    """Return how many lines a fact takes in a terminal of usual width."""
+    return len(wrapped(fact.words, WIDTH - COLUMN))
 
 
 def _same(diff: Diff) -> Iterator[Fact]:
@@ -211,6 +226,9 @@ def _cause(diff: Diff, cause: Cause) -> Message:
         return Message("{name} differs", name=name)
     a, b = values(cause.a, cause.b)
     words = _where(Message("{name}: {a} → {b}", name=name, a=a, b=b), cause)
+    if cause.follows:
+        follows = Message("and what follows from it: {fields}", fields=", ".join(cause.follows))
+        words = joined(", ", [words, follows])
     if cause.detail in LATE:
         late = diff.a if cause.detail == "a" else diff.b
         words = joined("; ", [words, Message("{side} changes it one step later", side=late)])

@@ -39,8 +39,8 @@ Image = tuple[int, int, int]
 WRITTEN = "Written by drop with this golden recording: what it holds."
 """The line that marks the description of a golden recording as ours."""
 NEITHER = Message("neither has images")
-PNG = b"\x89PNG"
-"""The first bytes of a picture; a digest has others."""
+DIGEST = b"digest "
+"""The first bytes of what stands for a picture of which no more is kept."""
 
 
 @dataclass(frozen=True)
@@ -324,7 +324,7 @@ def _digests(recording: Recording) -> dict[Image, bytes]:
     before: Counter[tuple[int, int]] = Counter()
     for call in recording.seen.calls.named(PICTURE):
         shown = call.at.step, call.client
-        images[*shown, before[shown]] = str(call.numbers).encode()
+        images[*shown, before[shown]] = DIGEST + str(call.numbers).encode()
         before[shown] += 1
     return images
 
@@ -334,7 +334,7 @@ def _same_pixels(
 ) -> bool:
     if mine is None or theirs is None:
         return False
-    if mine == theirs or not mine.startswith(PNG):
+    if mine == theirs or mine.startswith(DIGEST) or theirs.startswith(DIGEST):
         return mine == theirs
     return np.array_equal(_pixels(mine, run.path), _pixels(theirs, golden.path))
 

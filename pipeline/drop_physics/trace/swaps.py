@@ -135,6 +135,9 @@ class OneStep(Protocol):
     def redone(self, *, whole: bool = False) -> Flags:
         """Return whether the first run's engine makes each of its steps again, shape (n,)."""
 
+    def settled(self) -> Flags:
+        """Return in which steps all that is hidden is known, so that they can be judged, (n,)."""
+
     def crossed(
         self,
         steps: Int64,

@@ -236,11 +236,15 @@ class CrossedRuns:
         for name in a.after if whole else (*MOTION, "act"):
             if name in a.after:
                 same &= self._same(states[name], a.after[name][steps])
-        asleep = self._a.steps.before.get(ASLEEP)
-        if asleep is not None:  # of what falls asleep or wakes, not all that is hidden is known
-            ends = a.after[ASLEEP][steps]
-            same &= ((asleep[steps] >= 0) == (ends >= 0)).all(axis=1)
         return same
+
+    def settled(self) -> Flags:
+        """Return in which steps nothing falls asleep or wakes, shape (n,)."""
+        a = self._a.steps
+        if ASLEEP not in a.before:
+            return np.ones(self._count, np.bool_)
+        starts, ends = a.before[ASLEEP][: self._count], a.after[ASLEEP][: self._count]
+        return np.asarray(((starts >= 0) == (ends >= 0)).all(axis=1))
 
     def _same(self, mine: Float64, theirs: Float64) -> Flags:
         if self._tolerance:

@@ -52,6 +52,8 @@ class Cause:
     """Number of further elements with the same field."""
     steps: int | None = dataclasses.field(default=None, metadata={"json": False})
     """Number of steps that it acts in, of a second cause."""
+    follows: tuple[str, ...] = dataclasses.field(default=(), metadata={"json": False})
+    """Fields that the engine derives from it, and that act, too."""
 
 
 @dataclass(frozen=True)

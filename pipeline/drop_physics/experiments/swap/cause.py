@@ -160,7 +160,7 @@ class Why:
     def _decided(self, answer: Answer, first: First) -> Answer:
         common, step = self._common, first.step
         given = first_given(common.columns, step)
-        redone = self._one.redone()
+        redone = self._judged(step)
         crossed = self._one.crossed(self._steps())
         answer = replace(answer, undone=int((~redone).sum()))
         if not redone[step]:
@@ -173,11 +173,20 @@ class Why:
             if hidden is None:
                 return answer
             self._whole, step = True, hidden
-            redone = self._one.redone(whole=True)
+            redone = self._judged(step)
             crossed = self._one.crossed(self._steps(), whole=True)
             if crossed[step] or not redone[step]:
                 return answer
         return self._by_model(answer, given, step, crossed, redone)
+
+    def _judged(self, first: int) -> Flags:
+        """Return which steps can be judged: those that the first run's engine makes again.
+
+        Where something falls asleep or wakes only the first difference itself is judged.
+        """
+        settled = self._one.settled()
+        settled[first] = True
+        return self._one.redone(whole=self._whole) & settled
 
     def _steps(self) -> Int64:
         return np.arange(self._common.steps)
@@ -304,6 +313,10 @@ class Why:
         held = self._crossed(self._steps(), least) & redone
         settings = all(self._fields[each].is_setting for each in least)
         told = [self._told_field(each) for each in self._in_words(least)]
+        names = {each.field for each in told}
+        derived = [self._fields[each] for each in least if self._fields[each].is_derived]
+        follows = [*dict.fromkeys(each.field for each in derived if each.field not in names)]
+        told[-1] = replace(told[-1], follows=tuple(follows[:MOST_CAUSES]))
         also = []
         if given is not None and self._matters(given, step, least):
             also.append(self._told(given))
