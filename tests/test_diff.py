@@ -350,7 +350,7 @@ def test_a_check_that_fails_says_why_and_one_that_need_not_passes(
         drop("record", "--no-explain", "--out", f"{name}.rrd", f"{name}.py")
     done = drop("check", "heavier.rrd", "--against", "golden.rrd")
     assert done.returncode == 3
-    assert "because     body_mass of fore: 0.6 → 0.61\n" in done.stdout
+    assert "because     body_mass of fore: 0.6 → 0.61, and what follows" in done.stdout
     printed = json.loads(drop("check", "heavier.rrd", "--against", "golden.rrd", "--json").stdout)
     assert printed["why"]["proved"] == {"by": "fields", "steps": 120, "of": 120, "exact": True}
     same = drop("check", "same.rrd", "--against", "golden.rrd", "--json")
