@@ -49,8 +49,9 @@ def why(folder: Path, script: str, *options: str) -> tuple[int, dict[str, Any], 
     """Return the exit code, the JSON and the messages of a search of a script."""
     folder.joinpath("script.py").write_text(script)
     command = [sys.executable, "-m", "drop_physics", "why", "--json", "--budget", "600", *options]
+    script_of = [] if "-m" in options else ["script.py"]
     done = subprocess.run(
-        [*command, "script.py"], cwd=folder, capture_output=True, text=True, check=False
+        [*command, *script_of], cwd=folder, capture_output=True, text=True, check=False
     )
     found = json.loads(done.stdout)
     if "error" not in found:
@@ -94,6 +95,29 @@ def test_a_constraint_that_is_too_weak_is_found_though_the_script_disconnects(
     code, found, _ = why(tmp_path, SAGS, "--expect", expected)
     assert code == 3
     assert any("maxForce" in each["change"] for each in found["makes_true"][:3])
+
+
+ASSERTS = SLIDES.replace('print("slid", slid)', 'assert slid < 0.15, "too far"')
+
+
+def test_an_assert_that_fails_says_what_is_expected(tmp_path: Path) -> None:
+    code, found, _ = why(tmp_path, ASSERTS)
+    assert code == 0, "as without --expect"
+    expected = found["expectation"]
+    assert (expected["text"], expected["source"]) == ("slid < 0.15", "assert")
+    assert expected["site"] == "script.py:14"
+    assert expected["margin"] == pytest.approx(0.15 - expected["value"])
+    assert "geom_friction" in [each["change"] for each in found["makes_true"]]
+    assert all(each["result"] < 0.15 for each in found["makes_true"])
+
+
+def test_an_assert_of_a_test_counts_too(tmp_path: Path) -> None:
+    test = ASSERTS.replace("def main():", "def test_it():").replace("\nmain()", "")
+    tmp_path.joinpath("test_slides.py").write_text(test)
+    code, found, _ = why(tmp_path, "", "-m", "pytest", "-q", "test_slides.py::test_it")
+    assert code == 0
+    assert found["expectation"]["site"] == "test_slides.py:14"
+    assert "geom_friction" in [each["change"] for each in found["makes_true"]]
 
 
 @pytest.mark.parametrize(

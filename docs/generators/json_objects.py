@@ -530,7 +530,8 @@ TRUST = Object(
 EXPECTATION = Object(
     {
         "text": str,
-        "source": Literal["option"],
+        "source": Literal["option", "assert"],
+        "site": str | None,
         "holds": bool,
         "value": float | None,
         "margin": float | None,
@@ -538,13 +539,14 @@ EXPECTATION = Object(
     },
     {
         "text": "The expression.",
-        "source": "Where it is from: `option`, of `--expect`.",
+        "source": "Where it is from: `option`, of `--expect`; `assert`, of the script.",
+        "site": "File and line, of an `assert`.",
         "holds": "Whether it holds in the script's own run.",
         "value": "The first quantity that it compares, as the script has it.",
         "margin": "By how much it holds; below 0 where it does not.",
         "unit": "That of the quantity, where it is known.",
     },
-    frozenset({"text", "source", "holds", "value", "margin", "unit"}),
+    frozenset({"text", "source", "site", "holds", "value", "margin", "unit"}),
 )
 TIE = {
     "change": str,
@@ -565,6 +567,7 @@ MAKES_TRUE = Object(
         **TIE,
         "value": float | None,
         "least": float | None,
+        "try": str,
         "call": str,
         "result": float | None,
         "side": float | None,
@@ -578,6 +581,7 @@ MAKES_TRUE = Object(
         **TIE_SAYS,
         "value": "The operand: the factor, or the new value.",
         "least": "The least factor that makes it true, of the first three that are factors.",
+        "try": "What `--try` takes to repeat it, beside `--expect`.",
         "call": "The change in words.",
         "result": "The quantity in that run.",
         "side": "The RMS change of all other motion [m].",
@@ -587,8 +591,8 @@ MAKES_TRUE = Object(
         "row": "The row of the account that names the same, if there is one.",
         "recording": "The recording of that run, if it was recorded.",
     },
-    frozenset({*TIE, "value", "least", "call", "result", "side", "breaks", "ties", "place", "row",
-               "recording"}),
+    frozenset({*TIE, "value", "least", "try", "call", "result", "side", "breaks", "ties", "place",
+               "row", "recording"}),
 )  # fmt: skip
 WHY = Object(
     {
@@ -620,7 +624,7 @@ WHY = Object(
                 frozenset({"call", "site"}),
             )
         ],
-        "expectation": EXPECTATION,
+        "expectation": (EXPECTATION,),
         "chaotic": bool,
         "complete": bool,
         "makes_true": [MAKES_TRUE],
@@ -640,7 +644,8 @@ WHY = Object(
         "off, alone and together; null where there are not two, or one stands for another.",
         "no_effect": "With `--ablate`: calls and arguments whose absence changes nothing, to the "
         "bit.",
-        "expectation": "With `--expect`: what was expected, and what came.",
+        "expectation": "What was expected, with `--expect` or by an `assert` that fails, and what "
+        "came; null if nothing was.",
         "chaotic": "Whether moving everything by 1e-9 makes it true: then no change was tried.",
         "complete": "Whether no change was left out for want of time.",
         "makes_true": "What makes it true, each outcome once: what takes nothing away first, then "
@@ -648,7 +653,8 @@ WHY = Object(
         "moves": "What moves the quantity most towards what is expected, if nothing makes it true.",
     },
     frozenset({"script", "recording", "ended", "runs", "seconds", "noise", "findings", "hangs_on",
-               "no_effect", "shares"}),
+               "no_effect", "shares", "expectation", "chaotic", "complete", "makes_true",
+               "moves"}),
 )  # fmt: skip
 DIFF_CAUSE = _object(
     Cause,

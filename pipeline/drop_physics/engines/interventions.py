@@ -203,6 +203,9 @@ class Interventions:
         Returns what differs in a run with a single change: its `interventions` and its `variation`.
     words_of
         Returns a single change in words.
+    written_as
+        Returns the attribute that a single change is of, and a pattern of the tags that have it;
+        None if it is of none.
     """
 
     def __init__(
@@ -214,12 +217,13 @@ class Interventions:
         sees: Sequence[Operation],
         trial_of: Callable[[Change], dict[str, Any]],
         words_of: Callable[[Change], str],
+        written_as: Callable[[Change], tuple[str, str] | None] = lambda _: None,
     ) -> None:
         every = (*rows, *OF_ANY)
         self.rows = {row.name: row for row in every if row.name}
         self.tried = [row.tried for row in every if row.tries or not row.name]
         """The rows that the causal search tries."""
-        self.trial_of, self.words_of = trial_of, words_of
+        self.trial_of, self.words_of, self.written_as = trial_of, words_of, written_as
         self.sees = sees
         """The operations of a run in which it is seen what they would change."""
         self.parameters, self.left_out = parameters, left_out

@@ -73,7 +73,8 @@ def _has_smaller(each: Tried, true: Sequence[Tried]) -> bool:
 def _are_alike(one: Tried, other: Tried) -> bool:
     values = one.outcome.value, other.outcome.value
     alike = math.isclose(*values, rel_tol=SAME_VALUE, abs_tol=1e-9)
-    return alike and same(one.far_m, other.far_m)
+    unknown = all(map(math.isnan, values))
+    return (alike or unknown) and same(one.far_m, other.far_m)
 
 
 def _plainness(each: Tried) -> tuple[Any, ...]:

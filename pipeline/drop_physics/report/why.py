@@ -6,7 +6,7 @@ X by so much.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -18,6 +18,7 @@ from drop_physics.experiments.verdicts import CAUSES, VERDICTS
 from drop_physics.explain.jsonable import jsonable
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined, shell_command, translated
+from drop_physics.report import expected
 from drop_physics.report.blocks import (
     Block,
     Column,
@@ -28,6 +29,7 @@ from drop_physics.report.blocks import (
     Section,
     Words,
 )
+from drop_physics.report.expected import FAILS, NOTHING
 from drop_physics.stages.analyze import plot_of_recording
 from drop_physics.stages.trust.findings import part_of, readable
 from drop_physics.trace.events import ENDED
@@ -70,7 +72,7 @@ def json_of(why: Why) -> dict[str, Any]:
                 "ended": why.ended,
                 "runs": why.runs,
                 "seconds": why.seconds,
-                "noise": why.noise and {"value": why.noise.value, "unit": why.noise.unit},
+                "noise": _noise(why),
                 "findings": [
                     {
                         **renamed(jsonable(each.finding)),
@@ -88,9 +90,19 @@ def json_of(why: Why) -> dict[str, Any]:
                     for each in why.no_effect
                 ],
                 "shares": why.shares and asdict(why.shares),
+                **(NOTHING if why.expected is None else expected.json_of(why.expected)),
             }
         )
     )
+
+
+def _noise(why: Why) -> dict[str, Any] | None:
+    """Return how far a nudge moves the outcome; without trials of findings, what is expected."""
+    if why.noise is not None:
+        return {"value": why.noise.value, "unit": why.noise.unit}
+    if why.expected is None or why.expected.noise is None:
+        return None
+    return {"value": why.expected.noise, "unit": None}
 
 
 def _json_of_trial(tried: Tried) -> dict[str, Any]:
@@ -132,25 +144,31 @@ def report_of(why: Why, *, every: bool = False, again: Again | None = None) -> R
     ]
     curves = Section([Graphs(partial(plot_of_recording, why.recording))], apart=False)
     last = [*_shares(why), *_hangs(why, every=every), *_idle(why)]
+    first: list[Section] = []
+    if why.expected is not None:
+        first = [*expected.sections_of(why.expected, every=every)]
+    its = why.expected
+    fails = its is not None and its.source == "option" and not its.base.holds
     return Report(
         verdict=Words(head, key=why.script, indent="  "),
-        sections=[*proved, curves, *last],
-        next=[_look(order, why.recording), *([] if again is None else [again("trust")])],
+        sections=[*first, *proved, curves, *last],
+        next=[_look(why), *([] if again is None else [again("trust")])],
+        code=FAILS if fails else 0,
     )
 
 
-def _look(proved: Sequence[Proved], recording: Path) -> str:
+def _look(why: Why) -> str:
     """Return the command that shows the script's own run, beside a trial that cures it."""
-    cures = (
-        tried.recording
-        for each in proved
-        for tried in each.tried
-        if tried.verdict == "cured" and tried.recording is not None
-    )
-    cure = next(cures, None)
-    if cure is None:
-        return shell_command("drop", "view", recording)
-    return shell_command("drop", "view", cure, "--against", recording)
+    filmed = why.filmed()
+    if filmed is None or not _cures(why):
+        return shell_command("drop", "view", why.recording)
+    return shell_command("drop", "view", filmed[0], "--against", why.recording)
+
+
+def _cures(why: Why) -> bool:
+    """Return whether a trial makes true what was expected, or cures a finding."""
+    makes_true = why.expected is not None and why.expected.filmed is not None
+    return makes_true or any(each.verdict == "cured" for each in why.findings)
 
 
 def _proved(number: int, proved: Proved, sources: Mapping[str, Path]) -> Iterator[Block]:

@@ -709,4 +709,28 @@ WRITTEN_AS = {
     "geom_condim_friction": 'condim="6", friction of torsion and rolling',
 }
 """What a user calls a field, where that is not the field's own name."""
-INTERVENTIONS = Interventions(ROWS, OPTIONS, _set_parameter, left_out, SEES, trial_of, _words_of)
+TAGS = {
+    "geom": "geom",
+    "jnt": "joint|freejoint",
+    "dof": "joint|freejoint",
+    "body": "body",
+    "site": "site",
+    "actuator": r"\w+",
+    "eq": r"\w+",
+    "tendon": "fixed|spatial",
+}
+"""Patterns of the tags of elements, by the prefix of their fields."""
+
+
+def _written_as(change: Change) -> tuple[str, str] | None:
+    """Return the attribute that a change is of, and a pattern of the tags that have it."""
+    kind, _, field = change.change.partition("_")
+    attribute = {"kp_kv": "kp", "collides": "contype", "condim_friction": "condim"}.get(
+        field, field
+    )
+    return (attribute, TAGS[kind]) if field and kind in TAGS else None
+
+
+INTERVENTIONS = Interventions(
+    ROWS, OPTIONS, _set_parameter, left_out, SEES, trial_of, _words_of, _written_as
+)

@@ -36,6 +36,7 @@ def run(watch: ScriptWatch, script: Callable[[], None]) -> None:
         _tell(watch, "interrupted")
         code = 130
     except BaseException as error:  # noqa: BLE001 - the script's own
+        watch.failed(error)
         watch.clock.remove()
         _tell(watch, "failed", in_one_line(error), place_of(error))
         while error.__traceback__ is not None and _is_ours(error.__traceback__):

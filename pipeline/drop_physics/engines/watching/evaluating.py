@@ -21,6 +21,9 @@ class Evaluator(ABC):
     def step(self, engine: EngineWatch, frame: Any) -> None:
         """See a step that an engine has just made, called from a frame of the script."""
 
+    def failed(self, error: BaseException) -> None:  # noqa: B027
+        """See an error that ends the script, or a test of its."""
+
     def before_end(self) -> None:  # noqa: B027
         """See that a simulation is about to end, whose names will mean nothing."""
 

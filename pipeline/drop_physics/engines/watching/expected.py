@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from .asserted import Assertion, assertion_of
 from .evaluating import Evaluator
 from .expression import EPISODE, PRINTED, SERIES, Expression
 from .observed import NUMBERS, Observed, UnknownNameError, nearest
@@ -33,17 +34,24 @@ class Expected(Evaluator):
     Parameters
     ----------
     text
-        The expression.
+        The expression; None for the `assert` of the script that fails, if one does.
+    asserted
+        Whether the expression is that of an `assert` of the script's: it holds where none fails.
     rows
         Rows of the table of changes, by engine, to find those that the run could have; None if
         that is not asked.
     """
 
     def __init__(
-        self, text: str, rows: Mapping[str, Sequence[dict[str, Any]]] | None = None
+        self,
+        text: str | None,
+        *,
+        asserted: bool = False,
+        rows: Mapping[str, Sequence[dict[str, Any]]] | None = None,
     ) -> None:
-        self._expression, self._rows = Expression(text), rows
-        self._reads = [*self._expression.reads()]
+        self._expression = None if text is None else Expression(text)
+        self._asserted, self._rows = asserted or text is None, rows
+        self._reads = [] if self._expression is None else [*self._expression.reads()]
         self._tracks: dict[int, Track] = {}
         self._engines: dict[int, EngineWatch] = {}
         self._frame: Any = None
@@ -52,7 +60,10 @@ class Expected(Evaluator):
         """What was found where a simulation was about to end."""
         self._could: list[Any] | None = None
         """The changes that the run could have, as they were found there."""
-        self._printed = printed() if self._expression.reads_prints else None
+        self._assertion: Assertion | None = None
+        """The first that has failed."""
+        reads_prints = self._expression is not None and self._expression.reads_prints
+        self._printed = printed() if reads_prints else None
 
     def step(self, engine: EngineWatch, frame: Any) -> None:
         """See a step that an engine has just made, called from a frame of the script."""
@@ -70,6 +81,11 @@ class Expected(Evaluator):
         self._tracks[id(observed)] = track  # the last one is the current
         track.step()
 
+    def failed(self, error: BaseException) -> None:
+        """See an error that ends the script, or a test of its."""
+        if self._assertion is None and self._asserted:
+            self._assertion = assertion_of(error)
+
     def before_end(self) -> None:
         """Evaluate before a simulation ends, after which its names may mean nothing."""
         self._before = self._judged()
@@ -81,6 +97,8 @@ class Expected(Evaluator):
         found = self._judged()
         if found["error"] is not None and self._before is not None:
             found = self._before
+        if self._asserted:
+            found = {**found, "holds": self._assertion is None, "error": None}
         first = [*self._tracks.values()]
         if self._rows is not None and self._could is None:
             self._could = self._changes(self._rows)
@@ -89,6 +107,7 @@ class Expected(Evaluator):
             "motion": [track.motion() for track in sorted(first, key=lambda each: each.number)],
             "finite": all(track.is_finite for track in first),
             "changes": self._could,
+            "assertion": None if self._assertion is None else self._assertion.told(),
         }
 
     def _changes(self, rows: Mapping[str, Sequence[dict[str, Any]]]) -> list[Any]:
@@ -99,7 +118,14 @@ class Expected(Evaluator):
         ]
 
     def _judged(self) -> dict[str, Any]:
-        script = _names_of(self._frames)
+        expression, frames, failed = self._expression, self._frames, self._assertion
+        if failed is not None:
+            if expression is not None and expression.text != failed.text:  # another one
+                return {"holds": False, "margin": None, "value": None, "error": None}
+            expression, frames = Expression(failed.text), _frames_of(failed.frame)
+        if expression is None:
+            return {"holds": True, "margin": None, "value": None, "error": None}
+        script = _names_of(frames)
         try:
             from .series import FUNCTIONS
 
@@ -113,7 +139,7 @@ class Expected(Evaluator):
             }
             if self._printed is not None:
                 ours[PRINTED] = [float(each) for each in NUMBER.findall("".join(self._printed))]
-            holds, margin, value = self._expression.judged(script, ours)
+            holds, margin, value = expression.judged(script, ours)
         except UnknownNameError as error:
             return _failed(error, unknown=error.name, nearest=error.nearest)
         except NameError as error:

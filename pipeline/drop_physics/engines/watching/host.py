@@ -335,6 +335,12 @@ class ScriptWatch:
         self.evaluator = None
         self.tell("answer", value=value, error=error)
 
+    def failed(self, error: BaseException) -> None:
+        """Tell what is evaluated in the run of an error that ends the script, or a test of its."""
+        if self.evaluator is not None:
+            evaluator = self.evaluator
+            self._apart(lambda: evaluator.failed(error))
+
     def before_end(self) -> None:
         """Evaluate what is evaluated in the run before a simulation ends."""
         if self.evaluator is not None:

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
-from . import ENGINES, numerics
+from . import ENGINES, asserted, numerics
 from .clock import Clock
 from .draws import Draws
 from .host import ScriptWatch
@@ -96,6 +96,8 @@ def watch(
     started.on_removal(draws.remove)
     started.on_import("numpy.random", draws.on_numpy)
     started.environments.listen()
+    if evaluator is not None or asks is not None:
+        asserted.install(started)
     for engine in ENGINES:
         its = import_module(f"..{engine}.watch", __package__)
         its.begin(started, interventions, variation)

@@ -26,11 +26,12 @@ from drop_physics.stages.record import record_script
 from drop_physics.stages.rerun.again import LONGEST, again_of
 from drop_physics.stages.rerun.asked import cures_of as cures_asked
 from drop_physics.stages.rerun.changed import run_changed
+from drop_physics.stages.rerun.evaluated import evaluator_of
 from drop_physics.stages.rerun.proposals import Candidate, Proposals
 from drop_physics.stages.rerun.runs import only_of
 from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.stages.why.asked import checked_bounds, place_of
-from drop_physics.stages.why.expect import Expected, expect
+from drop_physics.stages.why.expect import Expected, own_of, parsed, searched
 from drop_physics.stages.why.shares import shares
 from drop_physics.stages.why.trials import RunTrial, TrialRun, first_tried
 from drop_physics.workers import cores
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from drop_physics.experiments.verdicts import Outcome, TrialVerdict, Verdict
     from drop_physics.recording.reader import Recording
     from drop_physics.rules.answer import Finding
+    from drop_physics.stages.record import Recorded
 
 MOST = 8
 """Most things that are told of a script."""
@@ -101,6 +103,8 @@ class Why(Printable, reported_by="drop_physics.report.why"):
     """One number of the outcome as a sum over its causes; None where there are not two."""
     sources: Mapping[str, Path] = field(default_factory=dict)
     """The files that its findings cite, where these are found."""
+    expected: Expected | None = None
+    """What was expected of it, and which changes make that true; None if nothing was."""
 
     def filmed(self) -> tuple[Path, str] | None:
         """Return the recording to see beside the script's own run, and its title.
@@ -108,6 +112,8 @@ class Why(Printable, reported_by="drop_physics.report.why"):
         It is of the cure that moves the outcome most, and without a cure of what moves it most;
         None without any.
         """
+        if self.expected is not None and self.expected.filmed is not None:
+            return self.expected.filmed
         tried = [each for proved in self.findings for each in proved.tried if each.recording]
         cures = [each for each in tried if each.verdict == "cured"]
         most = max(cures or tried, key=lambda e: e.moved.value if e.moved else 0.0, default=None)
@@ -117,7 +123,7 @@ class Why(Printable, reported_by="drop_physics.report.why"):
 
 
 @takes_those_of(verbs.WhyArguments)
-def why(asked: verbs.WhyArguments) -> Why | Expected:
+def why(asked: verbs.WhyArguments) -> Why:
     """Record a script, try what its findings propose, each in a run of its own, and compare.
 
     Where something is expected of it, generic changes are tried in place of proposals.
@@ -131,11 +137,11 @@ def why(asked: verbs.WhyArguments) -> Why | Expected:
     DropError
         If the interpreter cannot be started, the script makes no step, or is not run again.
     """
-    if asked.expect is not None:
-        return expect(asked, asked.expect)
     began = time.monotonic()
     checked_bounds(asked)
-    cures = cures_asked(asked.tries, "--try", whole=False)
+    if asked.expect is not None:
+        parsed(asked.expect)
+    cures = [] if asked.expect else cures_asked(asked.tries, "--try", whole=False)
     placed, force = place_of(asked)
     python = interpreter_of(
         asked.target, is_module=asked.is_module, given=asked.python, note=asked.note
@@ -151,6 +157,8 @@ def why(asked: verbs.WhyArguments) -> Why | Expected:
         python=python,
         force=force,
         listens=True,
+        explain=asked.expect is None,
+        evaluator=evaluator_of(asked.expect),
         stdout=asked.stdout,
         note=asked.note,
     )
@@ -163,6 +171,13 @@ def why(asked: verbs.WhyArguments) -> Why | Expected:
             "with which it steps",
             script=asked.target,
         )
+    if recorded.answer is None and asked.expect is not None:
+        raise DropError("{script} has ended before --expect was evaluated", script=asked.target)
+    expected = None
+    if recorded.answer is not None and recorded.answer[0] is not None:
+        expected = own_of(recorded.answer[0], asked)
+    if expected is not None and expected.base.holds:
+        return _only(expected, recorded, time.monotonic() - began)
     from drop_physics.recording.reader import read
 
     base = read(recorded.recording)
@@ -175,6 +190,16 @@ def why(asked: verbs.WhyArguments) -> Why | Expected:
         took_s=recorded.wall_s,
         anyway=asked.again,
     )
+    until = time.time() + asked.budget_s
+    folder = trials_of(recorded.recording)
+    forget_trials(recorded.recording)
+    folder.mkdir(exist_ok=True)
+    if expected is not None:
+        expected = searched(expected, asked, recorded, rerun, python=python, until=until, base=base)
+        if asked.expect is not None:
+            result = _only(expected, recorded, time.monotonic() - began)
+            _keep(folder, result, base.recording_id)
+            return result
     from drop_physics.rules.choice import EVERY
     from drop_physics.stages.analyze import analyze
 
@@ -197,9 +222,6 @@ def why(asked: verbs.WhyArguments) -> Why | Expected:
             usual = [each for each in usual if each.intervention.name != "damping"]
         candidates += [each for each in usual if each.intervention not in known]
     ablated = proposals.left_out() if asked.ablate else []
-    folder = trials_of(recorded.recording)
-    forget_trials(recorded.recording)
-    folder.mkdir(exist_ok=True)
     all_steps = sum(samples - 1 for samples in base.seen.samples.values())
     program = Program(
         asked.target,
@@ -222,7 +244,8 @@ def why(asked: verbs.WhyArguments) -> Why | Expected:
         base,
         rerun,
         asked.drawn,
-        until=time.time() - spent_s + asked.budget_s,
+        until=until,
+        best=next(iter(order), None),
     )
 
     def run(which: RunTrial, numbers: Sequence[int]) -> dict[int, TrialRun]:
@@ -272,6 +295,7 @@ def why(asked: verbs.WhyArguments) -> Why | Expected:
         summed,
         time.monotonic() - began,
     )
+    result = replace(result, expected=expected)
     _keep(folder, result, base.recording_id)
     lacking = {
         work.candidates[n].intervention.short: made.stopped
@@ -310,6 +334,24 @@ def why(asked: verbs.WhyArguments) -> Why | Expected:
             )
         )
     return replace(result, sources=analysis.sources)
+
+
+def _only(expected: Expected, recorded: Recorded, seconds: float) -> Why:
+    """Return what is known where no finding is tried."""
+    return Why(
+        expected=expected,
+        script=recorded.script,
+        recording=recorded.recording,
+        ended=recorded.ended,
+        steps=recorded.samples - 1,
+        runs=expected.runs,
+        seconds=seconds,
+        noise=None,
+        findings=[],
+        hangs_on=[],
+        no_effect=[],
+        shares=None,
+    )
 
 
 def _about(findings: Sequence[Finding], about: str | None) -> list[int]:
@@ -478,6 +520,7 @@ def _tried(
 def _keep(folder: Path, result: Why, recording_id: str) -> None:
     """Write what the trials show beside them; recordings that no finding names are deleted."""
     named = {each.recording for proved in result.findings for each in proved.tried}
+    named |= set() if result.expected is None else {*result.expected.recordings}
     for path in folder.glob("*.rrd"):
         if path not in named:
             path.unlink()

@@ -11,10 +11,9 @@ from drop_physics.stages.render import film_beside
 if TYPE_CHECKING:
     from drop_physics.recording.falling import Progress  # its module loads Rerun
     from drop_physics.stages.why import Why
-    from drop_physics.stages.why.expect import Expected
 
 
-def write_film(why: Why | Expected, film: Path, *, force: bool, progress: Progress) -> None:
+def write_film(why: Why, film: Path, *, force: bool, progress: Progress) -> None:
     """Film the script's own run, and beside it the trial that cures most.
 
     Raises

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from drop_physics.explain.jsonable import jsonable
 from drop_physics.fields import counted
-from drop_physics.messages import Message, joined, shell_command
+from drop_physics.messages import Message, joined
 from drop_physics.quantities import number
-from drop_physics.report.blocks import Column, DataTable, Report, Section, Words
+from drop_physics.report.blocks import Column, DataTable, Section, Words
 
 if TYPE_CHECKING:
     from drop_physics.experiments.ranking import Said
     from drop_physics.experiments.search import Tried
     from drop_physics.stages.why.expect import Expected
-
-Again = Callable[[str], str]
 
 FAILS = 3
 """Exit code if what was expected did not come."""
@@ -29,50 +26,49 @@ MOST_NAMES = 6
 
 # -- as JSON --------------------------------------------------------------------------------------
 
+NOTHING: dict[str, Any] = {
+    "expectation": None,
+    "chaotic": False,
+    "complete": True,
+    "makes_true": [],
+    "moves": [],
+}
+"""What `--json` prints where nothing was expected."""
+
 
 def json_of(found: Expected) -> dict[str, Any]:
-    """Return the object that `--json` prints."""
-    base, noise = found.base, found.noise
+    """Return what `--json` prints of what was expected."""
+    base = found.base
     least = [*found.least, *[None] * len(found.makes_true)]
-    made = zip(found.makes_true, least, _places(found), strict=False)
-    return dict(
-        jsonable(
+    recordings = [*found.recordings, *[None] * len(found.makes_true)]
+    lines = [None if each is None else each[0] for each in found.lines]
+    made = zip(found.makes_true, least, _places(found), recordings, lines, strict=False)
+    return {
+        "expectation": {
+            "text": found.text,
+            "source": found.source,
+            "site": found.site,
+            "holds": base.holds,
+            "value": base.value,
+            "margin": base.margin,
+            "unit": None,
+        },
+        "chaotic": found.chaotic,
+        "complete": found.complete,
+        "makes_true": [
             {
-                "script": found.script,
-                "recording": found.recording,
-                "ended": found.ended,
-                "runs": found.runs,
-                "seconds": found.seconds,
-                "noise": None if noise is None else {"value": noise, "unit": None},
-                "findings": [],
-                "hangs_on": [],
-                "no_effect": [],
-                "shares": None,
-                "expectation": {
-                    "text": found.text,
-                    "source": found.source,
-                    "holds": base.holds,
-                    "value": base.value,
-                    "margin": base.margin,
-                    "unit": None,
-                },
-                "chaotic": found.chaotic,
-                "complete": found.complete,
-                "makes_true": [
-                    {
-                        **_json_of(found, each.tried, each.side_m, factor),
-                        "ties": [_named(one) for one in each.alike],
-                        "place": place,
-                    }
-                    for each, factor, place in made
-                ],
-                "moves": [
-                    {**_json_of(found, each, None, None), "ties": [], "place": None}
-                    for each in found.moves
-                ],
+                **_json_of(found, each.tried, each.side_m, factor),
+                "ties": [_named(one) for one in each.alike],
+                "place": place,
+                "recording": recording,
+                "site": line,
             }
-        )
-    )
+            for each, factor, place, recording, line in made
+        ],
+        "moves": [
+            {**_json_of(found, each, None, None), "ties": [], "place": None} for each in found.moves
+        ],
+    }
 
 
 def _json_of(
@@ -84,6 +80,7 @@ def _json_of(
         **_named(tried),
         "value": operand if isinstance(operand, int | float) else None,
         "least": least,
+        "try": found.repeats(change),
         "call": found.words(change),
         "result": tried.outcome.value,
         "side": side_m,
@@ -102,23 +99,17 @@ def _named(tried: Tried) -> dict[str, Any]:
 # -- as lines -------------------------------------------------------------------------------------
 
 
-def report_of(found: Expected, *, every: bool = False, again: Again | None = None) -> Report:
-    """Report what makes it true; the code is 3 if it does not hold. `every`: all of it."""
-    del again
+def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
+    """Yield what was expected, what came, and what makes it true; `every`: all of it."""
     words = Message(
-        "{script}: {expected}: {holds}, {value}",
-        script=found.script,
-        expected=found.text,
+        "{expected}: {holds}, {value}",
+        expected=found.text if found.site is None else f"{found.site}: assert {found.text}",
         holds=Message("yes") if found.base.holds else Message("no"),
         value=number(found.base.value),
     )
-    sections = [] if found.base.holds else [*_sections(found, every=every)]
-    view = shell_command("drop", "view", found.recording)
-    code = 0 if found.base.holds else FAILS
-    return Report(verdict=Words(words, key=found.script), sections=sections, next=[view], code=code)
-
-
-def _sections(found: Expected, *, every: bool) -> Iterator[Section]:
+    yield Section([Words(words, key=found.text, indent="  ")], apart=False)
+    if found.base.holds:
+        return
     if found.chaotic:
         words = Message(
             "chance decides: moved by 1e-9 before the first step, it comes out as expected; no "
@@ -130,11 +121,7 @@ def _sections(found: Expected, *, every: bool) -> Iterator[Section]:
         "{changes} tried, one at a time, in {seconds:.0f} s; {number}",
         changes=counted(found.tried, "change"),
         seconds=found.seconds,
-        number=Message("none makes it true")
-        if not found.makes_true
-        else Message(
-            "{outcomes} of these make it true", outcomes=counted(len(found.makes_true), "outcome")
-        ),
+        number=_how_many(len(found.makes_true)),
     )
     blocks: list[Any] = [Words(tried)]
     shown = found.makes_true if every else found.makes_true[:SHOWN]
@@ -150,8 +137,8 @@ def _sections(found: Expected, *, every: bool) -> Iterator[Section]:
                     Column(
                         "",
                         [
-                            _remarks(found, each, factor)
-                            for each, factor in zip(shown, least, strict=False)
+                            _remarks(found, *each)
+                            for each in zip(shown, least, found.lines, strict=False)
                         ],
                         wraps=True,
                     ),
@@ -180,6 +167,14 @@ def _sections(found: Expected, *, every: bool) -> Iterator[Section]:
     yield Section(blocks)
 
 
+def _how_many(outcomes: int) -> str:
+    if not outcomes:
+        return Message("none makes it true")
+    if outcomes == 1:
+        return Message("one makes it true")
+    return Message("{number} make it true", number=outcomes)
+
+
 def _places(found: Expected) -> list[int]:
     """Return the number of each outcome: those that are alike have the same one."""
     places: list[int] = []
@@ -193,8 +188,10 @@ def _places(found: Expected) -> list[int]:
     return places
 
 
-def _remarks(found: Expected, each: Said, least: float | None) -> str:
+def _remarks(found: Expected, each: Said, least: float | None, line: tuple[str, str] | None) -> str:
     parts: list[str] = []
+    if line is not None and each.tried.change.site is None:
+        parts.append(" ".join(line).rstrip())
     if each.tried.change.breaks:
         parts.append(Message("takes a part of the scene or of the command away"))
     if least is not None:

@@ -1,0 +1,175 @@
+"""Runs of a script again in which an expectation is evaluated, and nothing is recorded."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drop_physics.engines.cures import TABLES
+from drop_physics.engines.script import Program
+from drop_physics.engines.watching.single_changes import Change
+from drop_physics.experiments.motion import motion_of
+from drop_physics.experiments.search import Outcome
+from drop_physics.stages.rerun.reruns import Reruns
+from drop_physics.stages.rerun.runs import RunsUnderWay
+from drop_physics.sweeping.engines import in_threads
+from drop_physics.trace.cures import NUDGE
+
+if TYPE_CHECKING:
+    from drop_physics.engines.fork_server import Fork
+    from drop_physics.engines.script import Script
+    from drop_physics.recording.reader import Recording
+
+NUDGES = 5
+"""Runs whose bodies are moved by 1e-9 before the first step: if one of them comes out as expected,
+chance does it."""
+CONFIRMS = 2
+"""The number of nudged runs in which a change has to make it true, where chance matters."""
+FINISHED = "finished"
+
+Answer = Mapping[str, Any]
+
+
+def evaluator_of(text: str | None, **how: object) -> dict[str, Any]:
+    """Return what evaluates an expectation in a run, as a program takes it.
+
+    Parameters
+    ----------
+    text
+        An expression; None for an `assert` of the script that fails.
+    how
+        Further arguments of `watching.expected.Expected`.
+    """
+    return {"module": "expected", "name": "Expected", "arguments": {"text": text, **how}}
+
+
+def outcome_of(answer: Answer, *, ended_well: bool) -> Outcome:
+    """Return the outcome of a run from what it answers."""
+    margin, value = answer["margin"], answer["value"]
+    return Outcome(
+        holds=bool(answer["holds"] and answer["finite"] and ended_well),
+        margin=-math.inf if margin is None else margin,
+        value=math.nan if value is None else value,
+        motion=[motion_of(each) for each in answer["motion"]],
+    )
+
+
+NOT_MADE = Outcome(holds=False, margin=-math.inf, value=math.nan)
+"""The outcome of a run that was stopped, or has died."""
+
+
+@dataclass
+class EvaluatedRuns:
+    """Runs of a script in which an expectation is evaluated, and nothing is recorded.
+
+    Parameters
+    ----------
+    program
+        The script, as it is run again.
+    reruns
+        What makes the runs.
+    ended
+        How its own run ended.
+    until
+        When no run begins any more, by the time of day [s].
+    jobs
+        How many are made at once.
+    """
+
+    program: Program
+    reruns: Reruns
+    ended: str
+    until: float
+    jobs: int
+    made: int = 0
+    """How many were made."""
+    _under_way: set[Script | Fork] = field(default_factory=set)
+
+    def answered(self, **changed: object) -> tuple[Answer | None, str]:
+        """Make a run with something changed; return what it answers, and how it ended."""
+        program = replace(self.program, **changed)  # type: ignore[arg-type]
+        with self.reruns.begun(program) as process:
+            self._under_way.add(process)
+            for _ in process.events():
+                pass
+            self._under_way.discard(process)
+            ended = process.ending().how
+        self.made += 1
+        answer, error = process.decoder.answer or (None, "")
+        return answer, error or ended
+
+    def changed(self, change: Change) -> Outcome | None:
+        """Return the outcome of a run with a change; None where no time is left."""
+        if time.time() > self.until:
+            return None
+        return self._outcome(**self._trial_of(change))
+
+    def nudged(self, number: int, change: Change | None = None) -> Outcome | None:
+        """Return the outcome of a run, or one with a change, moved by next to nothing."""
+        if time.time() > self.until:
+            return None
+        trial = {} if change is None else self._trial_of(change)
+        nudge = {"nudge": NUDGE, "seed": number}
+        return self._outcome(**{**trial, "variation": {**(trial.get("variation") or {}), **nudge}})
+
+    def _trial_of(self, change: Change) -> dict[str, Any]:
+        trial = TABLES[change.engine].trial_of(change)
+        return {"interventions": trial["interventions"], "variation": trial["variation"] or None}
+
+    def _outcome(self, **changed: object) -> Outcome:
+        answer, ended = self.answered(**changed)
+        if answer is None:
+            return NOT_MADE
+        return outcome_of(answer, ended_well=ended in (FINISHED, self.ended))
+
+    def all_of(self, changes: Iterator[Change]) -> Iterable[tuple[Change, Outcome | None]]:
+        """Make runs with changes, and yield their outcomes as they come."""
+        return in_threads(self.changed, changes, jobs=self.jobs, stop=self.stop)
+
+    def nudges(self, change: Change | None = None, number: int = NUDGES) -> list[Outcome]:
+        """Return the outcomes of nudged runs, of the script or with a change."""
+        work = partial(self.nudged, change=change)
+        made = in_threads(work, range(number), jobs=self.jobs, stop=self.stop)
+        return [outcome for _, outcome in made if outcome is not None]
+
+    def recorded(
+        self, change: Change, path: Path, own: Recording, name: str, *, drawn: bool
+    ) -> None:
+        """Make a run with a change once more, and record it.
+
+        Parameters
+        ----------
+        change
+            What is changed.
+        path, name
+            The recording to write, and the name of the run in it.
+        own
+            The recording of the script's own run.
+        drawn
+            Whether what is only for looking is recorded, too.
+        """
+        program = replace(self.program, streams=True, evaluator=None, **self._trial_of(change))
+        identity = hashlib.sha256(f"{own.recording_id} {name}".encode()).hexdigest()[:32]
+        with self.reruns.begun(program) as process:
+            RunsUnderWay(self._under_way).recorded(
+                process,
+                path,
+                origin={**own.origin, "variation": name},
+                recording_id=identity,
+                drawn=drawn,
+            )
+
+    def stands(self, change: Change) -> bool:
+        """Return whether a change makes it true, too, where everything is nudged."""
+        return all(each.holds for each in self.nudges(change, CONFIRMS))
+
+    def stop(self) -> None:
+        """Stop the runs under way."""
+        for process in [*self._under_way]:
+            process.stop("interrupted")

@@ -1,0 +1,70 @@
+"""Find the line in which a user would write a change of a model: the tag of a named element.
+
+Models stand in files of XML, or in texts of the script.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+MOST_BYTES = 1 << 24
+"""Larger files are not read."""
+XML = re.compile(r"""["']([^"'\n]+\.xml)["']""")
+"""The name of a file with a model, as a script has it."""
+
+
+def texts_of(script: Path) -> dict[Path, str]:
+    """Return the text of a script, and of the models that it names and that are there."""
+    text = _read(script)
+    found = {script: text}
+    for name in XML.findall(text):
+        for path in (Path(name), script.parent / name):
+            if path.is_file():
+                found.setdefault(path, _read(path))
+                break
+    return found
+
+
+def line_of(
+    texts: Mapping[Path, str], names: Sequence[str], attribute: str, tags: str
+) -> tuple[str, str] | None:
+    """Return file and line of the first tag of some names, and the attribute as it stands there.
+
+    The attribute is empty where the tag has none; None where there is no such tag.
+
+    Parameters
+    ----------
+    texts
+        Texts by the file that they are of.
+    names
+        The names of elements, in order.
+    attribute
+        What is looked for in their tags.
+    tags
+        A pattern of the tags that there are of such elements.
+    """
+    for name in names:
+        for path, at, tag in _tags(texts, name, tags):
+            given = re.search(rf"""\b{attribute}\s*=\s*(["'])(.*?)\1""", tag)
+            place = at if given is None else at + tag[: given.start()].count("\n")
+            return f"{path}:{place}", "" if given is None else f'{attribute}="{given[2]}"'
+    return None
+
+
+def _tags(texts: Mapping[Path, str], name: str, tags: str) -> Iterator[tuple[str, int, str]]:
+    """Yield the tags of a name: the file, the line, and the text."""
+    named = re.compile(rf"""<(?:{tags})\s[^<>]*?\bname\s*=\s*(["']){re.escape(name)}\1[^<>]*>""")
+    for path, text in texts.items():
+        for found in named.finditer(text):
+            yield path.name, text.count("\n", 0, found.start()) + 1, found[0]
+
+
+def _read(path: Path) -> str:
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            return ""
+        return path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
