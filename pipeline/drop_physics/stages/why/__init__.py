@@ -190,7 +190,7 @@ def why(asked: verbs.WhyArguments) -> Why:
         took_s=recorded.wall_s,
         anyway=asked.again,
     )
-    until = time.time() + asked.budget_s
+    until = time.time() - (time.monotonic() - began) + asked.budget_s
     folder = trials_of(recorded.recording)
     forget_trials(recorded.recording)
     folder.mkdir(exist_ok=True)
@@ -245,7 +245,6 @@ def why(asked: verbs.WhyArguments) -> Why:
         rerun,
         asked.drawn,
         until=until,
-        best=next(iter(order), None),
     )
 
     def run(which: RunTrial, numbers: Sequence[int]) -> dict[int, TrialRun]:
