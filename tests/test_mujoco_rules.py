@@ -452,6 +452,28 @@ def test_the_depth_that_a_shorter_time_constant_leaves(tmp_path: Path) -> None:
     assert float(left[1]) == pytest.approx(float(mended.stderr), rel=0.02)  # it settles
 
 
+IN_DEGREES = """
+import mujoco
+model = mujoco.MjModel.from_xml_string(
+    '<mujoco><worldbody><body><joint name="waist" axis="0 0 1" damping="1" range="-90 90"/>'
+    '<geom size="0.1" pos="0.3 0 0"/></body></worldbody><actuator><position joint="waist" '
+    'name="servo" kp="100" inheritrange="1"/></actuator></mujoco>')
+data = mujoco.MjData(model)
+data.ctrl[0] = 45
+for k in range(100):
+    mujoco.mj_step(model, data)
+"""
+
+
+def test_a_control_in_degrees_is_told(tmp_path: Path) -> None:
+    """It is clamped to a range that holds it as an angle in degrees."""
+    script = tmp_path / "in_degrees.py"
+    script.write_text(IN_DEGREES, encoding="utf-8")
+    (found,) = analyze(record_script(str(script), out=tmp_path / "a.rrd").recording).findings
+    assert found.code == "target-clamped"
+    assert "math.radians(45) is 0.7854" in str(found.advice)
+
+
 def servos(
     *inertia: float, stiffness: float = 0, ends: float = 0, begins: float = 0, fourth: bool = False
 ) -> Servos:

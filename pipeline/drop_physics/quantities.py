@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 
 SMALL_M = 0.1
 """Lengths [m] and speeds [m/s] below this are written in millimetres."""
@@ -24,3 +25,43 @@ def number(value: float, sign: str = "") -> str:
     if LARGE <= abs(value) < HUGE:
         return f"{value:{sign},.0f}"
     return f"{value + 0.0:{sign}.3g}"
+
+
+# -- as findings write them ----------------------------------------------------------------------
+
+
+def gap(value: float, unit: str) -> str:
+    """Return the size of a way or an angle in two digits, ways below 1 m in millimetres."""
+    if unit == "m" and abs(value) < 1:
+        return f"{abs(value) * 1e3:.3g} mm"
+    return f"{abs(value):.3g} {unit}" if abs(value) >= 10 else f"{abs(value):.2g} {unit}"
+
+
+def place(value: float, unit: str) -> str:
+    """Return a position, to the millimetre or to a hundredth of a radian."""
+    return f"{value:.3f} m" if unit == "m" else f"{value:.2f} {unit}"
+
+
+def effort(value: float, unit: str) -> str:
+    """Return the size of a force or torque, in two digits below 10 and whole above."""
+    return f"{abs(value):.0f} {unit}" if 10 <= abs(value) < 1e6 else f"{abs(value):.2g} {unit}"
+
+
+KINDS: Mapping[str, Callable[[float, str, str], str]] = {
+    "gap": lambda value, unit, _: gap(value, unit),
+    "at": lambda value, unit, _: place(value, unit),
+    "N": lambda value, _, force: effort(value, force),
+    "N s": lambda value, _, force: effort(value, f"{force} s"),
+    "N s/rad": lambda value, unit, force: effort(value, f"{force} s/{unit}"),
+    "speed": lambda value, unit, _: f"{abs(value):.2g} {unit}/s",
+}
+"""How a number of a kind is written, by the units of the positions and forces that are told."""
+
+
+class Written(str):
+    """A number that is written already, whatever form a template asks for."""
+
+    __slots__ = ()
+
+    def __format__(self, form: str) -> str:
+        return str(self)

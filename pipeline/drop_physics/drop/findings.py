@@ -21,7 +21,8 @@ from drop_physics.drop.posture import extent_m, tilt_rad
 from drop_physics.fields import counted, decimals, fraction
 from drop_physics.messages import Message, joined
 from drop_physics.rules.answer import Cure, Effect, Finding, Level, Scene, Span
-from drop_physics.rules.rule import Rule, Said
+from drop_physics.rules.rows import Said
+from drop_physics.rules.rule import Rule
 from drop_physics.trace.states import BODY_LABEL
 
 Says = Callable[[Fall], Iterator[Said]]

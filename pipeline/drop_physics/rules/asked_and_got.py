@@ -11,12 +11,14 @@ from drop_physics.arrays import Float64
 from drop_physics.messages import Message, joined
 from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import lengths
+from drop_physics.quantities import gap as distance
+from drop_physics.quantities import place
 from drop_physics.rules.answer import Cure, Effect, Scene, Span, so_many
 from drop_physics.rules.arguments import given, site_of
 from drop_physics.rules.ik_answers import IK_LISTS
 from drop_physics.rules.inputs import Inputs, Use
-from drop_physics.rules.joint import distance, place
-from drop_physics.rules.rule import Match, Said, Worst, input_rule, joint_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, input_rule, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import (

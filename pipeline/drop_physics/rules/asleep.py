@@ -8,7 +8,8 @@ from drop_physics.arrays import Flags
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Effect
-from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, body_rule
 from drop_physics.rules.tables import BodyColumns, JointColumns
 from drop_physics.rules.thresholds import UNBALANCED
 

@@ -10,7 +10,8 @@ from drop_physics.explain.changes import energy_of
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import ANY, MUJOCO
-from drop_physics.rules.rule import Match, Said, Worst, pair_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, pair_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import BOUNCES_M_S, GAINED, PLACED_M_S, SOFTLY, SWALLOWED
@@ -178,10 +179,6 @@ def _(worst: Worst) -> Said | None:
         Message("give them less restitution, or no push: {call}"),
     )
     cure = Cure("solver", value=0.0, given={"contactERP": 0})
-    if worst.subject.client in scene.clients_with("set_contactERP", 0):
-        why = Message("it turns the speed around that gravity gives them in that step, too")
-        advice = Message("give them less restitution, or use a shorter timestep: {call}")
-        cure = Cure("timestep", value=FINER)
     if worst.engine == MUJOCO:
         message = Message(
             "contact of {body} with {other} adds {gained:.3g} J to {brought:.3g} J of kinetic "

@@ -12,7 +12,8 @@ from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import ANY
-from drop_physics.rules.rule import Match, Said, Worst, side_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, side_rule
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import HULL_EVERY, HULL_OFF_M
 from drop_physics.trace.events import Surface

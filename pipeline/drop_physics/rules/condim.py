@@ -9,7 +9,8 @@ from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.rule import Match, Said, Worst, pair_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, pair_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import (

@@ -12,7 +12,8 @@ from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import in_radians, is_degrees, units
-from drop_physics.rules.rule import Match, Said, Worst, actuator_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, actuator_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import ActuatorColumns
 from drop_physics.rules.thresholds import (

@@ -7,10 +7,11 @@ import numpy as np
 from drop_physics.arrays import Float64
 from drop_physics.explain.commands import DEFAULT
 from drop_physics.messages import Message
+from drop_physics.quantities import effort
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.body_properties import length_m
-from drop_physics.rules.joint import effort
-from drop_physics.rules.rule import Match, Said, Worst, joint_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from drop_physics import messages
 from drop_physics.rules import (  # noqa: F401 - their rules are registered
@@ -49,18 +49,49 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     wheel_slip,
 )
 from drop_physics.rules.answer import Finding
-from drop_physics.rules.rule import Rules as Rules  # with all of them
+from drop_physics.rules.rule import RULES as RULES  # with all of them
+from drop_physics.rules.rule import Rules as Rules
 from drop_physics.trace.events import Body
 
-SHAKES = frozenset(("unstable", "motor-gain"))
-"""Codes that explain why a joint is off its target, whatever its motor's limit is."""
-FAST = frozenset(("beyond-urdf",))
-"""Codes that say that a joint goes faster than it may."""
-BESIDE_NOTHING = frozenset(("beyond-urdf", "default-damping", "inertia-from-shape"))
-"""Codes that are true of nearly every run: as notes they are an answer only where no graver one
-is."""
-MISDIRECTED = frozenset(("ik-index", "joint-index"))
-"""Reasons that say that a joint's targets were meant for another."""
+
+@dataclass(frozen=True)
+class Spoiled:
+    """A kind of findings that another finding makes void, or only the advice of."""
+
+    code: str
+    by: frozenset[str] | None
+    """Codes and reasons of the findings of the same body that do; None for any that is graver than
+    a note, of whatever body."""
+    is_note: bool | None = None
+    """Whether it is so of notes, or of all but notes; None for both."""
+    void: bool = False
+    """Whether nothing is left to say of it, or only no advice."""
+
+    def holds(self, one: Finding, told: Collection[Finding]) -> bool:
+        """Return whether a finding is of this kind, and spoiled by what else was found."""
+        if one.code != self.code or self.is_note not in (None, one.level == "note"):
+            return False
+        if self.by is None:
+            return any(each.level != "note" for each in told)
+        return any({each.code, each.reason} & self.by and each.body == one.body for each in told)
+
+
+SPOILED = (
+    # True of nearly every run: as notes they are an answer only where no graver one is.
+    *(
+        Spoiled(code, None, is_note=True, void=True)
+        for code in ("beyond-urdf", "default-damping", "inertia-from-shape")
+    ),
+    # What rings at the clamp is not clamped.
+    Spoiled("velocity-clamped", frozenset(("unstable",)), void=True),
+    # A joint that is too fast already needs no higher gains.
+    Spoiled("off-target", frozenset(("beyond-urdf",)), is_note=True),
+    # More force is no advice for a joint that its gains or its damping turn around.
+    Spoiled("off-target", frozenset(("unstable", "motor-gain")), is_note=False),
+    # Other limits are none for a joint that got the target of another.
+    Spoiled("target-clamped", frozenset(("ik-index", "joint-index")), is_note=False),
+)
+"""What findings do to each other, in order: what is void spoils nothing."""
 
 
 def ranked(findings: Iterable[Finding]) -> list[Finding]:
@@ -69,29 +100,16 @@ def ranked(findings: Iterable[Finding]) -> list[Finding]:
     for each in _worst_misses(findings):
         groups.setdefault((each.code, each.reason, *_texts(each)), []).append(each)
     found = sorted((_one_of(group) for group in groups.values()), key=lambda each: each.rank)
-    if found and found[0].level != "note":
-        found = [e for e in found if e.level != "note" or e.code not in BESIDE_NOTHING]
-    # What rings at the clamp is not clamped.
-    rings = {each.body for each in found if each.code == "unstable"}
-    found = [each for each in found if each.code != "velocity-clamped" or each.body not in rings]
-    # More force is no advice for a joint that its gains or its damping turn around, nor are higher
-    # gains for one that is too fast already.
-    # Nor are other limits for one that got the target of another.
-    told = {
-        codes: {each.body for each in found if {each.code, each.reason} & codes}
-        for codes in (SHAKES, FAST, MISDIRECTED)
-    }
-    spoils = {
-        ("off-target", True): told[FAST],
-        ("off-target", False): told[SHAKES],
-        ("target-clamped", False): told[MISDIRECTED],
-    }
-    return [
-        replace(each, advice=None, cure=None)
-        if each.body in spoils.get((each.code, each.level == "note"), ())
-        else each
-        for each in found
-    ]
+    for kind in SPOILED:
+        told = found
+        if kind.void:
+            found = [each for each in told if not kind.holds(each, told)]
+        else:
+            found = [
+                replace(each, advice=None, cure=None) if kind.holds(each, told) else each
+                for each in told
+            ]
+    return found
 
 
 def told_apart(findings: Iterable[Finding], bodies: Collection[Body]) -> Iterator[Finding]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from drop_physics.messages import Message
+from drop_physics.quantities import gap as distance
 from drop_physics.rules.answer import Cure, Effect
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.filtered_columns import FilteredColumns, filtered_pairs
-from drop_physics.rules.joint import distance
-from drop_physics.rules.rule import Match, Said, Worst, filtered_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, filtered_rule
 from drop_physics.rules.thresholds import DEEP_M, OVERLAPS_STEPS
 from drop_physics.trace.events import Body
 

@@ -13,7 +13,8 @@ from drop_physics.physics.kinematics import kinematics, motion
 from drop_physics.physics.tree import BASE, States, Tree
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene
-from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, body_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import (

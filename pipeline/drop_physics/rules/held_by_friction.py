@@ -16,7 +16,8 @@ from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, body_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.steady import is_steady
 from drop_physics.rules.tables import BodyColumns

@@ -11,8 +11,9 @@ from drop_physics.explain.joints import JointTelemetry
 from drop_physics.explain.needs import PoseSupport
 from drop_physics.explain.targets import HeldTargets
 from drop_physics.messages import Message
+from drop_physics.quantities import effort
 from drop_physics.rules.answer import Cure, Level, Scene
-from drop_physics.rules.joint import aimed, effort, units_of
+from drop_physics.rules.joint import aimed, units_of
 from drop_physics.trace.motors import POSITION
 
 CLOSE, MOST = 0.05, 0.5

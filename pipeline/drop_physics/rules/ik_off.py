@@ -13,11 +13,13 @@ from drop_physics.explain.joints import JointTelemetry, target_of
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import States, Tree
+from drop_physics.quantities import gap as distance
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.arguments import given, number, site_of
 from drop_physics.rules.ik_answers import IK_LISTS, SentAnswer
-from drop_physics.rules.joint import aimed, distance
-from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.joint import aimed
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, body_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import HAND_M, IK_AGAIN, IK_ENOUGH, IK_JOINTS

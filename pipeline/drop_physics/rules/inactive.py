@@ -12,7 +12,8 @@ from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Effect
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.rule import Said, input_rule
+from drop_physics.rules.rows import Said
+from drop_physics.rules.rule import input_rule
 from drop_physics.rules.thresholds import LEFT_M
 from drop_physics.trace.acts import Act
 

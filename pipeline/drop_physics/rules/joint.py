@@ -53,33 +53,17 @@ def units(joint: Joint) -> tuple[str, str]:
     return ("m", "N") if joint.kind == "prismatic" else ("rad", "N m")
 
 
-def distance(value: float, unit: str) -> str:
-    """Return a gap as text."""
-    if unit == "m" and abs(value) < 1:
-        return f"{abs(value) * 1e3:.3g} mm"
-    return f"{abs(value):.3g} {unit}" if abs(value) >= 10 else f"{abs(value):.2g} {unit}"
-
-
-def place(value: float, unit: str) -> str:
-    """Return a position as text."""
-    return f"{value:.3f} m" if unit == "m" else f"{value:.2f} {unit}"
-
-
-def effort(value: float, unit: str) -> str:
-    """Return a torque or force as text."""
-    return f"{abs(value):.0f} {unit}" if 10 <= abs(value) < 1e6 else f"{abs(value):.2g} {unit}"
-
-
 def is_degrees(target: float, low: float, high: float) -> bool:
     """Return whether a target beyond limits [rad] lies within them if it is taken as degrees."""
     return abs(target) > IN_DEGREES_RAD and low <= math.radians(target) <= high
 
 
+RADIANS = Message(
+    "targets are in radians: if this is in degrees, math.radians({target:.4g}) is {in_radians:.4g}"
+)
+"""The advice of a target that may be in degrees."""
+
+
 def in_radians(target: float) -> Message:
     """Return the advice of a target that may be in degrees."""
-    return Message(
-        "targets are in radians: if this is in degrees, math.radians({target:.4g}) is "
-        "{in_radians:.4g}",
-        target=target,
-        in_radians=math.radians(target),
-    )
+    return Message(RADIANS.template, target=target, in_radians=math.radians(target))

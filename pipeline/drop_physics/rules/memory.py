@@ -8,12 +8,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from drop_physics.messages import Message
+from drop_physics.quantities import effort
 from drop_physics.rules.answer import Cure, Effect, Span, so_many
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.joint import effort
 from drop_physics.rules.lasting import ModelEdit
-from drop_physics.rules.rule import Said, input_rule
+from drop_physics.rules.rows import Said
+from drop_physics.rules.rule import input_rule
 from drop_physics.rules.thresholds import EACH_STEP, MASS_EDIT, PUSHES_STEPS, WATCHED
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body

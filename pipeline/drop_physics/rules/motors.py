@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from drop_physics.arrays import Float64
 from drop_physics.explain.commands import DEFAULT
 from drop_physics.explain.targets import flips, rings_with
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Cure, Effect, Scene
-from drop_physics.rules.joint import distance, effort, in_radians, is_degrees
-from drop_physics.rules.rule import Match, Said, Worst, joint_rule
+from drop_physics.quantities import effort
+from drop_physics.rules.answer import Scene
+from drop_physics.rules.joint import RADIANS, is_degrees
+from drop_physics.rules.rows import Remedy, Row, Worst
+from drop_physics.rules.rule import Match, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import (
@@ -40,40 +44,49 @@ def target_clamped(joints: JointColumns) -> Match:
     return Match(joints.position_motor & beyond, over, numbers)
 
 
-@target_clamped.says
-def _(worst: Worst) -> Said:
-    low, high, unit = worst.lower, worst.upper, worst.unit
-    over = worst.target > high
-    degrees = unit == "rad" and is_degrees(worst.target, low, high)
-    advice = Message("give a target within {low:.4g} and {high:.4g}, or other limits: {call}")
-    if low == high:
-        advice = Message("its limits leave it no range; give it one: {call}")
-    return Said(
-        reason="units" if degrees else None,
-        message=Message(
+OTHER_LIMITS = Remedy(
+    "limits", "joint", given={"jointLowerLimit": "least", "jointUpperLimit": "most"}
+)
+
+
+def _beyond(worst: Worst) -> dict[str, object]:
+    low, high, target = worst.lower, worst.upper, worst.target
+    absolute = worst.unit == "rad" or low == high
+    return {
+        "side": Message("upper") if target > high else Message("lower"),
+        "limit": high if target > high else low,
+        "least": min(low, target),
+        "most": max(high, target),
+        "beyond": worst.size if absolute else worst.size / (high - low),
+        "in_radians": math.radians(target),
+    }
+
+
+target_clamped.rows(
+    Row(
+        when=lambda it: it.unit == "rad" and is_degrees(it.target, it.lower, it.upper),
+        advice=RADIANS,
+        reason="units",
+    ),
+    Row(
+        when=lambda it: it.lower == it.upper,
+        advice=Message("its limits leave it no range; give it one: {call}"),
+        cure=OTHER_LIMITS,
+    ),
+    Row(
+        advice=Message("give a target within {lower:.4g} and {upper:.4g}, or other limits: {call}"),
+        cure=OTHER_LIMITS,
+    ),
+    like=Row(
+        says=Message(
             "{joint}{more} is sent to {target:.4g} {unit}, beyond its {side} limit of {limit:.4g} "
             "{unit}: PyBullet takes the limit as the target"
         ),
-        values={
-            "side": Message("upper") if over else Message("lower"),
-            "limit": high if over else low,
-            "low": low,
-            "high": high,
-        },
-        advice=in_radians(worst.target) if degrees else advice,
-        cure=None
-        if degrees
-        else Cure(
-            "limits",
-            worst.joint,
-            given={
-                "jointLowerLimit": min(low, worst.target),
-                "jointUpperLimit": max(high, worst.target),
-            },
-        ),
-        effect=Effect(worst.size, unit),
-        share=worst.size if unit == "rad" or low == high else worst.size / (high - low),
-    )
+        effect="size",
+        share="beyond",
+    ),
+    noting=_beyond,
+)
 
 
 @joint_rule("motor-gain", "asked", least_count=CROSSINGS, proposes=True)
@@ -96,26 +109,30 @@ def motor_gain(joints: JointColumns) -> Match:
     return Match((passed | turned) & np.isfinite(kp + kd), np.abs(off), numbers)
 
 
-@motor_gain.says
-def _(worst: Worst) -> Said:
-    unit = worst.unit if worst.at_place else f"{worst.unit}/s"
+def _shakes(worst: Worst) -> dict[str, object]:
     site = worst.scene.joints.site(worst.site)
-    given = [] if site is None else [name.removesuffix("s") for name in site.places]
+    told = [] if site is None else [name.removesuffix("s") for name in site.places]
     usual = {"positionGain": (worst.kp, 0.1), "velocityGain": (worst.kd, 1.0)}
     # What no call gave is PyBullet's own, and is not changed.
-    gains = {name: each for name, each in usual.items() if name in given} or usual
-    return Said(
-        message=Message(
-            "{joint} shakes, up to {off} off its target, with {gains}: gains are shares of the gap "
-            "per step"
+    gains = {name: each for name, each in usual.items() if name in told} or usual
+    return {
+        "unit": worst.unit if worst.at_place else f"{worst.unit}/s",
+        "gains": ", ".join(f"{name}={now:.4g}" for name, (now, _) in gains.items()),
+        "softer": {name: to for name, (_, to) in gains.items()},
+    }
+
+
+motor_gain.rows(
+    Row(
+        says=Message(
+            "{joint} shakes, up to {size:gap} off its target, with {gains}: gains are shares of "
+            "the gap per step"
         ),
-        values={
-            "off": distance(worst.size, unit),
-            "gains": ", ".join(f"{name}={now:.4g}" for name, (now, _) in gains.items()),
-        },
-        cure=Cure("gains", worst.joint, given={name: to for name, (_, to) in gains.items()}),
-        effect=Effect(worst.size, unit),
-    )
+        cure=Remedy("gains", "joint", given="softer"),
+        effect="size",
+    ),
+    noting=_shakes,
+)
 
 
 @joint_rule("timestep-after-motor", "asked")
@@ -125,23 +142,21 @@ def timestep_after_motor(joints: JointColumns) -> Match:
     share = np.round(np.abs(limit - force) / force, 9)
     given = np.abs(joints.torque) / joints.steps.substeps
     met = joints.at_limit | (given > (1 + OTHER_FORCE) * force)
-    numbers = {"limit": limit, "force": force}
+    numbers = {"limit": limit, "force": force, "off": limit - force}
     return Match(met & (share > OTHER_FORCE) & joints.motor, share, numbers)
 
 
-@timestep_after_motor.says
-def _(worst: Worst) -> Said:
-    return Said(
-        message=Message(
-            "{joint} has a motor of {limit} in place of the {force} it was given: the timestep was "
-            "changed after that call",
-            joint=worst.joint,
-            limit=effort(worst.limit, worst.effort),
-            force=effort(worst.force, worst.effort),
+timestep_after_motor.rows(
+    Row(
+        says=Message(
+            "{joint} has a motor of {limit:N} in place of the {force:N} it was given: the timestep "
+            "was changed after that call"
         ),
-        cure=Cure("timestep-first"),
-        effect=Effect(abs(worst.limit - worst.force), worst.effort),
+        cure=Remedy("timestep-first"),
+        effect="off",
+        unit="{effort}",
     )
+)
 
 
 @joint_rule("substeps-scale-motors", "asked")
@@ -150,27 +165,22 @@ def substeps_scale_motors(joints: JointColumns) -> Match:
     substeps, given = joints.steps.substeps, np.abs(joints.torque)
     force = joints.limit / substeps
     share = given / force - 1
-    numbers = {"given": given, "force": force, "substeps": substeps}
+    numbers = {"given": given, "force": force, "substeps": substeps, "excess": given - force}
     return Match((substeps > 1) & (share > OTHER_FORCE) & joints.motor, share, numbers)
 
 
-@substeps_scale_motors.says
-def _(worst: Worst) -> Said:
-    substeps = int(worst.substeps)
-    return Said(
-        message=Message(
-            "{joint} has a motor that gives up to {given}, where {force} is its limit: with "
-            "numSubSteps={substeps} the limit counts in each substep",
-            joint=worst.joint,
-            given=effort(worst.given, worst.effort),
-            force=effort(worst.force, worst.effort),
-            substeps=substeps,
+substeps_scale_motors.rows(
+    Row(
+        says=Message(
+            "{joint} has a motor that gives up to {given:N}, where {force:N} is its limit: with "
+            "numSubSteps={substeps:.0f} the limit counts in each substep"
         ),
-        values={"limit": effort(worst.force, worst.effort)},
-        advice=Message("{call}; it then has {limit}, and needs force={given:.3g} to do the same"),
-        cure=Cure("substeps", value=float(substeps)),
-        effect=Effect(worst.given - worst.force, worst.effort),
+        advice=Message("{call}; it then has {force:N}, and needs force={given:.3g} to do the same"),
+        cure=Remedy("substeps", value="substeps"),
+        effect="excess",
+        unit="{effort}",
     )
+)
 
 
 # -- beyond-urdf ----------------------------------------------------------------------------------
@@ -204,30 +214,39 @@ def _(runs: Runs, _: Scene) -> Float64:
     return np.where(runs.size > 0, 1 - runs.limit / runs.most, 0.0)
 
 
-@beyond_urdf.says
-def _(worst: Worst) -> Said:
+def _enforced(worst: Worst) -> dict[str, object]:
     unit = worst.effort if worst.force else f"{worst.unit}/s"
-    name = "force" if worst.force else "maxVelocity"
-    advice = None
-    cure: Cure | None = Cure("urdf-limits", worst.joint, worst.limit, given={name: worst.limit})
-    if not worst.force and not np.isnan(worst.goal):
-        cure = None
-        if worst.goal > worst.limit:
-            advice = Message("give it a targetVelocity of {limit:g} or less")
-    return Said(
-        message=Message(
-            "{joint} reaches {most} where its file allows {limit}, in {steps}: PyBullet's "
-            "motors do not enforce that limit (joints beyond theirs: {count})",
-            joint=worst.joint,
-            most=effort(worst.most, unit) if worst.most >= 10 else f"{worst.most:.3g} {unit}",
-            limit=f"{worst.limit:g} {unit}",
-            steps=worst.steps,
-            count=worst.joints,
+    return {
+        "unit": unit,
+        "allowed": f"{worst.limit:g} {unit}",
+        "written": effort(worst.most, unit) if worst.most >= 10 else f"{worst.most:.3g} {unit}",
+        "excess": worst.most - worst.limit,
+    }
+
+
+beyond_urdf.rows(
+    Row(
+        when=lambda it: not it.force and it.goal > it.limit,
+        advice=Message("give it a targetVelocity of {limit:g} or less"),
+    ),
+    Row(
+        when=lambda it: it.force,
+        cure=Remedy("urdf-limits", "joint", "limit", given={"force": "limit"}),
+    ),
+    Row(
+        when=lambda it: np.isnan(it.goal),
+        cure=Remedy("urdf-limits", "joint", "limit", given={"maxVelocity": "limit"}),
+    ),
+    Row(),
+    like=Row(
+        says=Message(
+            "{joint} reaches {written} where its file allows {allowed}, in {steps}: "
+            "PyBullet's motors do not enforce that limit (joints beyond theirs: {joints})"
         ),
-        advice=advice,
-        cure=cure,
-        effect=Effect(worst.most - worst.limit, unit),
-    )
+        effect="excess",
+    ),
+    noting=_enforced,
+)
 
 
 # -- joint-damping --------------------------------------------------------------------------------
@@ -265,28 +284,31 @@ def _(runs: Runs, _: Scene) -> Float64:
     return np.where(holds, share, 0.0)
 
 
-@joint_damping.says
-def _(worst: Worst) -> Said:
-    unit = f"{worst.effort} s"
-    return Said(
-        message=Message(
-            "{joint} is driven by torques: beyond its weight they give it {given}, and the "
-            "joint damping in its file, {damping}, takes {taken} (joints of this robot: "
-            "{count})",
-            joint=worst.joint,
-            count=worst.joints,
-            given=effort(worst.driven, unit),
-            taken=effort(worst.taken, unit),
-            damping=effort(worst.damping, unit + ("/m" if unit == "N s" else "/rad")),
+def _damps(worst: Worst) -> dict[str, object]:
+    return {
+        "called": worst.scene.site(worst.torque_site),
+        "part": min(worst.taken / worst.driven, 1.0),
+    }
+
+
+joint_damping.rows(
+    Row(
+        says=Message(
+            "{joint} is driven by torques: beyond its weight they give it {driven:N s}, and the "
+            "joint damping in its file, {damping:N s/rad}, takes {taken:N s} (joints of this "
+            "robot: {joints})"
         ),
         advice=Message(
             "{call}, or give torques that make up for it: p.calculateInverseDynamics leaves it out"
         ),
-        cure=Cure("joint-damping", worst.body, 0.0),
-        effect=Effect(worst.taken, unit),
-        share=min(worst.taken / worst.driven, 1.0),
-        site=worst.scene.site(worst.torque_site),
-    )
+        cure=Remedy("joint-damping", "body", 0.0),
+        effect="taken",
+        unit="{effort} s",
+        share="part",
+        site="called",
+    ),
+    noting=_damps,
+)
 
 
 # -- mimic-ignored --------------------------------------------------------------------------------
@@ -344,22 +366,26 @@ def _(runs: Runs, _: Scene) -> Float64:
     return np.where((moved > FOLLOWS * runs.extent) & (share > FOLLOWS), share, 0.0)
 
 
-@mimic_ignored.says
-def _(worst: Worst) -> Said:
-    gap = max(worst.rested, worst.now)
+def _follows(worst: Worst) -> dict[str, object]:
     mimic = next(each for each in worst.subject.asked.mimics if each.joint == worst.joint)
-    return Said(
-        level=None if worst.sent else "note",
-        message=Message(
-            "{joint} is {gap} away from where its <mimic> tag puts it: PyBullet ignores "
-            "the tag, so it does not follow {of} (joints that do not follow: {count})"
-        ),
-        values={"gap": distance(gap, worst.unit), "of": mimic.of, "count": worst.joints},
-        cure=Cure(
-            "mimic",
-            worst.body,
-            given={"ratio": f"{-1 / (mimic.multiplier or np.nan):g}", "link": worst.link},
-        ),
-        effect=Effect(gap, worst.unit),
-        share=gap / worst.extent,
-    )
+    gap = max(worst.rested, worst.now)
+    return {
+        "gap": gap,
+        "of": mimic.of,
+        "geared": {"ratio": f"{-1 / (mimic.multiplier or np.nan):g}", "link": worst.link},
+        "part": gap / worst.extent,
+    }
+
+
+NOT_FOLLOWED = Row(
+    says=Message(
+        "{joint} is {gap:gap} away from where its <mimic> tag puts it: PyBullet ignores the tag, "
+        "so it does not follow {of} (joints that do not follow: {joints})"
+    ),
+    cure=Remedy("mimic", "body", given="geared"),
+    effect="gap",
+    share="part",
+)
+mimic_ignored.rows(
+    Row(when=lambda it: it.sent), Row(level="note"), like=NOT_FOLLOWED, noting=_follows
+)

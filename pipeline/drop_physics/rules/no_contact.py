@@ -7,7 +7,8 @@ import numpy as np
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Level
 from drop_physics.rules.body_properties import part_named
-from drop_physics.rules.rule import Match, Said, Worst, unpaired_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, unpaired_rule
 from drop_physics.rules.thresholds import OVERLAPS_STEPS
 from drop_physics.rules.unpaired_columns import UnpairedColumns
 

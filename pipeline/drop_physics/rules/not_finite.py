@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64
-from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Span
 from drop_physics.rules.engines import ANY
-from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, body_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.events import Body
@@ -21,18 +21,15 @@ def not_finite(bodies: BodyColumns) -> Match | None:
     """The state after a step, or an impulse in it, is infinite or no number."""
     names = ("velocity", "position_m", "orientation", "joints")
     states = np.hstack([getattr(bodies.after, name) for name in names])
-    wrong = {name: _wrong(each) for name, each in bodies.terms.items()}
-    rows = np.flatnonzero(np.any([_wrong(states), *wrong.values()], axis=0))
+    rows = np.flatnonzero(np.any([*map(_wrong, [states, *bodies.terms.values()])], axis=0))
     if not len(rows):
         return None
-    terms, calls = np.full((2, len(rows)), None, object)
+    calls = np.full(len(rows), None, object)
     _, firsts = np.unique(bodies.body[rows], return_index=True)
     for at in firsts.tolist():  # later steps have what the first one left
-        its = [name for name, each in wrong.items() if each[rows[at]]]
-        terms[at] = its[0] if len(its) == 1 else None
         body, step = bodies.scene.body(int(bodies.body[rows[at]])), int(bodies.step[rows[at]])
         calls[at] = _without_number(bodies.scene.piece.calls, body, step)
-    return Match(rows, np.ones(len(rows)), firsts={"term": terms, "given": calls})
+    return Match(rows, np.ones(len(rows)), firsts={"given": calls})
 
 
 @not_finite.says
@@ -41,8 +38,6 @@ def _(worst: Worst) -> Said:
     if call is not None:
         values = {"function": call.function, "arguments": call.arguments}
         why = Message(": p.{function}({arguments}) was given it", **values)
-    elif worst.term is not None:
-        why = Message(", first in the term {term}", term=cause_in_words(worst.term))
     return Said(
         message=Message(
             "{body} has a state that is no number (nan or infinite) from step {step:,} on{why}"

@@ -18,7 +18,8 @@ from drop_physics.rules.answer import Cure, Effect, Scene, and_more
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.joint import link_of
-from drop_physics.rules.rule import Match, Said, Worst, body_rule, input_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, body_rule, input_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import (

@@ -12,6 +12,8 @@ from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.joints import REST_STEPS
 from drop_physics.explain.targets import flips, rings_with
 from drop_physics.messages import Message
+from drop_physics.quantities import effort, place
+from drop_physics.quantities import gap as distance
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.held_off import (
     MORE_FORCE,
@@ -21,8 +23,8 @@ from drop_physics.rules.held_off import (
     give_at_least,
     holds_off,
 )
-from drop_physics.rules.joint import distance, effort, place
-from drop_physics.rules.rule import Match, Said, Worst, joint_rule, target_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, joint_rule, target_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.target_columns import TargetColumns

@@ -9,7 +9,8 @@ from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Effect, Scene
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.rule import Match, Said, Worst, body_rule, pair_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, body_rule, pair_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns, PairColumns
 from drop_physics.rules.thresholds import (

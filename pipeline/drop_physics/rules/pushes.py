@@ -13,7 +13,8 @@ from drop_physics.physics.kinematics import in_world, kinematics, motion
 from drop_physics.physics.vectors import cross, groups, lengths, summed
 from drop_physics.rules.answer import Cure, Effect, Span
 from drop_physics.rules.inputs import Inputs, Use
-from drop_physics.rules.rule import Match, Said, Worst, body_rule, input_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, body_rule, input_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import NEGLIGIBLE, SAME_POINT_M, SOON_STEPS
 from drop_physics.trace.acts import PUSHES, Act

@@ -9,7 +9,8 @@ import numpy as np
 from drop_physics.messages import Message
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.rule import Said, input_rule
+from drop_physics.rules.rows import Said
+from drop_physics.rules.rule import input_rule
 from drop_physics.rules.thresholds import STALE_M
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body

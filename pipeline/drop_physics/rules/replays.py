@@ -8,7 +8,8 @@ from drop_physics.explain.step_status import WHYS
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, body_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import FALLS_STEPS
 from drop_physics.trace.acts import Act

@@ -10,10 +10,12 @@ import numpy as np
 from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
+from drop_physics.quantities import gap as distance
+from drop_physics.quantities import place
 from drop_physics.rules.answer import Cure, Effect, Level, Scene
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.joint import distance, place
-from drop_physics.rules.rule import Match, Said, Worst, body_rule, joint_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, body_rule, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns, JointColumns
 from drop_physics.rules.thresholds import BACK, EACH_STEP, KEPT, TELEPORTED_M_S, TURNS_RAD_S

@@ -9,12 +9,14 @@ import numpy as np
 
 from drop_physics.arrays import Float64, Int64
 from drop_physics.messages import Message
+from drop_physics.quantities import gap as distance
 from drop_physics.rules.answer import Cure, Effect, Scene, Span
 from drop_physics.rules.arguments import given
 from drop_physics.rules.episodes import Episode, Key, Named
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.joint import distance, units
-from drop_physics.rules.rule import Said, input_rule
+from drop_physics.rules.joint import units
+from drop_physics.rules.rows import Said
+from drop_physics.rules.rule import input_rule
 from drop_physics.rules.thresholds import EPISODE_STEPS, EPISODES_MOST
 from drop_physics.trace.acts import MAKES, SETS_TIMESTEP, Act
 from drop_physics.trace.calls import Call

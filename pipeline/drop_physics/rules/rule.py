@@ -3,8 +3,7 @@
     @joint_rule("target-clamped", "asked")
     def target_clamped(joints: JointColumns) -> Match: ...      # a mask, a size, numbers
 
-    @target_clamped.says
-    def _(worst: Worst) -> Said: ...                      # a sentence, and the cure
+    target_clamped.rows(Row(...), Row(...))                    # sentences, and cures (`rows`)
 
 Chunks, runs of consecutive steps, the worst row, how often, in which steps, which joints of which
 body and which line of the script belong to the mechanism here. Tables are of joints, of actuators,
@@ -17,38 +16,25 @@ calls set yields what it says, once, at the end:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from string import Formatter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.arrays import Flags, Float64, Int64
-from drop_physics.messages import Message
-from drop_physics.rules.answer import (
-    Cure,
-    Effect,
-    Finding,
-    Level,
-    Scene,
-    Span,
-    and_more,
-    so_many,
-)
+from drop_physics.rules.answer import Finding, Level, Scene, and_more
 from drop_physics.rules.arguments import site_of
-from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import BULLETS, engine_of
 from drop_physics.rules.joint import link_of, units
+from drop_physics.rules.rows import Row, Said, Worst, filled
 from drop_physics.rules.runs import Kind, Runs
 from drop_physics.rules.tables import TABLES, RuleTable, TableName, tables
 from drop_physics.rules.target_columns import left_standing
 from drop_physics.rules.thresholds import MINOR
-from drop_physics.trace.calls import Call
 from drop_physics.trace.episodes import episode_at
-from drop_physics.trace.events import Body
 
 Numbers = Mapping[str, Any]
 """Columns by name, or one number for all rows."""
@@ -126,111 +112,6 @@ class Match:
         return found if self.holds is None else found.at(self.holds)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Said:
-    """What a rule says of the worst that it found.
-
-    What a text without values names is taken from `values`, or from the `Worst`; `{call}` is what
-    the engine's user would write for the cure.
-    """
-
-    message: Message
-    values: Mapping[str, object] = field(default_factory=dict)
-    """Further values that texts name."""
-    cure: Cure | None = None
-    """The change that would cure it, which can be tried."""
-    advice: Message | None = None
-    """The advice, where the cure's call alone is not enough."""
-    proposed: bool | None = None
-    """Whether what is advised is only to be tried, where the rule does not say so for all."""
-    effect: Effect | None = None
-    share: float | None = None
-    """The ratio of the effect to what is normal for it; the size, if it is None."""
-    reason: str | None = None
-    other: str | None = None
-    level: Level | None = None
-    """The level, where it is not the rule's."""
-    code: str | None = None
-    """The code, where it is not the rule's."""
-    steps: Span | None = None
-    """The steps of the finding, where these are not those in which the rule holds."""
-    site: str | None = None
-    """File and line, where the rule names no argument or call that is the cause."""
-    call: Call | None = None
-    """The call that is the cause."""
-    subject: Body | None = None
-    """The body, for a rule of inputs."""
-    joint: str | None = None
-    """The joint, where the table is not one of joints."""
-
-    @property
-    def body(self) -> str | None:
-        """The name of the body."""
-        return None if self.subject is None else self.subject.label
-
-
-class Worst:
-    """The worst of a subject: its numbers, and who it is, as attributes.
-
-    `size`, `count`, `first` and `last` step, and what the rule noted; `among`, how many of its kind
-    the subject has that are not ten times smaller; labels of the `body` and of
-    the `other`, and both as they are, `subject` and `partner`; of joints `joint`, `link`, `unit`,
-    `effort`, and how many `joints` of the body it holds for; of actuators `actuator` and
-    its `joint`.
-    """
-
-    size: float
-    count: int
-    first: int
-    last: int
-
-    def __init__(self, scene: Scene, noted: Runs, **about: object) -> None:
-        self.scene, self.noted = scene, noted
-        self.__dict__ |= {name: each[:1].tolist()[0] for name, (_, each) in noted.columns.items()}
-        self.subject: Body = scene.body(int(noted.keys[0, 0]))
-        self.body = self.subject.label
-        self.__dict__ |= about
-
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever the rule noted
-        raise AttributeError(f"the rule noted no {name}")
-
-    @property
-    def span(self) -> Span:
-        """The steps as a finding says them; for a target, the first and last step of `stood`."""
-        if (stood := vars(self).get("stood")) is not None:
-            return Span(stood[0], stood[1], stood[1] - stood[0] + 1)
-        first, last = vars(self).get("within", (-self.first, self.last))
-        return Span(-first, last, self.count)
-
-    @property
-    def engine(self) -> str:
-        """The engine that stepped the body, which decides the words of the texts."""
-        return engine_of(self.scene.seen)
-
-    @property
-    def body_size_m(self) -> float:
-        """The size of its body."""
-        return size_m(self.subject)
-
-    @property
-    def steps(self) -> str:
-        """The number of steps, as text."""
-        return so_many(self.count)
-
-    def time_s(self, step: int) -> float:
-        """Return the time of a step in its simulation."""
-        return self.scene.times[self.subject.client].of(step)
-
-
-def filled(text: str, values: Mapping[str, object], worst: object) -> str:
-    """Return a text, filled with some values and the worst's."""
-    if not isinstance(text, Message) or text.values:
-        return text
-    names = {name for _, name, _, _ in Formatter().parse(text.template) if name}
-    held = {name: values[name] if name in values else getattr(worst, name) for name in names}
-    return Message(text.template, **held)
-
-
 def every_run(runs: Runs, _: Scene) -> Float64:
     """Return the sizes of runs; all of them count."""
     return runs.size
@@ -262,11 +143,36 @@ class Rule:
     """Whether its advice is only to be tried: the message says what is seen, and no cause."""
     sizes: Callable[[Runs, Scene], Float64] = every_run
     words: Callable[[Worst], Said | None] = lambda _: None
+    told: Sequence[Row] = ()
+    """Its rows, where what it says is data."""
 
     @property
     def meaning(self) -> str:
         """The meaning of the code, in a sentence."""
         return (self.matches.__doc__ or "").strip()
+
+    def rows(
+        self,
+        *rows: Row,
+        like: Row | None = None,
+        noting: Callable[[Worst], Mapping[str, object] | None] = lambda _: {},
+    ) -> None:
+        """Set the rows, of which the first that holds is said of the worst.
+
+        What rows leave out is taken from `like`. `noting` returns further numbers of the worst by
+        name, or None if there is nothing to say.
+        """
+        self.told = whole = [each if like is None else each.like(like) for each in rows]
+
+        def words(worst: Worst) -> Said | None:
+            noted = noting(worst)
+            if noted is None:
+                return None
+            vars(worst).update(noted)
+            holds = (each for each in whole if each.when is None or each.when(worst))
+            return next((each.said(worst) for each in holds), None)
+
+        self.words = words
 
     def says(self, words: Callable[[Worst], Said | None]) -> Callable[[Worst], Said | None]:
         """Set the function that words the worst; it returns None if there is nothing to say."""

@@ -10,7 +10,8 @@ from drop_physics.rules.answer import so_many
 from drop_physics.rules.arguments import given, site_of
 from drop_physics.rules.engines import ANY
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.rule import Said, input_rule
+from drop_physics.rules.rows import Said
+from drop_physics.rules.rule import input_rule
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.events import Body

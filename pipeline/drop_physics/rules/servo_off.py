@@ -16,20 +16,14 @@ from drop_physics.explain.causes import TENDON_LIMIT
 from drop_physics.explain.joints import REST_STEPS
 from drop_physics.explain.targets import SETTLED, SETTLED_STEPS
 from drop_physics.messages import Message
+from drop_physics.quantities import effort, place
+from drop_physics.quantities import gap as distance
 from drop_physics.rules.answer import Cure, Effect, Level, Scene, Span
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.joint import (
-    OFF,
-    actuators_on,
-    aimed,
-    distance,
-    effort,
-    in_radians,
-    is_degrees,
-    place,
-)
-from drop_physics.rules.rule import Match, Said, Worst, joint_rule
+from drop_physics.rules.joint import OFF, actuators_on, aimed, in_radians, is_degrees
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import (

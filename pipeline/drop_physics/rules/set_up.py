@@ -14,7 +14,8 @@ from drop_physics.rules.answer import Cure, Effect, Span
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS, engine_of
 from drop_physics.rules.inputs import BodyLife, Inputs
-from drop_physics.rules.rule import Said, input_rule
+from drop_physics.rules.rows import Said
+from drop_physics.rules.rule import input_rule
 from drop_physics.rules.thresholds import STANDARD_M_S2, TIPS_RAD
 from drop_physics.trace.acts import PUSHES, SETS_TIMESTEP, Act
 from drop_physics.trace.events import Body

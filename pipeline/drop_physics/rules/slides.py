@@ -14,7 +14,8 @@ from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import ANY, MUJOCO
 from drop_physics.rules.placing import NEAR
-from drop_physics.rules.rule import Match, Said, Worst, pair_rule, side_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, pair_rule, side_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import (

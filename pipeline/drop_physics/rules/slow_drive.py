@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.joints import REST_STEPS
 from drop_physics.messages import Message
+from drop_physics.quantities import effort
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.joint import actuators_on, effort
-from drop_physics.rules.rule import Match, Said, Worst, joint_rule
+from drop_physics.rules.joint import actuators_on
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import (

@@ -10,11 +10,13 @@ from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.laws.mujoco.contact import impedance, rest_depth_m, shortest_s
+from drop_physics.quantities import effort
+from drop_physics.quantities import gap as distance
 from drop_physics.rules.answer import Cure, Effect
 from drop_physics.rules.body_properties import thickness_m
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.joint import distance, effort
-from drop_physics.rules.rule import Match, Said, Worst, body_rule, pair_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, body_rule, pair_rule
 from drop_physics.rules.steady import is_steady
 from drop_physics.rules.tables import BodyColumns, PairColumns
 from drop_physics.rules.thresholds import (

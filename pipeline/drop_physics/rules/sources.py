@@ -20,7 +20,10 @@ from drop_physics.messages import Message
 from drop_physics.rules import thresholds
 from drop_physics.rules.answer import LEVELS, Level
 from drop_physics.rules.codes import CODES
-from drop_physics.rules.engines import MUJOCO
+from drop_physics.rules.engines import MUJOCO, MUJOCOS
+from drop_physics.rules.every import RULES
+from drop_physics.rules.rows import Row
+from drop_physics.rules.rule import Rule
 from drop_physics.trace.cures import Cure
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
@@ -76,6 +79,12 @@ def texts_of(names: Collection[str]) -> dict[str, RuleTexts]:
                 for name in {code, reason or code} & made.keys():
                     _add(made[name], parts, limits, level)
                     made[name].reason_of = None if name == code else code
+    for rule in RULES:
+        for row in rule.told:
+            code, reason = row.code or rule.code, row.reason or rule.reason
+            for name in {code, reason or code} & made.keys():
+                _add_row(made[name], rule, row)
+                made[name].reason_of = None if name == code else code
     return made
 
 
@@ -165,6 +174,21 @@ def _add(known: RuleTexts, parts: list[ast.FunctionDef], limits: set[str], level
     for held, more in told:
         held += [each for each in dict.fromkeys(more) if each and each not in held]
     rated = [each for each in (known.level, level) if each in LEVELS]
+    known.level = min(rated, key=LEVELS.index, default=None)
+
+
+def _add_row(known: RuleTexts, rule: Rule, row: Row) -> None:
+    """Add to what is known of a name what a row of it tells."""
+    proposed = rule.proposes if row.proposed is None else row.proposed
+    engine = MUJOCO if rule.engines == MUJOCOS else PYBULLET
+    told: list[tuple[list[Any], list[Any]]] = [
+        (known.says, [row.says, row.why]),
+        (known.proposes if proposed else known.advises, [row.advice]),
+        (known.cures, [(engine, row.cure.blank, proposed)] if row.cure else []),
+    ]
+    for held, more in told:
+        held += [each for each in more if each and each not in held]
+    rated = [each for each in (known.level, row.level or rule.level) if each in LEVELS]
     known.level = min(rated, key=LEVELS.index, default=None)
 
 

@@ -10,10 +10,11 @@ import numpy as np
 
 from drop_physics.arrays import Flags, Float64
 from drop_physics.messages import Message
+from drop_physics.quantities import effort
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.joint import effort
-from drop_physics.rules.rule import Match, Said, Worst, pair_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, pair_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import PairColumns, Rows
 from drop_physics.rules.thresholds import DEEP_M, EACH_STEP, STANDARD_M_S2, THROWN_M

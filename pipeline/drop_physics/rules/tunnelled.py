@@ -19,7 +19,8 @@ from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS
-from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, body_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import ENDLESS_M, LONG_S
 from drop_physics.trace.calls import Call

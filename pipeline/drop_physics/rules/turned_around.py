@@ -19,7 +19,8 @@ from drop_physics.physics.servo import Servos
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import actuators_on, link_of
-from drop_physics.rules.rule import Match, Said, Worst, joint_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import CROSSINGS, DOUBLES, GROWN, RINGS_STEPS

@@ -12,7 +12,8 @@ from drop_physics.explain.targets import flips
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene, and_more
 from drop_physics.rules.joint import link_of, units
-from drop_physics.rules.rule import Match, Said, Worst, body_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, body_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import (

@@ -9,7 +9,8 @@ from drop_physics.rules.answer import Cure, Effect, Span, so_many
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.memory import rate_at
-from drop_physics.rules.rule import Said, input_rule
+from drop_physics.rules.rows import Said
+from drop_physics.rules.rule import input_rule
 from drop_physics.trace.events import EngineWarning
 from drop_physics.trace.switches import NO_AUTO_RESET, is_off
 

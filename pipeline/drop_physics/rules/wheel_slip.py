@@ -14,7 +14,8 @@ from drop_physics.physics.tree import BASE, Tree
 from drop_physics.physics.vectors import lengths, summed
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import ANY, MUJOCO
-from drop_physics.rules.rule import Match, Said, Worst, joint_rule
+from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rule import Match, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import (
