@@ -14,7 +14,7 @@ import forked
 import numpy as np
 from drop_physics.engines.mujoco.explain.reasons import REASONS
 from drop_physics.engines.mujoco.explained import ReplayedPiece
-from drop_physics.engines.mujoco.received import Received, StepPiece, Written
+from drop_physics.engines.mujoco.received import Received, ReceivedWrite, StepPiece
 from drop_physics.engines.mujoco.stepping import Stepper, StepsWanted
 from drop_physics.engines.script import Program, Script
 from drop_physics.trace.events import Ending, Event
@@ -122,7 +122,7 @@ class Run:
         found = [piece.parts[name] for piece in self.pieces if piece.world == world]
         return np.concatenate(found)
 
-    def written(self, world: int = 0) -> list[Written]:
+    def written(self, world: int = 0) -> list[ReceivedWrite]:
         """Return what was written before steps."""
         return [each for piece in self.pieces if piece.world == world for each in piece.written]
 

@@ -12,12 +12,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
-from drop_physics.account.rows import KINDS, Row
+from drop_physics.account.rows import KINDS, AccountRow
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.record import record_script
 
 G = 9.81
-Told = Callable[..., list[Row]]
+Told = Callable[..., list[AccountRow]]
 
 MODEL = """
 <mujoco>
@@ -40,7 +40,9 @@ for step in range({steps}):
 def told(tmp_path: Path) -> Told:
     """Return the rows of a MuJoCo script: of its world, its other elements, and what it does."""
 
-    def rows(world: str, more: str = "", before: str = "pass", steps: int = 500) -> list[Row]:
+    def rows(
+        world: str, more: str = "", before: str = "pass", steps: int = 500
+    ) -> list[AccountRow]:
         model = MODEL.format(world=world, more=more)
         script = tmp_path / "script.py"
         script.write_text(RUN.format(model=model, steps=steps, before=before))
@@ -50,14 +52,14 @@ def told(tmp_path: Path) -> Told:
     return rows
 
 
-def the(rows: Sequence[Row], kind: str, who: str) -> Row:
+def the(rows: Sequence[AccountRow], kind: str, who: str) -> AccountRow:
     """Return the only row of a kind about something."""
     found = [row for row in rows if row.kind == kind and who in (row.who, row.body)]
     assert len(found) == 1, [(row.kind, row.who, str(row.told)) for row in rows]
     return found[0]
 
 
-def value(row: Row, words: str) -> float:
+def value(row: AccountRow, words: str) -> float:
     """Return the value of a row's only term whose words begin so."""
     (found,) = [term.value for term in row.terms if str(term.words).startswith(words)]
     return found

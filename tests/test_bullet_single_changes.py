@@ -15,7 +15,7 @@ import pybullet as p
 import pybullet_data
 import pytest
 from drop_physics.engines.cures import TABLES
-from drop_physics.engines.pybullet.watch.intervene import Interventions
+from drop_physics.engines.pybullet.watch.intervene import CallInterventions
 from drop_physics.engines.pybullet.watch.single_changes import possible, trial_of
 from drop_physics.engines.watching.single_changes import Change
 
@@ -29,7 +29,7 @@ class Watched:
 
     def __init__(self, operations: Any) -> None:
         self.fired: set[int] = set()
-        self.interventions = Interventions(operations, self.fired.add)
+        self.interventions = CallInterventions(operations, self.fired.add)
 
     def __getattr__(self, name: str) -> Any:
         value = getattr(p, name)

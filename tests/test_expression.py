@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drop_physics.engines.watching.expected import Expected
+from drop_physics.engines.watching.expected import ExpectationEvaluator
 from drop_physics.engines.watching.expression import Expression
 from drop_physics.engines.watching.observed import Observed, UnknownNameError
 from drop_physics.engines.watching.series import FUNCTIONS, series_of
@@ -105,7 +105,7 @@ class Falling(Observed):
 
 def run_of(text: str, steps: int = 3) -> Any:
     """Return what an expectation answers in a run whose steps a function of a script makes."""
-    expected, falling = Expected(text), Falling()
+    expected, falling = ExpectationEvaluator(text), Falling()
     engine: Any = SimpleNamespace(observed=lambda: falling)
 
     def step() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drop_physics.account.feedback import MOST_LATE, feedback_of
-from drop_physics.account.rows import Row
+from drop_physics.account.rows import AccountRow
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.record import record_script
 
@@ -90,7 +90,7 @@ for control in range(80):
 """
 
 
-def rows_of(tmp_path: Path, fault: str) -> list[Row]:
+def rows_of(tmp_path: Path, fault: str) -> list[AccountRow]:
     script = tmp_path / "script.py"
     script.write_text(DRIVEN.format(links=LINKS, fault=fault))
     recorded = record_script(str(script), out=tmp_path / "run.rrd")

@@ -23,7 +23,7 @@ from drop_physics.engines.mujoco.stepping import Stepper, StepsWanted
 from drop_physics.errors import RecordingError
 from drop_physics.recording import schema
 from drop_physics.recording.reader import Recording, read
-from drop_physics.trace.frames import Column, Frames, ModelEdit
+from drop_physics.trace.frames import FrameColumn, Frames, ModelEdit
 from mujoco_scripts import MACHINE
 
 BEGIN = f"""
@@ -209,7 +209,7 @@ def test_a_step_of_another_state_is_taken_too(tmp_path: Path) -> None:
     (frames,) = run.steps.pieces(0, 0, 20)
     qvel = frames.after["qvel"].copy()
     qvel[9] += 0.01
-    ctrl = Column(np.array([0, 10]), np.array([frames.given(0)["ctrl"], np.full(7, 0.5)]))
+    ctrl = FrameColumn(np.array([0, 10]), np.array([frames.given(0)["ctrl"], np.full(7, 0.5)]))
     other = replace(
         frames, after={**frames.after, "qvel": qvel}, inputs={**frames.inputs, "ctrl": ctrl}
     )

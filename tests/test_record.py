@@ -29,7 +29,7 @@ import scenes
 import scripts
 from command import HANGS_S, drop_here, wait_for
 from conftest import some
-from drop_physics.engines.frames import Frames
+from drop_physics.engines.frames import FrameStream
 from drop_physics.engines.other_processes import OtherProcesses
 from drop_physics.engines.watching import pipe
 from drop_physics.errors import DropError, OutputError, ScenarioError
@@ -1683,7 +1683,7 @@ def test_a_stream_that_ends_at_any_byte_is_understood_up_to_there(cut: int) -> N
         payload = bytes([number]) * number
         sent += pipe.HEADER.pack(pipe.SAMPLE, len(payload)) + payload
     for pieces in (1, 3, 4096):
-        frames, found = Frames(), []
+        frames, found = FrameStream(), []
         for start in range(0, cut, pieces):
             found += list(frames.feed(sent[start : min(cut, start + pieces)]))
         assert [payload for _, payload in found] == [bytes([n]) * n for n in range(len(found))]
@@ -1697,7 +1697,7 @@ def test_a_stream_that_ends_at_any_byte_is_understood_up_to_there(cut: int) -> N
     ids=["no kind", "too long", "zeros"],
 )
 def test_frames_end_where_somebody_else_has_written_into_the_stream(garbage: bytes) -> None:
-    frames = Frames()
+    frames = FrameStream()
     sent = [pipe.frame(pipe.SAMPLE, b"12345"), garbage, pipe.frame(pipe.SAMPLE, b"67890")]
     found = list(frames.feed(pipe.MAGIC)) + [one for data in sent for one in frames.feed(data)]
     assert found == [(pipe.SAMPLE, b"12345")]
@@ -1889,7 +1889,7 @@ def test_what_other_processes_step_is_said_not_to_be_recorded(
 
 def test_a_stream_of_another_version_is_refused() -> None:
     with pytest.raises(DropError, match="another version of drop"):
-        list(Frames().feed(b"DROPREC\x01" + b"x" * 20))
+        list(FrameStream().feed(b"DROPREC\x01" + b"x" * 20))
 
 
 def test_a_script_may_not_be_overwritten_by_its_recording(bench: Bench) -> None:

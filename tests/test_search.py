@@ -11,20 +11,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from drop_physics.engines.watching.single_changes import Change
-from drop_physics.experiments.motion import Motion, apart_m, side_m
+from drop_physics.experiments.motion import RunMotion, apart_m, side_m
 from drop_physics.experiments.ranking import ranked
-from drop_physics.experiments.search import Outcome, Search
+from drop_physics.experiments.search import ChangeOutcome, Search
 
 FRICTION = Change("geom_friction", "*10", ("*", 10.0), tuple(range(12)), tuple("abcdefghijkl"))
 GRAVITY = Change("flag.GRAVITY", "^", ("^", None), breaks=True)
 TIMESTEP = Change("option.timestep", "/2", ("/", 2.0))
 
 
-def motion(height_m: float, aside_m: float = 0.0) -> Motion:
+def motion(height_m: float, aside_m: float = 0.0) -> RunMotion:
     """Return the motion of a cube that stays at a height, and of a table beside it."""
     positions = np.zeros((5, 2, 9))
     positions[:, 0, 2::3], positions[:, 1, ::3] = height_m, aside_m
-    return Motion(1, 5, ("cube", "table"), {}, positions)
+    return RunMotion(1, 5, ("cube", "table"), {}, positions)
 
 
 @dataclass
@@ -38,7 +38,7 @@ class Runs:
     def __post_init__(self) -> None:
         self.made: list[Change] = []
 
-    def __call__(self, changes: Iterator[Change]) -> Iterable[tuple[Change, Outcome | None]]:
+    def __call__(self, changes: Iterator[Change]) -> Iterable[tuple[Change, ChangeOutcome | None]]:
         """Run changes, one after another."""
         for change in changes:
             if len(self.made) >= self.most:
@@ -47,12 +47,12 @@ class Runs:
             self.made.append(change)
             height = self.height_m(change)
             moved = motion(height, self.aside_m(change))
-            yield change, Outcome(height > 0.3, height - 0.3, height, [moved])
+            yield change, ChangeOutcome(height > 0.3, height - 0.3, height, [moved])
 
 
 def searched(runs: Runs, *changes: Change) -> Search:
     """Return a search in which a cube is at 0.1 m, and is expected above 0.3 m."""
-    search = Search(Outcome(False, -0.2, 0.1, [motion(0.1)]), runs)
+    search = Search(ChangeOutcome(False, -0.2, 0.1, [motion(0.1)]), runs)
     search.all_of(changes)
     return search
 
@@ -111,8 +111,8 @@ def test_motions_are_compared_at_the_steps_that_both_have() -> None:
     """A body that moves at 1 m/step, in 9 and in 4 steps: the states of steps 0, 4, 8 and 0, 4."""
     positions = np.zeros((9, 1, 9))
     positions[:, 0, ::3] = np.arange(9)[:, None]
-    one = Motion(1, 9, ("cube",), {}, positions)
-    other = Motion(4, 8, ("cube",), {}, positions[::4][:2] + 3.0)
+    one = RunMotion(1, 9, ("cube",), {}, positions)
+    other = RunMotion(4, 8, ("cube",), {}, positions[::4][:2] + 3.0)
     assert apart_m([one], [other])["cube"] == pytest.approx(3 * np.sqrt(3))
     assert side_m({"cube": 3.0, "a": 3.0, "b": 4.0}, besides=["cube"]) == 5
     assert apart_m([one], [replace(other, bodies=("ball",))]).keys() == {"cube"}

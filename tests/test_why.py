@@ -29,7 +29,7 @@ from drop_physics import Scenario, analyze, simulate
 from drop_physics.engines.cures import ROWS, TABLES
 from drop_physics.engines.fork_server import ForkServer
 from drop_physics.engines.pybullet.interventions import INTERVENTIONS
-from drop_physics.engines.pybullet.watch.intervene import Interventions
+from drop_physics.engines.pybullet.watch.intervene import CallInterventions
 from drop_physics.engines.script import Program
 from drop_physics.engines.watching.sites import shown_file
 from drop_physics.errors import DropError, ScenarioError
@@ -807,7 +807,7 @@ def intervened(
     run = INTERVENTIONS.applied(each, Scope([replace(body, client=client)], site=site))
     assert run is not None
     fired: list[int] = []
-    interventions = Interventions(run.operations, fired.append)
+    interventions = CallInterventions(run.operations, fired.append)
     calls = {name: value for name, value in vars(p).items() if callable(value)}
 
     class Otherwise:
@@ -867,7 +867,7 @@ def test_motors_of_several_joints_get_at_least_a_force(client: int) -> None:
     seen: list[Any] = []
     run = INTERVENTIONS.applied(Cure("force", value=70.0), Scope([replace(ARM, client=client)]))
     assert run is not None
-    interventions = Interventions(run.operations, lambda _: None)
+    interventions = CallInterventions(run.operations, lambda _: None)
     calls = {"setJointMotorControlArray": lambda *_, **given: seen.append(given)}
     call = interventions.of("setJointMotorControlArray", calls, p)  # type: ignore[arg-type]
     call(0, [0, 1], p.POSITION_CONTROL, forces=[30, 200], physicsClientId=client)
@@ -959,7 +959,7 @@ def test_calls_reach_the_link_that_they_name(client: int) -> None:
         "setJointMotorControl": lambda *_: None,
         "setJointMotorControl2": lambda **given: seen.append(given),
     }
-    older = Interventions(run.operations, lambda _: None).of("setJointMotorControl", calls, p)  # type: ignore[arg-type]
+    older = CallInterventions(run.operations, lambda _: None).of("setJointMotorControl", calls, p)  # type: ignore[arg-type]
     older(0, 0, p.POSITION_CONTROL, 0.5, 20)  # takes no names, and is client 0's
     assert (seen[0]["jointIndex"], seen[0]["targetPosition"], seen[0]["force"]) == (1, 0.5, 20)
 

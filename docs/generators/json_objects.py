@@ -37,7 +37,14 @@ from drop_physics.drop.results import (
 from drop_physics.engine_report import EngineReport
 from drop_physics.experiments import robustness, run_distance
 from drop_physics.experiments.shares import Shares
-from drop_physics.experiments.swap.answer import Cause, Class, End, First, Nudges, Proved
+from drop_physics.experiments.swap.answer import (
+    Class,
+    DifferenceCause,
+    End,
+    First,
+    Nudges,
+    SwapProof,
+)
 from drop_physics.experiments.verdicts import Verdict
 from drop_physics.explain.actuators import ActuatorRow
 from drop_physics.explain.decomposition import VectorTerms
@@ -116,7 +123,9 @@ CONTRACT: dict[type, set[str]] = {
     JointRow: {field.name for field in fields(JointRow)},
     ActuatorRow: {field.name for field in fields(ActuatorRow)},
     ReplayedSteps: {field.name for field in fields(ReplayedSteps)},
-    account.Row: {field.name for field in fields(account.Row) if field.metadata.get("json", True)},
+    account.AccountRow: {
+        field.name for field in fields(account.AccountRow) if field.metadata.get("json", True)
+    },
     episodes.AtEnd: {field.name for field in fields(episodes.AtEnd)},
     episodes.EpisodeRow: {field.name for field in fields(episodes.EpisodeRow)},
     episodes.FirstContact: {field.name for field in fields(episodes.FirstContact)},
@@ -657,7 +666,7 @@ WHY = Object(
                "moves"}),
 )  # fmt: skip
 DIFF_CAUSE = _object(
-    Cause,
+    DifferenceCause,
     {"what", "field", "element", "a", "b", "site_a", "site_b", "step", "stage", "pair", "feature"},
     a=Any,
     b=Any,
@@ -673,7 +682,7 @@ DIFF = Object(
         "class": Class | None,
         "because": [DIFF_CAUSE],
         "also": [DIFF_CAUSE],
-        "proved": (_object(Proved, {"by", "steps", "of", "exact"}),),
+        "proved": (_object(SwapProof, {"by", "steps", "of", "exact"}),),
         "end": (_object(End, {"value", "unit", "body"}),),
         "nudges": (_object(Nudges, {"size", "ends"}),),
         "no_effect": list[str],

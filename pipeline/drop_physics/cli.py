@@ -477,7 +477,7 @@ def why(given: TypedLine) -> None:
 
 
 @_verb(
-    verbs.Diff,
+    verbs.DiffArguments,
     group=OWN,
     short="Why is one run not the same as another?",
     example="drop diff --with mujoco==3.3.7 --with mujoco==4.0.0 my_script.py",
@@ -495,7 +495,7 @@ def diff(given: TypedLine) -> None:
 
     with script_progress() as (shown, note), swap_progress() as tell:
         stdout, shows = output.descriptor(sys.stderr), shown or verbs.quiet
-        asked = given.of(verbs.Diff)
+        asked = given.of(verbs.DiffArguments)
         result = diff(**asked, note=note, stdout=stdout, tell=tell, progress=shows)
     raise typer.Exit(_show(result, as_json=given["json"]))
 

@@ -9,19 +9,19 @@ import numpy as np
 from drop_physics.account import asked, moved
 from drop_physics.account.carried import Carried
 from drop_physics.account.constrained import Held
-from drop_physics.account.feedback import Given
+from drop_physics.account.feedback import GivenControls
 from drop_physics.account.idle import Overlaps, coasting_row, idle_actuator_rows, weightless_row
 from drop_physics.account.ledger import Ledger, bins_for
 from drop_physics.account.names import Names
 from drop_physics.account.ranking import ranked
 from drop_physics.account.read import Sensed, reading_rows
-from drop_physics.account.rows import Row
+from drop_physics.account.rows import AccountRow
 from drop_physics.account.series import BaseTrack, JointSeries
-from drop_physics.account.subjects import Subject, subject_of
+from drop_physics.account.subjects import MeasuredBody, subject_of
 from drop_physics.account.terms import impulses_by_term, servos_of
-from drop_physics.account.touching import Touching
-from drop_physics.account.words import Words
-from drop_physics.account.written import Written, energy_row
+from drop_physics.account.touching import TouchedPairs
+from drop_physics.account.words import RowWords
+from drop_physics.account.written import WrittenStates, energy_row
 from drop_physics.arrays import Float64
 from drop_physics.explain.causes import Totals
 from drop_physics.explain.driving import control_of
@@ -45,14 +45,14 @@ class Account:
             if not body.soft
         )
         self._seen, self._bins = seen, bins_for(freedoms)
-        self._words = Words(Names(seen.bodies), times)
+        self._words = RowWords(Names(seen.bodies), times)
         self._servos = {number: servos_of(body) for number, body in seen.bodies.items()}
         self._ledgers: dict[int, Ledger] = {}
         self._series: dict[int, list[JointSeries]] = {}
         self._controls: dict[int, list[Float64]] = {}
         """The controls of a body's actuators, shape (n, actuators) for each piece."""
         self._tracks: dict[int, BaseTrack] = {}
-        self._written: dict[int, Written] = {}
+        self._written: dict[int, WrittenStates] = {}
         self._carried: dict[int, Carried] = {}
         self._gravity: dict[int, Float64] = {}
         """The strongest gravity that acted on each body, shape (3,)."""
@@ -60,7 +60,7 @@ class Account:
         """The last sample of each body."""
         self._broken: dict[int, int] = {}
         """The first sample of each body that is no number."""
-        self._touching, self._held, self._overlaps = Touching(), Held(seen), Overlaps(seen)
+        self._touching, self._held, self._overlaps = TouchedPairs(), Held(seen), Overlaps(seen)
         self._sensed = Sensed(seen)
         self._filtered: dict[frozenset[int], str] = {}
         """The line that may have ended contacts of two bodies, or of one, by their numbers."""
@@ -85,7 +85,7 @@ class Account:
 
     def rows(
         self, joints: JointTable, totals: Mapping[int, Totals], about: str | None = None
-    ) -> list[Row]:
+    ) -> list[AccountRow]:
         """Return all rows, the most salient first; `totals` are those of the explanation.
 
         `about` names a body or a joint whose rows come first.
@@ -106,8 +106,8 @@ class Account:
         return ranked(rows, read, about)
 
     def _rows(
-        self, subjects: Mapping[int, Subject], joints: JointTable, totals: Mapping[int, Totals]
-    ) -> Iterator[Row]:
+        self, subjects: Mapping[int, MeasuredBody], joints: JointTable, totals: Mapping[int, Totals]
+    ) -> Iterator[AccountRow]:
         words = self._words
         for number, subject in subjects.items():
             if number in self._broken:
@@ -150,7 +150,7 @@ class Account:
         }
         yield from self._overlaps.rows(subjects, touched, words)
 
-    def _joint_rows(self, subject: Subject, joints: JointTable) -> Iterator[Row]:
+    def _joint_rows(self, subject: MeasuredBody, joints: JointTable) -> Iterator[AccountRow]:
         number, words = subject.body.number, self._words
         rates = subject.tree.joint_rates
         parts = [part for part in self._series[number] if part.after.shape[1] == rates]
@@ -160,7 +160,7 @@ class Account:
         controls = self._controls_of(subject.body, len(series))
         yield from asked.clamped_rows(subject, controls)
         yield from idle_actuator_rows(subject, self._seen, controls)
-        given = Given(subject, series, controls, words)
+        given = GivenControls(subject, series, controls, words)
         yield from given.rows
         for k, aim in given.aims.items():
             series.target[:, k] = aim.target
@@ -176,7 +176,7 @@ class Account:
             }
             rate = series.asked_rate[:, k]
             turns = np.isfinite(rate)
-            row: Row | None
+            row: AccountRow | None
             if np.isfinite(series.target[:, k]).mean() > asked.SELDOM:
                 row = asked.position_row(subject, axis, series, words, needs[k], given.stiffness(k))
             elif turns.mean() > asked.SELDOM and np.abs(rate[turns]).max(initial=0.0) > 0:
@@ -198,7 +198,7 @@ class Account:
             ledger.add(steps, impulses_by_term(steps, normals, self._servos[number]))
             if tree.fixed:
                 self._carried.setdefault(number, Carried()).add(steps)
-        self._written.setdefault(number, Written()).add(steps)
+        self._written.setdefault(number, WrittenStates()).add(steps)
         self._last[number] = int(steps.steps[-1])
         pull = steps.reported.gravity_m_s2
         strongest = pull[int(np.argmax(np.linalg.norm(pull, axis=1)))].copy()
@@ -235,9 +235,9 @@ class Account:
         return {each: given[:, k] for k, each in enumerate(body.actuators)}
 
 
-def _not_finite(subject: Subject, step: int, words: Words) -> Row:
+def _not_finite(subject: MeasuredBody, step: int, words: RowWords) -> AccountRow:
     """Return the row of a body whose state stops being a number."""
-    return Row(
+    return AccountRow(
         kind="moved",
         body=subject.body.label,
         told=Message(

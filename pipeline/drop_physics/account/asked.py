@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from drop_physics.account.ledger import OWN
-from drop_physics.account.rows import Row
+from drop_physics.account.rows import AccountRow
 from drop_physics.account.series import JointSeries
 from drop_physics.account.shaped import off_axle
-from drop_physics.account.subjects import Subject
+from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.terms import GAP, GIVEN, RATE, Term
-from drop_physics.account.words import Words
+from drop_physics.account.words import RowWords
 from drop_physics.arrays import Flags, Float64
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
@@ -54,7 +54,7 @@ class Axis:
         return "N" if self.joint.kind == "prismatic" else "N m"
 
 
-def axes_of(subject: Subject, words: Words) -> Iterator[Axis]:
+def axes_of(subject: MeasuredBody, words: RowWords) -> Iterator[Axis]:
     """Yield the degrees of freedom of a body's joints."""
     body, first = subject.body, subject.tree.first_rate
     for joint, place in zip(body.joints, body.rates, strict=True):
@@ -64,13 +64,13 @@ def axes_of(subject: Subject, words: Words) -> Iterator[Axis]:
 
 
 def position_row(
-    subject: Subject,
+    subject: MeasuredBody,
     axis: Axis,
     series: JointSeries,
-    words: Words,
+    words: RowWords,
     needs: float | None,
     stiffness: float | None = None,
-) -> Row | None:
+) -> AccountRow | None:
     """Return the row of a joint that has position targets, at its telling moment.
 
     `needs` is the effort that holding its last target takes [N] or [N m], None if not known;
@@ -122,7 +122,7 @@ def position_row(
             told = told + Message(", holding its target takes {needs}", needs=holding)
     told = told + (turned_axis(subject, axis) if axis.unit == "m" else Message(""))
     salience = float(gap[at]) / axis.scale / (asked / axis.scale + 0.1)
-    return Row(
+    return AccountRow(
         kind="asked",
         body=subject.body.label,
         joint=axis.name,
@@ -142,7 +142,9 @@ def position_row(
     )
 
 
-def rate_row(subject: Subject, axis: Axis, series: JointSeries, words: Words) -> Row | None:
+def rate_row(
+    subject: MeasuredBody, axis: Axis, series: JointSeries, words: RowWords
+) -> AccountRow | None:
     """Return the row of a joint that a velocity motor turns: its rate, and the way in all."""
     k, steps = axis.joint_rate, series.steps
     asked, rate = series.asked_rate[:, k], series.rate[:, k]
@@ -175,7 +177,7 @@ def rate_row(subject: Subject, axis: Axis, series: JointSeries, words: Words) ->
         told = told + Message("; its drive at its limit")
     along, off = _axis_at_end(subject, axis), off_axle(subject, axis.joint)
     told = told + Message("; about {axis}", axis=along) + off
-    return Row(
+    return AccountRow(
         kind="asked",
         body=subject.body.label,
         joint=axis.name,
@@ -196,12 +198,12 @@ def rate_row(subject: Subject, axis: Axis, series: JointSeries, words: Words) ->
 
 
 def torque_row(
-    subject: Subject,
+    subject: MeasuredBody,
     axis: Axis,
     series: JointSeries,
-    words: Words,
+    words: RowWords,
     actuators: Mapping[Actuator, Float64],
-) -> Row | None:
+) -> AccountRow | None:
     """Return the row of a joint that was given a torque: as it begins, or as its balance breaks.
 
     `actuators` has the motors on the joint with their controls, shape (n,) each.
@@ -247,7 +249,7 @@ def torque_row(
         told = told + Message("; {when} {force}", when=when, force=force)
     still = way / axis.scale < 0.1
     step = ledger.first + begins * ledger.width
-    return Row(
+    return AccountRow(
         kind="given",
         body=subject.body.label,
         joint=axis.name,
@@ -265,7 +267,7 @@ def torque_row(
     )
 
 
-def given_j(subject: Subject, axis: Axis, words: Words) -> float:
+def given_j(subject: MeasuredBody, axis: Axis, words: RowWords) -> float:
     """Return the energy that the drives of a joint gave in all explained steps [J]."""
     works = subject.ledger.work
     driven = (works[term][:, axis.rate] for term in works if words.drives(term, DRIVES))
@@ -290,7 +292,9 @@ def _controls(actuators: Mapping[Actuator, Float64]) -> Message:
     return told
 
 
-def clamped_rows(subject: Subject, controls: Mapping[Actuator, Float64]) -> Iterator[Row]:
+def clamped_rows(
+    subject: MeasuredBody, controls: Mapping[Actuator, Float64]
+) -> Iterator[AccountRow]:
     """Yield a row for each actuator whose control is clamped by its range."""
     for actuator, given in controls.items():
         if actuator.ctrl_range is None or not np.isfinite(given).any():
@@ -301,7 +305,7 @@ def clamped_rows(subject: Subject, controls: Mapping[Actuator, Float64]) -> Iter
             continue
         at = int(np.nanargmax(np.where(outside, np.abs(given), 0.0)))
         asked, got = float(given[at]), float(np.clip(given[at], low, high))
-        yield Row(
+        yield AccountRow(
             kind="asked",
             body=subject.body.label,
             actuator=actuator.name,
@@ -366,7 +370,7 @@ def _telling(gap: Float64, counts: Flags, worst: int, last: int) -> int:
     return last if counts[last] and steady and gap[last] >= 0.5 * gap[worst] else worst
 
 
-def _axes_in_world(subject: Subject, axis: Axis) -> tuple[Float64, Float64] | None:
+def _axes_in_world(subject: MeasuredBody, axis: Axis) -> tuple[Float64, Float64] | None:
     """Return the axis of a joint as a recording begins and ends, unit vectors in world axes."""
     ledger = subject.ledger
     known = np.flatnonzero(ledger.counts)
@@ -378,13 +382,13 @@ def _axes_in_world(subject: Subject, axis: Axis) -> tuple[Float64, Float64] | No
     return None if not lengths.all() else (along[:, 0] / lengths[0], along[:, 1] / lengths[1])
 
 
-def _axis_at_end(subject: Subject, axis: Axis) -> str:
+def _axis_at_end(subject: MeasuredBody, axis: Axis) -> str:
     """Return the world axis nearest to that of a joint at the end."""
     axes = _axes_in_world(subject, axis)
     return "?" if axes is None else main_axis(axes[1])
 
 
-def turned_axis(subject: Subject, axis: Axis) -> Message:
+def turned_axis(subject: MeasuredBody, axis: Axis) -> Message:
     """Return the world axes of a joint whose axis turned by more than half a radian, or nothing."""
     axes = _axes_in_world(subject, axis)
     if axes is None:

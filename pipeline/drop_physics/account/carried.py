@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drop_physics.account.rows import Row
-from drop_physics.account.subjects import Subject
-from drop_physics.account.words import Words
+from drop_physics.account.rows import AccountRow
+from drop_physics.account.subjects import MeasuredBody
+from drop_physics.account.words import RowWords
 from drop_physics.arrays import Float64
 from drop_physics.explain.steps import BodySteps
 from drop_physics.messages import Message
@@ -32,7 +32,7 @@ class Carried:
     """What contacts gave a body with a fixed base; grows piece by piece."""
 
     impulse_n_s: Float64 = field(default_factory=lambda: np.zeros(3))
-    """Of all contacts, world axes."""
+    """Impulse of all contacts, world axes [N s]."""
     first_n_s: Float64 | None = None
     """The momentum before the first step."""
     last_n_s: Float64 = field(default_factory=lambda: np.zeros(3))
@@ -53,7 +53,9 @@ class Carried:
             timestep_s = steps.reported.timestep_s[contacts.step]
             self.impulse_n_s += (contacts.force_n * timestep_s[:, None]).sum(axis=0)
 
-    def row(self, subject: Subject, gravity_m_s2: Float64, words: Words) -> Row | None:
+    def row(
+        self, subject: MeasuredBody, gravity_m_s2: Float64, words: RowWords
+    ) -> AccountRow | None:
         """Return the row of what the base carries; None where it is not known.
 
         The mean force of the base is the change of momentum without gravity's and contacts'; where
@@ -75,7 +77,7 @@ class Carried:
             return None
         rest_n = float(self.impulse_n_s @ up) / seconds
         base_n = weight_n + taken_n - rest_n
-        return Row(
+        return AccountRow(
             kind="held",
             body=body.label,
             told=Message(

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drop_physics.account.rows import Row
-from drop_physics.account.subjects import Subject
-from drop_physics.account.words import Words
+from drop_physics.account.rows import AccountRow
+from drop_physics.account.subjects import MeasuredBody
+from drop_physics.account.words import RowWords
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.joined import FIXED, GEAR, POINT, ConstraintVersion
 from drop_physics.explain.recording import NOBODY, ExplainedPiece
@@ -35,7 +35,7 @@ class HeldEquality:
     """The largest distance of its anchors [m], or of a joint from where the other leads it."""
     gap_step: int = -1
     end: float = 0.0
-    """That after the last step in which it is active."""
+    """The gap after the last step in which the equality is active."""
     active: int = 0
     """Steps in which it is active."""
     steps: int = 0
@@ -154,7 +154,7 @@ class Held:
                     return float(steps.reported.timestep_s[at])
         return np.nan
 
-    def rows(self, subjects: Mapping[int, Subject], words: Words) -> Iterator[Row]:
+    def rows(self, subjects: Mapping[int, MeasuredBody], words: RowWords) -> Iterator[AccountRow]:
         """Yield the rows of constraints, gears and equalities."""
         for held in self._held.values():
             its = [subjects[each] for each in held.last.bodies if each in subjects]
@@ -220,7 +220,9 @@ def _joint_at(explained: ExplainedPiece, body: int, link: int, samples: Int64) -
     return found
 
 
-def _equality_row(held: HeldEquality, subjects: Mapping[int, Subject], words: Words) -> Row | None:
+def _equality_row(
+    held: HeldEquality, subjects: Mapping[int, MeasuredBody], words: RowWords
+) -> AccountRow | None:
     """Return how well an equality holds; None if its bodies have no steps."""
     equality = held.equality
     sides = ((equality.body_a, equality.link_a), (equality.body_b, equality.link_b))
@@ -255,7 +257,7 @@ def _equality_row(held: HeldEquality, subjects: Mapping[int, Subject], words: Wo
             told = told + Message(
                 "; active in {active:,} of {steps:,} steps", active=held.active, steps=held.steps
             )
-    row = Row(
+    row = AccountRow(
         kind="idle" if idle else "asked",
         body=lighter.body.label,
         constraint=equality.name,
@@ -277,7 +279,7 @@ def _equality_row(held: HeldEquality, subjects: Mapping[int, Subject], words: Wo
     )
 
 
-def _gap_row(held: HeldConstraint, its: list[Subject], words: Words) -> Row:
+def _gap_row(held: HeldConstraint, its: list[MeasuredBody], words: RowWords) -> AccountRow:
     lighter = min(its, key=lambda each: each.weight_n)
     size_m = min(each.size_m for each in its)
     names = [
@@ -295,7 +297,7 @@ def _gap_row(held: HeldConstraint, its: list[Subject], words: Words) -> Row:
         most=quantity(held.most_n, "N"),
         weights=number(held.most_n / lighter.weight_n),
     )
-    return Row(
+    return AccountRow(
         kind="asked",
         body=lighter.body.label,
         constraint=" – ".join(names),
@@ -312,7 +314,9 @@ def _gap_row(held: HeldConstraint, its: list[Subject], words: Words) -> Row:
     )
 
 
-def _gear_row(gear: ConstraintVersion, subjects: Mapping[int, Subject], words: Words) -> Row | None:
+def _gear_row(
+    gear: ConstraintVersion, subjects: Mapping[int, MeasuredBody], words: RowWords
+) -> AccountRow | None:
     """Return how far the two joints of a gear moved, None where that is not known."""
     moved: list[tuple[str, float]] = []
     for body, link in zip(gear.bodies, gear.links, strict=True):
@@ -336,7 +340,7 @@ def _gear_row(gear: ConstraintVersion, subjects: Mapping[int, Subject], words: W
         second=number(second),
     )
     subject = subjects[gear.bodies[0]]
-    return Row(
+    return AccountRow(
         kind="asked",
         body=subject.body.label,
         constraint=f"gear {one} – {other}",

@@ -152,7 +152,7 @@ class EpisodeTable:
         self._looked_at, self._names = looked_at, Names(seen.bodies)
         self._counts = [_Counts() for _ in episodes]
         self._held: dict[tuple[int, int], _Held] = {}
-        """By body and rate."""
+        """Joints at their limits, by body and rate."""
         self._of_client: dict[int, list[int]] = {}
         for k, episode in enumerate(episodes):
             self._of_client.setdefault(episode.client, []).append(k)

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from drop_physics.account.rows import Row
+from drop_physics.account.rows import AccountRow
 from drop_physics.account.series import JointSeries
-from drop_physics.account.subjects import Subject
-from drop_physics.account.words import Words
+from drop_physics.account.subjects import MeasuredBody
+from drop_physics.account.words import RowWords
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.quantities import number, quantity
@@ -44,7 +44,7 @@ class Feedback:
     joint: int
     """Index of the joint among those that were compared."""
     late: int
-    """By how many controls the state is late."""
+    """Number of controls by which the state is late."""
     stiffness: float
     """K, per rad or m."""
     damping: float
@@ -137,7 +137,7 @@ class Aim:
     """Force or torque of the drive by the gap [N m/rad] or [N/m]."""
 
 
-class Given:
+class GivenControls:
     """The controls of a body's actuators.
 
     Parameters
@@ -154,10 +154,10 @@ class Given:
 
     def __init__(
         self,
-        subject: Subject,
+        subject: MeasuredBody,
         series: JointSeries,
         controls: Mapping[Actuator, Float64],
-        words: Words,
+        words: RowWords,
     ) -> None:
         self._subject, self._series, self._words = subject, series, words
         self.aims: dict[int, Aim] = {}
@@ -169,7 +169,7 @@ class Given:
         """Return the stiffness with which a joint is driven to an aim; None where none is known."""
         return self.aims[rate].stiffness if rate in self.aims else None
 
-    def _rows(self, controls: Mapping[Actuator, Float64]) -> Iterator[Row]:
+    def _rows(self, controls: Mapping[Actuator, Float64]) -> Iterator[AccountRow]:
         updates = _updates(controls)
         if updates is None:
             return
@@ -226,7 +226,7 @@ class Given:
         held = np.interp(steps, at[kept], target[kept])
         return Aim(np.round(held, 6), found.stiffness * actuator.gear * actuator.kp)
 
-    def _bounded(self, actuator: Actuator, own: int, control: Float64) -> Row | None:
+    def _bounded(self, actuator: Actuator, own: int, control: Float64) -> AccountRow | None:
         """Return the row of a control that is often at the same bounds, within its range."""
         bound = float(control.max())
         low, high = actuator.ctrl_range or (-np.inf, np.inf)
@@ -254,7 +254,7 @@ class Given:
         found: Feedback,
         at: Int64,
         period: int,
-    ) -> Row | None:
+    ) -> AccountRow | None:
         """Return the row of a control that is of another joint, is late, or drives away."""
         names, body = self._words.names, self._subject.body
         steps = self._series.steps[at[:1]]
@@ -290,8 +290,8 @@ class Given:
         group: tuple[object, ...],
         got: float,
         unit: str,
-    ) -> Row:
-        return Row(
+    ) -> AccountRow:
+        return AccountRow(
             kind="given",
             body=self._subject.body.label,
             joint=self._words.names.rate(self._subject.body, own),

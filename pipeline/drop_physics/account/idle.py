@@ -9,9 +9,9 @@ from itertools import combinations, product
 import numpy as np
 
 from drop_physics.account.ledger import Ledger
-from drop_physics.account.rows import Row
-from drop_physics.account.subjects import Subject
-from drop_physics.account.words import Words
+from drop_physics.account.rows import AccountRow
+from drop_physics.account.subjects import MeasuredBody
+from drop_physics.account.words import RowWords
 from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.solids import Solid, overlap_m, solid_of
@@ -88,10 +88,10 @@ class Overlaps:
 
     def rows(
         self,
-        subjects: Mapping[int, Subject],
+        subjects: Mapping[int, MeasuredBody],
         touched: Collection[frozenset[int]],
-        words: Words,
-    ) -> Iterator[Row]:
+        words: RowWords,
+    ) -> Iterator[AccountRow]:
         """Yield a row for each pair of links that got into each other with no contact to push."""
         deepest: dict[frozenset[Place], Overlap] = {}
         for pair in self.pairs:
@@ -113,7 +113,7 @@ class Overlaps:
                 time=words.time(its[0], pair.step),
                 why=pair.why,
             )
-            yield Row(
+            yield AccountRow(
                 kind="idle",
                 body=its[0].body.label,
                 pair=(names[0], names[1]),
@@ -254,8 +254,8 @@ def _root(body: Body, link: int) -> int:
 
 
 def weightless_row(
-    subject: Subject, seen: Seen, gravity_m_s2: Float64, steps: int, words: Words, step: int
-) -> Row | None:
+    subject: MeasuredBody, seen: Seen, gravity_m_s2: Float64, steps: int, words: RowWords, step: int
+) -> AccountRow | None:
     """Return the row of a free body on which nothing ever acts; None if anything does."""
     acting = [
         term
@@ -271,7 +271,7 @@ def weightless_row(
     )
     if is_off(seen, subject.body.client, NO_GRAVITY):
         told = told + Message(", which a flag of the model switches off")
-    return Row(
+    return AccountRow(
         kind="idle",
         body=subject.body.label,
         told=told,
@@ -283,7 +283,7 @@ def weightless_row(
     )
 
 
-def coasting_row(subject: Subject, seen: Seen, words: Words) -> Row | None:
+def coasting_row(subject: MeasuredBody, seen: Seen, words: RowWords) -> AccountRow | None:
     """Return the row of a free body that keeps moving at the end, as no force acts on it.
 
     None if any does in the last tenth of its steps, or these are not explained.
@@ -310,7 +310,7 @@ def coasting_row(subject: Subject, seen: Seen, words: Words) -> Row | None:
         told = told + Message(
             "; the damping of its free joint is {damping}", damping=number(float(damping[0]))
         )
-    return Row(
+    return AccountRow(
         kind="idle",
         body=subject.body.label,
         told=told,
@@ -332,8 +332,8 @@ def _speed_m_s(ledger: Ledger, bins: Int64) -> float:
 
 
 def idle_actuator_rows(
-    subject: Subject, seen: Seen, controls: Mapping[Actuator, Float64]
-) -> Iterator[Row]:
+    subject: MeasuredBody, seen: Seen, controls: Mapping[Actuator, Float64]
+) -> Iterator[AccountRow]:
     """Yield a row for each actuator that was given a control and never gave a force.
 
     A servo that stands where it was sent has none to give.
@@ -354,7 +354,7 @@ def idle_actuator_rows(
             )
             if is_off(seen, subject.body.client, NO_ACTUATION):
                 told = told + Message("; a flag of the model switches actuators off")
-            yield Row(
+            yield AccountRow(
                 kind="idle",
                 body=subject.body.label,
                 actuator=actuator.name,

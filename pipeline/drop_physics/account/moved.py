@@ -9,12 +9,12 @@ import numpy as np
 
 from drop_physics.account.asked import Axis, magnitude, turned_axis
 from drop_physics.account.ledger import given_and_taken
-from drop_physics.account.rows import Row, RowTerm
+from drop_physics.account.rows import AccountRow, RowTerm
 from drop_physics.account.series import BaseTrack, JointSeries
 from drop_physics.account.shaped import mass_outside
-from drop_physics.account.subjects import Subject, turning_rad_s
+from drop_physics.account.subjects import MeasuredBody, turning_rad_s
 from drop_physics.account.terms import Term
-from drop_physics.account.words import Words
+from drop_physics.account.words import RowWords
 from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.quantities import number, quantity
@@ -26,7 +26,9 @@ FALL = 5.0
 """A fall by less than this many sizes, with nothing but gravity giving, is what falls do."""
 
 
-def joint_row(subject: Subject, axis: Axis, series: JointSeries, words: Words) -> Row | None:
+def joint_row(
+    subject: MeasuredBody, axis: Axis, series: JointSeries, words: RowWords
+) -> AccountRow | None:
     """Return the row of a joint that nothing asks for a position, a rate or a torque."""
     k, ledger = axis.joint_rate, subject.ledger
     after = series.after[:, k]
@@ -64,7 +66,7 @@ def joint_row(subject: Subject, axis: Axis, series: JointSeries, words: Words) -
     else:
         why = Message("nothing commands it")
     why = why + _reached(subject, axis) + _undamped(subject, axis)
-    return Row(
+    return AccountRow(
         kind="moved",
         body=subject.body.label,
         joint=axis.name,
@@ -88,7 +90,7 @@ def joint_row(subject: Subject, axis: Axis, series: JointSeries, words: Words) -
     )
 
 
-def _undamped(subject: Subject, axis: Axis) -> Message:
+def _undamped(subject: MeasuredBody, axis: Axis) -> Message:
     """Return the damping of a joint that its file gives and no step has, or nothing."""
     works = subject.ledger.work.get(Term("joint damping"))
     if works is not None and works[:, axis.rate].any():
@@ -103,7 +105,7 @@ def _undamped(subject: Subject, axis: Axis) -> Message:
     return Message("")
 
 
-def _reached(subject: Subject, axis: Axis) -> Message:
+def _reached(subject: MeasuredBody, axis: Axis) -> Message:
     """Return what of a push reaches a joint at first and at last, where that changes."""
     ledger, pushed = subject.ledger, Term("applied")
     if pushed not in ledger.impulse:
@@ -122,7 +124,9 @@ def _reached(subject: Subject, axis: Axis) -> Message:
     return told + turned_axis(subject, axis)
 
 
-def _pushed(subject: Subject, axis: Axis, way: float, step: int, words: Words) -> Row | None:
+def _pushed(
+    subject: MeasuredBody, axis: Axis, way: float, step: int, words: RowWords
+) -> AccountRow | None:
     """Return the row of a joint that a force pushes and that hardly moves."""
     ledger = subject.ledger
     acting = np.flatnonzero(ledger.impulse[Term("applied")][:, axis.rate])
@@ -133,7 +137,7 @@ def _pushed(subject: Subject, axis: Axis, way: float, step: int, words: Words) -
     push = forces.get(Term("applied"), 0.0)
     forces = {term: force * (float(np.sign(push)) or 1.0) for term, force in forces.items()}
     against = -sum(force for force in forces.values() if force < 0)
-    return Row(
+    return AccountRow(
         kind="held",
         body=subject.body.label,
         joint=axis.name,
@@ -155,8 +159,8 @@ def _pushed(subject: Subject, axis: Axis, way: float, step: int, words: Words) -
 
 
 def base_rows(
-    subject: Subject, track: BaseTrack, gravity_m_s2: Float64, words: Words
-) -> Iterator[Row]:
+    subject: MeasuredBody, track: BaseTrack, gravity_m_s2: Float64, words: RowWords
+) -> Iterator[AccountRow]:
     """Yield how far a free base came and who gave it that, and how far it turned."""
     way = track.farthest_m - track.start_m
     distance = float(np.linalg.norm(way))
@@ -167,8 +171,8 @@ def base_rows(
 
 
 def _ways(
-    subject: Subject, track: BaseTrack, way: Float64, gravity_m_s2: Float64, words: Words
-) -> Iterator[Row]:
+    subject: MeasuredBody, track: BaseTrack, way: Float64, gravity_m_s2: Float64, words: RowWords
+) -> Iterator[AccountRow]:
     pull = float(np.linalg.norm(gravity_m_s2))
     up = gravity_m_s2 / pull if pull else np.zeros(3)
     vertical = (way @ up) * up
@@ -185,7 +189,9 @@ def _ways(
         yield replace(aside, salience=sideways / subject.size_m * 0.6)
 
 
-def _way(subject: Subject, track: BaseTrack, way: Float64, main: Float64, words: Words) -> Row:
+def _way(
+    subject: MeasuredBody, track: BaseTrack, way: Float64, main: Float64, words: RowWords
+) -> AccountRow:
     ledger, step = subject.ledger, track.farthest_step
     along = main / np.linalg.norm(main)
     window = ledger.window(ledger.first, step)
@@ -198,7 +204,7 @@ def _way(subject: Subject, track: BaseTrack, way: Float64, main: Float64, words:
     told = told + Message(" by {time}", time=words.time(subject, step))
     if not gave and ledger.covers(window):
         told = told + Message("; nothing gives: its start velocity")
-    return Row(
+    return AccountRow(
         kind="moved",
         body=subject.body.label,
         told=told,
@@ -218,7 +224,7 @@ def _along_axes(way: Float64, far: float) -> str:
     return ", ".join(f"{'xyz'[k]} {quantity(float(way[k]), 'm', '+')}" for k in large)
 
 
-def _turn(subject: Subject, track: BaseTrack, words: Words) -> Row:
+def _turn(subject: MeasuredBody, track: BaseTrack, words: RowWords) -> AccountRow:
     ledger, step = subject.ledger, track.most_turned_step
     window = ledger.window(ledger.first, step)
     covered = ledger.work if ledger.covers(window) else {}
@@ -235,7 +241,7 @@ def _turn(subject: Subject, track: BaseTrack, words: Words) -> Row:
     if spin > 0.05:
         told = told + Message("; still {spin} rad/s at the end", spin=number(spin))
     told = told + mass_outside(subject)
-    return Row(
+    return AccountRow(
         kind="turned",
         body=subject.body.label,
         told=told,
@@ -251,7 +257,7 @@ def _turn(subject: Subject, track: BaseTrack, words: Words) -> Row:
 
 
 def _works(
-    subject: Subject, gave: Mapping[Term, float], took: Mapping[Term, float], words: Words
+    subject: MeasuredBody, gave: Mapping[Term, float], took: Mapping[Term, float], words: RowWords
 ) -> tuple[RowTerm, ...]:
     """Return what gave and what took energy as terms."""
     return (*words.terms(subject, gave, "J")[:3], *words.terms(subject, took, "J")[:3])
@@ -262,5 +268,5 @@ def _most(gave: Mapping[Term, float]) -> str | None:
     return max(gave, key=lambda term: gave[term]).cause if gave else None
 
 
-def _most_given(row: Row) -> str | None:
+def _most_given(row: AccountRow) -> str | None:
     return row.towards[0].cause if row.towards else None

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Hashable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from drop_physics.account.rows import Row
+from drop_physics.account.rows import AccountRow
 
 MOST = 2.5
 """The largest salience: beyond 1 it grows with the logarithm."""
@@ -16,7 +16,9 @@ RAISED = 0.9
 """The only joint that drives a body counts so much of how far that came."""
 
 
-def ranked(rows: Iterable[Row], read: Collection[int], about: str | None = None) -> list[Row]:
+def ranked(
+    rows: Iterable[AccountRow], read: Collection[int], about: str | None = None
+) -> list[AccountRow]:
     """Return the rows, the most salient first; equal ones as one row that counts them.
 
     `read` has the numbers of the bodies that the script reads, empty if it reads all or none.
@@ -26,7 +28,7 @@ def ranked(rows: Iterable[Row], read: Collection[int], about: str | None = None)
     weighed = [*_raised(weighed)]
     weighed.sort(key=lambda row: (not is_about(row, about), -row.salience))
     first: dict[Hashable, int] = {}
-    found: list[Row] = []
+    found: list[AccountRow] = []
     for row in weighed:
         node_of = None if row.subject is None else row.subject.node_of
         key = None if row.group is None else (row.kind, node_of or row.group)
@@ -40,7 +42,7 @@ def ranked(rows: Iterable[Row], read: Collection[int], about: str | None = None)
     return found
 
 
-def is_about(row: Row, about: str | None) -> bool:
+def is_about(row: AccountRow, about: str | None) -> bool:
     """Return whether a row is about a body or a joint, or touches it."""
     if about is None:
         return False
@@ -48,7 +50,7 @@ def is_about(row: Row, about: str | None) -> bool:
     return about in names or (row.subject is not None and about == row.subject.name)
 
 
-def _raised(rows: Sequence[Row]) -> Iterator[Row]:
+def _raised(rows: Sequence[AccountRow]) -> Iterator[AccountRow]:
     """Yield rows, those of joints raised by their share in what drives gave a body that moves."""
     moves: dict[str | None, float] = {}
     gave_j: dict[str | None, float] = {}
@@ -62,7 +64,7 @@ def _raised(rows: Sequence[Row]) -> Iterator[Row]:
         yield replace(row, salience=max(row.salience, raised * share))
 
 
-def _salience(row: Row, read: Collection[int]) -> float:
+def _salience(row: AccountRow, read: Collection[int]) -> float:
     value = row.salience if math.isfinite(row.salience) else 3.0
     value = max(value, 1e-3)
     if value > 1:

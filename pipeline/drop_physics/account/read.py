@@ -6,10 +6,10 @@ from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
 
-from drop_physics.account.rows import Row
-from drop_physics.account.subjects import Subject
+from drop_physics.account.rows import AccountRow
+from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.touching import PairKey, Touched
-from drop_physics.account.words import Words
+from drop_physics.account.words import RowWords
 from drop_physics.explain.contact_points import Points
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.solids import solid_of
@@ -37,11 +37,11 @@ LOOKS = 64
 
 def reading_rows(
     seen: Seen,
-    subjects: Mapping[int, Subject],
+    subjects: Mapping[int, MeasuredBody],
     pairs: Mapping[PairKey, Touched],
     filtered: Mapping[frozenset[int], str],
-    words: Words,
-) -> Iterator[Row]:
+    words: RowWords,
+) -> Iterator[AccountRow]:
     """Yield the rows of the places that read contacts or the reaction of a joint.
 
     `filtered` has the line that filters the contacts of bodies, by their numbers.
@@ -65,7 +65,7 @@ def reading_rows(
         else:
             continue
         step = min(reading.last_step, subject.ledger.last)
-        yield Row(
+        yield AccountRow(
             kind="reads",
             body=subject.body.label,
             site=located(reading.file, reading.line),
@@ -111,10 +111,10 @@ class Sensed:
     def rows(
         self,
         seen: Seen,
-        subjects: Mapping[int, Subject],
+        subjects: Mapping[int, MeasuredBody],
         pairs: Mapping[PairKey, Touched],
-        words: Words,
-    ) -> Iterator[Row]:
+        words: RowWords,
+    ) -> Iterator[AccountRow]:
         """Yield the rows of a model's sensors of touch and force."""
         for sensor in seen.sensors:
             subject = subjects.get(sensor.body)
@@ -133,7 +133,7 @@ class Sensed:
             elif sensor.link > BASE:
                 told = told + _beyond(subject, sensor.link)
             last = subject.ledger.last
-            yield Row(
+            yield AccountRow(
                 kind="reads",
                 body=subject.body.label,
                 site=sensor.name,
@@ -161,7 +161,7 @@ class Sensed:
         return told
 
 
-def _whom(reading: Reading, words: Words) -> str:
+def _whom(reading: Reading, words: RowWords) -> str:
     """Return whose contacts a place reads."""
     for target in reading.targets[:1]:
         one = words.names.link(target.body, BASE if target.link is None else target.link)
@@ -254,7 +254,7 @@ def _reaction(answers: Mapping[str, Answer]) -> Message:
     )
 
 
-def _beyond(subject: Subject, link: int) -> Message:
+def _beyond(subject: MeasuredBody, link: int) -> Message:
     """Return the weight of what hangs on a joint."""
     mass_kg = mass_beyond_kg(subject, {link})
     pull = subject.weight_n / subject.mass_kg if subject.mass_kg else 0.0
@@ -265,7 +265,7 @@ def _beyond(subject: Subject, link: int) -> Message:
     )
 
 
-def mass_beyond_kg(subject: Subject, links: Collection[int]) -> float:
+def mass_beyond_kg(subject: MeasuredBody, links: Collection[int]) -> float:
     """Return the mass of links and of all that hangs on them [kg]."""
     tree, held = subject.tree, set(links)
     for link, parent in enumerate(tree.parents):

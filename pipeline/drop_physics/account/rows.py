@@ -39,7 +39,7 @@ class RowTerm:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class AccountRow:
     """One line of the account."""
 
     kind: Kind

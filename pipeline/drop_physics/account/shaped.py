@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from drop_physics.account.subjects import UNBOUNDED, Subject
+from drop_physics.account.subjects import UNBOUNDED, MeasuredBody
 from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.physics.columns import rotation
@@ -19,7 +19,7 @@ OFF = 0.01
 """Share of its radius, and of a shape's size, from which an offset is told."""
 
 
-def off_axle(subject: Subject, joint: Joint) -> Message:
+def off_axle(subject: MeasuredBody, joint: Joint) -> Message:
     """Return how far the round shape of a link is off the axle that it turns about, or nothing."""
     if joint.kind != "revolute":
         return Message("")
@@ -43,7 +43,7 @@ def off_axle(subject: Subject, joint: Joint) -> Message:
     )
 
 
-def mass_outside(subject: Subject) -> Message:
+def mass_outside(subject: MeasuredBody) -> Message:
     """Return how far the centre of mass of a body of one link is outside its shapes, or nothing."""
     shapes = subject.body.collisions
     if subject.tree.links or not shapes or any(each.kind in UNBOUNDED for each in shapes):

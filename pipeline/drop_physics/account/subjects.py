@@ -21,7 +21,7 @@ LEAST_M = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Subject:
+class MeasuredBody:
     """A body with the scales of its rows."""
 
     body: Body
@@ -43,15 +43,15 @@ class Subject:
         return self.ledger.tree
 
 
-def subject_of(body: Body, ledger: Ledger, gravity_m_s2: Float64) -> Subject:
+def subject_of(body: Body, ledger: Ledger, gravity_m_s2: Float64) -> MeasuredBody:
     """Return a body with its scales; `gravity_m_s2` has the shape (3,)."""
     tree = ledger.tree
     mass_kg = float(tree.masses_kg[1 if tree.fixed else 0 :].sum())
     pull = float(np.linalg.norm(gravity_m_s2)) or STANDARD_GRAVITY_M_S2
-    return Subject(body, ledger, _size_m(body, tree), mass_kg, max(mass_kg * pull, 1e-9))
+    return MeasuredBody(body, ledger, _size_m(body, tree), mass_kg, max(mass_kg * pull, 1e-9))
 
 
-def turning_rad_s(subject: Subject) -> float:
+def turning_rad_s(subject: MeasuredBody) -> float:
     """Return how fast a free base turns in the last tenth of its steps, in the mean [rad/s]."""
     ledger = subject.ledger
     known = np.flatnonzero(ledger.counts)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drop_physics.account.rows import Row
-from drop_physics.account.subjects import Subject, turning_rad_s
-from drop_physics.account.words import Words
+from drop_physics.account.rows import AccountRow
+from drop_physics.account.subjects import MeasuredBody, turning_rad_s
+from drop_physics.account.words import RowWords
 from drop_physics.arrays import Float64
 from drop_physics.explain.contact_points import Pairs
 from drop_physics.messages import Message
@@ -60,7 +60,7 @@ class Touched:
         return float(np.median(forces)) if len(forces) else 0.0
 
 
-class Touching:
+class TouchedPairs:
     """All pairs of links that touched; grows piece by piece."""
 
     def __init__(self) -> None:
@@ -104,7 +104,9 @@ class Touching:
             pressing_n = float(points.normal_n[its].max())
             touched.rubs |= bool((tangential_n[its] > 1e-6 * pressing_n).any())
 
-    def rows(self, subjects: Mapping[int, Subject], seen: Seen, words: Words) -> Iterator[Row]:
+    def rows(
+        self, subjects: Mapping[int, MeasuredBody], seen: Seen, words: RowWords
+    ) -> Iterator[AccountRow]:
         """Yield the rows of all pairs."""
         for key, touched in self.pairs.items():
             its = [subjects[number] for number in dict.fromkeys(key[:2]) if number in subjects]
@@ -115,7 +117,7 @@ class Touching:
             if row is not None:
                 yield row
 
-    def _turning_row(self, subject: Subject, seen: Seen, words: Words) -> Row | None:
+    def _turning_row(self, subject: MeasuredBody, seen: Seen, words: RowWords) -> AccountRow | None:
         """Return the row of a body of one link that turns for ever on what it touches."""
         number, ledger = subject.body.number, subject.ledger
         late = ledger.last - max(1, (ledger.last - ledger.first) // 10)
@@ -127,7 +129,7 @@ class Touching:
             return None
         key = keys[0]
         names = (str(words.names.link(key[0], key[2])), str(words.names.link(key[1], key[3])))
-        return Row(
+        return AccountRow(
             kind="idle",
             body=subject.body.label,
             pair=names,
@@ -159,7 +161,9 @@ def _resists_turning(key: PairKey, seen: Seen) -> bool:
     )
 
 
-def _rows(key: PairKey, touched: Touched, its: list[Subject], words: Words) -> Iterator[Row]:
+def _rows(
+    key: PairKey, touched: Touched, its: list[MeasuredBody], words: RowWords
+) -> Iterator[AccountRow]:
     pair = (str(words.names.link(key[0], key[2])), str(words.names.link(key[1], key[3])))
     weight_n = min(subject.weight_n for subject in its)
     size_m = min(subject.size_m for subject in its)
@@ -178,7 +182,7 @@ def _rows(key: PairKey, touched: Touched, its: list[Subject], words: Words) -> I
         if depth > 1e-3:
             told = told + Message(", {depth} deep", depth=quantity(touched.deepest_m, "m"))
         heavy = np.log10(max(weights, 1e-9)) / 2.5 if weights > WEIGHTS else 0.0
-        yield Row(
+        yield AccountRow(
             kind="press",
             body=lighter.body.label,
             pair=pair,
@@ -212,7 +216,7 @@ def _rows(key: PairKey, touched: Touched, its: list[Subject], words: Words) -> I
                 share=share,
             )
             salience = 0.35 * min(slid, 1.0) * max(share, 0.3)
-        yield Row(
+        yield AccountRow(
             kind="slips",
             body=lighter.body.label,
             pair=pair,

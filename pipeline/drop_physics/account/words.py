@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 from drop_physics.account.ledger import OWN
 from drop_physics.account.names import Names
 from drop_physics.account.rows import RowTerm
-from drop_physics.account.subjects import Subject
+from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.terms import CONTACT, DRAG, FRICTION, Term
 from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.times import StepTimes
@@ -20,25 +20,25 @@ LEAST_SHARE = 0.05
 """A term below this share of the largest is left out."""
 
 
-class Words:
+class RowWords:
     """What rows need to tell of a recording."""
 
     def __init__(self, names: Names, times: Mapping[int, StepTimes]) -> None:
         self.names, self._times = names, times
 
-    def seconds(self, subject: Subject, step: int) -> float:
+    def seconds(self, subject: MeasuredBody, step: int) -> float:
         """Return the time of a sample [s]."""
         return self._times[subject.body.client].of(step)
 
-    def time(self, subject: Subject, step: int) -> Message:
+    def time(self, subject: MeasuredBody, step: int) -> Message:
         """Return the time of a sample as readers see it."""
         return Message("{time} s", time=number(self.seconds(subject, step)))
 
-    def timesteps_s(self, subject: Subject, steps: Int64) -> Float64:
+    def timesteps_s(self, subject: MeasuredBody, steps: Int64) -> Float64:
         """Return the timestep of the steps to some samples [s]."""
         return self._times[subject.body.client].of_steps(steps)[0]
 
-    def around(self, subject: Subject, step: int, steps: int) -> slice:
+    def around(self, subject: MeasuredBody, step: int, steps: int) -> slice:
         """Return the bins around a sample of a recording of so many steps: a hundredth each way."""
         half = max(2, steps // 100)
         return subject.ledger.window(step - half, step + half)
@@ -57,7 +57,7 @@ class Words:
 
     def terms(
         self,
-        subject: Subject,
+        subject: MeasuredBody,
         values: Mapping[Term, float],
         unit: str,
         drives: Collection[str] = (),
@@ -71,7 +71,7 @@ class Words:
         )
         return tuple(self._told(subject, term, told[term], unit) for term in ranked[:MOST_TERMS])
 
-    def _told(self, subject: Subject, term: Term, value: float, unit: str) -> RowTerm:
+    def _told(self, subject: MeasuredBody, term: Term, value: float, unit: str) -> RowTerm:
         body = link = None
         if term.cause in (CONTACT, FRICTION) and term.other is not None:
             body = str(self.names.body(term.other))

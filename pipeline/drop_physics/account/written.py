@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drop_physics.account.rows import Row
-from drop_physics.account.subjects import Subject
+from drop_physics.account.rows import AccountRow
+from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.terms import CONTACT, FRICTION, Term
-from drop_physics.account.words import Words
+from drop_physics.account.words import RowWords
 from drop_physics.explain.steps import BodySteps
 from drop_physics.messages import Message
 from drop_physics.physics.tree import States
@@ -25,7 +25,7 @@ TURNOVER = 0.02
 
 
 @dataclass(eq=False)
-class Written:
+class WrittenStates:
     """The states of a body that calls wrote between steps; grows piece by piece."""
 
     steps: int = 0
@@ -64,7 +64,7 @@ class Written:
         self.way += float(np.abs(begin.joints - end.joints).sum())
         self.velocity += float(np.abs(begin.velocity - end.velocity).sum())
 
-    def row(self, subject: Subject, words: Words) -> Row | None:
+    def row(self, subject: MeasuredBody, words: RowWords) -> AccountRow | None:
         """Return the row of a body whose state was written, None if nothing changed by it."""
         way = self.way / subject.size_m
         if not self.written or (way <= 0.01 and self.velocity <= 0.01):
@@ -81,7 +81,7 @@ class Written:
             told = told + Message(
                 "; changed its velocities by {velocity} in all", velocity=number(self.velocity)
             )
-        return Row(
+        return AccountRow(
             kind="set",
             body=subject.body.label,
             told=told,
@@ -95,12 +95,12 @@ class Written:
 
 
 def energy_row(
-    subject: Subject,
+    subject: MeasuredBody,
     by_cause_j: Mapping[str, float],
     start_j: float,
     end_j: float,
-    words: Words,
-) -> Row | None:
+    words: RowWords,
+) -> AccountRow | None:
     """Return who gave a body energy and who took it; contacts by partner."""
     values = {Term(cause): value for cause, value in by_cause_j.items() if value}
     contacts = {
@@ -121,7 +121,7 @@ def energy_row(
     odd = max((values.get(Term(cause), 0.0) for cause in ODD), default=0.0) / turnover
     large = min(turnover / potential, 1.0)
     main = max(values, key=lambda term: abs(values[term])).cause if values else ""
-    return Row(
+    return AccountRow(
         kind="energy",
         body=subject.body.label,
         told=Message("{start} to {end}", start=quantity(start_j, "J"), end=quantity(end_j, "J")),

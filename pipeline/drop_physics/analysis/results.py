@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 from drop_physics.account.episodes import EpisodeRow
-from drop_physics.account.rows import Row
+from drop_physics.account.rows import AccountRow
 from drop_physics.arrays import Vector
 from drop_physics.engine_report import EngineReport
 from drop_physics.explain.actuators import ActuatorRow
@@ -238,7 +238,7 @@ class Analysis(Printable, reported_by=REPORT):
     """All bodies that ever existed, or that of `--body`."""
     findings: list[Finding]
     """What was asked and what happened instead, and why; the gravest first."""
-    account: Sequence[Row] = ()
+    account: Sequence[AccountRow] = ()
     """What was asked, given, moved and held, with the terms of the sum; the most salient first."""
     episodes: Sequence[EpisodeRow] = ()
     """The episodes of all simulations, in the order in which they ended."""

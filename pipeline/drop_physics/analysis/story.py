@@ -11,7 +11,7 @@ import numpy as np
 
 from drop_physics.account.account import Account
 from drop_physics.account.episodes import EpisodeTable
-from drop_physics.account.rows import Row
+from drop_physics.account.rows import AccountRow
 from drop_physics.analysis.bodies import BodyStory
 from drop_physics.analysis.phases import runs_of
 from drop_physics.analysis.results import Analysis, Explained
@@ -201,9 +201,9 @@ class Story:
         return [] if self._rules is None else [*self._rules.findings()]
 
 
-def citing(findings: Iterable[Finding], account: Sequence[Row]) -> Iterator[Finding]:
+def citing(findings: Iterable[Finding], account: Sequence[AccountRow]) -> Iterator[Finding]:
     """Yield findings with the terms of the account's row about the same joint."""
-    rows: dict[tuple[str | None, str], Row] = {}
+    rows: dict[tuple[str | None, str], AccountRow] = {}
     for row in account:
         if row.joint is not None:
             rows.setdefault((row.body, row.joint), row)

@@ -24,7 +24,7 @@ class PairedBody:
 
     name: str
     a: Float64
-    """In each sample, shape (n + 1, k); nan where there is none."""
+    """Values by sample, shape (n + 1, k); nan where there is none."""
     b: Float64
     units: Sequence[str]
     labels: Sequence[str]

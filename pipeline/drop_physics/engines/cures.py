@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drop_physics.engines.interventions import FACTOR, Interventions, Row
+from drop_physics.engines.interventions import FACTOR, ChangeRow, Interventions
 from drop_physics.engines.mujoco.interventions import INTERVENTIONS as MUJOCO
 from drop_physics.engines.pybullet.interventions import INTERVENTIONS as BULLET
 from drop_physics.trace.cures import Cure
@@ -12,7 +12,7 @@ from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 TABLES = {PYBULLET: BULLET, "MuJoCo": MUJOCO}
 """The interventions of each engine, by the engine's name."""
-ROWS: dict[str, Row] = {
+ROWS: dict[str, ChangeRow] = {
     name: row for table in TABLES.values() for name, row in table.rows.items() if ":" not in name
 }
 """The rows of all engines by their names, as `--try` and `--vary` take them."""

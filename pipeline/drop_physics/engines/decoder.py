@@ -13,7 +13,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from drop_physics.engines.frames import Frames
+from drop_physics.engines.frames import FrameStream
 from drop_physics.engines.mujoco.frames import STEP
 from drop_physics.engines.mujoco.watched import MujocoDecoder
 from drop_physics.engines.pybullet.watched import NOTES, BulletDecoder
@@ -77,7 +77,7 @@ class Decoder:
         self.timing = ""
         """File and line that first read a time after a step."""
         self.bullet, self.mujoco = BulletDecoder(finer, self.faults), MujocoDecoder()
-        self._frames = Frames()
+        self._frames = FrameStream()
         self.counters: Sequence[int] = ()
         """The number of readings of each place, as counted in the memory shared with the
         process."""

@@ -14,7 +14,7 @@ class StreamError(DropError):
     """The stream is not from our other half."""
 
 
-class Frames:
+class FrameStream:
     """The frames of a stream; it may arrive in any pieces, and end anywhere."""
 
     def __init__(self) -> None:

@@ -58,7 +58,7 @@ def times(number: float | None) -> How:
 
 
 @dataclass(frozen=True)
-class Row:
+class ChangeRow:
     """One intervention: its name, its words, and the run in which it is made."""
 
     name: str
@@ -174,10 +174,10 @@ def named(names: Sequence[str]) -> str:
     return ", ".join(names) if len(names) <= MOST_NAMES else Message("all {n}", n=len(names))
 
 
-PARAMETER = Row("parameter", whole_run=True)
+PARAMETER = ChangeRow("parameter", whole_run=True)
 OF_ANY = (
-    Row("nudge", below="nudge", usual=NUDGE, whole_run=True),
-    Row("seed", below="draws", whole_run=True),
+    ChangeRow("nudge", below="nudge", usual=NUDGE, whole_run=True),
+    ChangeRow("seed", below="draws", whole_run=True),
     PARAMETER,
 )
 """The rows that any engine has."""
@@ -210,7 +210,7 @@ class Interventions:
 
     def __init__(
         self,
-        rows: Iterable[Row],
+        rows: Iterable[ChangeRow],
         parameters: dict[str, Sequence[str]],
         set_parameter: Callable[[str, float], ChangedRun],
         left_out: Callable[[str, str, int, str | None], ChangedRun | None],
@@ -229,7 +229,7 @@ class Interventions:
         self.parameters, self.left_out = parameters, left_out
         self._set_parameter = set_parameter
 
-    def row_of(self, cure: Cure) -> Row | None:
+    def row_of(self, cure: Cure) -> ChangeRow | None:
         """Return the row of a cure; None if the engine has none such.
 
         A row of the form `given` is for a number that a cure of no form has.

@@ -17,7 +17,7 @@ POINTS = 3
 
 
 @dataclass(frozen=True)
-class Motion:
+class RunMotion:
     """The positions of all bodies of a simulation, at some of its steps."""
 
     stride: int
@@ -27,15 +27,15 @@ class Motion:
     astray: Mapping[str, float]
     """How far each command is from what comes, RMS, in its unit, by name."""
     positions_m: Float64
-    """Of three points of each body: shape (states, bodies, 9); not a number where a body is not
-    there."""
+    """Positions of three points of each body [m], shape (states, bodies, 9); not a number where a
+    body is not there."""
 
 
-def motion_of(told: Mapping[str, Any]) -> Motion:
+def motion_of(told: Mapping[str, Any]) -> RunMotion:
     """Return a motion as a run has told it."""
     bodies = tuple(told["bodies"])
     flat = np.frombuffer(base64.b64decode(told["positions"]))
-    return Motion(
+    return RunMotion(
         told["stride"],
         told["steps"],
         bodies,
@@ -44,7 +44,7 @@ def motion_of(told: Mapping[str, Any]) -> Motion:
     )
 
 
-def apart_m(one: Sequence[Motion], other: Sequence[Motion]) -> dict[str, float]:
+def apart_m(one: Sequence[RunMotion], other: Sequence[RunMotion]) -> dict[str, float]:
     """Return the RMS distance of each body in two runs [m], over the steps that both have made.
 
     Infinite where a body is there in only one of them.
@@ -69,7 +69,7 @@ def apart_m(one: Sequence[Motion], other: Sequence[Motion]) -> dict[str, float]:
     return far
 
 
-def worse(one: Sequence[Motion], other: Sequence[Motion]) -> list[str]:
+def worse(one: Sequence[RunMotion], other: Sequence[RunMotion]) -> list[str]:
     """Return the commands that are followed worse in another run, by their names."""
     return [
         name

@@ -13,7 +13,7 @@ from typing import Any
 
 from drop_physics.engines.watching.single_changes import Change
 from drop_physics.experiments.motion import same, side_m
-from drop_physics.experiments.search import Tried
+from drop_physics.experiments.search import TriedChange
 
 SAME_VALUE = 0.01
 """Outcomes are alike where their quantity differs by less, as a share of it."""
@@ -23,17 +23,17 @@ ADDED = 0.8
 
 
 @dataclass(frozen=True)
-class Said:
+class SaidChange:
     """An outcome that makes it true, by the change that is said of it."""
 
-    tried: Tried
-    alike: Sequence[Tried]
+    tried: TriedChange
+    alike: Sequence[TriedChange]
     """Other changes with the same motion."""
     side_m: float
     """The RMS change of all other motion [m]."""
 
 
-def ranked(tried: Iterable[Tried], besides: Sequence[str] = ()) -> list[Said]:
+def ranked(tried: Iterable[TriedChange], besides: Sequence[str] = ()) -> list[SaidChange]:
     """Return what makes it true, each outcome once, in the order in which it is said.
 
     Parameters
@@ -44,7 +44,7 @@ def ranked(tried: Iterable[Tried], besides: Sequence[str] = ()) -> list[Said]:
         The bodies that the expectation names: their motion is no side effect.
     """
     true = [each for each in sorted(tried, key=lambda e: e.number) if each.outcome.holds]
-    groups: list[list[Tried]] = []
+    groups: list[list[TriedChange]] = []
     for each in true:
         if _has_smaller(each, true):
             continue
@@ -56,11 +56,11 @@ def ranked(tried: Iterable[Tried], besides: Sequence[str] = ()) -> list[Said]:
     said = []
     for group in groups:
         first, *alike = sorted(group, key=_plainness)
-        said.append(Said(first, alike, side_m(first.far_m, besides)))
+        said.append(SaidChange(first, alike, side_m(first.far_m, besides)))
     return sorted(said, key=lambda each: (each.tried.change.breaks, each.side_m))
 
 
-def _has_smaller(each: Tried, true: Sequence[Tried]) -> bool:
+def _has_smaller(each: TriedChange, true: Sequence[TriedChange]) -> bool:
     """Return whether a part of the same change makes it true, too."""
     mine = {*map(str, each.change.ids)}
     return any(
@@ -70,14 +70,14 @@ def _has_smaller(each: Tried, true: Sequence[Tried]) -> bool:
     )
 
 
-def _are_alike(one: Tried, other: Tried) -> bool:
+def _are_alike(one: TriedChange, other: TriedChange) -> bool:
     values = one.outcome.value, other.outcome.value
     alike = math.isclose(*values, rel_tol=SAME_VALUE, abs_tol=1e-9)
     unknown = all(map(math.isnan, values))
     return (alike or unknown) and same(one.far_m, other.far_m)
 
 
-def _plainness(each: Tried) -> tuple[Any, ...]:
+def _plainness(each: TriedChange) -> tuple[Any, ...]:
     """Order outcomes with the same motion: nothing taken away, few elements, a small change."""
     change = each.change
     size = change.is_geometry, size_of(change), each.number

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from drop_physics.engines.watching.single_changes import Change
-from drop_physics.experiments.motion import Motion, apart_m, worse
+from drop_physics.experiments.motion import RunMotion, apart_m, worse
 
 ONE_BY_ONE = 8
 """So many elements are tried one by one; more of them by halves."""
@@ -24,28 +24,28 @@ NARROWED = 3
 NOISE = 10.0
 """A change moves the quantity where it does so by this many times what nudges do."""
 MOST_MOVERS = 12
-"""Of so many kinds that move the quantity, and do not make it true, each element is tried."""
+"""Number of kinds that move the quantity without making it true, and are tried by element."""
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ChangeOutcome:
     """The outcome of a run: whether what was expected came."""
 
     holds: bool
     """Whether it did, in a run that ended as the script's own, in finite numbers."""
     margin: float
-    """By how much; below 0 where it does not."""
+    """The margin by which it holds; below 0 where it does not."""
     value: float
     """The quantity that is compared."""
-    motion: Sequence[Motion] = ()
+    motion: Sequence[RunMotion] = ()
 
 
 @dataclass(frozen=True)
-class Tried:
+class TriedChange:
     """A change that was tried."""
 
     change: Change
-    outcome: Outcome
+    outcome: ChangeOutcome
     number: int
     """Its place in the order in which changes were to be tried."""
     far_m: Mapping[str, float]
@@ -59,7 +59,7 @@ class Tried:
         return self.change.change, self.change.op, self.change.site
 
 
-Run = Callable[[Iterator[Change]], Iterable[tuple[Change, Outcome | None]]]
+Run = Callable[[Iterator[Change]], Iterable[tuple[Change, ChangeOutcome | None]]]
 """Runs a script with changes, and yields their outcomes as they come: None where no time is left.
 It asks for another change whenever it has room, also after there was none."""
 
@@ -80,11 +80,11 @@ class Search:
         Called with the numbers of changes that were tried, and of those that make it true.
     """
 
-    base: Outcome
+    base: ChangeOutcome
     run: Run
     noise: float = 0.0
     told: Callable[[int, int], object] = lambda *_: None
-    tried: list[Tried] = field(default_factory=list)
+    tried: list[TriedChange] = field(default_factory=list)
     _queue: _Queue = field(default_factory=lambda: _Queue())
     complete: bool = True
     """Whether nothing was left out for want of time."""
@@ -102,7 +102,7 @@ class Search:
                 queue.put(part, 2)
         self._drain(queue)
 
-    def least_of(self, each: Tried) -> float | None:
+    def least_of(self, each: TriedChange) -> float | None:
         """Return the least factor that makes it true; None where the change is no factor."""
         operator, factor = each.change.how
         if operator != "*" or factor <= 0:
@@ -117,12 +117,12 @@ class Search:
                 fails, holds = (fails, middle) if outcome.holds else (middle, holds)
         return float(factor**holds)
 
-    def moves(self, each: Tried) -> bool:
+    def moves(self, each: TriedChange) -> bool:
         """Return whether a change moves the quantity by more than chance does."""
         far = abs(each.outcome.margin - self.base.margin)
         return math.isfinite(far) and far > NOISE * self.noise + 1e-12
 
-    def movers(self) -> list[Tried]:
+    def movers(self) -> list[TriedChange]:
         """Return what moves the quantity towards what is expected, the farthest first."""
         near = [each for each in self.tried if self.moves(each) and not each.outcome.holds]
         near = [each for each in near if each.outcome.margin > self.base.margin]
@@ -135,7 +135,7 @@ class Search:
                 continue
             far_m = apart_m(self.base.motion, outcome.motion)
             follows = worse(self.base.motion, outcome.motion)
-            each = Tried(change, outcome, queue.number(change), far_m, follows)
+            each = TriedChange(change, outcome, queue.number(change), far_m, follows)
             self.tried.append(each)
             self.told(len(self.tried), sum(one.outcome.holds for one in self.tried))
             if outcome.holds:

@@ -19,7 +19,7 @@ from drop_physics.arrays import Float64, Int64
 from drop_physics.trace.events import Body
 from drop_physics.trace.frames import (
     CLOCK,
-    Column,
+    FrameColumn,
     Frames,
     ModelEdit,
     ModelPart,
@@ -70,7 +70,7 @@ def packed(frames: Frames, bodies: Mapping[int, Body]) -> PackedFrames:
         }
     sparse: dict[str, dict[str, list[int]]] = {}
     for group in SPARSE:
-        columns: Mapping[str, Column] = getattr(frames, group)
+        columns: Mapping[str, FrameColumn] = getattr(frames, group)
         sparse[group] = {name: [*each.rows.shape] for name, each in columns.items()}
         numbers += [each.rows.ravel() for each in columns.values()]
         at += [each.at for each in columns.values()]
@@ -119,7 +119,7 @@ def inflated(data: bytes) -> bytes:
     return found
 
 
-class Span(NamedTuple):
+class FrameSpan(NamedTuple):
     """The steps that a row is of."""
 
     client: int
@@ -131,7 +131,7 @@ class Span(NamedTuple):
     """Whether the model was changed before any of them."""
 
 
-def span_of(row: PackedFrames) -> Span:
+def span_of(row: PackedFrames) -> FrameSpan:
     """Return which steps a row is of.
 
     Raises
@@ -143,7 +143,7 @@ def span_of(row: PackedFrames) -> Span:
     client, model, first, steps = (
         int(layout[name]) for name in ("client", "model", "first", "steps")
     )
-    return Span(client, model, first, steps, bool(layout["edits"]))
+    return FrameSpan(client, model, first, steps, bool(layout["edits"]))
 
 
 def edits_of(row: PackedFrames) -> list[ModelEdit]:
@@ -181,7 +181,7 @@ def unpacked(row: PackedFrames, numbers_of: Mapping[str, int], series: Series) -
     layout = json.loads(row.layout)
     n, numbers, at = layout["steps"], _Taken(row.numbers), _Taken(row.at)
     many = layout["other_times"]
-    other = Column(at.take(many), numbers.take(many)[:, None])
+    other = FrameColumn(at.take(many), numbers.take(many)[:, None])
     functions = numbers.take(n).astype(np.int64)
     after: dict[str, Float64] = {}
     shared: dict[str, list[SharedColumns]] = {}
@@ -196,7 +196,7 @@ def unpacked(row: PackedFrames, numbers_of: Mapping[str, int], series: Series) -
         rows[:, own] = numbers.take(n * int(own.sum())).reshape(n, -1)
     sparse = {
         group: {
-            name: Column(at.take(count), numbers.take(count * width).reshape(count, width))
+            name: FrameColumn(at.take(count), numbers.take(count * width).reshape(count, width))
             for name, (count, width) in layout[group].items()
         }
         for group in SPARSE
@@ -232,7 +232,7 @@ def _starts_s(frames: Frames) -> Float64:
     return starts_s
 
 
-def _clock_s(n: int, timestep_s: float, other: Column, before: Column) -> Float64:
+def _clock_s(n: int, timestep_s: float, other: FrameColumn, before: FrameColumn) -> Float64:
     """Return the clock after each step [s], shape (n,): added up as the engine does."""
     told, starts = (
         dict(zip(each.at.tolist(), each.rows[:, 0].tolist(), strict=True))

@@ -10,7 +10,7 @@ from drop_physics.quantities import number
 from drop_physics.report.blocks import Fact, Facts, Section, Words
 
 if TYPE_CHECKING:
-    from drop_physics.account.rows import Row, RowTerm
+    from drop_physics.account.rows import AccountRow, RowTerm
     from drop_physics.rules.answer import Finding
 
 FEW, MANY = 6, 12
@@ -37,7 +37,7 @@ WORDS = {
 """The kinds of rows as readers see them."""
 
 
-def account_of(rows: Sequence[Row], findings: Sequence[Finding], most: int) -> list[Section]:
+def account_of(rows: Sequence[AccountRow], findings: Sequence[Finding], most: int) -> list[Section]:
     """Return the account, at most so many rows; nothing where there is none.
 
     A finding that is shown takes the place of the row about the same joint.
@@ -58,7 +58,7 @@ def account_of(rows: Sequence[Row], findings: Sequence[Finding], most: int) -> l
     return [Section(blocks)]
 
 
-def facts_of(row: Row) -> list[Fact]:
+def facts_of(row: AccountRow) -> list[Fact]:
     """Return a row as facts: what was asked and came, and who acts for and against it."""
     who = row.who
     if row.alike:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from drop_physics.experiments.swap.answer import Cause, End, Value
+from drop_physics.experiments.swap.answer import DifferenceCause, End, Value
 from drop_physics.explain.jsonable import jsonable
 from drop_physics.fields import all_of
 from drop_physics.messages import Message, joined, wrapped
@@ -74,7 +74,7 @@ def json_of(diff: Diff) -> dict[str, Any]:
     )
 
 
-def _json_of_cause(cause: Cause) -> dict[str, Any]:
+def _json_of_cause(cause: DifferenceCause) -> dict[str, Any]:
     return {name: value for name, value in asdict(cause).items() if name not in HIDDEN}
 
 
@@ -200,7 +200,7 @@ def _also(diff: Diff) -> Iterator[Fact]:
         yield Fact(Message("also") if not number else "", words)
 
 
-def _cause(diff: Diff, cause: Cause) -> Message:
+def _cause(diff: Diff, cause: DifferenceCause) -> Message:
     if cause.what == "step":
         return _step(diff, cause)
     if cause.what == "known":
@@ -235,7 +235,7 @@ def _cause(diff: Diff, cause: Cause) -> Message:
     return words
 
 
-def _where(words: Message, cause: Cause) -> Message:
+def _where(words: Message, cause: DifferenceCause) -> Message:
     """Return words with step and lines of a cause."""
     if cause.step is not None and cause.steps is None:
         words = joined("", [words, Message(" before step {step}", step=cause.step)])
@@ -243,7 +243,7 @@ def _where(words: Message, cause: Cause) -> Message:
     return joined("", [words, f" ({sites})"]) if sites else words
 
 
-def _known(cause: Cause) -> Message:
+def _known(cause: DifferenceCause) -> Message:
     """Return a known difference between two engines."""
     if cause.step is not None:
         return Message(
@@ -256,7 +256,7 @@ def _known(cause: Cause) -> Message:
     return Message("{name}: {a} → {b}", name=cause.field, a=a, b=b)
 
 
-def _called(cause: Cause, value: Value) -> str:
+def _called(cause: DifferenceCause, value: Value) -> str:
     """Return a call, and the value of its argument."""
     call = str(cause.field)
     if call.endswith(")"):
@@ -268,7 +268,7 @@ def _called(cause: Cause, value: Value) -> str:
     )
 
 
-def _named(cause: Cause) -> Message:
+def _named(cause: DifferenceCause) -> Message:
     name = Message("{field} of {element}", field=cause.field, element=cause.element)
     if cause.others > 0:
         name = joined("", [name, Message(" and {n} more", n=cause.others)])
@@ -277,11 +277,11 @@ def _named(cause: Cause) -> Message:
     return name
 
 
-def _sites(cause: Cause) -> str:
+def _sites(cause: DifferenceCause) -> str:
     return ", ".join(dict.fromkeys(filter(None, (cause.site_a, cause.site_b))))
 
 
-def _step(diff: Diff, cause: Cause) -> Message:
+def _step(diff: Diff, cause: DifferenceCause) -> Message:
     words = Message("{engine} makes another step of the same state", engine=diff.engines[1])
     if cause.stage is None:
         return words

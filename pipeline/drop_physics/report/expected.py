@@ -12,8 +12,8 @@ from drop_physics.quantities import number
 from drop_physics.report.blocks import Column, DataTable, Section, Words
 
 if TYPE_CHECKING:
-    from drop_physics.experiments.ranking import Said
-    from drop_physics.experiments.search import Tried
+    from drop_physics.experiments.ranking import SaidChange
+    from drop_physics.experiments.search import TriedChange
     from drop_physics.stages.why.expect import Expected
 
 FAILS = 3
@@ -72,7 +72,7 @@ def json_of(found: Expected) -> dict[str, Any]:
 
 
 def _json_of(
-    found: Expected, tried: Tried, side_m: float | None, least: float | None
+    found: Expected, tried: TriedChange, side_m: float | None, least: float | None
 ) -> dict[str, Any]:
     change = tried.change
     operand = change.how[1]
@@ -90,7 +90,7 @@ def _json_of(
     }
 
 
-def _named(tried: Tried) -> dict[str, Any]:
+def _named(tried: TriedChange) -> dict[str, Any]:
     change = tried.change
     site = None if change.site is None else ":".join(map(str, change.site))
     return {"change": change.change, "target": [*change.target], "op": change.op, "site": site}
@@ -188,7 +188,9 @@ def _places(found: Expected) -> list[int]:
     return places
 
 
-def _remarks(found: Expected, each: Said, least: float | None, line: tuple[str, str] | None) -> str:
+def _remarks(
+    found: Expected, each: SaidChange, least: float | None, line: tuple[str, str] | None
+) -> str:
     parts: list[str] = []
     if line is not None and each.tried.change.site is None:
         parts.append(" ".join(line).rstrip())

@@ -52,7 +52,7 @@ def named(call: Call) -> Named:
 
 
 @dataclass
-class Episode:
+class AfterRestore:
     """What followed a state that was saved or set."""
 
     begin: Call
@@ -84,18 +84,18 @@ class Episode:
 class Episodes:
     """The episodes of a recording; grows piece by piece."""
 
-    ended: list[Episode] = field(default_factory=list)
-    _now: dict[int, Episode] = field(default_factory=dict)
+    ended: list[AfterRestore] = field(default_factory=list)
+    _now: dict[int, AfterRestore] = field(default_factory=dict)
     """The current episode of each client."""
     _set: dict[Named, tuple[float, ...]] = field(default_factory=dict)
     """The numbers of the latest call of each setter."""
 
-    def all(self) -> Iterator[Episode]:
+    def all(self) -> Iterator[AfterRestore]:
         """Yield all episodes, those of each simulation in order."""
         yield from self.ended
         yield from self._now.values()
 
-    def between(self, first: Episode, second: Episode) -> Iterator[Episode]:
+    def between(self, first: AfterRestore, second: AfterRestore) -> Iterator[AfterRestore]:
         """Yield an episode and those of its simulation after it, up to another one."""
         for each in self.all():
             same = each.begin.client == first.begin.client
@@ -124,9 +124,9 @@ class Episodes:
         if (before := self._now.pop(client, None)) is not None:
             self._until(scene, before, call.at.step)
             self.ended.append(before)
-        self._now[client] = Episode(call)
+        self._now[client] = AfterRestore(call)
 
-    def _take(self, scene: Scene, now: Episode | None, call: Call) -> None:
+    def _take(self, scene: Scene, now: AfterRestore | None, call: Call) -> None:
         """Note what a call sets, and that it was made."""
         pushes = call.act in PUSHES
         if now is not None:
@@ -143,7 +143,7 @@ class Episodes:
         if not pushes:
             self._set[what] = call.numbers
 
-    def _until(self, scene: Scene, episode: Episode, end: int) -> None:
+    def _until(self, scene: Scene, episode: AfterRestore, end: int) -> None:
         """Note that an episode goes on until a sample, and the states that it begins with."""
         episode.end, start = end, episode.begin.at.step
         # A force that no step has used yet waits for the next episode's; used, it is gone.

@@ -58,7 +58,7 @@ class LastingForce:
 
 
 @dataclass(frozen=True)
-class ModelEdit:
+class LastingEdit:
     """What a script wrote into a model."""
 
     call: Call
@@ -82,7 +82,7 @@ class Lasting:
 
     forces: dict[tuple[int, Act, int], LastingForce] = field(default_factory=dict)
     """The writes, by client, field and place."""
-    edits: defaultdict[Act, list[ModelEdit]] = field(default_factory=lambda: defaultdict(list))
+    edits: defaultdict[Act, list[LastingEdit]] = field(default_factory=lambda: defaultdict(list))
     episodes: defaultdict[int, set[int]] = field(default_factory=lambda: defaultdict(lambda: {0}))
     """The steps before which a state was reset, by client; 0 is the run's beginning."""
 
@@ -109,7 +109,7 @@ class Lasting:
                 writes.steps.add(call.at.step)
                 writes.is_computed |= bool(computed_by(call))
             elif call.act in (Act.SET_MASS, Act.SET_DERIVED):
-                self.edits[call.act].append(ModelEdit(call, written_by(call)))
+                self.edits[call.act].append(LastingEdit(call, written_by(call)))
 
     def _turn(self, call: Call) -> None:
         """Note what may be quaternions about z with w last: 0, 0, s, c with c above 0."""

@@ -12,7 +12,7 @@ from drop_physics.quantities import effort
 from drop_physics.rules.answer import Cure, Effect, Span, so_many
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.lasting import ModelEdit
+from drop_physics.rules.lasting import LastingEdit
 from drop_physics.rules.rows import Said
 from drop_physics.rules.rule import input_rule
 from drop_physics.rules.thresholds import EACH_STEP, MASS_EDIT, PUSHES_STEPS, WATCHED
@@ -151,7 +151,7 @@ def model_edited(inputs: Inputs) -> Iterator[Said]:
     anew = {(each.call.client, each.call.at.step) for each in lasting.edits[Act.SET_DERIVED]}
     derived: dict[tuple[int, int], tuple[int, float]] = {}
     """The step at which derived values were computed, and the mass then, by client and body."""
-    worst: dict[int, tuple[float, float, float, ModelEdit, int]] = {}
+    worst: dict[int, tuple[float, float, float, LastingEdit, int]] = {}
     for edit in lasting.edits[Act.SET_MASS]:
         client, step = edit.call.client, edit.call.at.step
         for index, new, before in zip(*(each.tolist() for each in edit.elements), strict=True):

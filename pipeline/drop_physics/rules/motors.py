@@ -13,7 +13,7 @@ from drop_physics.messages import Message
 from drop_physics.quantities import effort
 from drop_physics.rules.answer import Scene
 from drop_physics.rules.joint import RADIANS, is_degrees
-from drop_physics.rules.rows import Remedy, Row, Worst
+from drop_physics.rules.rows import Remedy, SayingRow, Worst
 from drop_physics.rules.rule import Match, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
@@ -63,21 +63,21 @@ def _beyond(worst: Worst) -> dict[str, object]:
 
 
 target_clamped.rows(
-    Row(
+    SayingRow(
         when=lambda it: it.unit == "rad" and is_degrees(it.target, it.lower, it.upper),
         advice=RADIANS,
         reason="units",
     ),
-    Row(
+    SayingRow(
         when=lambda it: it.lower == it.upper,
         advice=Message("its limits leave it no range; give it one: {call}"),
         cure=OTHER_LIMITS,
     ),
-    Row(
+    SayingRow(
         advice=Message("give a target within {lower:.4g} and {upper:.4g}, or other limits: {call}"),
         cure=OTHER_LIMITS,
     ),
-    like=Row(
+    like=SayingRow(
         says=Message(
             "{joint}{more} is sent to {target:.4g} {unit}, beyond its {side} limit of {limit:.4g} "
             "{unit}: PyBullet takes the limit as the target"
@@ -123,7 +123,7 @@ def _shakes(worst: Worst) -> dict[str, object]:
 
 
 motor_gain.rows(
-    Row(
+    SayingRow(
         says=Message(
             "{joint} shakes, up to {size:gap} off its target, with {gains}: gains are shares of "
             "the gap per step"
@@ -147,7 +147,7 @@ def timestep_after_motor(joints: JointColumns) -> Match:
 
 
 timestep_after_motor.rows(
-    Row(
+    SayingRow(
         says=Message(
             "{joint} has a motor of {limit:N} in place of the {force:N} it was given: the timestep "
             "was changed after that call"
@@ -170,7 +170,7 @@ def substeps_scale_motors(joints: JointColumns) -> Match:
 
 
 substeps_scale_motors.rows(
-    Row(
+    SayingRow(
         says=Message(
             "{joint} has a motor that gives up to {given:N}, where {force:N} is its limit: with "
             "numSubSteps={substeps:.0f} the limit counts in each substep"
@@ -225,20 +225,20 @@ def _enforced(worst: Worst) -> dict[str, object]:
 
 
 beyond_urdf.rows(
-    Row(
+    SayingRow(
         when=lambda it: not it.force and it.goal > it.limit,
         advice=Message("give it a targetVelocity of {limit:g} or less"),
     ),
-    Row(
+    SayingRow(
         when=lambda it: it.force,
         cure=Remedy("urdf-limits", "joint", "limit", given={"force": "limit"}),
     ),
-    Row(
+    SayingRow(
         when=lambda it: np.isnan(it.goal),
         cure=Remedy("urdf-limits", "joint", "limit", given={"maxVelocity": "limit"}),
     ),
-    Row(),
-    like=Row(
+    SayingRow(),
+    like=SayingRow(
         says=Message(
             "{joint} reaches {written} where its file allows {allowed}, in {steps}: "
             "PyBullet's motors do not enforce that limit (joints beyond theirs: {joints})"
@@ -292,7 +292,7 @@ def _damps(worst: Worst) -> dict[str, object]:
 
 
 joint_damping.rows(
-    Row(
+    SayingRow(
         says=Message(
             "{joint} is driven by torques: beyond its weight they give it {driven:N s}, and the "
             "joint damping in its file, {damping:N s/rad}, takes {taken:N s} (joints of this "
@@ -377,7 +377,7 @@ def _follows(worst: Worst) -> dict[str, object]:
     }
 
 
-NOT_FOLLOWED = Row(
+NOT_FOLLOWED = SayingRow(
     says=Message(
         "{joint} is {gap:gap} away from where its <mimic> tag puts it: PyBullet ignores the tag, "
         "so it does not follow {of} (joints that do not follow: {joints})"
@@ -387,5 +387,5 @@ NOT_FOLLOWED = Row(
     share="part",
 )
 mimic_ignored.rows(
-    Row(when=lambda it: it.sent), Row(level="note"), like=NOT_FOLLOWED, noting=_follows
+    SayingRow(when=lambda it: it.sent), SayingRow(level="note"), like=NOT_FOLLOWED, noting=_follows
 )

@@ -12,7 +12,7 @@ from drop_physics.messages import Message
 from drop_physics.quantities import gap as distance
 from drop_physics.rules.answer import Cure, Effect, Scene, Span
 from drop_physics.rules.arguments import given
-from drop_physics.rules.episodes import Episode, Key, Named
+from drop_physics.rules.episodes import AfterRestore, Key, Named
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.joint import units
 from drop_physics.rules.rows import Said
@@ -27,7 +27,7 @@ from drop_physics.trace.states import by_body
 @input_rule("restore-differs", "asked")
 def restore_differs(inputs: Inputs) -> Iterator[Said]:
     """Episodes that begin in the same state, with the same calls, are not equal to the bit."""
-    kinds: defaultdict[tuple[object, ...], list[Episode]] = defaultdict(list)
+    kinds: defaultdict[tuple[object, ...], list[AfterRestore]] = defaultdict(list)
     for each in inputs.episodes.all():
         if each.end - each.begin.at.step >= EPISODE_STEPS:  # else something is moved by resets
             kinds[each.kind].append(each)
@@ -41,14 +41,14 @@ def restore_differs(inputs: Inputs) -> Iterator[Said]:
                 break
 
 
-def _alike(first: Episode, second: Episode) -> int:
+def _alike(first: AfterRestore, second: AfterRestore) -> int:
     """Return for how many steps the calls of two episodes are the same."""
     asked = first.calls.items() ^ second.calls.items()
     lengths = (each.end - each.begin.at.step for each in (first, second))
     return min(*lengths, *(since for since, _ in asked), 1 << 40)
 
 
-def _compared(inputs: Inputs, first: Episode, second: Episode) -> Said | None:
+def _compared(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> Said | None:
     scene = inputs.scene
     same = first.starts.keys() == second.starts.keys() and all(
         np.array_equal(start, second.starts[key], equal_nan=True)
@@ -105,7 +105,7 @@ def _compared(inputs: Inputs, first: Episode, second: Episode) -> Said | None:
     )
 
 
-def _other_order(inputs: Inputs, first: Episode, second: Episode) -> bool:
+def _other_order(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> bool:
     """Return whether pairs in another order are what differs, and not contacts of before.
 
     A state that was saved before the first step of what touches has no contacts to restore.
@@ -177,7 +177,7 @@ def _places(
 
 
 def _cause(
-    inputs: Inputs, first: Episode, second: Episode, engine_id: int
+    inputs: Inputs, first: AfterRestore, second: AfterRestore, engine_id: int
 ) -> tuple[Message, Call | None] | None:
     """Return why a body's episode differs from an earlier one, and the call to blame."""
     function, cleared = second.begin.function, second.begin.act is Act.CLEAR

@@ -168,7 +168,7 @@ class Remedy:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class SayingRow:
     """What is said of the worst where a condition holds, and the change that would cure it."""
 
     when: Callable[[Worst], object] | None = None
@@ -194,7 +194,7 @@ class Row:
     other: str | None = None
     """The name of the label of the other body."""
 
-    def like(self, row: Row) -> Row:
+    def like(self, row: SayingRow) -> SayingRow:
         """Return this row, with what it leaves out taken from another."""
         left = (each.name for each in fields(self) if getattr(self, each.name) is None)
         return replace(self, **{name: getattr(row, name) for name in left})

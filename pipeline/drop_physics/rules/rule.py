@@ -29,7 +29,7 @@ from drop_physics.rules.answer import Finding, Level, Scene, and_more
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.engines import BULLETS, engine_of
 from drop_physics.rules.joint import link_of, units
-from drop_physics.rules.rows import Row, Said, Worst, filled
+from drop_physics.rules.rows import Said, SayingRow, Worst, filled
 from drop_physics.rules.runs import Kind, Runs
 from drop_physics.rules.tables import TABLES, RuleTable, TableName, tables
 from drop_physics.rules.target_columns import left_standing
@@ -143,7 +143,7 @@ class Rule:
     """Whether its advice is only to be tried: the message says what is seen, and no cause."""
     sizes: Callable[[Runs, Scene], Float64] = every_run
     words: Callable[[Worst], Said | None] = lambda _: None
-    told: Sequence[Row] = ()
+    told: Sequence[SayingRow] = ()
     """Its rows, where what it says is data."""
 
     @property
@@ -153,8 +153,8 @@ class Rule:
 
     def rows(
         self,
-        *rows: Row,
-        like: Row | None = None,
+        *rows: SayingRow,
+        like: SayingRow | None = None,
         noting: Callable[[Worst], Mapping[str, object] | None] = lambda _: {},
     ) -> None:
         """Set the rows, of which the first that holds is said of the worst.

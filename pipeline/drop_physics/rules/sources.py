@@ -22,7 +22,7 @@ from drop_physics.rules.answer import LEVELS, Level
 from drop_physics.rules.codes import CODES
 from drop_physics.rules.engines import MUJOCO, MUJOCOS
 from drop_physics.rules.every import RULES
-from drop_physics.rules.rows import Row
+from drop_physics.rules.rows import SayingRow
 from drop_physics.rules.rule import Rule
 from drop_physics.trace.cures import Cure
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
@@ -177,7 +177,7 @@ def _add(known: RuleTexts, parts: list[ast.FunctionDef], limits: set[str], level
     known.level = min(rated, key=LEVELS.index, default=None)
 
 
-def _add_row(known: RuleTexts, rule: Rule, row: Row) -> None:
+def _add_row(known: RuleTexts, rule: Rule, row: SayingRow) -> None:
     """Add to what is known of a name what a row of it tells."""
     proposed = rule.proposes if row.proposed is None else row.proposed
     engine = MUJOCO if rule.engines == MUJOCOS else PYBULLET

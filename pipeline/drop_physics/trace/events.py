@@ -171,7 +171,7 @@ class FileRequests:
     links: tuple[FileLink, ...] = ()
     mimics: tuple[Mimic, ...] = ()
     dampings: tuple[FileDamping, ...] = ()
-    """Of a file whose damping the engine may not read."""
+    """Joint dampings that the file asks for, and the engine may not read."""
 
 
 @dataclass(frozen=True)
@@ -631,8 +631,8 @@ class Equality:
     of_world: tuple[bool, bool] = (False, False)
     """Whether each side is the world."""
     coefficients: tuple[float, ...] = ()
-    """Of a polynomial by which the first joint follows the second: c0 + c1 x + … from the
-    positions in which the model was made."""
+    """Coefficients of a polynomial by which the first joint follows the second: c0 + c1 x + …
+    from the positions in which the model was made."""
     rest: tuple[float, ...] = ()
     """These positions of both joints [rad] or [m]."""
 

@@ -33,7 +33,7 @@ class ModelPart:
     data: bytes
 
 
-class Column(NamedTuple):
+class FrameColumn(NamedTuple):
     """Values of one name at some steps of a piece."""
 
     at: Int64
@@ -89,12 +89,12 @@ class Frames:
     """The function that made each step, by the engine's number, shape (n,)."""
     after: Mapping[str, Float64]
     """The parts of the state after each step, shape (n, width) each."""
-    before: Mapping[str, Column]
+    before: Mapping[str, FrameColumn]
     """The state before a step, with its `clock_s`, where that is not what the step before left,
     and before the first one."""
-    inputs: Mapping[str, Column]
+    inputs: Mapping[str, FrameColumn]
     """What acts from outside, from a step on until the next row; the first is of step 0."""
-    posed: Mapping[str, Column] = field(default_factory=dict)
+    posed: Mapping[str, FrameColumn] = field(default_factory=dict)
     """The parts of another state that the engine had computed positions for before a step."""
     edits: Sequence[ModelEdit] = ()
     answers: Sequence[tuple[int, bytes]] = ()

@@ -34,7 +34,7 @@ class LoggedCall:
     """The body that it is about, in words."""
     raises: bool = False
     content: bytes | None = None
-    """Of the file that it names."""
+    """Bytes of the file that the call names."""
     key: object = None
     """The same for calls that do the same, whatever the names of files that they load."""
 

@@ -20,7 +20,7 @@ Window = tuple[int, int, int]
 start from."""
 
 
-class _Place(NamedTuple):
+class EventPlace(NamedTuple):
     """Where an event is."""
 
     first: int
@@ -37,7 +37,7 @@ class LaterSums:
     def __init__(self) -> None:
         self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by the next line
         weakref.finalize(self, self._file.close)
-        self._places: list[_Place] = []
+        self._places: list[EventPlace] = []
         self.windows: list[Window] = []
         """The steps that are explained."""
         self.causes: dict[int, ImpulseCause] = {}
@@ -53,7 +53,7 @@ class LaterSums:
                     self.pairs.append(event)
                 case Impulses() | ContactRows() if len(event.steps):
                     first, end = int(event.steps[0]), int(event.steps[-1]) + 1
-                    self._places.append(_Place(first, end, self._file.seek(0, 2)))
+                    self._places.append(EventPlace(first, end, self._file.seek(0, 2)))
                     pickle.dump(event, self._file, pickle.HIGHEST_PROTOCOL)
                     if isinstance(event, Impulses):
                         self.windows.append((event.client, first - 1, end - 1))

@@ -32,7 +32,7 @@ class Paired:
     """After each step, shape (n, k); None for what no step changes."""
     after_b: Float64 | None = None
     units: Sequence[str] = ()
-    """Of each column, where a reader is told its size: `m`, `rad`, `m/s`, `rad/s`."""
+    """Units of the columns whose differences a reader is told: `m`, `rad`, `m/s`, `rad/s`."""
     is_setting: bool = False
     """Whether it is an option of the engine, written while it runs."""
 

@@ -15,7 +15,7 @@ from drop_physics.engines.mujoco.frames import ASLEEP, USER
 from drop_physics.engines.mujoco.stages_apart import Computed, stages_apart
 from drop_physics.engines.mujoco.swapping import Swapper
 from drop_physics.engines.mujoco.taken import PASSIVE, TICK_S, TakenSteps, aligned
-from drop_physics.trace.frames import CLOCK, Column, Frames, ModelEdit
+from drop_physics.trace.frames import CLOCK, FrameColumn, Frames, ModelEdit
 from drop_physics.trace.swaps import Common, EndApart, Paired, StageApart, TermPut
 
 Float64 = NDArray[np.float64]
@@ -36,7 +36,7 @@ ROWS_OF |= {"mocap_pos": "body", "mocap_quat": "body"}
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
+class CrossedRun:
     """One of the runs."""
 
     engine: str
@@ -61,7 +61,9 @@ class CrossedRuns:
         Whether steps correspond that start and end at the same times, rather than in order.
     """
 
-    def __init__(self, a: Side, b: Side, tolerance: float = 0.0, *, by_time: bool = False) -> None:
+    def __init__(
+        self, a: CrossedRun, b: CrossedRun, tolerance: float = 0.0, *, by_time: bool = False
+    ) -> None:
         lengths, numbers = (len(a.steps), len(b.steps)), None
         if by_time:
             mine, theirs, numbers = aligned(a.steps, b.steps)
@@ -132,7 +134,7 @@ class CrossedRuns:
         width = 6 if name == "xfrc_applied" else 1
         return [*range(width * number, width * (number + 1))]
 
-    def _width(self, side: Side, name: str) -> int:
+    def _width(self, side: CrossedRun, name: str) -> int:
         rows = side.steps.before.get(name, side.steps.inputs.get(name))
         return 0 if rows is None else rows.shape[1]
 
@@ -430,10 +432,10 @@ def _frames(
         functions=whole.functions[steps],
         after={name: _later(each) for name, each in state.items()},
         before={
-            CLOCK: Column(at, starts_s[:1, None]),
-            **{name: Column(at, each[:1]) for name, each in state.items()},
+            CLOCK: FrameColumn(at, starts_s[:1, None]),
+            **{name: FrameColumn(at, each[:1]) for name, each in state.items()},
         },
-        inputs={name: Column(np.arange(len(steps)), rows[name]) for name in into.inputs},
+        inputs={name: FrameColumn(np.arange(len(steps)), rows[name]) for name in into.inputs},
         posed=_posed(whole, steps),
         edits=sorted(edits, key=lambda edit: edit.step),
         answers=[
@@ -451,7 +453,7 @@ def _later(rows: Float64) -> Float64:
     return later
 
 
-def _posed(whole: Frames, steps: Int64) -> dict[str, Column]:
+def _posed(whole: Frames, steps: Int64) -> dict[str, FrameColumn]:
     """Return the parts of other states that positions were computed for, of some steps."""
     found = {}
     for name, column in whole.posed.items():
@@ -459,5 +461,5 @@ def _posed(whole: Frames, steps: Int64) -> dict[str, Column]:
         at = [row for row, step in enumerate(steps.tolist()) if step in rows]
         if at:
             held = np.array([rows[int(steps[row])] for row in at])
-            found[name] = Column(np.array(at, np.int64), held)
+            found[name] = FrameColumn(np.array(at, np.int64), held)
     return found

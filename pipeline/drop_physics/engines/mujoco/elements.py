@@ -118,7 +118,7 @@ def _placed(names: Sequence[str], owners: Sequence[object]) -> Iterator[Key]:
 
 
 class Matched:
-    """Which elements of two models correspond: by name, and what is left in order, if as many."""
+    """Elements of two models that correspond: by name, the others in order if as many are left."""
 
     def __init__(self, a: Elements, b: Elements) -> None:
         self.a, self.b = a, b

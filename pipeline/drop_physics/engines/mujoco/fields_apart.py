@@ -1,4 +1,4 @@
-"""Which fields of two compiled models differ, element by element, and how one's values are put."""
+"""Fields of two compiled models that differ, by element, and the way to put one's values."""
 
 from __future__ import annotations
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from drop_physics.engines.mujoco.described import DescribedBody
 from drop_physics.engines.mujoco.frames import ASLEEP, CORE, STATE, USER
-from drop_physics.engines.mujoco.received import Edited, StepPiece, Written
-from drop_physics.trace.frames import CLOCK, Column, Frames, ModelEdit, SharedColumns
+from drop_physics.engines.mujoco.received import Edited, ReceivedWrite, StepPiece
+from drop_physics.trace.frames import CLOCK, FrameColumn, Frames, ModelEdit, SharedColumns
 
 Float64 = NDArray[np.float64]
 Held = Mapping[str, NDArray[Any]]
@@ -52,7 +52,7 @@ class FramesOfSteps:
         """What sleeps once the step before has been made."""
         self._edits: dict[int, list[Edited]] = {}
 
-    def wrote(self, written: Written, held: Held, piece: StepPiece) -> None:
+    def wrote(self, written: ReceivedWrite, held: Held, piece: StepPiece) -> None:
         """Note what was written before a step; `held` is the state with that."""
         step, parts = written.step, {*written.parts}
         row = step - piece.first - 1
@@ -67,7 +67,7 @@ class FramesOfSteps:
         for name in parts & {*USER}:
             self._inputs[name][step] = held[name]
 
-    def posed(self, written: Written, held: Held) -> None:
+    def posed(self, written: ReceivedWrite, held: Held) -> None:
         """Note for which other state the positions were computed that a step takes."""
         for name, (indices, values) in written.parts.items():
             row = np.array(values if indices is None else held[name], np.float64)
@@ -136,7 +136,7 @@ class FramesOfSteps:
             shared=shared,
         )
 
-    def _asleep_after(self, before: Column, first: int, end: int) -> Float64:
+    def _asleep_after(self, before: FrameColumn, first: int, end: int) -> Float64:
         """Return what sleeps after each step, shape (n, trees)."""
         slept = {step - first: row for step, row in _until(self._asleep, end + 1).items()}
         changed = dict(zip(before.at.tolist(), before.rows, strict=True))
@@ -199,10 +199,10 @@ def _of_width(row: NDArray[Any] | None, width: int) -> Float64:
     return whole
 
 
-def _column(rows: Mapping[int, NDArray[Any] | None], width: int, first: int) -> Column:
+def _column(rows: Mapping[int, NDArray[Any] | None], width: int, first: int) -> FrameColumn:
     """Return rows of a part as a column."""
     whole = np.array([_of_width(row, width) for row in rows.values()])
-    return Column(np.array([*rows], np.int64) - first, whole)
+    return FrameColumn(np.array([*rows], np.int64) - first, whole)
 
 
 def _edit(edit: Edited, first: int) -> ModelEdit:

@@ -15,10 +15,10 @@ from drop_physics.engines.interventions import (
     FACTOR,
     MORE,
     Becomes,
+    ChangeRow,
     How,
     Interventions,
     Operation,
-    Row,
     always,
     done,
     named,
@@ -130,7 +130,7 @@ def _actuators(scope: Scope) -> Iterator[tuple[Actuator, dict[str, Any]]]:
 
 
 @dataclass(frozen=True)
-class FieldRow(Row):
+class FieldRow(ChangeRow):
     """An intervention that is made in fields of a model, or in its state."""
 
     of: Elements = _all
@@ -363,7 +363,7 @@ SEARCHED = (
 
 ROWS = (
     # The whole run.
-    Row(
+    ChangeRow(
         "timestep",
         words="timestep/{value:g}",
         below="finer",
@@ -634,7 +634,7 @@ ROWS = (
         tries="=0 =1",
         breaks="=0",
     ),
-    Row(
+    ChangeRow(
         "concave",
         words=Message("split it into convex parts, a <geom> for each"),
         decides=True,
@@ -670,7 +670,7 @@ ROWS = (
         whole_run=True,
     ),
     *(
-        Row(
+        ChangeRow(
             "",
             change=change,
             words=words,
@@ -680,7 +680,7 @@ ROWS = (
         )
         for change, words, tries, breaks in SEARCHED
     ),
-    Row("", change="geom_solimp", words="solimp", tries="=default stiff", default=SOLIMP),
+    ChangeRow("", change="geom_solimp", words="solimp", tries="=default stiff", default=SOLIMP),
     FieldRow("without", makes=_without, words=Message("without {left_out}"), needs="function"),
 )
 SEES = [{"engine": ENGINE, "do": "see"}]

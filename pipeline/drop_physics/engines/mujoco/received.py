@@ -57,7 +57,7 @@ class ScriptLine:
     via_line: int
 
 
-class Written(NamedTuple):
+class ReceivedWrite(NamedTuple):
     """What was written into a state before a step."""
 
     step: int
@@ -125,7 +125,7 @@ class StepPiece:
     """The state after each step, by name of `frames.CORE`, shape (n, width)."""
     widths: Mapping[str, int]
     """Numbers of elements of the parts that no step sends."""
-    written: list[Written]
+    written: list[ReceivedWrite]
     edited: list[Edited]
     warnings: list[tuple[int, int, int, int]]
     """Warnings: step, kind, how often in that step, and last info."""
@@ -148,7 +148,7 @@ class _World:
     site: int = -1
     payloads: list[bytes] = field(default_factory=list)
     """The steps gathered so far."""
-    written: list[Written] = field(default_factory=list)
+    written: list[ReceivedWrite] = field(default_factory=list)
     edited: list[Edited] = field(default_factory=list)
     warnings: list[tuple[int, int, int, int]] = field(default_factory=list)
     episodes: list[EndedEpisode] = field(default_factory=list)
@@ -294,7 +294,7 @@ class Received:
         if CAUSES[cause] == "mj_forward" and not world.step and "qpos" in parts:
             self.posed_without_steps[number] = self.posed_without_steps.get(number, 0) + 1
         world.written.append(
-            Written(world.step, CAUSES[cause], argument, site, world.site, time_s, parts)
+            ReceivedWrite(world.step, CAUSES[cause], argument, site, world.site, time_s, parts)
         )
         if CAUSES[cause] != "posed":
             world.site = site
@@ -303,7 +303,7 @@ class Received:
         _, cause, _, number, site, argument = frames.DONE_HEAD.unpack_from(payload)
         world = self._worlds[number]
         world.written.append(
-            Written(world.step, CAUSES[cause], argument, site, world.site, np.nan, {})
+            ReceivedWrite(world.step, CAUSES[cause], argument, site, world.site, np.nan, {})
         )
         world.site = site
 

@@ -1,4 +1,4 @@
-"""Which stage of a step differs first between two versions of MuJoCo that make the same step."""
+"""The first stage of one step that differs between two versions of MuJoCo."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ class Computed:
     """What the stages of a step have computed."""
 
     positions: Float64
-    """Of bodies, shape (bodies, 3)."""
+    """Positions of the bodies [m], shape (bodies, 3)."""
     geoms: Float64
-    """Of contact points, shape (n, 2)."""
+    """The two geoms of each contact point, shape (n, 2)."""
     points: Mapping[str, Float64]
     """Numbers of contact points: `dist`, `pos`, `frame`."""
     rows: Mapping[str, Float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drop_physics.engines.mujoco.explain.asked import answers_in
 from drop_physics.engines.mujoco.frames import USER
-from drop_physics.trace.frames import CLOCK, Column, Frames, ModelEdit
+from drop_physics.trace.frames import CLOCK, FrameColumn, Frames, ModelEdit
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -125,10 +125,10 @@ def _places(times_s: Float64) -> dict[int, int]:
     return {tick: step for step, tick in reversed([*enumerate(_ticks(times_s))])}
 
 
-def _some(column: Column, row_of: Mapping[int, int]) -> Column:
+def _some(column: FrameColumn, row_of: Mapping[int, int]) -> FrameColumn:
     which = [n for n, step in enumerate(column.at.tolist()) if step in row_of]
     at = [row_of[step] for step in column.at[which].tolist()]
-    return Column(np.array(at, np.int64), column.rows[which])
+    return FrameColumn(np.array(at, np.int64), column.rows[which])
 
 
 def _starts_s(whole: Frames) -> Float64:
@@ -169,13 +169,13 @@ def joined(pieces: list[Frames]) -> Frames:
     starts = np.cumsum([0, *map(len, pieces)])[:-1].tolist()
     both = [*zip(starts, pieces, strict=True)]
 
-    def columns(group: str) -> dict[str, Column]:
-        found: dict[str, list[tuple[int, Column]]] = {}
+    def columns(group: str) -> dict[str, FrameColumn]:
+        found: dict[str, list[tuple[int, FrameColumn]]] = {}
         for start, piece in both:
             for name, column in getattr(piece, group).items():
                 found.setdefault(name, []).append((start, column))
         return {
-            name: Column(
+            name: FrameColumn(
                 np.concatenate([start + each.at for start, each in its]),
                 np.concatenate([each.rows for _, each in its]),
             )
@@ -186,7 +186,7 @@ def joined(pieces: list[Frames]) -> Frames:
     before = columns("before")
     again = [start for start, piece in both[1:] if _continues(pieces, starts, start)]
     before = {
-        name: Column(each.at[~np.isin(each.at, again)], each.rows[~np.isin(each.at, again)])
+        name: FrameColumn(each.at[~np.isin(each.at, again)], each.rows[~np.isin(each.at, again)])
         for name, each in before.items()
     }
     return replace(
@@ -216,7 +216,7 @@ def _continues(pieces: list[Frames], starts: list[int], start: int) -> bool:
     ) and bool(piece.before[CLOCK].rows[0, 0] == before.clock_s[-1])
 
 
-def _held(column: Column, count: int) -> Float64:
+def _held(column: FrameColumn, count: int) -> Float64:
     """Return the row that holds in each step."""
     which = np.searchsorted(column.at, np.arange(count), side="right") - 1
     rows: Float64 = column.rows[np.maximum(which, 0)]

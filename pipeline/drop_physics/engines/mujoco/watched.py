@@ -35,7 +35,13 @@ from drop_physics.engines.mujoco.framed import FramesOfSteps, KeptFrames, shared
 from drop_physics.engines.mujoco.frames import CAUSES
 from drop_physics.engines.mujoco.held import equalities_of
 from drop_physics.engines.mujoco.impulses import ExplainedSteps
-from drop_physics.engines.mujoco.received import Edited, Received, ScriptLine, StepPiece, Written
+from drop_physics.engines.mujoco.received import (
+    Edited,
+    Received,
+    ReceivedWrite,
+    ScriptLine,
+    StepPiece,
+)
 from drop_physics.engines.mujoco.sensed import sensors_of
 from drop_physics.engines.mujoco.stepping import Stepper, StepsWanted
 from drop_physics.engines.surfaces import surfaces_of
@@ -143,7 +149,7 @@ class MujocoSimulation:
         """Return the time of a step [s]."""
         return self.since_s + (step - self.since_step) * self.timestep_s
 
-    def take(self, written: Written) -> dict[str, Int64]:
+    def take(self, written: ReceivedWrite) -> dict[str, Int64]:
         """Apply what was written; return where that changed something, by part."""
         changed = {}
         for name, (indices, values) in written.parts.items():
@@ -429,7 +435,7 @@ class MujocoDecoder:
             if first <= each.step < end or (each.step >= end and end == _end(piece))
         ]
         edits = sorted(edits, key=lambda each: (each.step, each.name))  # as in every run
-        acts: list[Edited | Written] = [*edits, *wrote]
+        acts: list[Edited | ReceivedWrite] = [*edits, *wrote]
         acts.sort(key=lambda each: each.step)
         its.frames.edited(edits)
         for step, together in itertools.groupby(acts, key=lambda each: each.step):
@@ -442,7 +448,7 @@ class MujocoDecoder:
             elif edited:
                 its.described = self._described(its)
             for each in now:
-                if isinstance(each, Written):
+                if isinstance(each, ReceivedWrite):
                     puts += self._on_written(its, piece, each, rows)
         told = changes
         if not its.began:
@@ -618,7 +624,7 @@ class MujocoDecoder:
     # -- what was set -----------------------------------------------------------------------------
 
     def _on_written(
-        self, its: MujocoSimulation, piece: StepPiece, written: Written, rows: _Rows
+        self, its: MujocoSimulation, piece: StepPiece, written: ReceivedWrite, rows: _Rows
     ) -> Iterator[Put]:
         """Apply what was written before a step; yield the bodies that it moved."""
         step = written.step - its.first
@@ -690,7 +696,7 @@ class MujocoDecoder:
     def _set(
         self,
         its: MujocoSimulation,
-        written: Written,
+        written: ReceivedWrite,
         step: int,
         name: str,
         where: Int64,

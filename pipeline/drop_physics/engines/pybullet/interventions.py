@@ -15,10 +15,10 @@ from drop_physics.engines.interventions import (
     FACTOR,
     MORE,
     Becomes,
+    ChangeRow,
     How,
     Interventions,
     Operation,
-    Row,
     always,
     done,
     named,
@@ -68,7 +68,7 @@ FARTHER = Message("{mm:.3g} mm farther away")
 
 
 @dataclass(frozen=True)
-class CallRow(Row):
+class CallRow(ChangeRow):
     """An intervention that is made in calls of PyBullet."""
 
     makes: Applies | None = None
@@ -397,7 +397,7 @@ SEEN -= {"setRealTimeSimulation", "setInternalSimFlags", "performCollisionDetect
 SEES = [{"do": "see", "functions": [name]} for name in sorted(SEEN)]
 
 ROWS = (
-    Row(
+    ChangeRow(
         "timestep",
         words="p.setTimeStep(… / {value:g})",
         below="finer",
@@ -406,8 +406,8 @@ ROWS = (
         change="timestep",
         tries="/4",
     ),
-    Row("iterations", below="iterations", usual=4.0, whole_run=True),
-    *(Row(f"{name}:{FACTOR}", below=name) for name in ("gravity", "friction", "mass")),
+    ChangeRow("iterations", below="iterations", usual=4.0, whole_run=True),
+    *(ChangeRow(f"{name}:{FACTOR}", below=name) for name in ("gravity", "friction", "mass")),
     CallRow(
         "substeps",
         makes=_without_substeps,
@@ -722,7 +722,7 @@ ROWS = (
     # What the search changes in calls that the script makes, by function and argument: the first
     # pattern counts.
     *(
-        Row(
+        ChangeRow(
             "",
             change=each,
             tries=tries,
@@ -734,7 +734,7 @@ ROWS = (
     ),
     # Calls left out.
     CallRow("without", makes=_without, words=Message("without p.{function}(…)"), needs="function"),
-    Row("without:argument", words=Message("without p.{function}(…, {argument}=…)")),
+    ChangeRow("without:argument", words=Message("without p.{function}(…, {argument}=…)")),
     CallRow(
         "without:of-body",
         makes=_without,

@@ -20,7 +20,7 @@ class Likeness(NamedTuple):
     timestep_s: float
     gravity_m_s2: Sequence[float]
     masses_kg: Sequence[float] | None
-    """Of base and links; None where the links do not correspond."""
+    """Masses of base and links [kg]; None where the links do not correspond."""
     inertias_kg_m2: Sequence[Sequence[float]] | None
     is_limited: bool
     """Whether any of its joints has limits."""

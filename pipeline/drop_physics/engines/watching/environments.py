@@ -27,7 +27,7 @@ LONGEST = 100
 """Most characters of a reason."""
 
 
-class Episode:
+class EpisodeReturns:
     """What an environment's `step` has returned since its `reset`."""
 
     def __init__(self) -> None:
@@ -62,9 +62,9 @@ class Environments:
     def __init__(self, host: ScriptWatch) -> None:
         self._host = host
         self._inside = _Inside()
-        self._now: WeakKeyDictionary[Any, Episode] = WeakKeyDictionary()
+        self._now: WeakKeyDictionary[Any, EpisodeReturns] = WeakKeyDictionary()
         """The latest episode of each environment."""
-        self.episodes: list[Episode] = []
+        self.episodes: list[EpisodeReturns] = []
         """All episodes, in the order of their first steps."""
 
     def listen(self) -> None:
@@ -148,7 +148,7 @@ class Environments:
         episode = self._now.get(inner)
         if episode is not None and episode.length and not episode.how:
             self._end(episode, "reset")
-        begun = Episode()
+        begun = EpisodeReturns()
         if episode is not None and episode.engine is not None:
             begun.engine, begun.world = episode.engine, episode.world
             self._tell(begun, how="begins")
@@ -180,7 +180,7 @@ class Environments:
             )
 
     def _end(
-        self, episode: Episode, how: str, why: str = "", *, success: bool | None = None
+        self, episode: EpisodeReturns, how: str, why: str = "", *, success: bool | None = None
     ) -> None:
         episode.how = how
         self._tell(
@@ -192,7 +192,7 @@ class Environments:
             success=success,
         )
 
-    def _tell(self, episode: Episode, **what: Any) -> None:
+    def _tell(self, episode: EpisodeReturns, **what: Any) -> None:
         if episode.engine is not None and not self._host.pipe.muted:
             episode.engine.tell_episode(world=episode.world, **what)
 

@@ -28,7 +28,7 @@ NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?!\w)"
 """A number in a text."""
 
 
-class Expected(Evaluator):
+class ExpectationEvaluator(Evaluator):
     """Evaluates an expression at the end of a run.
 
     Parameters
@@ -52,7 +52,7 @@ class Expected(Evaluator):
         self._expression = None if text is None else Expression(text)
         self._asserted, self._rows = asserted or text is None, rows
         self._reads = [] if self._expression is None else [*self._expression.reads()]
-        self._tracks: dict[int, Track] = {}
+        self._tracks: dict[int, ObservedSeries] = {}
         self._engines: dict[int, EngineWatch] = {}
         self._frame: Any = None
         self._frames: list[Any] = []
@@ -75,7 +75,7 @@ class Expected(Evaluator):
             return
         track = self._tracks.pop(id(observed), None)
         if track is None:
-            track = Track(observed, self._reads)
+            track = ObservedSeries(observed, self._reads)
             while len(self._tracks) >= MOST_OBSERVED:
                 self._tracks.pop(next(iter(self._tracks)))
         self._tracks[id(observed)] = track  # the last one is the current
@@ -163,7 +163,7 @@ class Expected(Evaluator):
         return read
 
 
-class Track:
+class ObservedSeries:
     """The series of a simulation.
 
     Parameters
@@ -180,7 +180,7 @@ class Track:
     def __init__(
         self, observed: Observed, reads: Sequence[tuple[str, tuple[Any, ...] | None]]
     ) -> None:
-        self.number, Track.made = Track.made, Track.made + 1
+        self.number, ObservedSeries.made = ObservedSeries.made, ObservedSeries.made + 1
         self._observed = observed
         self._waiting = [(kind, names) for kind, names in reads if names is not None]
         """Series whose names are not known yet: a body may be loaded later."""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 NUMBERS = 9
-"""Of three points of a body, in `Observed.positions`."""
+"""Numbers of the three points that stand for a body in `Observed.positions`."""
 NEAREST = 5
 """Known names that are listed beside one that is unknown."""
 

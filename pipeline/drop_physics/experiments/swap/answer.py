@@ -16,7 +16,7 @@ What = Literal["state", "input", "field", "element", "order", "step", "call", "k
 
 
 @dataclass(frozen=True)
-class Cause:
+class DifferenceCause:
     """One thing that differs between two runs, and what it acts on."""
 
     what: What
@@ -39,8 +39,8 @@ class Cause:
     step: int | None = None
     """The first step that it acts in."""
     stage: str | None = None
-    """Of a step: `kinematics`, `collision`, `constraint`, `passive`, `actuator`, `bias`, `solver`
-    or `integrator`."""
+    """Stage of the step: `kinematics`, `collision`, `constraint`, `passive`, `actuator`, `bias`,
+    `solver` or `integrator`."""
     pair: tuple[str, str] | None = None
     """The shapes that touch."""
     feature: str | None = None
@@ -69,11 +69,11 @@ class First:
     size: float
     """The largest difference of one number."""
     unit: str
-    """Of that: `m`, `rad`, `m/s` or `rad/s`."""
+    """Unit of the size: `m`, `rad`, `m/s` or `rad/s`."""
 
 
 @dataclass(frozen=True)
-class Proved:
+class SwapProof:
     """What proves a cause."""
 
     by: str
@@ -107,13 +107,13 @@ class Nudges:
     """Whether the end hangs on the first difference: how far other nudges of its size go."""
 
     size: float
-    """Of each nudge of the velocities."""
+    """Size of a nudge of the velocities."""
     ends: list[float]
     """How far apart each ends from the first run, ascending."""
 
 
 @dataclass(frozen=True)
-class Answer:
+class ProvedDifference:
     """Why one run is not another."""
 
     steps: tuple[int, int]
@@ -123,9 +123,9 @@ class Answer:
     first: First | None
     cls: Class | None
     """None where nothing is proved."""
-    because: Sequence[Cause] = ()
-    also: Sequence[Cause] = ()
-    proved: Proved | None = None
+    because: Sequence[DifferenceCause] = ()
+    also: Sequence[DifferenceCause] = ()
+    proved: SwapProof | None = None
     end: End | None = None
     nudges: Nudges | None = None
     no_effect: Sequence[str] = ()

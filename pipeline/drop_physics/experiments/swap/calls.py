@@ -15,7 +15,14 @@ import numpy as np
 
 from drop_physics.arrays import Float64
 from drop_physics.compare.paired import PairedBody, columns_of, farthest
-from drop_physics.experiments.swap.answer import Answer, Cause, Class, End, Proved, Value
+from drop_physics.experiments.swap.answer import (
+    Class,
+    DifferenceCause,
+    End,
+    ProvedDifference,
+    SwapProof,
+    Value,
+)
 from drop_physics.experiments.swap.cause import alone
 from drop_physics.experiments.swap.first import differs, first_apart
 from drop_physics.experiments.swap.minimal import minimal
@@ -33,7 +40,7 @@ States = Callable[[Sequence[LoggedCall], int], dict[int, Float64] | None]
 
 
 @dataclass(frozen=True, eq=False)
-class Unit:
+class CallUnit:
     """One difference of two logs."""
 
     at: int
@@ -81,9 +88,9 @@ class WhyCalls:
     tolerance: float = 0.0
     moves_alone: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """The bodies that move in one run only: `a` and `b`."""
-    _units: list[Unit] = field(default_factory=list)
+    _units: list[CallUnit] = field(default_factory=list)
 
-    def answer(self) -> Answer:
+    def answer(self) -> ProvedDifference:
         """Return the answer."""
         paired, count = [body for _, body in self.bodies], min(self.lengths)
         common = Common(("", ""), self.lengths, (self.times_s, self.times_s), columns_of(paired))
@@ -91,16 +98,16 @@ class WhyCalls:
         self._units = [*units_of(self.a, self.b)]
         if first is None and any(self.moves_alone.values()):
             told = alone(self.moves_alone)
-            return Answer(self.lengths, count - 1, 0.0, None, "model", told)
+            return ProvedDifference(self.lengths, count - 1, 0.0, None, "model", told)
         if first is None:
             cls: Class = "none" if len({*self.lengths}) == 1 else "length"
             until_s = float(self.times_s[count - 1]) if count else 0.0
             idle = self._names(self._units) if cls == "none" else []
-            return Answer(self.lengths, count - 1, until_s, None, cls, no_effect=idle)
+            return ProvedDifference(self.lengths, count - 1, until_s, None, cls, no_effect=idle)
         step = first.step
         until_s = float(self.times_s[step - 1]) if step else 0.0
         end = farthest(paired, count - 1)
-        answer = Answer(
+        answer = ProvedDifference(
             self.lengths, step - 1, until_s, first, None, end=End(end.value, end.unit, end.body)
         )
         mine, theirs = (self.states(log, count) for log in (self.a, self.b))
@@ -116,14 +123,14 @@ class WhyCalls:
             answer,
             cls=_class_of(least),
             because=[*_told(least)][:MOST_CAUSES],
-            proved=Proved("calls", until, count, not self.tolerance),
+            proved=SwapProof("calls", until, count, not self.tolerance),
             no_effect=self._names([each for each in before if each not in least]),
         )
 
-    def _names(self, units: Sequence[Unit]) -> list[str]:
+    def _names(self, units: Sequence[CallUnit]) -> list[str]:
         return [*dict.fromkeys(each.field or "" for each in _told(units))]
 
-    def _holds(self, units: Sequence[Unit], steps: int) -> bool:
+    def _holds(self, units: Sequence[CallUnit], steps: int) -> bool:
         return self._is(self.states(with_units(self.a, units), steps), steps, second=True)
 
     def _is(self, states: dict[int, Float64] | None, steps: int, *, second: bool) -> bool:
@@ -149,7 +156,7 @@ class WhyCalls:
         return same
 
 
-def units_of(a: Sequence[LoggedCall], b: Sequence[LoggedCall]) -> Iterator[Unit]:
+def units_of(a: Sequence[LoggedCall], b: Sequence[LoggedCall]) -> Iterator[CallUnit]:
     """Yield the differences of two logs, step by step."""
     groups: dict[int, tuple[list[int], list[LoggedCall]]] = {}
     for number, call in enumerate(a):
@@ -170,35 +177,35 @@ def units_of(a: Sequence[LoggedCall], b: Sequence[LoggedCall]) -> Iterator[Unit]
                 yield from _split(begin + i, mine[i:j], theirs[k:m])
 
 
-def _split(at: int, mine: Sequence[LoggedCall], theirs: Sequence[LoggedCall]) -> Iterator[Unit]:
+def _split(at: int, mine: Sequence[LoggedCall], theirs: Sequence[LoggedCall]) -> Iterator[CallUnit]:
     """Yield differences one by one: an argument each, where calls correspond."""
     functions = [[each.function for each in calls] for calls in (mine, theirs)]
     if functions[0] == functions[1]:
         for number, (x, y) in enumerate(zip(mine, theirs, strict=True)):
             names = [n for n in {**x.given, **y.given} if x.given.get(n) != y.given.get(n)]
             for name in names if x.makes == y.makes else ():
-                yield Unit(at + number, [x], [y], name)
+                yield CallUnit(at + number, [x], [y], name)
             if x.makes != y.makes:
-                yield Unit(at + number, [x], [y])
+                yield CallUnit(at + number, [x], [y])
     elif mine and theirs and not {*functions[0]} & {*functions[1]}:
-        yield Unit(at, mine, theirs)
+        yield CallUnit(at, mine, theirs)
     else:
         for number, call in enumerate(mine):
-            yield Unit(at + number, [call])
+            yield CallUnit(at + number, [call])
         for call in theirs:
             yield from _added(at, call)
 
 
-def _added(at: int, call: LoggedCall) -> Iterator[Unit]:
+def _added(at: int, call: LoggedCall) -> Iterator[CallUnit]:
     """Yield a call that only the second log has, an option of the engine each."""
     if call.sets != "setting" or len(call.given) < 2 or not call.function.endswith("Parameter"):
-        yield Unit(at, (), [call])
+        yield CallUnit(at, (), [call])
         return
     for name, value in call.given.items():
-        yield Unit(at, (), [replace(call, given={name: value})], name)
+        yield CallUnit(at, (), [replace(call, given={name: value})], name)
 
 
-def with_units(log: Sequence[LoggedCall], units: Sequence[Unit]) -> list[LoggedCall]:
+def with_units(log: Sequence[LoggedCall], units: Sequence[CallUnit]) -> list[LoggedCall]:
     """Return a log with differences put into it."""
     removed: set[int] = set()
     added: dict[int, list[LoggedCall]] = {}
@@ -230,7 +237,7 @@ def _with_argument(call: LoggedCall, other: LoggedCall, name: str) -> LoggedCall
 # -- in words -------------------------------------------------------------------------------------
 
 
-def _class_of(units: Sequence[Unit]) -> Class:
+def _class_of(units: Sequence[CallUnit]) -> Class:
     sets = set[Sets]().union(*(each.sets for each in units))
     if sets == {"setting"}:
         return "settings"
@@ -239,7 +246,7 @@ def _class_of(units: Sequence[Unit]) -> Class:
     return "start" if sets == {"state"} else "model"
 
 
-def _told(units: Sequence[Unit]) -> Iterator[Cause]:
+def _told(units: Sequence[CallUnit]) -> Iterator[DifferenceCause]:
     removed, added = (
         [call for unit in units for call in (unit.added if which else unit.removed)]
         for which in (0, 1)
@@ -247,20 +254,20 @@ def _told(units: Sequence[Unit]) -> Iterator[Cause]:
     keys = [sorted(str(each.key) for each in calls) for calls in (removed, added)]
     if removed and keys[0] == keys[1]:
         made = [each for each in removed if each.makes is not None]
-        yield Cause("order", element=_names_of(made or removed), site_a=removed[0].site,
+        yield DifferenceCause("order", element=_names_of(made or removed), site_a=removed[0].site,
                     site_b=added[0].site, step=removed[0].step or None)  # fmt: skip
         return
     for unit in units:
         yield _told_unit(unit)
 
 
-def _told_unit(unit: Unit) -> Cause:
+def _told_unit(unit: CallUnit) -> DifferenceCause:
     x, y = (calls[0] if calls else None for calls in (unit.removed, unit.added))
     one = x or y
     assert one is not None
     about = next((each.about for each in (x, y) if each is not None and each.about), None)
     field, a, b = _apart(unit, x, y, one)
-    return Cause(
+    return DifferenceCause(
         "call",
         field,
         about,
@@ -273,7 +280,7 @@ def _told_unit(unit: Unit) -> Cause:
 
 
 def _apart(
-    unit: Unit, x: LoggedCall | None, y: LoggedCall | None, one: LoggedCall
+    unit: CallUnit, x: LoggedCall | None, y: LoggedCall | None, one: LoggedCall
 ) -> tuple[str, Value, Value]:
     """Return what differs, and its value in each run."""
     if not unit.argument:

@@ -15,17 +15,17 @@ import numpy as np
 
 from drop_physics.arrays import Flags, Int64
 from drop_physics.experiments.swap.answer import (
-    Answer,
-    Cause,
     Class,
+    DifferenceCause,
     End,
     First,
     Nudges,
-    Proved,
+    ProvedDifference,
+    SwapProof,
     Value,
 )
 from drop_physics.experiments.swap.first import (
-    Given,
+    FirstInput,
     first_apart,
     first_given,
     first_hidden,
@@ -69,7 +69,7 @@ class HaltedError(Exception):
     """The user wants to know what is known so far."""
 
 
-class Why:
+class CauseSearch:
     """Answers why one run is not another.
 
     Parameters
@@ -99,15 +99,15 @@ class Why:
         self._common, self._fields = one.common, one.common.fields
         self._whole = False
 
-    def answer(self) -> Answer:
+    def answer(self) -> ProvedDifference:
         """Return the answer."""
         return self._numbered(self._found())
 
-    def _numbered(self, answer: Answer) -> Answer:
+    def _numbered(self, answer: ProvedDifference) -> ProvedDifference:
         """Return an answer whose steps have the first run's numbers."""
         number, first = self._common.number, answer.first
 
-        def told(causes: Sequence[Cause]) -> list[Cause]:
+        def told(causes: Sequence[DifferenceCause]) -> list[DifferenceCause]:
             return [
                 each if each.step is None else replace(each, step=number(each.step))
                 for each in causes
@@ -121,22 +121,24 @@ class Why:
             also=told(answer.also),
         )
 
-    def _found(self) -> Answer:
+    def _found(self) -> ProvedDifference:
         """Return the answer, in which steps are numbered as they are compared."""
         common, first = self._common, first_apart(self._common, self._tolerance)
         if first is None and any(common.moves_alone.values()):
             told = alone(common.moves_alone)
-            return Answer(common.lengths, common.steps - 1, 0.0, None, "model", told)
+            return ProvedDifference(common.lengths, common.steps - 1, 0.0, None, "model", told)
         if first is None:
             cls: Class = "none" if len({*common.lengths}) == 1 else "length"
             until_s = float(common.times_s[0][common.steps - 1]) if common.steps else 0.0
             effects = self._idle() if cls == "none" else []
-            return Answer(common.lengths, common.steps - 1, until_s, None, cls, no_effect=effects)
+            return ProvedDifference(
+                common.lengths, common.steps - 1, until_s, None, cls, no_effect=effects
+            )
         step = first.step
         until_s = float(common.times_s[0][step - 1]) if step else 0.0
         last = common.steps - 1
         end = self._one.apart(last)
-        answer = Answer(
+        answer = ProvedDifference(
             common.lengths, step - 1, until_s, first, None, end=End(end.value, end.unit, end.body)
         )
         try:
@@ -157,7 +159,7 @@ class Why:
 
     # -- what was given ---------------------------------------------------------------------------
 
-    def _decided(self, answer: Answer, first: First) -> Answer:
+    def _decided(self, answer: ProvedDifference, first: First) -> ProvedDifference:
         common, step = self._common, first.step
         given = first_given(common.columns, step)
         redone = self._judged(step)
@@ -192,13 +194,15 @@ class Why:
         return np.arange(self._common.steps)
 
     def _by_given(
-        self, answer: Answer, given: Given, step: int, crossed: Flags, redone: Flags
-    ) -> Answer:
+        self, answer: ProvedDifference, given: FirstInput, step: int, crossed: Flags, redone: Flags
+    ) -> ProvedDifference:
         """Return the answer where states and inputs of the first run give its step."""
         cause = [self._told(each) for each in self._needed(given, step)]
         wrong = np.flatnonzero(~crossed & redone)
         by = {"input": "inputs", "edit": "written"}.get(given.paired.kind, "state")
-        proved = Proved(by, int((crossed & redone).sum()), int(redone.sum()), not self._tolerance)
+        proved = SwapProof(
+            by, int((crossed & redone).sum()), int(redone.sum()), not self._tolerance
+        )
         also = self._second(wrong)
         named = {each.field for each in also}
         effects = self._others(named)
@@ -211,7 +215,7 @@ class Why:
             no_effect=effects if not len(wrong) or also else [],
         )
 
-    def _class_of(self, given: Given) -> Class:
+    def _class_of(self, given: FirstInput) -> Class:
         if given.paired.kind == "edit":
             return "settings" if given.paired.is_setting else "model"
         if given.paired.kind != "input":
@@ -223,14 +227,14 @@ class Why:
             return "host"
         return "input"
 
-    def _needed(self, given: Given, step: int) -> list[Given]:
+    def _needed(self, given: FirstInput, step: int) -> list[FirstInput]:
         """Return which of the numbers that differ before a step make it another one."""
         units = [*given_at(self._common.columns, step)]
         of_first = [each for each in units if each.paired is given.paired]
         if len(units) < 2 or not of_first:
             return [given]
 
-        def holds(taken: list[Given]) -> bool:
+        def holds(taken: list[FirstInput]) -> bool:
             kept: dict[str, list[int]] = {}
             for each in units:
                 if each not in taken:
@@ -238,22 +242,22 @@ class Why:
             return bool(self._one.crossed(np.array([step]), (), kept)[0])
 
         least = minimal(of_first, holds) if holds(of_first) else minimal(units, holds)
-        found: dict[str, Given] = {}
+        found: dict[str, FirstInput] = {}
         for each in least:
             earliest = first_given([each.paired], step)
             since = earliest.step if earliest is not None else step
             before = found.get(each.paired.name)
             columns = [*(before.columns if before is not None else []), *each.columns]
             at = [c for c in columns if _is_apart(each, since, c)]
-            found[each.paired.name] = Given(each.paired, since, at or columns)
+            found[each.paired.name] = FirstInput(each.paired, since, at or columns)
         return sorted(found.values(), key=lambda each: each.step)
 
-    def _told(self, given: Given) -> Cause:
+    def _told(self, given: FirstInput) -> DifferenceCause:
         a, b = given.values
         sites = self._site(given.paired.name, given.step)
         what = {"input": "input", "edit": "field"}.get(given.paired.kind, "state")
         elements = given.elements
-        return Cause(
+        return DifferenceCause(
             what,  # type: ignore[arg-type]
             given.paired.name,
             ", ".join(elements[:MOST_CAUSES]) or None,
@@ -265,7 +269,7 @@ class Why:
             others=len(elements) - MOST_CAUSES,
         )
 
-    def _second(self, wrong: Int64) -> list[Cause]:
+    def _second(self, wrong: Int64) -> list[DifferenceCause]:
         """Return what else acts in steps that states and inputs do not mend."""
         if not len(wrong):
             return []
@@ -273,7 +277,7 @@ class Why:
         least = self._least(lambda fields: bool(self._crossed(sample, fields).all()))
         told = [self._told_field(each) for each in self._in_words(least)]
         if not least and not self._alike.engine:
-            told = [Cause("step")]
+            told = [DifferenceCause("step")]
         return [replace(each, step=int(wrong[0]), steps=len(wrong)) for each in told]
 
     # -- the model, or the step -------------------------------------------------------------------
@@ -300,8 +304,13 @@ class Why:
         return minimal([n for name in least for n in of[name]], holds)
 
     def _by_model(
-        self, answer: Answer, given: Given | None, step: int, crossed: Flags, redone: Flags
-    ) -> Answer:
+        self,
+        answer: ProvedDifference,
+        given: FirstInput | None,
+        step: int,
+        crossed: Flags,
+        redone: Flags,
+    ) -> ProvedDifference:
         every = [*range(len(self._fields))]
         fixed = self._crossed(self._steps(), every) if every else crossed
         if not every or not fixed[step]:
@@ -322,7 +331,7 @@ class Why:
             also.append(self._told(given))
         wrong = np.flatnonzero(redone & ~fixed)
         if len(wrong) and not self._alike.engine:
-            also.append(Cause("step", step=int(wrong[0]), steps=len(wrong)))
+            also.append(DifferenceCause("step", step=int(wrong[0]), steps=len(wrong)))
         named = {self._fields[each].field for each in least}
         effects = self._others(named)
         return replace(
@@ -330,11 +339,11 @@ class Why:
             cls="settings" if settings else "model",
             because=told,
             also=also,
-            proved=Proved("fields", int(held.sum()), int(redone.sum()), not self._tolerance),
+            proved=SwapProof("fields", int(held.sum()), int(redone.sum()), not self._tolerance),
             no_effect=effects if held[mended].all() else [],
         )
 
-    def _matters(self, given: Given, step: int, fields: list[int]) -> bool:
+    def _matters(self, given: FirstInput, step: int, fields: list[int]) -> bool:
         """Return whether what was given acts in a step, too, besides fields."""
         kept = {given.paired.name: given.columns}
         return not self._one.crossed(np.array([step]), fields, kept, whole=self._whole)[0]
@@ -345,14 +354,16 @@ class Why:
         sources = [n for n in order if not self._fields[n].is_derived]
         return (sources or order)[:MOST_CAUSES]
 
-    def _told_field(self, number: int) -> Cause:
+    def _told_field(self, number: int) -> DifferenceCause:
         its = self._fields[number]
         if its.is_structure:
-            return Cause("field", its.field)
+            return DifferenceCause("field", its.field)
         a, b = _changed(its)
-        return Cause("field", its.field, its.element or None, a, b, detail=its.of)
+        return DifferenceCause("field", its.field, its.element or None, a, b, detail=its.of)
 
-    def _by_step(self, answer: Answer, crossed: Flags, fixed: Flags, redone: Flags) -> Answer:
+    def _by_step(
+        self, answer: ProvedDifference, crossed: Flags, fixed: Flags, redone: Flags
+    ) -> ProvedDifference:
         """Return the answer where neither what was given nor the model makes the step another."""
         every = [*range(len(self._fields))]
         differ = np.flatnonzero(redone & ~fixed)
@@ -365,7 +376,7 @@ class Why:
         shown: StageApart = stages[which][1] or stages[which][0] if real else stages[0][0]
         features = self._one.features(int(differ[which]), every)
         term = self._one.term(int(differ[which]), every)
-        cause = Cause(
+        cause = DifferenceCause(
             "step",
             element=", ".join(shown.bodies) or None,
             step=int(differ[which]),
@@ -391,7 +402,7 @@ class Why:
             cls="step",
             because=[cause],
             also=also,
-            proved=Proved(
+            proved=SwapProof(
                 "engine",
                 len(differ),
                 int(redone.sum()),
@@ -402,27 +413,29 @@ class Why:
             no_effect=self._others(named),
         )
 
-    def _by_structure(self, answer: Answer, differ: Int64, sizes: object, of: int) -> Answer:
+    def _by_structure(
+        self, answer: ProvedDifference, differ: Int64, sizes: object, of: int
+    ) -> ProvedDifference:
         """Return the answer where one engine made both, so that only the models can differ."""
         only = self._common.only
         beyond = int((np.asarray(sizes) > REAL).sum())
         told = alone(only)
         if not told and self._common.is_reordered:
-            told = [Cause("order")]
+            told = [DifferenceCause("order")]
         if not told and self._common.other_fields:
-            told = [Cause("field", ", ".join(self._common.other_fields[:MOST_CAUSES]))]
+            told = [DifferenceCause("field", ", ".join(self._common.other_fields[:MOST_CAUSES]))]
         if not told:
             return answer
         return replace(
             answer,
             cls="model",
             because=told,
-            proved=Proved("structure", len(differ), of, not self._tolerance, beyond),
+            proved=SwapProof("structure", len(differ), of, not self._tolerance, beyond),
         )
 
     # -- the end ----------------------------------------------------------------------------------
 
-    def _nudged(self, answer: Answer) -> Answer:
+    def _nudged(self, answer: ProvedDifference) -> ProvedDifference:
         """Return the answer with how far other nudges of the first difference's size go."""
         first = answer.first
         if first is None or not 0 < first.size <= SMALL or len({*answer.steps}) > 1:
@@ -432,16 +445,18 @@ class Why:
         return replace(answer, nudges=Nudges(size, ends)) if again else answer
 
 
-def alone(only: Mapping[str, Sequence[str]]) -> list[Cause]:
+def alone(only: Mapping[str, Sequence[str]]) -> list[DifferenceCause]:
     """Return what only one run has, `a` or `b`, as causes."""
     return [
-        Cause("element", None, ", ".join([*dict.fromkeys(names)][:MOST_CAUSES]), *PRESENT[side])
+        DifferenceCause(
+            "element", None, ", ".join([*dict.fromkeys(names)][:MOST_CAUSES]), *PRESENT[side]
+        )
         for side, names in only.items()
         if names
     ]
 
 
-def _is_apart(given: Given, step: int, column: int) -> bool:
+def _is_apart(given: FirstInput, step: int, column: int) -> bool:
     a, b = given.paired.before_a[step, column], given.paired.before_b[step, column]
     return bool(a.tobytes() != b.tobytes())
 

@@ -14,7 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drop_physics.arrays import Float64
-from drop_physics.experiments.swap.answer import Answer, Cause, End, First, Proved
+from drop_physics.experiments.swap.answer import (
+    DifferenceCause,
+    End,
+    First,
+    ProvedDifference,
+    SwapProof,
+)
 from drop_physics.experiments.swap.minimal import minimal
 from drop_physics.trace.logs import KnownDifference
 from drop_physics.trace.swaps import EndApart
@@ -61,15 +67,15 @@ class WhyEngines:
     touches: Callable[[int], bool]
     apart: Callable[[], EndApart]
 
-    def answer(self) -> Answer:
+    def answer(self) -> ProvedDifference:
         """Return the answer."""
         count = min(self.lengths)
         first = self._first(self.trails((), count))
         if first is None:
             until_s = float(self.times_s[count - 1])
-            return Answer(self.lengths, count - 1, until_s, None, "none")
+            return ProvedDifference(self.lengths, count - 1, until_s, None, "none")
         step, end = first.step, self.apart()
-        answer = Answer(
+        answer = ProvedDifference(
             self.lengths,
             step - 1,
             float(self.times_s[step - 1]) if step else 0.0,
@@ -86,17 +92,19 @@ class WhyEngines:
         if not least:
             if not self.touches(step):
                 return answer
-            return replace(answer, cls="step", because=[Cause("known", "contacts", step=step)])
+            return replace(
+                answer, cls="step", because=[DifferenceCause("known", "contacts", step=step)]
+            )
         settings = all(self.known[each].is_setting for each in least)
         then = self._first(self.trails(least, count))
         return replace(
             answer,
             cls="settings" if settings else "model",
             because=[
-                Cause("known", its.name, None, its.value, its.other)
+                DifferenceCause("known", its.name, None, its.value, its.other)
                 for its in (self.known[each] for each in least)
             ],
-            proved=Proved("known", count if then is None else then.step, count, exact=False),
+            proved=SwapProof("known", count if then is None else then.step, count, exact=False),
         )
 
     def _holds(self, known: Sequence[int], steps: int) -> bool:

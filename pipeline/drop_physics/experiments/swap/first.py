@@ -15,7 +15,7 @@ ORDER = ("motion", "hidden", "input", "edit")
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
+class FirstInput:
     """Numbers that were given to both runs before a step, and differ."""
 
     paired: Paired
@@ -85,13 +85,13 @@ def first_apart(common: Common, tolerance: float) -> First | None:
     return First(step, float(common.times_s[0][step]), [*bodies], size, unit)
 
 
-def first_given(columns: Iterable[Paired], until: int) -> Given | None:
+def first_given(columns: Iterable[Paired], until: int) -> FirstInput | None:
     """Return what was given first that differs, up to a step: states, then inputs, then writes."""
     found = [each for paired in columns if (each := _given(paired, until)) is not None]
     return min(found, key=lambda each: (each.step, ORDER.index(each.paired.kind)), default=None)
 
 
-def _given(paired: Paired, until: int) -> Given | None:
+def _given(paired: Paired, until: int) -> FirstInput | None:
     apart = differs(paired.before_a[: until + 1], paired.before_b[: until + 1])
     if paired.after_a is not None and paired.after_b is not None:
         left = differs(paired.after_a[:until], paired.after_b[:until])
@@ -100,7 +100,7 @@ def _given(paired: Paired, until: int) -> Given | None:
     if not len(rows):
         return None
     step = int(rows[0])
-    return Given(paired, step, np.flatnonzero(apart[step]).tolist())
+    return FirstInput(paired, step, np.flatnonzero(apart[step]).tolist())
 
 
 def first_hidden(common: Common, until: int) -> int | None:
@@ -115,7 +115,7 @@ def first_hidden(common: Common, until: int) -> int | None:
     return step if step < until else None
 
 
-def given_at(columns: Iterable[Paired], step: int) -> Iterator[Given]:
+def given_at(columns: Iterable[Paired], step: int) -> Iterator[FirstInput]:
     """Yield the numbers that differ before a step, an element at a time."""
     for paired in columns:
         apart = np.flatnonzero(differs(paired.before_a[step], paired.before_b[step]))
@@ -123,10 +123,10 @@ def given_at(columns: Iterable[Paired], step: int) -> Iterator[Given]:
         for column in apart.tolist():
             by_element.setdefault(paired.elements[column], []).append(column)
         for its in by_element.values():
-            yield Given(paired, step, its)
+            yield FirstInput(paired, step, its)
 
 
-def lateness(given: Given) -> str:
+def lateness(given: FirstInput) -> str:
     """Return which run, `a` or `b`, changes a number a step later than the other; empty if none."""
     row, column = given.step, given.columns[0]
     a, b = (each[:, column] for each in _both(given.paired))

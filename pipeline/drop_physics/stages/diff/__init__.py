@@ -10,13 +10,13 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from drop_physics.engines.mujoco.crossed import CrossedRun as CrossedSide
 from drop_physics.engines.mujoco.crossed import CrossedRuns
-from drop_physics.engines.mujoco.crossed import Side as CrossedSide
 from drop_physics.engines.mujoco.swapping import Swapper
 from drop_physics.engines.mujoco.taken import taken
 from drop_physics.errors import DropError
-from drop_physics.experiments.swap.answer import Answer
-from drop_physics.experiments.swap.cause import Alike, Why
+from drop_physics.experiments.swap.answer import ProvedDifference
+from drop_physics.experiments.swap.cause import Alike, CauseSearch
 from drop_physics.experiments.swap.first import first_apart
 from drop_physics.files.outputs import check_target, make_folder
 from drop_physics.printable import Printable
@@ -41,7 +41,7 @@ class Diff(Printable, reported_by="drop_physics.report.diff"):
 
     a: str
     b: str
-    answer: Answer
+    answer: ProvedDifference
     tolerance: float
     engines: tuple[str, str]
     runs: int
@@ -58,8 +58,8 @@ class Diff(Printable, reported_by="drop_physics.report.diff"):
     """The pictures that differ though states are the same, of an engine that draws them itself."""
 
 
-@takes_those_of(verbs.Diff)
-def diff(asked: verbs.Diff) -> Diff:
+@takes_those_of(verbs.DiffArguments)
+def diff(asked: verbs.DiffArguments) -> Diff:
     """Run two scripts, or one in two ways, or take recordings, and say why they are not the same.
 
     Raises
@@ -159,7 +159,7 @@ def _host(a: Recording, b: Recording) -> dict[str, tuple[str, str]]:
 
 def _answered(
     a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None], *, by_time: bool
-) -> tuple[Answer, int]:
+) -> tuple[ProvedDifference, int]:
     """Return the answer, and how often steps were made again."""
     engines = a.recording.seen.engine, b.recording.seen.engine
     for side in (a, b):
@@ -180,7 +180,7 @@ def _answered(
             return halted.is_set()
 
         with interrupts(halted.set):
-            answer = Why(crossed, alike, tolerance, sites, halts).answer()
+            answer = CauseSearch(crossed, alike, tolerance, sites, halts).answer()
         return answer, sum(each.jobs for each in swappers)
 
 

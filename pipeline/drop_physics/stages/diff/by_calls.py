@@ -15,7 +15,7 @@ from drop_physics.compare.paired import PairedBody, moving_alone, paired_bodies
 from drop_physics.engines.pybullet.logged import BODY, FILES, LogError, LogOf, renumbered
 from drop_physics.engines.pybullet.replayed import Replayer
 from drop_physics.errors import DropError, RecordingError
-from drop_physics.experiments.swap.answer import Answer
+from drop_physics.experiments.swap.answer import ProvedDifference
 from drop_physics.experiments.swap.calls import WhyCalls
 from drop_physics.explain.times import StepTimes
 from drop_physics.stages.diff.sides import RunSide
@@ -26,7 +26,7 @@ from drop_physics.trace.logs import LoggedCall, Made
 
 def answered_by_calls(
     a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None]
-) -> tuple[Answer, int]:
+) -> tuple[ProvedDifference, int]:
     """Return why one run is not another, and how often calls were made again.
 
     Raises

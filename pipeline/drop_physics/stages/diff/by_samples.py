@@ -6,7 +6,7 @@ import numpy as np
 
 from drop_physics.compare.paired import columns_of, farthest, moving_alone, paired_bodies
 from drop_physics.compare.pairing import pairing
-from drop_physics.experiments.swap.answer import Answer, Class, End
+from drop_physics.experiments.swap.answer import Class, End, ProvedDifference
 from drop_physics.experiments.swap.cause import alone
 from drop_physics.experiments.swap.first import first_apart
 from drop_physics.explain.times import StepTimes
@@ -15,7 +15,7 @@ from drop_physics.stages.diff.sides import RunSide
 from drop_physics.trace.swaps import Common
 
 
-def answered_by_samples(a: RunSide, b: RunSide, tolerance: float) -> Answer:
+def answered_by_samples(a: RunSide, b: RunSide, tolerance: float) -> ProvedDifference:
     """Return until when two runs are the same, and what is apart then.
 
     Raises
@@ -34,11 +34,11 @@ def answered_by_samples(a: RunSide, b: RunSide, tolerance: float) -> Answer:
     first = first_apart(common, tolerance)
     moves = moving_alone(mine, theirs, both)
     if first is None and any(moves.values()):
-        return Answer(lengths, count - 1, 0.0, None, None, alone(moves))
+        return ProvedDifference(lengths, count - 1, 0.0, None, None, alone(moves))
     if first is None:
         cls: Class = "none" if len({*lengths}) == 1 else "length"
-        return Answer(lengths, count - 1, float(times_s[count - 1]), None, cls)
+        return ProvedDifference(lengths, count - 1, float(times_s[count - 1]), None, cls)
     end = farthest(bodies, count - 1)
     until_s = float(times_s[first.step - 1]) if first.step else 0.0
     end_apart = End(end.value, end.unit, end.body)
-    return Answer(lengths, first.step - 1, until_s, first, None, end=end_apart)
+    return ProvedDifference(lengths, first.step - 1, until_s, first, None, end=end_apart)

@@ -185,7 +185,7 @@ def side_of(held: Recording, name: str) -> RunSide:
     return RunSide(name, held, python, environment, str(held.path))
 
 
-def recorded_side(asked: Asked, path: Path, how: verbs.Diff, *, name: str) -> RunSide:
+def recorded_side(asked: Asked, path: Path, how: verbs.DiffArguments, *, name: str) -> RunSide:
     """Record a side, or read it where it is a recording.
 
     Parameters
@@ -221,7 +221,7 @@ def recorded_side(asked: Asked, path: Path, how: verbs.Diff, *, name: str) -> Ru
 def _recorded(
     asked: Asked,
     path: Path,
-    how: verbs.Diff,
+    how: verbs.DiffArguments,
     name: str,
     python: str,
     environment: Mapping[str, str],

@@ -21,7 +21,7 @@ from drop_physics.engines.pybullet.known import known_differences as known_of_bu
 from drop_physics.engines.pybullet.logged import BODY
 from drop_physics.engines.pybullet.replayed import Replayer
 from drop_physics.errors import DropError
-from drop_physics.experiments.swap.answer import Answer
+from drop_physics.experiments.swap.answer import ProvedDifference
 from drop_physics.experiments.swap.engines import WhyEngines
 from drop_physics.explain.times import StepTimes
 from drop_physics.stages.diff.by_calls import logged, placed, steps_of
@@ -36,7 +36,7 @@ AGREES = 1e-9
 
 def answered_by_engines(
     a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None]
-) -> tuple[Answer, int]:
+) -> tuple[ProvedDifference, int]:
     """Return why a run of one engine is not that of another, and how often it was made again.
 
     Raises

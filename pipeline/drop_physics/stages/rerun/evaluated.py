@@ -15,7 +15,7 @@ from drop_physics.engines.cures import TABLES
 from drop_physics.engines.script import Program
 from drop_physics.engines.watching.single_changes import Change
 from drop_physics.experiments.motion import motion_of
-from drop_physics.experiments.search import Outcome
+from drop_physics.experiments.search import ChangeOutcome
 from drop_physics.stages.rerun.reruns import Reruns
 from drop_physics.stages.rerun.runs import RunsUnderWay
 from drop_physics.sweeping.engines import in_threads
@@ -44,15 +44,19 @@ def evaluator_of(text: str | None, **how: object) -> dict[str, Any]:
     text
         An expression; None for an `assert` of the script that fails.
     how
-        Further arguments of `watching.expected.Expected`.
+        Further arguments of `watching.expected.ExpectationEvaluator`.
     """
-    return {"module": "expected", "name": "Expected", "arguments": {"text": text, **how}}
+    return {
+        "module": "expected",
+        "name": "ExpectationEvaluator",
+        "arguments": {"text": text, **how},
+    }
 
 
-def outcome_of(answer: Answer, *, ended_well: bool) -> Outcome:
+def outcome_of(answer: Answer, *, ended_well: bool) -> ChangeOutcome:
     """Return the outcome of a run from what it answers."""
     margin, value = answer["margin"], answer["value"]
-    return Outcome(
+    return ChangeOutcome(
         holds=bool(answer["holds"] and answer["finite"] and ended_well),
         margin=-math.inf if margin is None else margin,
         value=math.nan if value is None else value,
@@ -60,7 +64,7 @@ def outcome_of(answer: Answer, *, ended_well: bool) -> Outcome:
     )
 
 
-NOT_MADE = Outcome(holds=False, margin=-math.inf, value=math.nan)
+NOT_MADE = ChangeOutcome(holds=False, margin=-math.inf, value=math.nan)
 """The outcome of a run that was stopped, or has died."""
 
 
@@ -104,13 +108,13 @@ class EvaluatedRuns:
         answer, error = process.decoder.answer or (None, "")
         return answer, error or ended
 
-    def changed(self, change: Change) -> Outcome | None:
+    def changed(self, change: Change) -> ChangeOutcome | None:
         """Return the outcome of a run with a change; None where no time is left."""
         if time.time() > self.until:
             return None
         return self._outcome(**self._trial_of(change))
 
-    def nudged(self, number: int, change: Change | None = None) -> Outcome | None:
+    def nudged(self, number: int, change: Change | None = None) -> ChangeOutcome | None:
         """Return the outcome of a run, or one with a change, moved by next to nothing."""
         if time.time() > self.until:
             return None
@@ -122,17 +126,17 @@ class EvaluatedRuns:
         trial = TABLES[change.engine].trial_of(change)
         return {"interventions": trial["interventions"], "variation": trial["variation"] or None}
 
-    def _outcome(self, **changed: object) -> Outcome:
+    def _outcome(self, **changed: object) -> ChangeOutcome:
         answer, ended = self.answered(**changed)
         if answer is None:
             return NOT_MADE
         return outcome_of(answer, ended_well=ended in (FINISHED, self.ended))
 
-    def all_of(self, changes: Iterator[Change]) -> Iterable[tuple[Change, Outcome | None]]:
+    def all_of(self, changes: Iterator[Change]) -> Iterable[tuple[Change, ChangeOutcome | None]]:
         """Make runs with changes, and yield their outcomes as they come."""
         return in_threads(self.changed, changes, jobs=self.jobs, stop=self.stop)
 
-    def nudges(self, change: Change | None = None, number: int = NUDGES) -> list[Outcome]:
+    def nudges(self, change: Change | None = None, number: int = NUDGES) -> list[ChangeOutcome]:
         """Return the outcomes of nudged runs, of the script or with a change."""
         work = partial(self.nudged, change=change)
         made = in_threads(work, range(number), jobs=self.jobs, stop=self.stop)

@@ -278,7 +278,7 @@ class WhyArguments(OfScript):
 
 
 @dataclass(frozen=True)
-class Diff(Printed):
+class DiffArguments(Printed):
     """Say until when two runs are the same, what makes them part, and prove it; exit with 3.
 
     A and B are scripts or recordings; or one script, run in two ways: options that may be given

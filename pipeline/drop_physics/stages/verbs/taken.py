@@ -56,7 +56,7 @@ class VerbParameter:
 
     name: str
     option: TypedOption
-    """Of what only Python takes, its text."""
+    """The option; its text for an argument that only Python takes."""
     is_typed: bool
     """Whether the command line takes it."""
     in_python: bool

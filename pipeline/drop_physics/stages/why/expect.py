@@ -15,8 +15,8 @@ from drop_physics.engines.watching.expression import Expression
 from drop_physics.engines.watching.forks import FIRST_USE
 from drop_physics.engines.watching.single_changes import Change, change_of
 from drop_physics.errors import DropError, ScenarioError
-from drop_physics.experiments.ranking import Said, ranked
-from drop_physics.experiments.search import NARROWED, Outcome, Search, Tried
+from drop_physics.experiments.ranking import SaidChange, ranked
+from drop_physics.experiments.search import NARROWED, ChangeOutcome, Search, TriedChange
 from drop_physics.messages import Message
 from drop_physics.recording.layer_file import trials_of
 from drop_physics.stages import verbs
@@ -62,7 +62,7 @@ class Expected:
     """What was expected, as an expression."""
     source: Source
     """Where that is from."""
-    base: Outcome
+    base: ChangeOutcome
     """The outcome of the script's own run."""
     site: str | None = None
     """File and line, of an `assert`."""
@@ -78,7 +78,7 @@ class Expected:
     """Whether a nudge makes it true."""
     complete: bool = True
     """Whether no change was left out for want of time."""
-    makes_true: Sequence[Said] = ()
+    makes_true: Sequence[SaidChange] = ()
     lines: Sequence[tuple[str, str] | None] = ()
     """File and line of each that makes it true, and the attribute as it stands there; None where
     that is not known."""
@@ -86,7 +86,7 @@ class Expected:
     """The least factor of each of the first that makes it true; None where it is no factor."""
     recordings: Sequence[Path] = ()
     """Those of the first that make it true."""
-    moves: Sequence[Tried] = ()
+    moves: Sequence[TriedChange] = ()
     """What moves the quantity most towards what is expected, if nothing makes it true."""
 
     @property
@@ -278,7 +278,7 @@ def _line_of(change: Change, texts: Mapping[Path, str]) -> tuple[str, str] | Non
 
 
 def _recorded(
-    runs: EvaluatedRuns, said: Sequence[Said], base: Recording, *, drawn: bool
+    runs: EvaluatedRuns, said: Sequence[SaidChange], base: Recording, *, drawn: bool
 ) -> list[Path]:
     """Record the first of what makes it true, and return the recordings."""
     folder, paths = trials_of(base.path), []
@@ -291,9 +291,9 @@ def _recorded(
     return paths
 
 
-def _standing(trials: EvaluatedRuns, said: Sequence[Said]) -> list[Said]:
+def _standing(trials: EvaluatedRuns, said: Sequence[SaidChange]) -> list[SaidChange]:
     """Return outcomes without those, among the first ones, that a nudge undoes."""
-    standing: list[Said] = []
+    standing: list[SaidChange] = []
     for number, each in enumerate(said):
         if len(standing) == NARROWED:
             return [*standing, *said[number:]]

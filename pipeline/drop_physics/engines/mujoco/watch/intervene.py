@@ -20,7 +20,7 @@ from ...watching.operators import becoming
 from ...watching.single_changes import Change
 from ...watching.sites import caller
 from ..frames import READS, STEPS
-from .seen import Seen
+from .seen import SeenInputs
 from .single_changes import ENGINE, operations_of
 from .writes import (
     BALL,
@@ -96,7 +96,7 @@ class ModelChanges:
         self._models: dict[int, ChangedModel] = {}
         """Changes by the `id` of the MjModel, which Python may reuse."""
         self._data: dict[int, ChangedData] = {}
-        self.seen: dict[tuple[int, ...], Seen] = {}
+        self.seen: dict[tuple[int, ...], SeenInputs] = {}
         """What is seen of the run, by the sizes of the model, if an operation asks for it."""
         self._sited = any("site" in each for _, each in self._operations)
 
@@ -124,11 +124,11 @@ class ModelChanges:
             found += [(number, one) for one in mine]
         return found
 
-    def seen_of(self, m: Any, d: Any) -> Seen | None:
+    def seen_of(self, m: Any, d: Any) -> SeenInputs | None:
         """Return what is seen of states of a model, and of others with the same elements."""
         if not any(self.of("see")):
             return None
-        return self.seen.setdefault(tuple(sizes(m)), Seen(m, d))
+        return self.seen.setdefault(tuple(sizes(m)), SeenInputs(m, d))
 
     # -- in place of mujoco's functions -----------------------------------------------------------
 

@@ -10,7 +10,7 @@ INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "qpos", "qvel")
 """Parts of a state that a script writes."""
 
 
-class Seen:
+class SeenInputs:
     """What the causal search knows of a run: what touched, and what the script gave as inputs.
 
     Parameters

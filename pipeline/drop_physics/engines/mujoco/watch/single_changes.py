@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...watching.single_changes import Change, how_of
-from .seen import Seen
+from .seen import SeenInputs
 from .writes import BALL, FREE, Operation, field_of, has_field, rows_of, sizes, writes_of
 
 ENGINE = "mujoco"
@@ -64,7 +64,7 @@ Written = tuple[str, Any, Sequence[int]]
 """A field, its operator with what that takes, and elements."""
 
 
-def possible(module: Any, rows: Sequence[Mapping[str, Any]], seen: Seen) -> list[Change]:
+def possible(module: Any, rows: Sequence[Mapping[str, Any]], seen: SeenInputs) -> list[Change]:
     """Return the changes of rows that would change something in a run.
 
     Parameters
@@ -137,7 +137,7 @@ def name_of(module: Any, m: Any, kind: str, which: Any) -> str:
 # -- which elements -------------------------------------------------------------------------------
 
 
-def _elements(m: Any, change: Change, seen: Seen) -> tuple[str, Sequence[Any]] | None:
+def _elements(m: Any, change: Change, seen: SeenInputs) -> tuple[str, Sequence[Any]] | None:
     """Return the kind and the numbers of the elements that a change may be of; None for a run."""
     name, _, part = change.change.partition(".")
     if name == "input":
@@ -191,7 +191,7 @@ def _numbers(module: Any, m: Any, part: str, ids: Sequence[int]) -> list[int]:
 # -- operations -----------------------------------------------------------------------------------
 
 
-def _does(module: Any, seen: Seen, change: Change) -> bool:
+def _does(module: Any, seen: SeenInputs, change: Change) -> bool:
     """Return whether a change changes anything."""
     m = seen.model
     operations = [*operations_of(module, m, change)]

@@ -24,7 +24,7 @@ from .bodies import WatchedBody
 from .calls import CallWatch
 from .functions import COMMANDS, ROLES
 from .handlers import handler
-from .intervene import Interventions, Operation
+from .intervene import CallInterventions, Operation
 from .observed import ObservedWorld
 from .quiet import Window
 from .readings import Readings
@@ -163,7 +163,7 @@ class BulletWatch(EngineWatch):
     def _differ(self, variation: Variation | None, interventions: Sequence[Operation]) -> None:
         self._variation = variation
         WatchedWorld.varied = {} if variation is None else variation.engine
-        self._interventions = Interventions(interventions, self.host.tell_intervention)
+        self._interventions = CallInterventions(interventions, self.host.tell_intervention)
 
     # -- in place of pybullet's functions ---------------------------------------------------------
 

@@ -21,7 +21,7 @@ from .functions import MAKES_BODIES, PUSHES, RETURNS
 
 Call = Callable[..., Any]
 Operation = Mapping[str, Any]
-"""An operation: `do` names methods of `Interventions`, `functions` the calls that it is for.
+"""An operation: `do` names methods of `CallInterventions`, `functions` the calls that it is for.
 
 `_DO` returns the arguments of such a call, or None to leave it out; `_DO_then` follows it.
 """
@@ -77,7 +77,7 @@ STANDS: dict[str, Callable[..., Mapping[str, Any]]] = {
 """Where a body or a joint is that a call places or drives."""
 
 
-class Seen:
+class SeenCallSites:
     """What the causal search knows of a run: the calls of each line, and what touched."""
 
     def __init__(self) -> None:
@@ -124,7 +124,7 @@ class SeenCalls:
         self.elements[element] = now
 
 
-class Interventions:
+class CallInterventions:
     """What is done to a run.
 
     Parameters
@@ -151,7 +151,7 @@ class Interventions:
         """Whether an operation has made a call."""
         self._keywords: Mapping[str, Any] = {}
         """The arguments that the script gives by name in its call."""
-        self.seen = Seen()
+        self.seen = SeenCallSites()
         """What is seen of the run, if operations ask for it."""
         self._kept: dict[Any, Any] = {}
         """The state of an operation: the last push of a place, the last motor of a joint."""

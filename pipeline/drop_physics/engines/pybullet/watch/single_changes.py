@@ -13,7 +13,7 @@ from typing import Any
 
 from ...watching.operators import becoming
 from ...watching.single_changes import Change, how_of
-from .intervene import Seen, SeenCalls, there
+from .intervene import SeenCalls, SeenCallSites, there
 
 STEP, TIMESTEP = "stepSimulation", "timestep"
 NOT_SAID = {"loadURDF": {"useFixedBase": 0, "flags": 0}}
@@ -23,7 +23,7 @@ OF_CALLS = ("left-out", "held", "late")
 Row = Mapping[str, Any]
 
 
-def possible(p: Any, rows: Sequence[Row], seen: Seen) -> list[Change]:
+def possible(p: Any, rows: Sequence[Row], seen: SeenCallSites) -> list[Change]:
     """Return the changes of rows that would change something in a run.
 
     Parameters
