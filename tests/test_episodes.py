@@ -18,7 +18,6 @@ from drop_physics.account.episodes import EpisodeRow
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.record import record_script
 from drop_physics.stages.why import why
-from drop_physics.stages.why.expect import Expected
 
 Told = Callable[..., tuple[list[EpisodeRow], Any]]
 
@@ -329,8 +328,8 @@ def test_an_expectation_names_the_end_of_episodes(tmp_path: Path, text: str) -> 
     own = "\nterminated, length, reward = False, 1e6, 1e6\nenv.unwrapped.close()"
     script.write_text(ENVIRONMENT + ROLLED + own)
     (row, *_) = rows = _rows(script, tmp_path / "run.rrd")
-    found = why(str(script), expect=text, out=tmp_path)
-    assert isinstance(found, Expected)
+    found = why(str(script), expect=text, out=tmp_path).expected
+    assert found is not None
     ended = [each for each in rows if each.ended != "run"]
     known = {
         "terminated": 1.0,

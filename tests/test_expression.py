@@ -106,7 +106,8 @@ class Falling(Observed):
 def run_of(text: str, steps: int = 3) -> Any:
     """Return what an expectation answers in a run whose steps a function of a script makes."""
     expected, falling = ExpectationEvaluator(text), Falling()
-    engine: Any = SimpleNamespace(observed=lambda: falling)
+    host = SimpleNamespace(environments=SimpleNamespace(outcome=dict))
+    engine: Any = SimpleNamespace(observed=lambda: falling, host=host)
 
     def step() -> None:
         height = -float(falling.steps)  # a local name of the function that makes the last step
