@@ -157,6 +157,7 @@ GIVEN = {
     "simulate": ["--out", "a.rrd"], "analyze": ["a.rrd"], "render": ["a.rrd"], "run": [],
     "check": ["a.rrd", "--against", "b.rrd"], "sweep": ["--out", "s"],
     SCRIPT: ["script.py"], "record": ["script.py"], "trust": ["script.py"], "why": ["script.py"],
+    "diff": ["a.py", "b.py"],
 }  # fmt: skip
 ONES = {"X,Y,Z": "0,0,{}", "R,P,Y|X,Y,Z,W": "0,{},0", "WIDTHxHEIGHT": "{}x480"}
 

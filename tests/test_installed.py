@@ -118,8 +118,9 @@ def test_a_script_of_pybullet_is_told_what_it_needs(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "drop_physics", "record", "fall.py"],
         cwd=tmp_path,
-        env={name: each for name, each in os.environ.items() if name not in ACTIVE}
-        | {"PYTHONPATH": str(PACKAGE.parent)},
+        env={
+            name: each for name, each in os.environ.items() if name not in (*ACTIVE, "PYTHONPATH")
+        },
         capture_output=True,
         text=True,
         check=False,

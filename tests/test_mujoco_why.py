@@ -168,6 +168,8 @@ def test_states_are_written_where_the_script_leaves_them() -> None:
     run.steps(1)
     assert run.fired == [0]
     run = RunChanged({"do": "leave", "part": "ctrl"})
+    run.d.ctrl[0] = 0.0
+    run.steps(1)  # how the script begins stays
     run.d.ctrl[0] = 1.0
     run.steps(1)
     assert run.d.ctrl[0] == 0.0

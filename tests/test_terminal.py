@@ -403,6 +403,7 @@ def test_printed_check_of_the_same_physics(capsys: pytest.CaptureFixture[str]) -
         "unseeded": [],
         "real_time": False,
         "engines": None,
+        "why": None,
         "tolerance_m": 0.0,
         "recording": "run.rrd",
         "golden": "golden.rrd",

@@ -1428,6 +1428,12 @@ def _finding_proposed(said: Said) -> None:
     hold(said.value is False, "a proposal")
 
 
+@checks("findings[].episodes")
+def _finding_episodes(said: Said) -> None:
+    """Hold that a drop is one episode."""
+    hold(said.value == 1, "another number of episodes")
+
+
 @checks("findings[].proof")
 def _finding_proof(said: Said) -> None:
     """Hold that a drop's findings are proved: by theory, or by the scenario."""

@@ -179,6 +179,10 @@ def _(worst: Worst) -> Said | None:
         Message("give them less restitution, or no push: {call}"),
     )
     cure = Cure("solver", value=0.0, given={"contactERP": 0})
+    if worst.subject.client in scene.clients_with("set_contactERP", 0):
+        why = Message("it turns the speed around that gravity gives them in that step, too")
+        advice = Message("give them less restitution, or use a shorter timestep: {call}")
+        cure = Cure("timestep", value=FINER)
     if worst.engine == MUJOCO:
         message = Message(
             "contact of {body} with {other} adds {gained:.3g} J to {brought:.3g} J of kinetic "
