@@ -16,9 +16,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import pytest
 from conftest import Drop
 from drop_physics import check, record
+from drop_physics.engines.mujoco.elements import Elements, Matched
+from drop_physics.engines.mujoco.fields_apart import FieldsApart
+from drop_physics.engines.mujoco.memory import constants_of
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.swap.minimal import minimal
 from drop_physics.report.diff import facts_of, json_of, report_of, values
@@ -303,6 +307,17 @@ def test_values_have_as_many_digits_as_tell_them_apart() -> None:
     assert values(0.6, 0.61) == ("0.6", "0.61")
     assert values(0.02, 0.020000000001) == ("0.02", "0.020000000001")
     assert values((1.0, 2.0), (1.0, 3.0)) == ("1 2", "1 3")
+
+
+def test_numbering_that_differs_is_one_swap_where_sizes_are_the_same() -> None:
+    """Of two versions, one says in another way how elements hang together."""
+    xml = "<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>"
+    fields = constants_of(mujoco.MjModel.from_xml_string(xml))
+    other = {**fields, "body_simple": fields["body_simple"] + 1}
+    matched = Matched(Elements(fields), Elements(other))
+    (found,) = FieldsApart(fields, other, matched).swappable
+    assert (found.told.field, found.told.is_structure) == ("body_simple", True)
+    assert FieldsApart(fields, {**other, "nv": fields["nv"] + 1}, matched).others == ["body_simple"]
 
 
 @pytest.mark.long

@@ -107,6 +107,21 @@ def test_each_kind_of_call_is_told(
     assert words in " ".join(printed["cause_text"])
 
 
+def test_a_call_of_one_run_is_told_with_its_arguments_and_a_second_cause_beside_it(
+    tmp_path: Path,
+) -> None:
+    push = "    if k >= {}: p.applyExternalForce(box, -1, [0, {}, 0], [0, 0, 0], p.LINK_FRAME)\n"
+    step = "    p.stepSimulation()\n"
+    both = push.format(10, 1) + "    if k == 30: p.changeDynamics(box, -1, lateralFriction=0.1)\n"
+    printed, _ = answer(tmp_path, BOX, BOX.replace(step, both + step))
+    assert printed["same_until"] == 9
+    assert "applyExternalForce(linkIndex=-1, forceObj=[0, 1, 0]" in printed["cause_text"][0]
+    assert printed["proved"]["steps"] == 30, "the later pushes belong to the first cause"
+    (second,) = printed["also"]
+    assert (second["field"], second["step"]) == ("changeDynamics", 30)
+    assert "changeDynamics(linkIndex=-1, lateralFriction=0.1)" in printed["cause_text"][1]
+
+
 def test_a_file_that_is_gone_is_compared_by_its_content(tmp_path: Path) -> None:
     same, _ = answer(tmp_path, HEAD + ROD + STEPS, HEAD + ROD + STEPS)
     assert (same["class"], same["no_effect"]) == ("none", [])

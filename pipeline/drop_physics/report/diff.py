@@ -257,10 +257,9 @@ def _known(cause: DifferenceCause) -> Message:
 
 
 def _called(cause: DifferenceCause, value: Value) -> str:
-    """Return a call, and the value of its argument."""
+    """Return a call, with the value of the argument that differs or with all of them."""
     call = str(cause.field)
-    if call.endswith(")"):
-        call = f"{call[:-1]}={value})"
+    call = f"{call[:-1]}={value})" if call.endswith(")") else str(value)
     return (
         Message("{field} of {element}", field=call, element=cause.element)
         if cause.element

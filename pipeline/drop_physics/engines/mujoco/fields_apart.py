@@ -79,7 +79,8 @@ class FieldsApart:
             self.others += [each.name for each in structure]
 
     def _is_same_size(self) -> bool:
-        sizes = {name for name in self._a if re.fullmatch(r"n[A-Za-z]+", name)} - {"nnames"}
+        numbers = {name for name, value in self._a.items() if not np.ndim(value)}
+        sizes = {name for name in numbers if re.fullmatch(r"n[A-Za-z]+", name)} - {"nnames"}
         return all(
             self._a[name] == self._b[name]
             for name in sizes & self._b.keys()

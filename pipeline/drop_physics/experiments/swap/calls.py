@@ -34,6 +34,8 @@ MOST_UNITS = 2000
 """Differences of two logs beyond which they are no longer told one by one."""
 LONGEST = 40
 """Most characters of a value."""
+SHOWN = 3
+"""Most arguments of a call that are shown."""
 
 States = Callable[[Sequence[LoggedCall], int], dict[int, Float64] | None]
 """Makes calls again; returns the states of bodies after each step, by number."""
@@ -59,6 +61,12 @@ class CallUnit:
     def sets(self) -> set[Sets]:
         """What its calls set."""
         return {each.sets for each in (*self.removed, *self.added)}
+
+    @property
+    def kind(self) -> object:
+        """The same for differences of the same calls of the script, at whatever step."""
+        calls = [[(e.function, e.about, e.site) for e in s] for s in (self.removed, self.added)]
+        return str(calls), self.argument
 
 
 @dataclass
@@ -117,15 +125,39 @@ class WhyCalls:
         if not before or len(before) > MOST_UNITS or not self._holds(before, step + 1):
             return answer
         least = minimal(before, lambda some: self._holds(some, step + 1))
-        swapped = self.states(with_units(self.a, least), count)
-        until = self._same_until(swapped, count)
+        swapped, until = self._with_later(least, count)
+        second = self._second(swapped, until) if until < count else []
         return replace(
             answer,
             cls=_class_of(least),
             because=[*_told(least)][:MOST_CAUSES],
+            also=[*_told(second)][:MOST_CAUSES],
             proved=SwapProof("calls", until, count, not self.tolerance),
-            no_effect=self._names([each for each in before if each not in least]),
+            no_effect=self._names([each for each in before if each not in (*least, *second)]),
         )
+
+    def _with_later(self, least: Sequence[CallUnit], count: int) -> tuple[list[CallUnit], int]:
+        """Return a cause with the later differences of the same calls, and how long it holds."""
+        kinds = {each.kind for each in least}
+        swapped = [each for each in self._units if each in least or each.kind in kinds]
+        if len(swapped) <= MOST_UNITS:
+            until = self._same_until(self.states(with_units(self.a, swapped), count), count)
+            if until > max(each.step for each in least):
+                return swapped, until
+        states = self.states(with_units(self.a, least), count)
+        return [*least], self._same_until(states, count)
+
+    def _second(self, swapped: Sequence[CallUnit], until: int) -> list[CallUnit]:
+        """Return what makes both part again though the first cause is swapped."""
+        others = [each for each in self._units if each not in swapped and each.step <= until]
+        if not others or len(others) > MOST_UNITS:
+            return []
+
+        def holds(some: Sequence[CallUnit]) -> bool:
+            both = {*map(id, swapped), *map(id, some)}  # in the order of the log
+            return self._holds([each for each in self._units if id(each) in both], until + 1)
+
+        return minimal(others, holds) if holds(others) else []
 
     def _names(self, units: Sequence[CallUnit]) -> list[str]:
         return [*dict.fromkeys(each.field or "" for each in _told(units))]
@@ -288,7 +320,11 @@ def _apart(
             ", ".join(dict.fromkeys(each.function for each in calls)) or None
             for calls in (unit.removed, unit.added)
         )
-        return a or b or one.function, a, b
+        if x is None or y is None:  # a call that one run makes
+            text = _call(one)
+            a, b = (each and text for each in (a, b))
+            return one.function, a, b
+        return a or one.function, a, b
     if x is not None and y is not None and x.content and y.content:
         apart = [*attributes_apart(x.content, y.content)]
         if apart and isinstance(x.given.get(unit.argument), str):
@@ -296,6 +332,17 @@ def _apart(
             return f"{one.function}: {what}", _number(values[0]), _number(values[1])
     shown = [None if each is None else _shown(each.given.get(unit.argument)) for each in (x, y)]
     return f"{one.function}({unit.argument})", shown[0], shown[1]
+
+
+def _call(call: LoggedCall) -> str:
+    """Return a call as the script has it, without the bodies that it is about."""
+    given = [
+        f"{name}={_shown(value)}"
+        for name, value in call.given.items()
+        if not (isinstance(value, list) and value and isinstance(value[0], str))
+    ]
+    more = ["…"] if len(given) > SHOWN else []
+    return f"{call.function}({', '.join([*given[:SHOWN], *more])})"
 
 
 def _names_of(calls: Sequence[LoggedCall]) -> str:

@@ -70,7 +70,7 @@ def diff(asked: verbs.DiffArguments) -> Diff:
         If a side cannot be run or read, or makes no step.
     """
     a, b = sides_of(
-        asked.words,
+        asked.words or (),
         packages=asked.packages,
         arguments=asked.arguments,
         variables=asked.variables,

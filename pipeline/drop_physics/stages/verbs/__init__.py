@@ -286,7 +286,7 @@ class DiffArguments(Printed):
     """
 
     words: Annotated[
-        Sequence[str],
+        Sequence[str] | None,
         argument(
             "A B", "Two scripts or recordings; or one script, and its arguments.", default=None
         ),
