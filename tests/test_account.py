@@ -9,11 +9,19 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from drop_physics.account.rows import KINDS, AccountRow
+from drop_physics.analysis.citing import citing
+from drop_physics.errors import ScenarioError
+from drop_physics.report.account import account_of
+from drop_physics.report.markdown import markdown_of
+from drop_physics.report.words import beneath
+from drop_physics.rules.answer import Effect, Finding
 from drop_physics.stages.analyze import analyze
+from drop_physics.stages.analyze.events import events
 from drop_physics.stages.record import record_script
 
 G = 9.81
@@ -131,6 +139,7 @@ def test_a_block_slides_as_far_as_friction_lets_it(told: Told) -> None:
     moved = the(rows, "moved", "1_block")
     assert moved.got == pytest.approx(0.5**2 / (2 * 0.3 * G), rel=0.05)
     assert value(moved, "friction") == pytest.approx(-0.5 * 2 * 0.5**2, rel=0.05)
+    assert moved.told.endswith("no force gives it that: the script wrote its state")
     slips = the(rows, "slips", "world × block")
     assert slips.got is not None
     assert moved.got is not None
@@ -145,6 +154,7 @@ def test_a_torque_is_told_as_it_begins(told: Told) -> None:
     given = the(rows, "given", "hinge")
     assert "ctrl 2 clamped to 1 × gear 3" in given.told
     assert given.asked == pytest.approx(3.0, rel=1e-9)
+    assert given.got == pytest.approx(3.0, rel=1e-6)  # nothing else acts: all of it accelerates
     assert the(rows, "asked", "m").got == 1.0
 
 
@@ -228,7 +238,7 @@ def test_no_row_tells_what_no_explained_step_shows(tmp_path: Path) -> None:
     )
     analysis = analyze(record_script(str(script), out=tmp_path / "inside.rrd").recording)
     assert analysis.explained.samples < analysis.explained.of
-    assert not [row for row in analysis.account if "nothing gives" in row.told]
+    assert not [row for row in analysis.account if "no force gives" in row.told]
 
 
 def test_rows_are_ranked_and_their_numbers_are_finite(told: Told) -> None:
@@ -291,12 +301,15 @@ def test_what_turns_for_ever_lacks_torsional_friction(
 ) -> None:
     ball = f"""<body name="ball" pos="0 0 0.1"><freejoint/>
     <geom type="sphere" size="0.1" condim="{condim}" friction="1 0.05 0.001"/></body>"""
-    spun = "data.qvel[5] = 2 if step == 200 else data.qvel[5]"
+    spun = "data.qvel[5] = 4 if step == 200 else data.qvel[5]"
     rows = told(FLOOR + ball, before=spun, steps=900)
     found = [row for row in rows if row.kind == "idle"]
     assert bool(found) is told_of
     if told_of:
-        assert found[0].got == pytest.approx(2, rel=0.05)
+        assert found[0].got == pytest.approx(4, rel=0.05)
+        assert "only sliding would brake it" in found[0].told
+        # 4 rad/s from step 200 on, which no orientation tells: 5.6 rad are more than half a turn.
+        assert the(rows, "turned", "1_ball").got == pytest.approx(4 * 700 * 0.002, rel=0.05)
 
 
 def test_a_fixed_base_carries_what_contacts_do_not(told: Told) -> None:
@@ -485,7 +498,7 @@ def test_what_is_thrown_is_not_said_to_fall_by_nothing(told: Told) -> None:
         if r.kind == "moved"
     )
     assert row.told.startswith("x +1.8 m (and z -0.19")
-    assert row.told.endswith("nothing gives: its start velocity")
+    assert row.told.endswith("no force gives it that: its start velocity")
 
 
 def test_no_torque_is_told_of_steps_without_a_sum(told: Told) -> None:
@@ -508,3 +521,139 @@ def test_a_filter_that_lets_a_box_fall_through_is_told(tmp_path: Path) -> None:
     recorded = record_script(str(script), out=tmp_path / "script.rrd")
     (row,) = [row for row in analyze(recorded.recording).account if row.kind == "idle"]
     assert "script.py:8 filters their contacts" in row.told
+
+
+def test_what_a_table_turns_is_not_said_to_lack_friction(told: Told) -> None:
+    """A box that rides on a turntable turns at its rate; no friction of its contact brakes that."""
+    world = """<body name="table" pos="0 0 0.1"><joint name="spin" axis="0 0 1" damping="0.1"/>
+    <geom type="cylinder" size="0.5 0.02" mass="5"/></body>
+    <body name="box" pos="0.1 0 0.17"><freejoint/>
+    <geom type="box" size="0.05 0.05 0.05" mass="1"/></body>"""
+    more = "<actuator><velocity joint='spin' kv='50'/></actuator>"
+    rows = told(world, more, "data.ctrl[0] = 2", 900)
+    assert the(rows, "turned", "1_box").got == pytest.approx(2 * 900 * 0.002, rel=0.1)
+    assert not [row for row in rows if row.kind == "idle"]
+
+
+def test_a_pole_is_given_its_energy_by_the_cart_that_accelerates(told: Told) -> None:
+    """Without gravity, only the inertia that couples it to the cart can turn the pole."""
+    world = """<body name="cart"><joint name="slide" type="slide" axis="1 0 0"/>
+    <geom type="box" size="0.1 0.1 0.1" mass="2"/><body name="pole"><joint name="pin"
+    axis="0 1 0" damping="0.01"/><geom type="capsule" size="0.02" fromto="0 0 0 0 0 0.5" mass="1"
+    contype="0" conaffinity="0"/></body></body>"""
+    more = "<option gravity='0 0 0'/><actuator><motor joint='slide'/></actuator>"
+    row = the(told(world, more, "data.ctrl[0] = 20", 100), "moved", "pin")
+    assert row.towards[0].cause == "drag"
+    assert row.towards[0].value > 10 * sum(abs(term.value) for term in row.terms[1:])
+
+
+def test_a_joint_that_a_script_pushes_is_not_said_to_be_left_alone(told: Told) -> None:
+    row = the(told(SLIDE.format(damping=1), before="data.qfrc_applied[0] = 30"), "moved", "up")
+    assert "no motor commands it; the script pushes it" in row.told
+
+
+def test_the_account_begins_with_what_is_asked_about(told: Told, tmp_path: Path) -> None:
+    sags = """<body pos="{x} 0 1"><joint name="{name}" type="slide" axis="0 0 1" damping="5"/>
+    <geom type="sphere" size="0.1" mass="{mass}"/></body>"""
+    world = sags.format(x=0, name="one", mass=1) + sags.format(x=1, name="other", mass=3)
+    more = "<actuator><position joint='one' kp='90'/><position joint='other' kp='90'/></actuator>"
+    assert next(row.joint for row in told(world, more) if row.joint) == "other"
+    recording = tmp_path / "script.rrd"
+    analysis = analyze(recording, about="one")
+    assert analysis.account[0].joint == "one"
+    shown = str(markdown_of(analysis.report(most_rows=1)))
+    assert "one  " in shown
+    assert "other" not in shown
+    assert f"--account {len(analysis.account)}" in shown
+    moments = [line for _, _, line in events(analysis)]
+    assert any("asked: one" in line for line in moments)
+    with pytest.raises(ScenarioError, match=r"such as .*one"):
+        analyze(recording, about="nobody")
+
+
+ROW = AccountRow(
+    kind="asked",
+    body="0_arm",
+    joint="elbow",
+    told="0.4 rad, got 0.2 rad",
+    gap=-0.2,
+    unit="rad",
+    salience=1.0,
+)
+FINDING = Finding(
+    code="off-target",
+    level="asked",
+    message="elbow rests 0.2 rad off",
+    body="0_arm",
+    joint="elbow",
+    effect=Effect(0.2, "rad"),
+)
+
+
+@pytest.mark.parametrize(
+    ("finding", "cites"),
+    [
+        (FINDING, True),
+        (replace(FINDING, effect=Effect(0.13, "rad")), True),  # in the mean, not at the worst
+        (replace(FINDING, effect=Effect(0.01, "rad")), False),  # of another moment
+        (replace(FINDING, effect=Effect(0.2, "m")), False),  # how far the hand is off
+        (replace(FINDING, effect=Effect(1.13, "1")), False),  # an inertia
+        (replace(FINDING, joint="wrist"), False),
+        (replace(FINDING, body="1_arm"), False),
+    ],
+    ids=["same", "mean", "moment", "hand", "inertia", "joint", "body"],
+)
+def test_a_finding_takes_the_place_of_the_row_that_tells_the_same(
+    finding: Finding, cites: bool
+) -> None:
+    (cited,) = citing([finding], [ROW])
+    assert (cited.row is ROW) is cites
+    sections = account_of([ROW], [cited], 6)
+    assert bool(sections) is not cites
+
+
+def test_a_finding_about_two_bodies_takes_the_place_of_their_row() -> None:
+    row = AccountRow(
+        kind="press",
+        body="1_box",
+        other="0_finger",
+        pair=("pad", "box"),
+        told="25 N in the median",
+        got=25.0,
+        unit="N",
+        depth_m=0.00448,
+    )
+    finding = replace(
+        FINDING, body="0_finger", other="1_box", joint=None, effect=Effect(0.00448, "m")
+    )
+    (cited,) = citing([finding], [ROW, row])
+    assert [str(each) for each in beneath(cited)] == ["pad × box: 25 N in the median"]
+
+
+@pytest.mark.pybullet
+def test_a_torque_is_told_as_given_beside_the_motor_that_holds_the_joint(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        textwrap.dedent(
+            """
+            import pybullet as p
+            p.connect(p.DIRECT)
+            ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.1)
+            arm = p.createMultiBody(
+                0, -1, -1, [0, 0, 1], [0, 0, 0, 1], linkMasses=[1],
+                linkCollisionShapeIndices=[ball], linkVisualShapeIndices=[-1],
+                linkPositions=[[0, 0, 0]],
+                linkOrientations=[[0, 0, 0, 1]], linkInertialFramePositions=[[0.3, 0, 0]],
+                linkInertialFrameOrientations=[[0, 0, 0, 1]], linkParentIndices=[0],
+                linkJointTypes=[p.JOINT_REVOLUTE], linkJointAxis=[[0, 0, 1]])
+            for _ in range(60):
+                p.setJointMotorControl2(arm, 0, p.TORQUE_CONTROL, force=0.5)
+                p.stepSimulation()
+            """
+        )
+    )
+    recorded = record_script(str(script), out=tmp_path / "script.rrd")
+    (row,) = [row for row in analyze(recorded.recording).account if row.kind == "given"]
+    assert row.asked == pytest.approx(0.5, rel=1e-9)
+    assert row.got == pytest.approx(0, abs=1e-6)  # its velocity motor takes all
+    assert value(row, "motor") == pytest.approx(-0.5, rel=1e-3)

@@ -166,7 +166,10 @@ def _analyzer(
     asked = given.of(verbs.AnalyzeArguments) | instead
     if asked["table"] is not None:
         check_table(asked["table"], force=asked["force"])
-    write_page, verbose = _page(given, read), given["verbose"]
+    if given["account"] is not None and given["account"] < 0:
+        raise ScenarioError("--account must be 0 or more, got {n}", n=given["account"])
+    how = {"verbose": given["verbose"], "most_rows": given["account"]}
+    write_page = _page(given, read)
 
     def analyzed(recording: Path, script: Path | None) -> tuple[Any, int]:
         from drop_physics.stages.analyze import analyze
@@ -176,13 +179,13 @@ def _analyzer(
         of = {"recording": recording, "choice": choice, "script": script, "explain": explain}
         with progress() as report:
             analysis = analyze(**asked | of, progress=report)
-        write_page(analysis, film_of=recording, verbose=verbose)
+        write_page(analysis, film_of=recording, **how)
         text = "" if _as_json(given) else None
         if given["output_format"] in ("github", "sarif"):
             from drop_physics.report.annotations import FORMATS
 
             text = FORMATS[given["output_format"]](analysis)
-        return analysis, _show(analysis, text=text, verbose=verbose, choice=choice)
+        return analysis, _show(analysis, text=text, choice=choice, **how)
 
     return analyzed
 

@@ -116,7 +116,11 @@ class Account:
                 yield from self._joint_rows(subject, joints)
             if number in self._tracks:
                 yield from moved.base_rows(
-                    subject, self._tracks[number], self._gravity[number], words
+                    subject,
+                    self._tracks[number],
+                    self._gravity[number],
+                    self._written[number],
+                    words,
                 )
             total = totals.get(number)
             if total is not None and total.covered:
@@ -158,7 +162,7 @@ class Account:
             return
         series = JointSeries.joined(parts)
         controls = self._controls_of(subject.body, len(series))
-        yield from asked.clamped_rows(subject, controls)
+        yield from asked.clamped_rows(subject, controls, series.steps, words)
         yield from idle_actuator_rows(subject, self._seen, controls)
         given = GivenControls(subject, series, controls, words)
         yield from given.rows

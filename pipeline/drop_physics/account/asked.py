@@ -14,7 +14,7 @@ from drop_physics.account.shaped import off_axle
 from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.terms import GAP, GIVEN, RATE, Term
 from drop_physics.account.words import RowWords
-from drop_physics.arrays import Flags, Float64
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.quantities import number, quantity
@@ -22,6 +22,11 @@ from drop_physics.trace.events import Actuator, Joint
 
 DRIVES = ("motors", GIVEN, GAP, RATE)
 """Causes that are what a joint was commanded; they come first among a row's terms."""
+COMMANDED = (GIVEN, GAP, RATE)
+"""Those of them that a torque or a control gives; a motor beside these acts for itself."""
+FEEBLE = 0.1
+"""A torque that begins with less than this share of the most, and less than what else acts, is told
+where it is most."""
 SELDOM = 0.02
 """A command in fewer of the steps than this share does not make the joint a commanded one."""
 HOLD_STEPS, LATE = 5, 0.85
@@ -213,7 +218,7 @@ def torque_row(
         (
             ledger.impulse[term][:, axis.rate]
             for term in ledger.impulse
-            if term.cause in ("motors", GIVEN) or term.cause.startswith("actuator ")
+            if words.drives(term, COMMANDED)
         ),
         start=np.zeros(ledger.bins),
     )
@@ -231,9 +236,16 @@ def torque_row(
             begins = int(broken[0])
             step = ledger.first + begins * ledger.width
             when = Message("balanced until {time}, then", time=words.time(subject, step))
-    window = slice(begins, begins + max(3, len(acting) // 50))
-    forces = ledger.forces(axis.rate, window)
-    given = sum(force for term, force in forces.items() if words.drives(term, DRIVES))
+    lasts = max(3, len(acting) // 50)
+    window = slice(begins, begins + lasts)
+    forces, given = _given(subject, axis, window, words)
+    mean = np.abs(np.convolve(drive, np.ones(lasts) / lasts, "valid"))
+    others = (abs(f) for t, f in forces.items() if t != OWN and not words.drives(t, COMMANDED))
+    if mean[begins] < FEEBLE * mean.max() and abs(given) < max(others, default=0.0):
+        begins = int(np.argmax(mean))
+        time = words.time(subject, ledger.first + begins * ledger.width)
+        when, window = Message("at most, from {time} on,", time=time), slice(begins, begins + lasts)
+        forces, given = _given(subject, axis, window, words)
     sign = float(np.sign(given)) or 1.0
     forces = {term: force * sign for term, force in forces.items()}
     after = series.after[:, k]
@@ -255,16 +267,24 @@ def torque_row(
         joint=axis.name,
         told=told,
         asked=abs(given),
-        got=way,
+        got=-forces.get(OWN, 0.0) if forces else None,
         unit=axis.force_unit,
         step=step,
         time_s=words.seconds(subject, step),
-        terms=words.terms(subject, forces, axis.force_unit, drives=DRIVES),
+        terms=words.terms(subject, forces, axis.force_unit, drives=COMMANDED),
         salience=max(min(way / axis.scale, 1.0) * 0.6, cancelled * 0.7 if still else 0.0),
         subject=subject.body,
-        group=("torque", subject.kind, words.opposing(forces)),
+        group=("torque", subject.kind, words.opposing(forces), still),
         gives_j=given_j(subject, axis, words),
     )
+
+
+def _given(
+    subject: MeasuredBody, axis: Axis, window: slice, words: RowWords
+) -> tuple[dict[Term, float], float]:
+    """Return the mean force of each term over a window, and that of commands alone."""
+    forces = subject.ledger.forces(axis.rate, window)
+    return forces, sum(f for term, f in forces.items() if words.drives(term, COMMANDED))
 
 
 def given_j(subject: MeasuredBody, axis: Axis, words: RowWords) -> float:
@@ -293,9 +313,9 @@ def _controls(actuators: Mapping[Actuator, Float64]) -> Message:
 
 
 def clamped_rows(
-    subject: MeasuredBody, controls: Mapping[Actuator, Float64]
+    subject: MeasuredBody, controls: Mapping[Actuator, Float64], steps: Int64, words: RowWords
 ) -> Iterator[AccountRow]:
-    """Yield a row for each actuator whose control is clamped by its range."""
+    """Yield a row for each actuator whose control is clamped by its range, in some steps."""
     for actuator, given in controls.items():
         if actuator.ctrl_range is None or not np.isfinite(given).any():
             continue
@@ -323,6 +343,8 @@ def clamped_rows(
             got=got,
             gap=got - asked,
             unit="",
+            step=int(steps[at]),
+            time_s=words.seconds(subject, int(steps[at])),
             salience=0.9 * abs(asked - got) / max(abs(asked), 1e-12) + 0.3 * float(outside.mean()),
             subject=subject.body,
             group=("clamped", subject.kind, round(asked, 6)),

@@ -287,8 +287,8 @@ def _gap_row(held: HeldConstraint, its: list[MeasuredBody], words: RowWords) -> 
         for body, link in zip(held.last.bodies, held.last.links, strict=True)
     ]
     told = Message(
-        "its ends meet, got {gap} apart at {time} ({end} at the end); pulls {pull} of {limit}, at "
-        "most {most}, {weights} weights",
+        "its ends together, got {gap} apart at {time} ({end} at the end); pulls {pull} of {limit}, "
+        "at most {most}, {weights} weights",
         gap=quantity(held.gap_m, "m"),
         time=words.time(lighter, held.gap_step),
         end=quantity(held.end_m, "m"),

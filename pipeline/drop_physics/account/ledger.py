@@ -6,8 +6,9 @@ one. So memory does not grow with a recording, and any window has its mean force
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -29,6 +30,8 @@ which add up, it is all of them."""
 
 OWN = Term("own inertia")
 """The momentum that a rate itself takes up."""
+OTHERS = Term(DRAG, "others")
+"""The inertia that couples rates to the acceleration of all others."""
 
 
 def bins_for(freedoms: int) -> int:
@@ -158,33 +161,40 @@ class Ledger:
         found |= {Term(DRAG, rate=int(k)): float(row[k]) for k in np.flatnonzero(row)}
         return {term: force for term, force in found.items() if force}
 
-    def works(self, rate: int, window: slice) -> dict[Term, Float64]:
-        """Return the work of each term on a rate in the bins of a window [J].
+    def works(self, rates: Sequence[int], window: slice) -> dict[Term, Float64]:
+        """Return the work of each term on some rates in the bins of a window [J].
 
-        Empty where steps of the window are not explained.
+        With that of the inertia which couples them to all other rates. Empty where steps of the
+        window are not explained.
         """
         if not self.covers(window):
             return {}
-        found = {term: values[window, rate] for term, values in self.work.items()}
+        found = {term: values[window, rates].sum(axis=1) for term, values in self.work.items()}
+        if self.tree.links and len(rates) < self.tree.size:
+            found[OTHERS] = self._gained_j(rates, window) - sum(found.values())
         return {term: values for term, values in found.items() if values.any()}
 
-    def works_along(self, direction: Float64, window: slice) -> dict[Term, Float64]:
-        """Return the work of each term on a free base's motion along a direction [J].
+    def _gained_j(self, rates: Sequence[int], window: slice) -> Float64:
+        """Return what the kinetic energy of some rates alone gains in the bins of a window [J].
 
-        Of the mean velocity of each bin; `direction` is a unit vector in world axes, shape (3,).
+        With u the rates after a bin, and M their block of the mass matrix there, it is
+        ½ u·M u - ½ (u - Δu)·M (u - Δu).
         """
-        if not self.covers(window):
-            return {}
-        seconds = self.seconds[window]
-        speed = np.divide(
-            self.way[window, 3:6] @ direction,
-            seconds,
-            out=np.zeros_like(seconds),
-            where=seconds > 0,
+        block = self._inertias[window][:, rates][:, :, rates]
+        after = self.ends.velocity[window][:, rates]
+        before = after - self.gained[window][:, rates]
+        return np.asarray(
+            0.5 * np.einsum("nij,ni,nj->n", block, after, after)
+            - 0.5 * np.einsum("nij,ni,nj->n", block, before, before)
         )
-        return {
-            term: (values[window, 3:6] @ direction) * speed for term, values in self.impulse.items()
-        }
+
+    @cached_property
+    def _inertias(self) -> Float64:
+        """The mass matrix at the end of each bin, shape (bins, size, size); 0 of empty ones."""
+        found = np.zeros((self.bins, self.tree.size, self.tree.size))
+        known = np.flatnonzero(self.counts)
+        found[known] = mass_matrix(kinematics(self.tree, self.ends.at(known)))
+        return found
 
     def _inertia(self, rate: int, window: slice) -> Float64:
         """Return a row of the mass matrix at the middle of a window, shape (size,)."""

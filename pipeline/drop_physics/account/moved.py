@@ -8,20 +8,26 @@ from dataclasses import replace
 import numpy as np
 
 from drop_physics.account.asked import Axis, magnitude, turned_axis
-from drop_physics.account.ledger import given_and_taken
+from drop_physics.account.ledger import OWN, given_and_taken
 from drop_physics.account.rows import AccountRow, RowTerm
 from drop_physics.account.series import BaseTrack, JointSeries
 from drop_physics.account.shaped import mass_outside
 from drop_physics.account.subjects import MeasuredBody, turning_rad_s
 from drop_physics.account.terms import Term
 from drop_physics.account.words import RowWords
-from drop_physics.arrays import Float64
+from drop_physics.account.written import WrittenStates
+from drop_physics.arrays import Flags, Float64
 from drop_physics.messages import Message
 from drop_physics.quantities import number, quantity
 
 MOVED = 0.01
 """A way below this share of the body's size, or below this angle [rad], is no motion."""
 TURNED_RAD = 0.03
+UPRIGHT = 0.999
+"""Cosine from which gravity is along an axis."""
+LITTLE = 0.1
+"""Share of the energy of its mean motion, and of what it loses, below which what forces gave a body
+did not move it."""
 FALL = 5.0
 """A fall by less than this many sizes, with nothing but gravity giving, is what falls do."""
 
@@ -52,17 +58,21 @@ def joint_row(
             return row
     if way[at] / axis.scale <= MOVED:
         return None
-    gave, took = given_and_taken(ledger.works(axis.rate, ledger.window(ledger.first, step)))
+    gave, took = given_and_taken(ledger.works([axis.rate], ledger.window(ledger.first, step)))
     if driven:
         why = Message("driven by {actuator}", actuator=driven[0])
     elif np.isfinite(series.asked_rate[:, k]).any():
         why = Message("told to stand")
+    elif held and axis.joint.kind == "spherical":
+        why = Message("no call commands it: the engine's own motor holds its pose at 0")
     elif held:
         limit = float(np.nanmax(series.limit[:, k]))
         why = Message(
             "no call commands it: the engine's own motor holds its rate at 0 with {limit} at most",
             limit=quantity(limit, axis.force_unit),
         )
+    elif pushed in ledger.impulse and ledger.impulse[pushed][:, axis.rate].any():
+        why = Message("no motor commands it; the script pushes it")
     else:
         why = Message("nothing commands it")
     why = why + _reached(subject, axis) + _undamped(subject, axis)
@@ -134,6 +144,8 @@ def _pushed(
         return None
     window = slice(int(acting[0]), int(acting[-1]) + 1)
     forces = ledger.forces(axis.rate, window)
+    if not forces:
+        return None
     push = forces.get(Term("applied"), 0.0)
     forces = {term: force * (float(np.sign(push)) or 1.0) for term, force in forces.items()}
     against = -sum(force for force in forces.values() if force < 0)
@@ -147,7 +159,7 @@ def _pushed(
             way=quantity(way, axis.unit),
         ),
         asked=abs(push),
-        got=way,
+        got=-forces.get(OWN, 0.0),
         unit=axis.force_unit,
         step=step,
         time_s=words.seconds(subject, step),
@@ -159,51 +171,74 @@ def _pushed(
 
 
 def base_rows(
-    subject: MeasuredBody, track: BaseTrack, gravity_m_s2: Float64, words: RowWords
+    subject: MeasuredBody,
+    track: BaseTrack,
+    gravity_m_s2: Float64,
+    written: WrittenStates,
+    words: RowWords,
 ) -> Iterator[AccountRow]:
-    """Yield how far a free base came and who gave it that, and how far it turned."""
+    """Yield how far a free base came and who gave it that, and how far it turned.
+
+    `written` are its states that the script wrote.
+    """
     way = track.farthest_m - track.start_m
     distance = float(np.linalg.norm(way))
     if distance / subject.size_m > MOVED and track.farthest_step >= 0:
-        yield from _ways(subject, track, way, gravity_m_s2, words)
+        yield from _ways(subject, track, way, gravity_m_s2, written, words)
     if track.most_turned_rad > TURNED_RAD:
         yield _turn(subject, track, words)
 
 
 def _ways(
-    subject: MeasuredBody, track: BaseTrack, way: Float64, gravity_m_s2: Float64, words: RowWords
+    subject: MeasuredBody,
+    track: BaseTrack,
+    way: Float64,
+    gravity_m_s2: Float64,
+    written: WrittenStates,
+    words: RowWords,
 ) -> Iterator[AccountRow]:
-    pull = float(np.linalg.norm(gravity_m_s2))
-    up = gravity_m_s2 / pull if pull else np.zeros(3)
-    vertical = (way @ up) * up
-    level = way - vertical
-    far = float(np.linalg.norm(way))
-    main = level if np.linalg.norm(level) > np.linalg.norm(vertical) else vertical
-    first = _way(subject, track, way, main, words)
-    fell = _most_given(first) == "gravity"
+    # Where gravity is along no axis, none is upright, and a way has no parts to tell apart.
+    upright = np.abs(gravity_m_s2) > UPRIGHT * np.linalg.norm(gravity_m_s2)
+    far, sideways = float(np.linalg.norm(way)), float(np.linalg.norm(way * ~upright))
+    main = ~upright if 2 * sideways**2 > far**2 else upright
+    first = _way(subject, track, way, main, written, words)
+    fell = bool(main[upright].any()) and _most_given(first) == "gravity"
     short = fell and far < FALL * subject.size_m
+    apart = fell and sideways / subject.size_m > 0.02
+    if apart:  # a row of its own
+        first = _way(subject, track, way * upright, upright, written, words)
     yield replace(first, salience=far / subject.size_m * (0.25 if short else 0.6))
-    sideways = float(np.linalg.norm(level))
-    if fell and sideways / subject.size_m > 0.02:
-        aside = _way(subject, track, level, level, words)
+    if apart:
+        aside = _way(subject, track, way * ~upright, ~upright, written, words)
         yield replace(aside, salience=sideways / subject.size_m * 0.6)
 
 
 def _way(
-    subject: MeasuredBody, track: BaseTrack, way: Float64, main: Float64, words: RowWords
+    subject: MeasuredBody,
+    track: BaseTrack,
+    way: Float64,
+    axes: Flags,
+    written: WrittenStates,
+    words: RowWords,
 ) -> AccountRow:
-    ledger, step = subject.ledger, track.farthest_step
-    along = main / np.linalg.norm(main)
+    """Return the row of a way, told and explained along some of the world's axes."""
+    ledger, step, main = subject.ledger, track.farthest_step, way * axes
     window = ledger.window(ledger.first, step)
-    gave, took = given_and_taken(ledger.works_along(along, window))
+    rates = [3 + int(k) for k in np.flatnonzero(axes)]
+    gave, took = given_and_taken(ledger.works(rates, window))
     far = float(np.linalg.norm(way))
     besides = way - main
     told = Message("{way}", way=_along_axes(main, far))
     if np.linalg.norm(besides) > 0.1 * far:
         told = told + Message(" (and {besides})", besides=_along_axes(besides, far))
     told = told + Message(" by {time}", time=words.time(subject, step))
-    if not gave and ledger.covers(window):
-        told = told + Message("; nothing gives: its start velocity")
+    mean_m_s = float(np.linalg.norm(main)) / max(float(ledger.seconds[window].sum()), 1e-12)
+    moving_j = max(0.5 * subject.mass_kg * mean_m_s**2, -sum(took.values(), start=0.0))
+    if ledger.covers(window) and sum(gave.values()) < LITTLE * moving_j:
+        if written.first_step is not None and written.first_step <= step:
+            told = told + Message("; no force gives it that: the script wrote its state")
+        else:
+            told = told + Message("; no force gives it that: its start velocity")
     return AccountRow(
         kind="moved",
         body=subject.body.label,
@@ -226,15 +261,19 @@ def _along_axes(way: Float64, far: float) -> str:
 
 def _turn(subject: MeasuredBody, track: BaseTrack, words: RowWords) -> AccountRow:
     ledger, step = subject.ledger, track.most_turned_step
+    whole = ledger.window(ledger.first, ledger.last)
+    if ledger.covers(whole) and np.linalg.norm(ledger.way[whole, :3].sum(axis=0)) > np.pi:
+        step = ledger.last
     window = ledger.window(ledger.first, step)
-    covered = ledger.work if ledger.covers(window) else {}
-    works = {term: values[window, :3].sum(axis=1) for term, values in covered.items()}
-    gave, took = given_and_taken({term: each for term, each in works.items() if each.any()})
+    gave, took = given_and_taken(ledger.works([0, 1, 2], window))
     turned = ledger.way[window, :3].sum(axis=0)
+    angle_rad = track.most_turned_rad
+    if float(np.linalg.norm(turned)) > np.pi:  # an orientation tells no more than half a turn
+        angle_rad = float(np.linalg.norm(turned))
     spin = turning_rad_s(subject)
     told = Message(
-        "by {angle:.3g}°, mostly about {axis}, by {time}",
-        angle=float(np.degrees(track.most_turned_rad)),
+        "by {angle}°, mostly about {axis}, by {time}",
+        angle=number(float(np.degrees(angle_rad))),
         axis="xyz"[int(np.argmax(np.abs(turned)))],
         time=words.time(subject, step),
     )
@@ -245,7 +284,7 @@ def _turn(subject: MeasuredBody, track: BaseTrack, words: RowWords) -> AccountRo
         kind="turned",
         body=subject.body.label,
         told=told,
-        got=track.most_turned_rad,
+        got=angle_rad,
         unit="rad",
         step=step,
         time_s=words.seconds(subject, step),
@@ -259,8 +298,10 @@ def _turn(subject: MeasuredBody, track: BaseTrack, words: RowWords) -> AccountRo
 def _works(
     subject: MeasuredBody, gave: Mapping[Term, float], took: Mapping[Term, float], words: RowWords
 ) -> tuple[RowTerm, ...]:
-    """Return what gave and what took energy as terms."""
-    return (*words.terms(subject, gave, "J")[:3], *words.terms(subject, took, "J")[:3])
+    """Return what gave and what took energy as terms; what is small beside all is left out."""
+    most = max(map(abs, (*gave.values(), *took.values())), default=0.0)
+    sides = (words.terms(subject, side, "J", beside=most)[:3] for side in (gave, took))
+    return tuple(term for side in sides for term in side)
 
 
 def _most(gave: Mapping[Term, float]) -> str | None:

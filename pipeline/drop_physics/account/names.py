@@ -76,6 +76,8 @@ class Names:
             if term.cause == CONTACT:
                 return Message("contact {other}", other=other)
             return Message("friction {other}", other=other)
+        if term.cause == DRAG and term.name:
+            return Message("drag of other parts")
         if term.cause == DRAG and term.rate is None:
             return Message("drag of its base")
         if term.cause == DRAG:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Hashable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import PurePath
 
 from drop_physics.account.rows import AccountRow
 
@@ -33,8 +34,11 @@ def ranked(
         node_of = None if row.subject is None else row.subject.node_of
         key = None if row.group is None else (row.kind, node_of or row.group)
         if key is not None and key in first:
-            place = first[key]
-            found[place] = replace(found[place], alike=found[place].alike + 1)
+            stands = found[first[key]]
+            joints = (row.joint,) if row.joint and row.body == stands.body else ()
+            found[first[key]] = replace(
+                stands, alike=stands.alike + 1, joints=(*stands.joints, *joints)
+            )
             continue
         if key is not None:
             first[key] = len(found)
@@ -43,11 +47,12 @@ def ranked(
 
 
 def is_about(row: AccountRow, about: str | None) -> bool:
-    """Return whether a row is about a body or a joint, or touches it."""
+    """Return whether a row is about a body, a link or a joint, or touches it."""
     if about is None:
         return False
-    names = {row.body, row.joint, row.actuator, row.constraint, *(row.pair or ())}
-    return about in names or (row.subject is not None and about == row.subject.name)
+    names = {row.body, row.joint, row.link, row.actuator, row.constraint, *(row.pair or ())}
+    of_body = set() if row.subject is None else {row.subject.name, PurePath(row.subject.name).stem}
+    return about in names | of_body
 
 
 def _raised(rows: Sequence[AccountRow]) -> Iterator[AccountRow]:

@@ -83,6 +83,12 @@ class AccountRow:
     """How many further bodies or joints it stands for."""
     subject: Body | None = field(default=None, repr=False, metadata={"json": False})
     """The body itself."""
+    other: str | None = field(default=None, repr=False, metadata={"json": False})
+    """Label of the other body of a pair."""
+    depth_m: float | None = field(default=None, repr=False, metadata={"json": False})
+    """How deep the two links of a pair got into each other."""
+    joints: tuple[str, ...] = field(default=(), repr=False, metadata={"json": False})
+    """The further joints of the same body that it stands for."""
     gives_j: float = field(default=0.0, repr=False, metadata={"json": False})
     """Energy that the drive of its joint gave: rows of a body that moves raise those of what
     moves it."""
@@ -103,6 +109,13 @@ class AccountRow:
             return self.subject.node_of
         named = self.joint or self.constraint or self.actuator or self.link or self.body
         return named or ""
+
+    @property
+    def numbers(self) -> tuple[tuple[float, str], ...]:
+        """The numbers that it tells, with their units."""
+        pushed = self.asked if self.kind == "held" else None
+        told = [(value, self.unit or "") for value in (self.got, self.gap, pushed)]
+        return tuple((value, unit) for value, unit in (*told, (self.depth_m, "m")) if value)
 
     @property
     def towards(self) -> tuple[RowTerm, ...]:

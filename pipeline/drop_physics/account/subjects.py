@@ -51,11 +51,15 @@ def subject_of(body: Body, ledger: Ledger, gravity_m_s2: Float64) -> MeasuredBod
     return MeasuredBody(body, ledger, _size_m(body, tree), mass_kg, max(mass_kg * pull, 1e-9))
 
 
-def turning_rad_s(subject: MeasuredBody) -> float:
-    """Return how fast a free base turns in the last tenth of its steps, in the mean [rad/s]."""
+def turning_rad_s(subject: MeasuredBody, *, before: bool = False) -> float:
+    """Return how fast a free base turns in the last tenth of its steps, in the mean [rad/s].
+
+    With `before`, in the tenth before that one.
+    """
     ledger = subject.ledger
     known = np.flatnonzero(ledger.counts)
-    late = known[-max(1, len(known) // 10) :]
+    tenth = max(1, len(known) // 10)
+    late = known[-2 * tenth : -tenth] if before else known[-tenth:]
     seconds = float(ledger.seconds[late].sum())
     if subject.tree.fixed or not seconds:
         return 0.0

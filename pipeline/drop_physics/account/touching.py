@@ -9,6 +9,7 @@ import numpy as np
 
 from drop_physics.account.rows import AccountRow
 from drop_physics.account.subjects import MeasuredBody, turning_rad_s
+from drop_physics.account.terms import Term
 from drop_physics.account.words import RowWords
 from drop_physics.arrays import Float64
 from drop_physics.explain.contact_points import Pairs
@@ -27,6 +28,8 @@ shares of the smaller body's size on."""
 SLIDING = 3
 """Dimensions of the force of a contact that has sliding friction alone."""
 TURNING_RAD_S = 0.05
+STEADY = 1.5
+"""Factor by which what turns on at one rate may be faster or slower than shortly before."""
 LIMIT = 0.98
 """Share of its limit from which friction counts as at its limit."""
 
@@ -113,31 +116,48 @@ class TouchedPairs:
             if its:
                 yield from _rows(key, touched, its, words)
         for subject in subjects.values():
-            row = self._turning_row(subject, seen, words)
+            row = self._turning_row(subject, subjects, seen, words)
             if row is not None:
                 yield row
 
-    def _turning_row(self, subject: MeasuredBody, seen: Seen, words: RowWords) -> AccountRow | None:
-        """Return the row of a body of one link that turns for ever on what it touches."""
+    def _turning_row(
+        self,
+        subject: MeasuredBody,
+        subjects: Mapping[int, MeasuredBody],
+        seen: Seen,
+        words: RowWords,
+    ) -> AccountRow | None:
+        """Return the row of a body of one link that turns for ever on what does not move."""
         number, ledger = subject.body.number, subject.ledger
         late = ledger.last - max(1, (ledger.last - ledger.first) // 10)
         keys = [key for key in self.pairs if number in key[:2] and self.pairs[key].last_step > late]
         spin = turning_rad_s(subject)
         if subject.tree.links or spin <= TURNING_RAD_S or not keys:
             return None
+        earlier = turning_rad_s(subject, before=True)
+        if not earlier / STEADY < spin < earlier * STEADY:  # it is slowed down, or sped up
+            return None
         if any(_resists_turning(key, seen) for key in keys):
             return None
+        if any(other in subjects for key in keys for other in key[:2] if other != number):
+            return None  # what moves may turn it
+        told = Message(
+            "it still turns at {spin} rad/s at the end; their contact has no torsional and no "
+            "rolling friction",
+            spin=number_of(spin),
+        )
+        damping = ledger.impulse.get(Term("damping"))
+        if damping is not None and damping[:, :3].any():
+            told = told + Message(", and only damping and sliding brake it")
+        else:
+            told = told + Message(", and only sliding would brake it")
         key = keys[0]
         names = (str(words.names.link(key[0], key[2])), str(words.names.link(key[1], key[3])))
         return AccountRow(
             kind="idle",
             body=subject.body.label,
             pair=names,
-            told=Message(
-                "it still turns at {spin} rad/s at the end; their contact has no torsional and no "
-                "rolling friction, and only sliding would brake it",
-                spin=number_of(spin),
-            ),
+            told=told,
             got=spin,
             unit="rad/s",
             step=ledger.last,
@@ -171,6 +191,7 @@ def _rows(
     normal_n = touched.normal_n
     weights, depth = normal_n / weight_n, touched.deepest_m / size_m
     kinds = tuple(str(subject.kind) for subject in its)
+    other = next((each.body.label for each in its if each is not lighter), None)
     deep = touched.deepest_step if touched.deepest_step >= 0 else touched.first_step
     if (weights > WEIGHTS and touched.steps >= 5) or depth > DEEP:
         told = Message(
@@ -189,6 +210,8 @@ def _rows(
             told=told,
             got=normal_n,
             unit="N",
+            depth_m=touched.deepest_m,
+            other=other,
             step=deep,
             time_s=words.seconds(lighter, deep),
             salience=max(float(heavy), 3.0 * depth if depth > DEEP else 0.0),
@@ -223,6 +246,7 @@ def _rows(
             told=told,
             got=touched.slid_m,
             unit="m",
+            other=other,
             step=touched.last_step,
             time_s=words.seconds(lighter, touched.last_step),
             salience=salience,

@@ -16,6 +16,8 @@ from drop_physics.quantities import number
 
 MOST_TERMS = 6
 """Most terms of a row."""
+SMALL = 1e-3
+"""The same share, beside a value that is told next to it."""
 LEAST_SHARE = 0.05
 """A term below this share of the largest is left out."""
 
@@ -61,10 +63,15 @@ class RowWords:
         values: Mapping[Term, float],
         unit: str,
         drives: Collection[str] = (),
+        beside: float = 0.0,
     ) -> tuple[RowTerm, ...]:
-        """Return the terms of a row, drives first, then by size; without the rate's own inertia."""
+        """Return the terms of a row, drives first, then by size; without the rate's own inertia.
+
+        What is small beside the largest, or beside a value that they stand next to, is left out.
+        """
         told = {term: value for term, value in values.items() if term != OWN and value}
         most = max(map(abs, told.values()), default=0.0)
+        most = max(most, SMALL / LEAST_SHARE * beside)
         ranked = sorted(
             (term for term, value in told.items() if abs(value) > LEAST_SHARE * most),
             key=lambda term: (not self.drives(term, drives), -abs(told[term])),

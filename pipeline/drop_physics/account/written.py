@@ -9,7 +9,7 @@ import numpy as np
 
 from drop_physics.account.rows import AccountRow
 from drop_physics.account.subjects import MeasuredBody
-from drop_physics.account.terms import CONTACT, FRICTION, Term
+from drop_physics.account.terms import CONTACT, FRICTION, GIVEN, Term
 from drop_physics.account.words import RowWords
 from drop_physics.explain.steps import BodySteps
 from drop_physics.messages import Message
@@ -20,6 +20,8 @@ ODD = ("integrator", "solver", "clamp", "remainder")
 """Causes that physics has not: they give energy only where a step is wrong."""
 UNKNOWN = 0.05
 """Share of the turnover from which what is unexplained leaves no terms to tell."""
+ROUNDING = 1e-9
+"""Share of the turnover below which an energy is rounding."""
 TURNOVER = 0.02
 """Share of a body's turnover of energy from which what an odd cause gives counts."""
 
@@ -38,6 +40,8 @@ class WrittenStates:
     """How far its steps moved it in all."""
     velocity: float = 0.0
     """How much calls changed its velocities in all [m/s] and [rad/s]."""
+    first_step: int | None = None
+    """The first sample that a step led to from a state that the script wrote."""
     last_step: int = -1
     _last: States | None = None
 
@@ -48,18 +52,19 @@ class WrittenStates:
         moved = np.linalg.norm(after.position_m - before.position_m, axis=1)
         self.steps += len(steps)
         self.stepped += float(moved.sum() + np.abs(after.joints - before.joints).sum())
-        for row in put[put > 0].tolist():
-            self._jump(after.at(np.array([row - 1])), before.at(np.array([row])))
         last = self._last
         if put[:1].tolist() == [0] and last and last.joints.shape == before.joints[:1].shape:
-            self._jump(last, before.at(np.array([0])))
-        if len(put):
-            self.last_step = int(steps.steps[put[-1]])
+            self._jump(int(steps.steps[0]), last, before.at(np.array([0])))
+        for row in put[put > 0].tolist():
+            end = after.at(np.array([row - 1]))
+            self._jump(int(steps.steps[row]), end, before.at(np.array([row])))
         self._last = after.at(np.array([len(steps) - 1]))
 
-    def _jump(self, end: States, begin: States) -> None:
-        """Add the change from the end of a step to the beginning of the next."""
+    def _jump(self, step: int, end: States, begin: States) -> None:
+        """Add the change from the end of a step to the beginning of the next, to a sample."""
         self.written += 1
+        self.first_step = step if self.first_step is None else self.first_step
+        self.last_step = step
         self.way += float(np.linalg.norm(begin.position_m - end.position_m))
         self.way += float(np.abs(begin.joints - end.joints).sum())
         self.velocity += float(np.abs(begin.velocity - end.velocity).sum())
@@ -111,12 +116,16 @@ def energy_row(
     if contacts and Term("contacts") in values:
         del values[Term("contacts")]
         values |= contacts
+    commanded = subject.ledger.work.get(Term(GIVEN))
+    if commanded is not None and Term("applied") in values:
+        values[Term(GIVEN)] = float(commanded.sum())
+        values[Term("applied")] -= float(commanded.sum())
     given = sum(value for value in values.values() if value > 0)
     taken = -sum(value for value in values.values() if value < 0)
     turnover, potential = max(given, taken), subject.weight_n * subject.size_m
     if abs(values.get(Term("remainder"), 0.0)) > UNKNOWN * turnover:
         values = {}
-    if turnover < 1e-9 * potential:
+    if turnover < 1e-9 * potential or not (values or abs(end_j - start_j) > ROUNDING * turnover):
         return None
     odd = max((values.get(Term(cause), 0.0) for cause in ODD), default=0.0) / turnover
     large = min(turnover / potential, 1.0)
@@ -124,13 +133,24 @@ def energy_row(
     return AccountRow(
         kind="energy",
         body=subject.body.label,
-        told=Message("{start} to {end}", start=quantity(start_j, "J"), end=quantity(end_j, "J")),
+        told=Message(
+            "{start} to {end}",
+            start=quantity(_rounded(start_j, turnover), "J"),
+            end=quantity(_rounded(end_j, turnover), "J"),
+        ),
         asked=start_j,
         got=end_j,
         gap=end_j - start_j,
         unit="J",
+        step=subject.ledger.last,
+        time_s=words.seconds(subject, subject.ledger.last),
         terms=words.terms(subject, values, "J"),
         salience=max(1.2 * odd * large if odd > TURNOVER else 0.0, 0.22 * large),
         subject=subject.body,
         group=("energy", subject.kind, main),
     )
+
+
+def _rounded(energy_j: float, turnover_j: float) -> float:
+    """Return an energy, 0 where it is rounding beside what was given and taken."""
+    return energy_j if abs(energy_j) > ROUNDING * turnover_j else 0.0

@@ -13,6 +13,7 @@ from drop_physics.account.account import Account
 from drop_physics.account.episodes import EpisodeTable
 from drop_physics.account.rows import AccountRow
 from drop_physics.analysis.bodies import BodyStory
+from drop_physics.analysis.citing import citing
 from drop_physics.analysis.phases import runs_of
 from drop_physics.analysis.results import Analysis, Explained
 from drop_physics.explain import recording
@@ -50,6 +51,8 @@ class Story:
         Whether the table has all rows of a long recording too, and columns for joints and terms.
     episode
         The episode whose end the account and the tables of joints are of; None for the whole run.
+    about
+        The body, link or joint whose rows begin the account; None for no preference.
     asked
         Whether rules are asked what they find.
     other
@@ -71,6 +74,7 @@ class Story:
         sums_at_s: Sequence[float] = (),
         whole: bool = False,
         episode: Episode | None = None,
+        about: str | None = None,
         asked: bool = True,
         other: Law | None = None,
         call_of: Callable[[Cure], str] = lambda cure: cure.call,
@@ -103,7 +107,7 @@ class Story:
         """The joints that are told: in all steps, or as the episode ends."""
         shown = episodes[0] if len(episodes) == 1 else episode
         self._episodes = EpisodeTable(seen, times, episodes, shown)
-        self._episode = episode
+        self._episode, self._about = episode, about
         self._seen, self._origin = seen, origin
         self._whole, self._also, self._reports = whole, also, reports
         self._rows: list[SampleRows] = []
@@ -155,7 +159,9 @@ class Story:
             pass
         totals = self.explanation.totals
         of_run = totals if self._window is None else {}
-        account = [] if self._account is None else self._account.rows(self._joints, of_run)
+        account: Sequence[AccountRow] = []
+        if self._account is not None:
+            account = self._account.rows(self._joints, of_run, self._about)
         by_body = {n: body.explained(totals.get(n)) for n, body in self.bodies.items()}
         return Analysis(
             origin=dict(self._origin),
@@ -199,17 +205,6 @@ class Story:
     @cached_property
     def _found(self) -> list[Finding]:
         return [] if self._rules is None else [*self._rules.findings()]
-
-
-def citing(findings: Iterable[Finding], account: Sequence[AccountRow]) -> Iterator[Finding]:
-    """Yield findings with the terms of the account's row about the same joint."""
-    rows: dict[tuple[str | None, str], AccountRow] = {}
-    for row in account:
-        if row.joint is not None:
-            rows.setdefault((row.body, row.joint), row)
-    for finding in findings:
-        its = rows.get((finding.body, finding.joint or ""))
-        yield finding if its is None else replace(finding, terms=its.terms)
 
 
 def _together(parts: Sequence[Explained]) -> Explained:

@@ -40,13 +40,11 @@ WORDS = {
 def account_of(rows: Sequence[AccountRow], findings: Sequence[Finding], most: int) -> list[Section]:
     """Return the account, at most so many rows; nothing where there is none.
 
-    A finding that is shown takes the place of the row about the same joint.
+    A finding that is shown takes the place of the row that tells the same.
     """
-    told = {(finding.body, finding.joint) for finding in findings if finding.terms}
+    told = [finding.row for finding in findings if finding.row is not None]
     rows = [
-        row
-        for row in rows
-        if row.salience >= NEGLIGIBLE and (row.joint is None or (row.body, row.joint) not in told)
+        row for row in rows if row.salience >= NEGLIGIBLE and not any(row is each for each in told)
     ]
     if not rows:
         return []

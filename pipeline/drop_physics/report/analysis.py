@@ -42,9 +42,14 @@ TOO_GRAVE = 3
 
 
 def report_of(
-    analysis: Analysis, *, verbose: bool = False, choice: Choice = EVERY, at_the_end: bool = False
+    analysis: Analysis,
+    *,
+    verbose: bool = False,
+    most_rows: int | None = None,
+    choice: Choice = EVERY,
+    at_the_end: bool = False,
 ) -> Report:
-    """Report what happened; without `verbose`, on one screen.
+    """Report what happened; without `verbose`, on one screen, with `most_rows` of the account.
 
     With `at_the_end`, only the findings and where everything ends: what a golden recording's page
     holds.
@@ -54,7 +59,7 @@ def report_of(
     if analysis.kind == "drop":
         report = report_of_drop(_of_drop(analysis), verbose=verbose)
     else:
-        report = report_of_bodies(analysis, verbose=verbose)
+        report = report_of_bodies(analysis, verbose=verbose, most_rows=most_rows)
     curves = Section([Graphs(partial(plot_of, analysis))], apart=False)
     first, *others = report.sections
     sections = [first, curves, *others, *_not_said(analysis)]

@@ -47,8 +47,10 @@ CELL, FORCE, CONTROL, LONGEST_JOINT = 8, 7, 8, 24
 """Widths of a joint's positions, torques, drive and name in columns."""
 
 
-def report_of_bodies(analysis: Analysis, *, verbose: bool = False) -> Report:
-    """Report what the bodies of a script did."""
+def report_of_bodies(
+    analysis: Analysis, *, verbose: bool = False, most_rows: int | None = None
+) -> Report:
+    """Report what the bodies of a script did; `most_rows` limits those of the account."""
     moving = [
         body for body in analysis.bodies if body.segments["still"] < sum(body.segments.values())
     ]
@@ -68,10 +70,11 @@ def report_of_bodies(analysis: Analysis, *, verbose: bool = False) -> Report:
     )
     episodes = [*episode_lines(analysis.episodes, analysis.episode, verbose=verbose)]
     sections = [*episodes, Section([found], apart=False)]
-    rows = len(analysis.account) if verbose else account.FEW if shown else account.MANY
     told = analysis.account
-    if not verbose and ended_well(analysis.episodes):
+    if not verbose and most_rows is None and ended_well(analysis.episodes):
         told = [row for row in told if row.misled]
+    rows = len(told) if verbose else account.FEW if shown else account.MANY
+    rows = rows if most_rows is None else most_rows
     sections += account.account_of(told, shown[:most], rows)
     verbose = verbose or alone
     if verbose:

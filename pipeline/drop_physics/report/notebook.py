@@ -39,7 +39,7 @@ HEADING = "h4"
 """Style of a result's first line."""
 
 
-MORE = re.compile(r": (?:see )?--(?:verbose|json)\b[^\n<]*")
+MORE = re.compile(r": (?:see )?--(?:verbose|json|account)\b[^\n<]*")
 """Where the command line shows more; in Python that is in a result's JSON."""
 
 

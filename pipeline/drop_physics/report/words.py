@@ -92,9 +92,11 @@ HANGS_ON = Message("the outcome hangs on {call}")
 
 
 def beneath(finding: Finding) -> Iterator[Message]:
-    """Yield what the sum says of a finding's joint, and what trials have shown."""
+    """Yield what the row says whose place a finding takes, and what trials have shown."""
     if finding.terms:
         yield sides_of(finding.terms)
+    elif finding.row is not None:
+        yield joined(": ", [finding.row.who, finding.row.told])
     if not finding.tried:
         return
     from drop_physics.experiments.interventions import short

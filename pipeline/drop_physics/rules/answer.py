@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.account.rows import RowTerm
+from drop_physics.account.rows import AccountRow, RowTerm
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.actuators import ActuatorTable
 from drop_physics.explain.bodies import Record
@@ -116,7 +116,11 @@ class Finding:
     """Number of episodes in which it was found."""
 
     terms: tuple[RowTerm, ...] = field(default=(), compare=False)
-    """The terms of the sum of its joint, of the row of the account whose place it takes."""
+    """The terms of the sum in the row of the account whose place it takes."""
+    row: AccountRow | None = field(
+        default=None, repr=False, compare=False, metadata={"json": False}
+    )
+    """The row of the account that tells the same of the same subject."""
     verdict: str | None = None
     """The best result of its trials, where `drop why` was run on this recording."""
     tried: tuple[Mapping[str, Any], ...] = ()

@@ -337,6 +337,13 @@ def joined(parts: Mapping[tuple[int, int], Rows]) -> Rows:
     return np.concatenate([np.empty(0, STATE), *(rows for _, rows in sorted(parts.items()))])
 
 
+def names_of_body(body: Body) -> Iterator[str]:
+    """Yield the names of a body, its links, joints and actuators."""
+    yield from (body.label, body.name, PurePath(body.name).stem, *body.links)
+    yield from (joint.name for joint in body.joints)
+    yield from (actuator.name for actuator in body.actuators)
+
+
 def body_named(bodies: Iterable[Body], which: str) -> Body:
     """Return the only body of a number, label or name, with or without the suffix of its file.
 

@@ -38,7 +38,7 @@ from drop_physics.stages.panels import plot_of, viewed
 from drop_physics.stages.rerun.trials import Trials
 from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.trace.episodes import Episode, episodes_of, looked_at
-from drop_physics.trace.history import Seen, body_named
+from drop_physics.trace.history import Seen, body_named, names_of_body
 
 if TYPE_CHECKING:
     pass  # its module loads Rerun
@@ -47,6 +47,8 @@ ANALYZING = Message("analyzing")
 _PARTS = 3
 """Number of parts for the progress bar: reading the recording, explaining it, writing the
 results."""
+MOST_NAMES = 12
+"""Most names that an error lists."""
 DEFAULT_AT_S = (0.3,)
 """Times at which flights are broken down, besides at their ends, unless other times are given."""
 
@@ -60,7 +62,8 @@ def analyze(asked: verbs.AnalyzeArguments) -> Analysis:
     RecordingError
         If the recording is missing, damaged or not one of ours.
     ScenarioError
-        If there is no such body, a time is outside the recording, or a file has another suffix.
+        If there is no such body or joint, a time is outside the recording, or a file has another
+        suffix.
     OutputError
         If a file cannot be written, or would replace what the same command reads or writes.
     """
@@ -73,6 +76,7 @@ def analyze(asked: verbs.AnalyzeArguments) -> Analysis:
         )
     asked.progress(ANALYZING, 0, _PARTS)
     read_back = read(path)
+    _check_about(asked.about, read_back)
     asked.progress(ANALYZING, 1, _PARTS)
     what = asked.explain or BY_DEFAULT
     episode = _episode(read_back, asked.episode, every=what.whole)
@@ -92,6 +96,7 @@ def analyze(asked: verbs.AnalyzeArguments) -> Analysis:
         asked.at_s,
         whole=bool(tables),
         episode=episode,
+        about=asked.about,
         reports=lambda finding: (asked.choice or EVERY).reports(
             finding, sources.ignored_at(finding.site)
         ),
@@ -151,6 +156,26 @@ def _episode(read_back: Recording, number: int | None, *, every: bool) -> Episod
     return looked_at(episodes_of(read_back.seen), number)
 
 
+def _check_about(about: str | None, read_back: Recording) -> None:
+    """Raise an error if nothing has the name that the account is to begin with."""
+    if about is None:
+        return
+    if read_back.drop is not None:
+        raise ScenarioError(
+            "--about is for recordings of scripts, and a drop has one body; omit it"
+        )
+    names = dict.fromkeys(
+        name for body in read_back.seen.bodies.values() for name in names_of_body(body)
+    )
+    if about not in names:
+        raise ScenarioError(
+            "--about takes the name of a body, a link, a joint or an actuator, such as {names}; "
+            "got {about!r}",
+            names=", ".join([*names][:MOST_NAMES]),
+            about=about,
+        )
+
+
 def _give_memory_back() -> None:
     """Return freed memory to the system: what is written next uses other allocators."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's
@@ -170,6 +195,7 @@ def analysis_of(
     *,
     whole: bool = False,
     episode: Episode | None = None,
+    about: str | None = None,
     reports: Callable[[Finding], bool] = lambda _: True,
 ) -> Analysis:
     """Return the analysis of a recording, as `analyze`, but without the files around it."""
@@ -190,6 +216,7 @@ def analysis_of(
         sums_at_s=at_s,
         whole=whole,
         episode=episode,
+        about=about,
         call_of=call_of(seen.engine),
         reports=reports,
     ).analysis()

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 WIDTH = 44
 """Characters of a line in the viewer's list of events."""
+MOST_ROWS = 12
+"""Most rows of the account whose moments are events."""
 
 
 def events(analysis: Analysis) -> list[tuple[int, float, str]]:
@@ -38,6 +40,10 @@ def _of_bodies(analysis: Analysis) -> Iterator[tuple[int, float, str]]:
             about = finding.joint or finding.body
             line = f"{finding.code}: {about}" if about else finding.code
             yield step, time_s, f"{time_s:.3f} s  {line}"
+    for row in analysis.account[:MOST_ROWS]:
+        if row.step is not None and row.time_s is not None:
+            line = textwrap.shorten(f"{row.kind}: {row.who}", WIDTH, placeholder=" …")
+            yield row.step, row.time_s, f"{row.time_s:.3f} s  {line}"
     for body in analysis.bodies:
         for contact in body.contacts:
             others = ", ".join(sorted({partner.body for partner in contact.by}))

@@ -393,6 +393,18 @@ class AnalyzeArguments(Printed):
         File | None, takes("FILE", "Write every sample to a .parquet or .csv file.")
     ] = None
     body: Body = None
+    account: ClassVar[
+        Annotated[
+            int | None,
+            takes(
+                "N", "Show at most N rows of the account. [default: 6; 12 where nothing is found]"
+            ),
+        ]
+    ] = None
+    about: Annotated[
+        str | None,
+        takes("BODY|JOINT", "Begin the account with the rows about this body, link or joint."),
+    ] = None
     select: ClassVar[Select] = None
     ignore: ClassVar[Ignore] = None
     fail_on: ClassVar[

@@ -1,0 +1,36 @@
+"""Findings that tell what a row of the account tells: they take its place, and cite its terms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+from drop_physics.account.rows import AccountRow
+from drop_physics.rules.answer import Finding
+
+SAME, ALIKE = 0.02, 2.0
+"""A number is that of a finding if it differs by SAME of it; one about the same joint, which a row
+takes at its worst moment and a finding in the mean, if they differ by this factor."""
+
+
+def citing(findings: Iterable[Finding], account: Sequence[AccountRow]) -> Iterator[Finding]:
+    """Yield findings with the row of the account that tells the same of the same subject."""
+    for finding in findings:
+        rows = [row for row in account if _tells(row, finding)]
+        rows.sort(key=lambda row: row.who in (row.body, ""))  # of a joint or a pair first
+        yield replace(finding, row=rows[0], terms=rows[0].terms) if rows else finding
+
+
+def _tells(row: AccountRow, finding: Finding) -> bool:
+    """Return whether a row is about what a finding is about, and tells its number."""
+    effect = finding.effect
+    if effect is None or finding.body is None or finding.body not in (row.body, row.other):
+        return False
+    same_joint = finding.joint is not None and finding.joint in (row.joint, *row.joints)
+    if row.joint is not None and not same_joint:
+        return False
+    most = ALIKE if same_joint else 1 + SAME
+    return any(
+        unit == effect.unit and effect.value <= most * abs(value) <= most**2 * effect.value
+        for value, unit in row.numbers
+    )
