@@ -373,6 +373,7 @@ def test_a_check_that_fails_says_why_and_one_that_need_not_passes(
     assert json.loads(same.stdout)["first_difference"] is None
 
 
+@pytest.mark.long
 def test_a_golden_block_holds_what_tells_why(tmp_path: Path) -> None:
     runs = []
     for name, text in (("golden", SCRIPT), ("fresh", HEAVIER)):

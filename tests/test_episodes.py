@@ -273,6 +273,7 @@ def _last(rows: list[EpisodeRow], client: int) -> int:
     return max(row.last_step for row in rows if row.client == client)
 
 
+@pytest.mark.long
 def test_each_worker_that_steps_apart_has_a_recording(tmp_path: Path) -> None:
     out = str(tmp_path / "run.rrd")
     said = _python(

@@ -51,6 +51,7 @@ def test_thresholds_messages_and_cure_are_those_of_the_rule() -> None:
     assert not {*apart.says} & {*weak.says}
 
 
+@pytest.mark.long
 def test_what_a_rule_only_proposes_is_to_try() -> None:
     for rule in RULES:
         (made,) = explain(rule.code).codes

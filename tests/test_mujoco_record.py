@@ -272,6 +272,7 @@ def test_the_steps_of_both_engines_are_compared(
 
 
 @pytest.mark.pybullet
+@pytest.mark.long
 def test_trust_and_why_say_that_they_compare_one_engine_of_two(
     tmp_path: Path, drop: Drop, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -407,6 +407,7 @@ def test_nothing_else_is_said_of_them(wrong: dict[str, Finding]) -> None:
     assert len(wrong) == 38
 
 
+@pytest.mark.long
 def test_nothing_is_said_once_they_are_mended(tmp_path: Path) -> None:
     assert analyzed(tmp_path, "mended").findings == []
 

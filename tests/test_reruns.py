@@ -115,6 +115,7 @@ def test_threads_of_a_numerical_library_do_not_forbid_a_fork(program: Program) -
     assert kind is Fork
 
 
+@pytest.mark.long
 def test_a_run_that_takes_too_long_is_stopped(program: Program) -> None:
     """A second of processor time is used up long before the test would hang."""
     text = SCRIPT.replace("        p.stepSimulation()", "        while True: pass")

@@ -22,7 +22,7 @@ def main():
     m = mujoco.MjModel.from_xml_string(XML)
     d = mujoco.MjData(m)
     d.qvel[0] = 1
-    for step in range(250):
+    for step in range(120):
         mujoco.mj_step(m, d)
     slid = d.qpos[0]
     print("slid", slid)
@@ -63,7 +63,7 @@ def test_the_friction_of_a_box_that_slides_is_found(tmp_path: Path) -> None:
     code, found, _ = why(tmp_path, SLIDES, "--expect", "x('box') < 0.15")
     assert code == 3
     assert not found["expectation"]["holds"]
-    assert found["expectation"]["value"] > 0.3
+    assert found["expectation"]["value"] > 0.2
     assert found["complete"]
     assert not found["chaotic"]
     first = next(each for each in found["makes_true"] if each["change"] == "geom_friction")
@@ -76,11 +76,12 @@ def test_the_friction_of_a_box_that_slides_is_found(tmp_path: Path) -> None:
 
 
 def test_what_holds_is_said_after_one_run_and_a_local_name_is_known(tmp_path: Path) -> None:
-    code, found, _ = why(tmp_path, SLIDES, "--expect", "slid > 0.3 and printed[-1] == slid")
+    code, found, _ = why(tmp_path, SLIDES, "--expect", "slid > 0.2 and printed[-1] == slid")
     assert (code, found["runs"], found["makes_true"]) == (0, 0, [])
     assert found["expectation"]["holds"]
 
 
+@pytest.mark.long
 def test_what_nothing_makes_true_is_said_with_what_comes_nearest(tmp_path: Path) -> None:
     code, found, _ = why(tmp_path, SLIDES, "--expect", "z('far') > 1000")
     assert (code, found["makes_true"], found["complete"]) == (3, [], True)
@@ -111,6 +112,7 @@ def test_an_assert_that_fails_says_what_is_expected(tmp_path: Path) -> None:
     assert all(each["result"] < 0.15 for each in found["makes_true"])
 
 
+@pytest.mark.long
 def test_an_assert_of_a_test_counts_too(tmp_path: Path) -> None:
     test = ASSERTS.replace("def main():", "def test_it():").replace("\nmain()", "")
     tmp_path.joinpath("test_slides.py").write_text(test)
