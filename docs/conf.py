@@ -1,7 +1,7 @@
 """The site of these pages: `sphinx-build -nW --keep-going -q -c docs . build/site`.
 
 The clone itself is built, so that a link leads to the same page on the site as in the clone.
-README.md is the home page.
+README.md, the first page of the newcomer's path, is the home page.
 """
 
 from __future__ import annotations
@@ -37,16 +37,15 @@ html_use_index = False
 html_search_language = "en-ja"
 
 _MENU = {
-    "Guides": [
-        "docs/install", "docs/walkthrough", "docs/record", "docs/why", "docs/mujoco",
-        "docs/from_pybullet", "docs/prove", "docs/diff",
-        "docs/drop", "docs/engines", "docs/viewing", "docs/scale", "docs/ci",
-        "docs/pipeline",
+    "The path": ["docs/prove", "docs/diff", "docs/viewing", "docs/ci"],
+    "Reference": [
+        "docs/install", "docs/record", "docs/why", "docs/mujoco", "docs/from_pybullet",
+        "docs/trust", "docs/scale", "docs/commands", "docs/recording", "docs/json",
+        "recordings/README", "docs/pipeline",
     ],
+    "The falling box": ["docs/walkthrough", "docs/drop", "docs/engines"],
     "日本語": ["はじめに <README.ja>", "docs/walkthrough.ja", "docs/drop.ja"],
-    "Reference": ["docs/commands", "docs/recording", "docs/json", "recordings/README"],
-    "How far to trust it": [
-        "docs/trust", "docs/validation", "docs/reliability", "docs/performance"],
+    "Reasons to believe it": ["docs/validation", "docs/reliability", "docs/performance"],
     "How it is built": ["docs/architecture", "CONTRIBUTING", "CHANGELOG"],
 }  # fmt: skip
 

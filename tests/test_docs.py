@@ -82,11 +82,20 @@ def test_in_ci_nothing_is_skipped(
     assert ("nothing is skipped" in done.stdout) == bool(failed)
 
 
-def test_the_readme_is_short_and_asks_first_what_a_reader_asks() -> None:
+def test_the_readme_is_short_and_asks_first_what_readers_ask() -> None:
     for page in ("README.md", "README.ja.md"):
         assert len((ROOT / page).read_text(encoding="utf-8").splitlines()) <= 180
     assert README.splitlines()[2] == "*Why did my simulation do that?*"
-    assert "\ndrop docs/examples/arm.py" in README.partition("\n## ")[2].partition("\n## ")[0]
+    shown = {
+        section.partition("\n")[0]: re.search(r"^(?:\$ )?(drop [\w/.]+)", section, re.MULTILINE)
+        for section in README.split("\n## ")[1:4]
+    }
+    assert {question: found and found[1] for question, found in shown.items()} == {
+        "Why did it do that?": "drop docs/examples/arm.py",
+        "Why did it not do what I wanted?": "drop why",
+        "Why is it not the same?": "drop diff",
+    }
+    assert len(README.split()) <= 900
 
 
 def test_the_page_of_the_box_names_every_option() -> None:

@@ -4,7 +4,7 @@ Each page is played from top to bottom, in its own folder, which is otherwise li
 of a block says how:
 
     sh         commands, each of which must succeed, or end in `|| echo …`
-    console    the same, each after `$ ` and followed by its output
+    console    the same, each after `$ ` and followed by its output; it may end with 3, an answer
     python     a program
     text       the output of the block before it
     yaml       a workflow, whose `run:` steps are commands
@@ -246,9 +246,12 @@ def _typed(text: str) -> Iterator[tuple[str, list[str]]]:
 
 
 def _lines(command: str, folder: Path, *, exactly: bool = False) -> list[str]:
-    """Return the output of a command, in lines."""
+    """Return the output of a command, in lines.
+
+    Exit code 3 is an answer: an expectation does not hold, two runs differ. Its output is quoted.
+    """
     code, printed = run_command(command if exactly else possible(command), folder)
-    if code:
+    if code not in ((0, 3) if exactly else (0,)):
         raise PageError(f"`{command}` exits with {code}: {printed}")
     return printed.splitlines()
 
