@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from drop_physics.engines.watching.single_changes import Change
+from drop_physics.engines.watching.single_changes import Change, how_of
 from drop_physics.experiments.motion import RunMotion, apart_m, side_m
 from drop_physics.experiments.ranking import ranked
 from drop_physics.experiments.search import ChangeOutcome, Search
@@ -92,6 +92,19 @@ def test_changes_with_the_same_motion_are_one_outcome_said_by_what_takes_nothing
     (said,) = ranked(search.tried)
     assert said.tried.change == TIMESTEP
     assert [each.change for each in said.alike] == [GRAVITY]
+
+
+def test_operators_of_one_field_are_one_outcome_said_by_what_moves_least_besides() -> None:
+    gears = [Change("actuator_gear", op, how_of(op), (0,), ("lift",)) for op in ("*10", "*-1")]
+    other = Change("actuator_gear", "*10", how_of("*10"), (1,), ("turn",))
+    aside = {("*10", (0,)): 0.3, ("*-1", (0,)): 0.1, ("*10", (1,)): 0.2}
+    runs = Runs(
+        lambda change: 0.5 + aside[change.op, change.ids],
+        lambda change: aside[change.op, change.ids],
+    )
+    said = ranked(searched(runs, *gears, other).tried)
+    assert [each.tried.change for each in said] == [gears[1], other]
+    assert [[one.change.op for one in each.also] for each in said] == [["*10"], []]
 
 
 def test_the_least_factor_that_does_it_is_found() -> None:

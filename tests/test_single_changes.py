@@ -109,7 +109,7 @@ def test_a_change_of_a_mujoco_script_is_found_and_made_in_its_process(tmp_path: 
         for each in changes(tmp_path, text, "MuJoCo")
         if (each.change, each.op) == ("geom_friction", "*10")
     )
-    assert found.of == ["geom0 of world", "box"]
+    assert found.of == ["world", "box"]
     trial = of_mujoco.trial_of(found.of_some([1]).by(5))
     made = states(tmp_path, text, interventions=trial["interventions"])
     assert made == states(tmp_path, MUJOCO.format(friction="2.5 0.025 0.0005"))

@@ -582,6 +582,13 @@ MAKES_TRUE = Object(
         "side": float | None,
         "breaks": bool,
         "ties": [Object(TIE, TIE_SAYS, frozenset(TIE))],
+        "also": [
+            Object(
+                {**TIE, "result": float | None},
+                {**TIE_SAYS, "result": "The quantity in that run."},
+                frozenset({*TIE, "result"}),
+            )
+        ],
         "place": int | None,
         "row": str | None,
         "recording": Path | None,
@@ -596,12 +603,13 @@ MAKES_TRUE = Object(
         "side": "The RMS change of all other motion [m].",
         "breaks": "Whether it takes a part of the scene or of the command away.",
         "ties": "Other changes with the same motion.",
+        "also": "Other operators on the same elements that make it true, with another motion.",
         "place": "Its place; outcomes that are alike share one.",
         "row": "The row of the account that names the same, if there is one.",
         "recording": "The recording of that run, if it was recorded.",
     },
-    frozenset({*TIE, "value", "least", "try", "call", "result", "side", "breaks", "ties", "place",
-               "row", "recording"}),
+    frozenset({*TIE, "value", "least", "try", "call", "result", "side", "breaks", "ties", "also",
+               "place", "row", "recording"}),
 )  # fmt: skip
 WHY = Object(
     {

@@ -1,14 +1,15 @@
 """The order in which changes are said that make true what was expected.
 
 Measured on 75 questions: what takes nothing away first, then what changes least of all other
-motion. Changes with the same motion are one outcome, said once.
+motion. Changes with the same motion are one outcome, said once; so are those of one field of the
+same elements.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from drop_physics.engines.watching.single_changes import Change
@@ -31,6 +32,8 @@ class SaidChange:
     """Other changes with the same motion."""
     side_m: float
     """The RMS change of all other motion [m]."""
+    also: Sequence[TriedChange] = ()
+    """Other operators on the same elements, whose motion is another one."""
 
 
 def ranked(tried: Iterable[TriedChange], besides: Sequence[str] = ()) -> list[SaidChange]:
@@ -57,7 +60,21 @@ def ranked(tried: Iterable[TriedChange], besides: Sequence[str] = ()) -> list[Sa
     for group in groups:
         first, *alike = sorted(group, key=_plainness)
         said.append(SaidChange(first, alike, side_m(first.far_m, besides)))
-    return sorted(said, key=lambda each: (each.tried.change.breaks, each.side_m))
+    order = sorted(said, key=lambda each: (each.tried.change.breaks, each.side_m))
+    return [*_by_field(order)]
+
+
+def _by_field(said: Sequence[SaidChange]) -> Iterator[SaidChange]:
+    """Yield outcomes, those of one field of the same elements as one: the first of them."""
+    of_field: dict[tuple[Any, ...], list[SaidChange]] = {}
+    for each in said:
+        change = each.tried.change
+        sets = sorted(change.how[1]["sets"]) if isinstance(change.how[1], Mapping) else ()
+        ids = frozenset(map(str, change.ids))
+        key = change.change, change.site, ids, change.breaks, *sets
+        of_field.setdefault(key, []).append(each)
+    for first, *others in of_field.values():
+        yield replace(first, also=[each.tried for each in others])
 
 
 def _has_smaller(each: TriedChange, true: Sequence[TriedChange]) -> bool:

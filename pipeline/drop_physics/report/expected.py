@@ -59,6 +59,7 @@ def json_of(found: Expected) -> dict[str, Any]:
             {
                 **_json_of(found, each.tried, each.side_m, factor),
                 "ties": [_named(one) for one in each.alike],
+                "also": [{**_named(one), "result": one.outcome.value} for one in each.also],
                 "place": place,
                 "recording": recording,
                 "site": line,
@@ -66,7 +67,8 @@ def json_of(found: Expected) -> dict[str, Any]:
             for each, factor, place, recording, line in made
         ],
         "moves": [
-            {**_json_of(found, each, None, None), "ties": [], "place": None} for each in found.moves
+            {**_json_of(found, each, None, None), "ties": [], "also": [], "place": None}
+            for each in found.moves
         ],
     }
 
@@ -198,6 +200,17 @@ def _remarks(
         parts.append(Message("takes a part of the scene or of the command away"))
     if least is not None:
         parts.append(Message("from ×{factor} on", factor=number(least)))
+    if each.also:
+        does = joined(
+            ", ",
+            [
+                Message(
+                    "{how}: {value}", how=found.does(one.change), value=number(one.outcome.value)
+                )
+                for one in each.also
+            ],
+        )
+        parts.append(Message("so does {changes}", changes=does))
     if each.alike:
         others = joined(", ", [found.words(one.change) for one in each.alike[:2]])
         more = len(each.alike) - 2

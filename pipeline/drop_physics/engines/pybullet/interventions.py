@@ -38,7 +38,7 @@ from drop_physics.engines.pybullet.watch.functions import (
     SHAPES,
     those_that,
 )
-from drop_physics.engines.pybullet.watch.single_changes import trial_of
+from drop_physics.engines.pybullet.watch.single_changes import TIMESTEP, trial_of
 from drop_physics.engines.watching.single_changes import Change
 from drop_physics.messages import Message
 from drop_physics.trace.cures import ChangedRun, Cure, Scope, whole_number
@@ -754,6 +754,24 @@ ROWS = (
 )
 
 
+FLAGS = {
+    2: "p.URDF_USE_INERTIA_FROM_FILE",
+    8: "p.URDF_USE_SELF_COLLISION",
+    16: "p.URDF_USE_SELF_COLLISION_EXCLUDE_PARENT",
+    32: "p.URDF_USE_SELF_COLLISION_EXCLUDE_ALL_PARENTS",
+    128: "p.URDF_USE_IMPLICIT_CYLINDER",
+    256: "p.URDF_GLOBAL_VELOCITIES_MB",
+    2048: "p.URDF_ENABLE_SLEEPING",
+    4096: "p.URDF_INITIALIZE_SAT_FEATURES",
+    8192: "p.URDF_USE_SELF_COLLISION_INCLUDE_PARENT",
+    131072: "p.URDF_MAINTAIN_LINK_ORDER",
+    524288: "p.URDF_MERGE_FIXED_LINKS",
+    2097152: "p.URDF_IGNORE_COLLISION_SHAPES",
+}
+"""Flags of a load by their bits, those that the physics depends on."""
+BOTH_FRAMES = {3: "p.LINK_FRAME, p.WORLD_FRAME"}
+
+
 def _words_of(change: Change) -> str:
     """Return a single change in words, with the line of its call."""
     function, _, argument = change.change.partition(".")
@@ -769,7 +787,16 @@ def _words_of(change: Change) -> str:
         )
     place = "" if change.site is None else f" ({change.site[0]}:{change.site[1]})"
     what = f"{argument} of p.{function}" if argument else f"p.{function}"
-    return Message("{what}{place} {how}", what=what, place=place, how=done(change.op))
+    if function == TIMESTEP:
+        what = function
+    if change.of and not change.bodies and any(change.target):  # only for some of its elements
+        what = Message("{call} for {elements}", call=what, elements=named(change.target))
+    how = done(change.op)
+    if argument == "flags" and change.op[0] == "^":
+        flags = BOTH_FRAMES if function in PUSHES else FLAGS
+        flag = flags.get(int(change.op[1:]), change.op[1:])
+        how = Message("with {flag} turned over", flag=flag)
+    return Message("{what}{place} {how}", what=what, place=place, how=how)
 
 
 INTERVENTIONS = Interventions(

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from drop_physics.engines.cures import TABLES
+from drop_physics.engines.interventions import done
 from drop_physics.engines.script import Program
 from drop_physics.engines.watching.expression import Expression
 from drop_physics.engines.watching.forks import FIRST_USE
@@ -99,6 +100,10 @@ class Expected:
     def repeats(self, change: Change) -> str:
         """Return the text with which `--try` repeats a change."""
         return text_of(change)
+
+    def does(self, change: Change) -> str:
+        """Return the operator of a change in words: ×10, left out."""
+        return done(change.op)
 
     def words(self, change: Change) -> str:
         """Return a change in words, as its user would say it: friction of left, right ×10."""
@@ -298,7 +303,7 @@ def _standing(trials: EvaluatedRuns, said: Sequence[SaidChange]) -> list[SaidCha
         if len(standing) == NARROWED:
             return [*standing, *said[number:]]
         if trials.stands(each.tried.change):
-            standing.append(each)
+            standing.append(replace(each, also=()))
     return standing
 
 

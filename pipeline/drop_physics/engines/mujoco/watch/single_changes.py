@@ -122,16 +122,24 @@ def _tree_of(module: Any, m: Any, kind: str, which: Any) -> str:
 
 
 def name_of(module: Any, m: Any, kind: str, which: Any) -> str:
-    """Return the name of an element; one without is called by what it belongs to."""
+    """Return the name of an element; one without is called by what it belongs to.
+
+    The only element of its kind in a body has the body's name, where no other has that.
+    """
     if kind == "contact":
         return " x ".join(name_of(module, m, "geom", geom) for geom in which)
-    name: str = module.mj_id2name(m, getattr(module.mjtObj, f"mjOBJ_{kind.upper()}"), which)
+    of = getattr(module.mjtObj, f"mjOBJ_{kind.upper()}")
+    name: str = module.mj_id2name(m, of, which)
     if name or (kind == "body" and not which):
         return name or "world"
     owner = {"geom": "geom_bodyid", "joint": "jnt_bodyid", "site": "site_bodyid"}.get(kind)
     if owner is None:
         return f"{kind}{which}"
-    return f"{kind}{which} of {name_of(module, m, 'body', int(getattr(m, owner)[which]))}"
+    bodies = getattr(m, owner)
+    body = name_of(module, m, "body", int(bodies[which]))
+    if (bodies == bodies[which]).sum() == 1 and module.mj_name2id(m, of, body) < 0:
+        return body
+    return f"{kind}{which} of {body}"
 
 
 # -- which elements -------------------------------------------------------------------------------
