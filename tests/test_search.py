@@ -107,6 +107,24 @@ def test_operators_of_one_field_are_one_outcome_said_by_what_moves_least_besides
     assert [[one.change.op for one in each.also] for each in said] == [["*10"], []]
 
 
+def test_what_follows_a_command_worse_comes_after_what_follows_it_as_before() -> None:
+    def run(changes: Iterator[Change]) -> Iterator[tuple[Change, ChangeOutcome]]:
+        for change in changes:
+            is_timestep = change == TIMESTEP
+            moved = replace(motion(0.5, 0.1), astray={"knee": 0.05 if is_timestep else 0.03})
+            moved = (
+                moved if is_timestep else replace(moved, positions_m=motion(0.5, 0.3).positions_m)
+            )
+            yield change, ChangeOutcome(True, 0.2, 0.5, [moved])
+
+    own = replace(motion(0.1), astray={"knee": 0.02})
+    search = Search(ChangeOutcome(False, -0.2, 0.1, [own]), run)
+    search.all_of([TIMESTEP, FRICTION.of_some([0])])
+    said = ranked(search.tried)
+    assert [[*each.tried.worse] for each in said] == [[], ["knee"]]
+    assert said[0].side_m > said[1].side_m
+
+
 def test_the_least_factor_that_does_it_is_found() -> None:
     runs = Runs(lambda change: 0.1 * change.how[1])
     search = searched(runs, FRICTION.of_some([0]))

@@ -581,6 +581,7 @@ MAKES_TRUE = Object(
         "result": float | None,
         "side": float | None,
         "breaks": bool,
+        "worse": list[str],
         "ties": [Object(TIE, TIE_SAYS, frozenset(TIE))],
         "also": [
             Object(
@@ -602,14 +603,15 @@ MAKES_TRUE = Object(
         "result": "The quantity in that run.",
         "side": "The RMS change of all other motion [m].",
         "breaks": "Whether it takes a part of the scene or of the command away.",
+        "worse": "The commands that are followed worse than in the script's own run.",
         "ties": "Other changes with the same motion.",
         "also": "Other operators on the same elements that make it true, with another motion.",
         "place": "Its place; outcomes that are alike share one.",
         "row": "The row of the account that names the same, if there is one.",
         "recording": "The recording of that run, if it was recorded.",
     },
-    frozenset({*TIE, "value", "least", "try", "call", "result", "side", "breaks", "ties", "also",
-               "place", "row", "recording"}),
+    frozenset({*TIE, "value", "least", "try", "call", "result", "side", "breaks", "worse", "ties",
+               "also", "place", "row", "recording"}),
 )  # fmt: skip
 WHY = Object(
     {

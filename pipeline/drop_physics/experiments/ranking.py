@@ -1,8 +1,8 @@
 """The order in which changes are said that make true what was expected.
 
 Measured on 75 questions: what takes nothing away first, then what changes least of all other
-motion. Changes with the same motion are one outcome, said once; so are those of one field of the
-same elements.
+motion; in between, after what follows commands as before, what follows one much worse. Changes with
+the same motion are one outcome, said once; so are those of one field of the same elements.
 """
 
 from __future__ import annotations
@@ -60,7 +60,9 @@ def ranked(tried: Iterable[TriedChange], besides: Sequence[str] = ()) -> list[Sa
     for group in groups:
         first, *alike = sorted(group, key=_plainness)
         said.append(SaidChange(first, alike, side_m(first.far_m, besides)))
-    order = sorted(said, key=lambda each: (each.tried.change.breaks, each.side_m))
+    order = sorted(
+        said, key=lambda each: (each.tried.change.breaks, bool(each.tried.worse), each.side_m)
+    )
     return [*_by_field(order)]
 
 

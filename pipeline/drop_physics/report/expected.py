@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from drop_physics.fields import counted
+from drop_physics.fields import all_of, counted
 from drop_physics.messages import Message, joined
 from drop_physics.quantities import number
 from drop_physics.report.blocks import Column, DataTable, Section, Words
@@ -20,8 +20,8 @@ FAILS = 3
 """Exit code if what was expected did not come."""
 SHOWN = 3
 """Outcomes that are shown without `--all`."""
-MOST_NAMES = 6
-"""Names of elements that are written out."""
+MOST_COMMANDS = 2
+"""Commands that are named of those that are followed worse."""
 
 
 # -- as JSON --------------------------------------------------------------------------------------
@@ -87,6 +87,7 @@ def _json_of(
         "result": tried.outcome.value,
         "side": side_m,
         "breaks": change.breaks,
+        "worse": [*tried.worse],
         "row": None,
         "recording": None,
     }
@@ -198,6 +199,10 @@ def _remarks(
         parts.append(" ".join(line).rstrip())
     if each.tried.change.breaks:
         parts.append(Message("takes a part of the scene or of the command away"))
+    if each.tried.worse:
+        parts.append(
+            Message("follows {commands} worse", commands=all_of(each.tried.worse[:MOST_COMMANDS]))
+        )
     if least is not None:
         parts.append(Message("from ×{factor} on", factor=number(least)))
     if each.also:

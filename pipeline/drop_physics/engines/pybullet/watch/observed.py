@@ -97,9 +97,11 @@ class ObservedWorld(Observed):
         for (body, joint), (at, target) in self._targets.items():
             try:
                 is_at = p.getJointState(body, joint, client)[at]
+                name = p.getJointInfo(body, joint, client)[1].decode(errors="replace")
             except p.error:  # its body is gone
                 continue
-            found[f"{body}.{joint}.{at}"] = target - is_at
+            alone = name not in found
+            found[name if alone else f"{name} of {self._name(body, -1)}"] = target - is_at
         return found
 
     def command(self, arguments: Mapping[str, Any]) -> None:
@@ -133,7 +135,9 @@ class ObservedWorld(Observed):
         return [p.getBodyUniqueId(n, client) for n in range(p.getNumBodies(client))]
 
     def _name(self, body: int, link: int) -> str:
-        root, name = (each.decode(errors="replace") for each in self._p.getBodyInfo(body))
+        root, name = (
+            each.decode(errors="replace") for each in self._p.getBodyInfo(body, self._client)
+        )
         if link < 0:
             return name or root or f"body{body}"
         return str(self._p.getJointInfo(body, link, self._client)[12].decode(errors="replace"))
