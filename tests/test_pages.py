@@ -181,7 +181,7 @@ def test_every_extra_that_a_page_names_exists() -> None:
         for extra in ",".join(found).split(",")
         if extra
     }
-    assert named == {"ray", "docs", "test", "dev", "notebook", "mp4", "mujoco"}
+    assert named == {"ray", "docs", "test", "dev", "notebook", "mp4", "pybullet"}
     assert named <= set(extras)
 
 
