@@ -102,7 +102,7 @@ def test_options_of_both_verbs_come_before_the_script(drop: Drop, tmp_path: Path
     assert done.returncode == 0
     assert "ball.py stopped by --steps: 1 body, 12 steps" in done.stdout
     assert "next  drop why --steps 12 ball.py --steps 7" in done.stdout
-    found = drop("--json", "--steps", "12", "--at", "0.02", "ball.py")
+    found = drop("--json", "--all", "--steps", "12", "--at", "0.02", "ball.py")
     told = json.loads(found.stdout)  # what the script prints is beside it
     assert (told["samples"], told["bodies"][0]["at"][0]["step"]) == (13, 5)
     module = drop("--steps", "12", "-m", "ball")

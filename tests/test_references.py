@@ -103,6 +103,21 @@ def test_what_record_prints_is_what_the_schema_says(tmp_path: Path) -> None:
     Draft202012Validator(strict(schema_of("record"))).validate(json.loads(done.stdout))
 
 
+def test_what_is_printed_of_a_script_is_small_and_what_the_schema_says(tmp_path: Path) -> None:
+    shutil.copy(SCHEMAS.parent / "examples/arm.py", tmp_path)
+    done = drop_here("--json", "arm.py", folder=tmp_path)
+    printed = json.loads(done.stdout)
+    Draft202012Validator(strict(schema_of("script"))).validate(printed)
+    assert len(done.stdout) < 2_500
+    (finding,) = printed["findings"]
+    assert (finding["code"], finding["site"]) == ("off-target", "arm.py:13")
+    assert finding["terms"] == "towards motor +30 N m   against gravity -31.4 N m"
+    # The row of that joint gives its place to the finding; another joint's stands.
+    assert [row["who"] for row in printed["account"] if row["kind"] == "asked"] == [
+        "lbr_iiwa_joint_4"
+    ]
+
+
 @pytest.mark.long
 def test_what_trust_prints_is_what_the_schema_says(tmp_path: Path) -> None:
     tmp_path.joinpath("script.py").write_text(

@@ -50,6 +50,7 @@ from drop_physics.explain.actuators import ActuatorRow
 from drop_physics.explain.decomposition import VectorTerms
 from drop_physics.explain.joints import JointRow
 from drop_physics.explain.touches import Touch
+from drop_physics.report import summary
 from drop_physics.rules import answer
 from drop_physics.scenario import Scenario
 from drop_physics.stages.check import Check
@@ -130,6 +131,10 @@ CONTRACT: dict[type, set[str]] = {
     episodes.EpisodeRow: {field.name for field in fields(episodes.EpisodeRow)},
     episodes.FirstContact: {field.name for field in fields(episodes.FirstContact)},
     account.RowTerm: {field.name for field in fields(account.RowTerm)},
+    **{
+        kind: {field.name for field in fields(kind)}
+        for kind in (summary.ShortFinding, summary.ShortRow, summary.Summary)
+    },
     Touch: {"with", *(field.name for field in fields(Touch) if field.name != "other")},
 }  # fmt: skip
 """Stable keys by type; `COMMANDS` has those of a whole command."""
@@ -313,6 +318,14 @@ SCRIPT_ANALYSIS = _object(
     by_body=None,
     curves=None,
     sources=None,
+)
+SUMMARY = _object(summary.Summary)
+SUMMARY = SUMMARY._replace(
+    keys={**SUMMARY.keys, "beside": SUMMARY},
+    descriptions={
+        **SUMMARY.descriptions,
+        "beside": "The same of the other engine, where a script steps both.",
+    },
 )
 RENDERING = _object(Rendering, plot=Path | None, speed=None)
 ROW = Object(
@@ -760,6 +773,7 @@ COMMANDS: dict[str, Object] = {
     "simulate": _object(Simulation),
     "analyze": ANALYSIS,
     "analyze_script": SCRIPT_ANALYSIS,
+    "script": SUMMARY,
     "render": RENDERING,
     "run": Object(
         {"simulate": _object(Simulation), "analyze": ANALYSIS, "render": RENDERING},
@@ -783,6 +797,7 @@ COMMANDS: dict[str, Object] = {
 
 TITLES = {
     "analyze_script": "drop analyze, of a script's recording",
+    "script": "drop, of a script",
     "sweep_script": "drop sweep, of a script",
 }
 """Titles that differ from the command's."""

@@ -364,8 +364,11 @@ def script(given: TypedLine) -> None:
     for each in filter(None, (recorded, recorded.beside)):
         analysis, code = analyzed(each.recording, None if given["is_module"] else Path(target))
         codes.append(code)
-        printed.append(analysis.as_json())
-    if _as_json(given):
+        if _as_json(given):
+            from drop_physics.report.summary import json_of_summary
+
+            printed.append(analysis.as_json() if given["whole"] else json_of_summary(analysis))
+    if printed:
         first, *others = printed
         output.print_json(first | ({"beside": others[0]} if others else {}))
     if recorded.never_began:

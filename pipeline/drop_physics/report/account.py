@@ -37,15 +37,16 @@ WORDS = {
 """The kinds of rows as readers see them."""
 
 
-def account_of(rows: Sequence[AccountRow], findings: Sequence[Finding], most: int) -> list[Section]:
-    """Return the account, at most so many rows; nothing where there is none.
-
-    A finding that is shown takes the place of the row that tells the same.
-    """
+def rows_beside(rows: Sequence[AccountRow], findings: Sequence[Finding]) -> list[AccountRow]:
+    """Return the rows worth reading beside findings, which take the place of theirs."""
     told = [finding.row for finding in findings if finding.row is not None]
-    rows = [
+    return [
         row for row in rows if row.salience >= NEGLIGIBLE and not any(row is each for each in told)
     ]
+
+
+def account_of(rows: Sequence[AccountRow], most: int) -> list[Section]:
+    """Return the account, at most so many rows; nothing where there is none."""
     if not rows:
         return []
     facts = [fact for row in rows[:most] for fact in facts_of(row)]
@@ -58,13 +59,17 @@ def account_of(rows: Sequence[AccountRow], findings: Sequence[Finding], most: in
 
 def facts_of(row: AccountRow) -> list[Fact]:
     """Return a row as facts: what was asked and came, and who acts for and against it."""
-    who = row.who
-    if row.alike:
-        who = Message("{who} and {alike} more", who=who, alike=row.alike)
-    facts = [Fact(WORDS[row.kind], joined("  ", [who, row.told]), "bold")]
+    facts = [Fact(WORDS[row.kind], joined("  ", [who_of(row), row.told]), "bold")]
     if row.terms:
         facts.append(Fact("", joined("", ["  ", sides_of(row.terms)])))
     return facts
+
+
+def who_of(row: AccountRow) -> str:
+    """Return what a row is about, and how many more it stands for."""
+    if row.alike:
+        return Message("{who} and {alike} more", who=row.who, alike=row.alike)
+    return row.who
 
 
 def sides_of(terms: Sequence[RowTerm]) -> Message:

@@ -63,7 +63,7 @@ def report_of(
     curves = Section([Graphs(partial(plot_of, analysis))], apart=False)
     first, *others = report.sections
     sections = [first, curves, *others, *_not_said(analysis)]
-    report = replace(report, sections=sections, next=[*_next(analysis)])
+    report = replace(report, sections=sections, next=[*next_commands(analysis)])
     notes: list[str] = []
     if analysis.partial:
         notes.append(unfinished(analysis.recording, _samples(analysis)))
@@ -89,7 +89,7 @@ def _not_said(analysis: Analysis) -> Iterator[Section]:
         yield Section([Facts([*rows])])
 
 
-def _next(analysis: Analysis) -> Iterator[str]:
+def next_commands(analysis: Analysis) -> Iterator[str]:
     """Yield commands that say more: trials of the script, if it is found, and the viewer."""
     if analysis.recording is None or not analysis.samples:
         return

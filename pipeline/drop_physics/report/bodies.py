@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from drop_physics.explain.cause_names import cause_in_words
@@ -30,8 +30,10 @@ from drop_physics.rules.choice import minor
 from drop_physics.trace.events import ENDED
 
 if TYPE_CHECKING:
+    from drop_physics.account.rows import AccountRow
     from drop_physics.analysis.results import Analysis, BodyAnalysis, StepSum
     from drop_physics.explain.joints import JointRow
+    from drop_physics.rules.answer import Finding
 
 MOST_FINDINGS = 3
 """Findings that are listed without --verbose; all are in the JSON."""
@@ -47,6 +49,41 @@ CELL, FORCE, CONTROL, LONGEST_JOINT = 8, 7, 8, 24
 """Widths of a joint's positions, torques, drive and name in columns."""
 
 
+@dataclass(frozen=True)
+class OneScreen:
+    """The findings and the rows of the account that one screen has room for."""
+
+    failed: Finding | None
+    """The error that the script ended with."""
+    findings: list[Finding]
+    """The other findings: the surest first, those of little weight last."""
+    most_findings: int
+    """The number of findings that are shown."""
+    rows: list[AccountRow]
+    """The rows of the account that no shown finding tells."""
+    most_rows: int
+    """The number of rows that are shown."""
+
+
+def one_screen(
+    analysis: Analysis, *, verbose: bool = False, most_rows: int | None = None
+) -> OneScreen:
+    """Choose what is shown of an analysis; `most_rows` limits the account in place of the rule."""
+    failed = next((each for each in analysis.findings if each.code == FAILED), None)
+    findings = [each for each in analysis.findings if each.code != FAILED]
+    little = [] if verbose else minor(findings)
+    shown = [each for each in findings if each not in little]
+    shown.sort(key=lambda each: each.proof == "none")  # the surest first
+    most = len(shown) if verbose else min(len(shown), MOST_FINDINGS)
+    told = analysis.account
+    if not verbose and most_rows is None and ended_well(analysis.episodes):
+        told = [row for row in told if row.misled]
+    rows = account.rows_beside(told, shown[:most])
+    if most_rows is None:
+        most_rows = len(rows) if verbose else account.FEW if shown else account.MANY
+    return OneScreen(failed, [*shown, *little], most, rows, most_rows)
+
+
 def report_of_bodies(
     analysis: Analysis, *, verbose: bool = False, most_rows: int | None = None
 ) -> Report:
@@ -55,27 +92,17 @@ def report_of_bodies(
         body for body in analysis.bodies if body.segments["still"] < sum(body.segments.values())
     ]
     alone = len(analysis.bodies) < len(analysis.by_body)
-    failed = [each for each in analysis.findings if each.code == FAILED]
-    findings = [each for each in analysis.findings if each not in failed]
-    little = [] if verbose else minor(findings)
-    shown = [each for each in findings if each not in little]
-    shown.sort(key=lambda each: each.proof == "none")  # the surest first
-    most = len(shown) if verbose else min(len(shown), MOST_FINDINGS)
+    screen = one_screen(analysis, verbose=verbose, most_rows=most_rows)
     found = FindingList(
-        [*shown, *little],
-        most,
+        screen.findings,
+        screen.most_findings,
         analysis.left_out,
         analysis.sources,
-        looked_at=None if failed or analysis.samples < 2 else looked_at(analysis),
+        looked_at=None if screen.failed or analysis.samples < 2 else looked_at(analysis),
     )
     episodes = [*episode_lines(analysis.episodes, analysis.episode, verbose=verbose)]
     sections = [*episodes, Section([found], apart=False)]
-    told = analysis.account
-    if not verbose and most_rows is None and ended_well(analysis.episodes):
-        told = [row for row in told if row.misled]
-    rows = len(told) if verbose else account.FEW if shown else account.MANY
-    rows = rows if most_rows is None else most_rows
-    sections += account.account_of(told, shown[:most], rows)
+    sections += account.account_of(screen.rows, screen.most_rows)
     verbose = verbose or alone
     if verbose:
         sections += _joints(moving)
@@ -89,7 +116,7 @@ def report_of_bodies(
         sections += falls(moving)
     sections.append(Section([*_not_said(moving, verbose=verbose)]))
     return Report(
-        error=Failure(failed[0], analysis.sources) if failed else None,
+        error=Failure(screen.failed, analysis.sources) if screen.failed else None,
         verdict=_headline(analysis, verbose=verbose),
         sections=sections,
     )

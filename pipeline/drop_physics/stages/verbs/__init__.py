@@ -379,7 +379,11 @@ class AnalyzeArguments(Printed):
     whole: ClassVar[
         Annotated[
             bool,
-            flag("Explain all steps of a long run of MuJoCo, and tell the whole run.", "--all"),
+            flag(
+                "Explain all steps of a long run of MuJoCo, and tell the whole run; with --json, "
+                "all of the analysis also where a script is named first.",
+                "--all",
+            ),
         ]
     ] = False
     python: Annotated[
