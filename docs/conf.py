@@ -39,8 +39,8 @@ html_search_language = "en-ja"
 _MENU = {
     "The path": ["docs/prove", "docs/diff", "docs/viewing", "docs/ci"],
     "Reference": [
-        "docs/install", "docs/record", "docs/why", "docs/mujoco", "docs/from_pybullet",
-        "docs/trust", "docs/scale", "docs/commands", "docs/recording", "docs/json",
+        "docs/install", "docs/record", "docs/importing", "docs/why", "docs/mujoco",
+        "docs/from_pybullet", "docs/trust", "docs/scale", "docs/commands", "docs/recording", "docs/json",
         "recordings/README", "docs/pipeline",
     ],
     "The falling box": ["docs/walkthrough", "docs/drop", "docs/engines"],

@@ -35,6 +35,7 @@ from drop_physics.drop.results import (
     Terms,
 )
 from drop_physics.engine_report import EngineReport
+from drop_physics.engines.mujoco.gaps import Gap
 from drop_physics.experiments import robustness, run_distance
 from drop_physics.experiments.shares import Shares
 from drop_physics.experiments.swap.answer import (
@@ -56,6 +57,7 @@ from drop_physics.scenario import Scenario
 from drop_physics.stages.check import Check
 from drop_physics.stages.explain import CodeManual
 from drop_physics.stages.export import Export
+from drop_physics.stages.importing import Imported
 from drop_physics.stages.info import Info
 from drop_physics.stages.record import ReplayedSteps
 from drop_physics.stages.render import Rendering
@@ -88,6 +90,7 @@ CONTRACT: dict[type, set[str]] = {
         "penetration_m",
     },
     Moment: {"time_s", "step", "phase", "simulated_m", "free_fall_m", "error_m", "terms_m"},
+    Gap: {field.name for field in fields(Gap)},
     Rendering: {"gif", "frames", "fps", "plot"},
     Rest: {"height_m", "expected_m", "error_m", "settled_step"},
     Scenario: {field.name for field in fields(Scenario)},
@@ -784,6 +787,11 @@ COMMANDS: dict[str, Object] = {
     "sweep": SWEEP,
     "sweep_script": SCRIPT_SWEEP,
     "record": RECORD,
+    "import": _object(Imported, {
+        "recording", "recording_id", "file", "engine", "world", "worlds", "states", "steps",
+        "explained", "step_s", "timestep_s", "rounding", "arrays", "gaps", "looked_at", "ended",
+        "said", "notes", "bodies", "bytes", "wall_s",
+    }),
     "trust": TRUST,
     "why": WHY,
     "diff": DIFF,

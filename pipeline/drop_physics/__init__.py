@@ -7,10 +7,11 @@
     analyze("run.rrd")
 
 `record` records what a block of Python does with PyBullet or MuJoCo, `record_script` what a script
-does; `analyze` explains every step as a sum of named impulses, and says what went wrong, the worst
-first, with the call that changes it. `why` runs a script again with one thing changed at a time,
-`trust` with variations that should not matter. `check` compares a recording with a golden one,
-`render` draws it, `export` writes it for other tools, and `info` describes it.
+does, and `import_states` what another program has left on disk; `analyze` explains every step as a
+sum of named impulses, and says what went wrong, the worst first, with the call that changes it.
+`why` runs a script again with one thing changed at a time, `trust` with variations that should not
+matter. `check` compares a recording with a golden one, `render` draws it, `export` writes it for
+other tools, and `info` describes it.
 
 `simulate` drops a box, a `Scenario`, in one of both engines; `run` also analyzes and renders it,
 `sweep` does many drops.
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
     from drop_physics.stages.diff import diff as diff
     from drop_physics.stages.export import Export as Export
     from drop_physics.stages.export import export as export
+    from drop_physics.stages.importing import Imported as Imported
+    from drop_physics.stages.importing import import_states as import_states
     from drop_physics.stages.info import Info as Info
     from drop_physics.stages.info import info as info
     from drop_physics.stages.record import Recorded as Recorded
@@ -79,6 +82,8 @@ _HOMES = {
     "Diff": "drop_physics.stages.diff",
     "export": "drop_physics.stages.export",
     "Export": "drop_physics.stages.export",
+    "import_states": "drop_physics.stages.importing",
+    "Imported": "drop_physics.stages.importing",
     "info": "drop_physics.stages.info",
     "Info": "drop_physics.stages.info",
     "record": "drop_physics.stages.block",

@@ -340,6 +340,27 @@ def record(given: TypedLine) -> None:
 
 
 @_verb(
+    verbs.ImportArguments,
+    group=OWN,
+    short="Record the states that another program has left on disk.",
+    example="drop import nan_dump_20260102_030405.npz",
+    name="import",
+)
+def import_(given: TypedLine) -> None:
+    """Record the states in a file of another program."""
+    from drop_physics.stages.importing import import_states
+
+    asked = given.of(verbs.ImportArguments)
+    with progress() as report:
+        told = Message("taking steps")
+        made = import_states(
+            **asked | {"maps": asked["maps"] or ()},
+            progress=lambda done, steps: report(told, done, steps),
+        )
+    _show(made, as_json=given["json"])
+
+
+@_verb(
     verbs.AnalyzeArguments,
     verbs.RecordArguments,
     group=OWN,

@@ -61,6 +61,7 @@ CAUSES = {
     "passive callback": "#661100",
     "joint force range": "#aa3377",
     "solver": "#bbbbbb",
+    "another engine": "#000000",
 }
 """What changes a body's energy, in the colours of their samples."""
 JOINTS = ("#d55e00", "#56b4e9", "#009e73", "#cc79a7", "#e69f00", "#8f5fd0")

@@ -73,6 +73,8 @@ def joint_row(
         )
     elif pushed in ledger.impulse and ledger.impulse[pushed][:, axis.rate].any():
         why = Message("no motor commands it; the script pushes it")
+    elif subject.body.actuators and not ledger.seconds.any():
+        why = Message("what drives it is not known, as no step is explained")
     else:
         why = Message("nothing commands it")
     why = why + _reached(subject, axis) + _undamped(subject, axis)

@@ -27,6 +27,7 @@ CAUSES = {
     "passive callback": Message("passive callback"),
     "joint force range": Message("force range of the joint"),
     "solver": Message("solver not converged"),
+    "another engine": Message("another engine"),
 }
 """Names of causes that change energy or momentum."""
 NAMED_CAUSES = {

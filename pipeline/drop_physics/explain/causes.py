@@ -23,7 +23,7 @@ energy into kinetic energy and back."""
 
 OF_REPLAYS = (
     *("spring", "fluid", "friction loss", "gravity compensation", "tendon", "adhesion"),
-    *("passive callback", "joint force range", "solver"),
+    *("passive callback", "joint force range", "solver", "another engine"),
 )
 """Further causes, in engines that report what acted in a step."""
 

@@ -44,6 +44,8 @@ from drop_physics.trace.events import REPLAYS, Body, ImpulseCause, Impulses
 from drop_physics.trace.history import Piece, Seen
 
 ACTUATOR = "actuator"
+ANOTHER = "another engine"
+"""What an imported step has beyond this engine's: its pose is rounded, too."""
 NAMED = (ACTUATOR, "tendon", TENDON_LIMIT.strip())
 """The kinds of causes of which a body has several, told apart by name."""
 ALWAYS = (PULLED, MOVED, "damping", "applied", "contacts", "constraints", "stops")
@@ -151,7 +153,8 @@ class Replayed(Explanation):
             alone=None,
         )
         stages = self._by_stages(body.client, ends)
-        strays = _strays(record, whole) & ~stages if tree.size else np.zeros(n, np.bool_)
+        judged = tree.size and ANOTHER not in terms
+        strays = _strays(record, whole) & ~stages if judged else np.zeros(n, np.bool_)
         (changes,) = changes_of(law, states, rows, added, [(slice(0, len(real)), slice(0, n))])
         batch = StepBatch(whole, [BodySteps(whole, slice(0, n), config, body, changes)])
         return batch, _verdicts(whole, status, strays)

@@ -40,6 +40,7 @@ Unsolved = Literal[
     "unknown",
     "not replayed",
     "not asked",
+    "another engine",
 ]
 """Why a replayed step has no sum (`trace.events.REPLAYS`)."""
 Why = Reason | Literal["timestep", "not finite", "before the recording", "remainder"] | Unsolved

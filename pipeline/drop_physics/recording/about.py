@@ -101,6 +101,25 @@ def _made_with(made: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} {value}" for name, value in named.items() if value is not None)
 
 
+def about_imported(origin: Mapping[str, Any], recorder: Recorder, ending: Ending) -> str:
+    """Return the description of a recording of imported states as Markdown."""
+    notes = "".join(f"\n- {note}" for note in ending.notes)
+    return f"""# States of another program
+
+`{origin["script"]}`, imported by drop: {recorder.samples:,} states, each held against the step that
+MuJoCo {ending.made_with["mujoco"]} takes from the one before.
+{notes}
+
+## How to read it
+
+- **World**: bodies at the states of the file; z up, metres.
+- `state` and `joints/BODY`: the states of the file. `contacts`: the contact points of MuJoCo's own
+  step from the state before the sample.
+- `impulses`: MuJoCo's own; `another engine` is what the file's velocities have beyond these.
+- `sim_step` is the number of the state; `sim_time` is the sum of the timesteps.
+"""
+
+
 def about_script(origin: Mapping[str, Any], recorder: Recorder, ending: Ending) -> str:
     """Return the recording's description as Markdown."""
     call = " ".join([origin["script"], *(origin.get("arguments") or [])])

@@ -157,6 +157,8 @@ FOR_LOOKING = (WORLD, COLLISIONS, f"{HEIGHT}/", LOG)
 SCENARIO_PROPERTY = "scenario"
 ORIGIN_PROPERTY = "origin"
 """What says which script was run: its name, the digest of its text, its arguments."""
+IMPORTED = "imported"
+"""The kind of an origin whose states another program has made."""
 BLOCK = "a block of Python"
 """Recorded where a script has its name."""
 ENGINE_PROPERTY = "engine"

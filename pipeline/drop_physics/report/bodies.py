@@ -177,6 +177,8 @@ def _explained(analysis: Analysis, *, verbose: bool) -> Message:
 
 def _of_substeps(analysis: Analysis) -> Iterator[Section]:
     """Yield the substep that torques and forces are of."""
+    if analysis.origin is not None and analysis.origin.get("kind") == "imported":
+        return  # whose states are apart, and which has no forces then
     reported = analysis.engine.values() if isinstance(analysis.engine, dict) else ()
     substeps = max((int(each["numSubSteps"]) for each in reported), default=0)
     if substeps < 2:

@@ -54,6 +54,8 @@ def failure(
     said, site = error.partition(": ")[2], origin.get("error_site")
     rest = error.removeprefix(printed).strip()
     message = Message("the script fails")
+    if origin.get("kind") == "imported":
+        message = Message("the states do not stay finite")
     if raised is not None and said and said.startswith(raised.raised.partition(": ")[2]):
         site = site_of(raised)
         message = Message(

@@ -16,6 +16,8 @@ from drop_physics.stages.program import encodable
 FOLDER = Path("recordings")
 """Folder in the working directory for recordings without a given name."""
 SCRIPT_SUFFIX = ".py"
+NAMED_WITHOUT = (SCRIPT_SUFFIX, ".npz", ".hdf5", ".h5")
+"""Suffixes that the names of recordings do not have."""
 _GOLDEN = re.compile(r"(?<![^\W_])golden(?![^\W_])", re.IGNORECASE)
 
 Origin = dict[str, Any]
@@ -99,7 +101,7 @@ def name_of(target: str, *, is_module: bool) -> str:
 
 def stem_of(target: str) -> str:
     """Return the name of a script's recordings, without suffix and number."""
-    return Path(target).stem if target.endswith(SCRIPT_SUFFIX) else Path(target).name
+    return Path(target).stem if target.endswith(NAMED_WITHOUT) else Path(target).name
 
 
 def path_digest(target: str) -> str:

@@ -187,7 +187,11 @@ def repeated(
     its path, if that is known.
     """
     name, arguments = str(origin["script"]), [*map(str, listed(origin.get("arguments")))]
-    if name == schema.BLOCK or any(REPLACED in word for word in (name, *arguments)):
+    if (
+        name == schema.BLOCK
+        or origin.get("kind") == schema.IMPORTED
+        or any(REPLACED in word for word in (name, *arguments))
+    ):
         return None
     options = {name.removesuffix("_s"): origin.get(name) for name in OPTIONS}
     return command_of(verb, name if script is None else script, arguments, **options, **more)

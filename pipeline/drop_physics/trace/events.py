@@ -557,9 +557,11 @@ class Impulses:
 REPLAYS = (
     *("explained", "remainder", "nothing moves", "integrator", "version", "flex", "plugin"),
     *("plastic", "sleep", "delay", "auto-reset", "stale", "unknown", "not replayed", "not asked"),
+    "another engine",
 )
 """The outcomes of replaying a step: its causes add up, or the reason why they do not. `not
-replayed` means that the replay led elsewhere, `not asked` that there was none yet."""
+replayed` means that the replay led elsewhere, `not asked` that there was none yet, `another engine`
+that the states were imported, and this engine's step leads elsewhere."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -124,7 +124,7 @@ class FramesOfSteps:
             first=first - self._first,
             timestep_s=timestep_s,
             clock_s=piece.times_s,
-            functions=(piece.functions | piece.stale).astype(np.int64),
+            functions=(piece.functions | piece.flags).astype(np.int64),
             after=after,
             before=before,
             inputs=inputs,

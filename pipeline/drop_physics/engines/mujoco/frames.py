@@ -56,6 +56,10 @@ parts of a WRITTEN by "posed" just before."""
 UNPOSED = 1 << 7
 """Added likewise: its positions are those of the state before the step before."""
 
+NEAR, APART = 1 << 4, 1 << 5
+"""Added to a step's function where another program has made and recorded it: MuJoCo's own step from
+the same state leads to the recorded one within rounding, or elsewhere."""
+
 READS = (
     *("mj_jac", "mj_jacBody", "mj_jacBodyCom", "mj_jacSubtreeCom", "mj_jacGeom", "mj_jacSite"),
     *("mj_jacPointAxis", "mj_jacDot"),
@@ -66,6 +70,7 @@ CAUSES = (
     "posed",
     "first",
     "step",
+    "imported",
     "mj_resetData",
     "mj_resetDataKeyframe",
     "mj_resetDataDebug",
@@ -84,7 +89,8 @@ CAUSES = (
     *READS,
 )
 """What changed a state: the script's own writes; nothing, it is what data were computed for; it is
-the state when first seen; the step before, in which MuJoCo has reset itself; a picture that was
+the state when first seen; the step before, in which MuJoCo has reset itself; another program, whose
+states are imported; a picture that was
 drawn of it, whose argument is the picture's digest; or a function: from
 `mj_forward` on, one that the script's own writes were followed by."""
 CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
@@ -104,6 +110,8 @@ STATE = (*CORE, ASLEEP)
 KINDS: dict[str, np.dtype[Any]] = {"eq_active": np.dtype(np.uint8), ASLEEP: np.dtype(np.int32)}
 """Types of the parts whose elements are no doubles."""
 DOUBLE = np.dtype(np.float64)
+LARGEST = 1e10
+"""The largest number with which MuJoCo goes on (`mjMAXVAL`): with larger ones it starts again."""
 LONG = 32
 """A part of more elements is sent as indices and values where fewer than half have changed."""
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.engines.mujoco import frames
-from drop_physics.engines.mujoco.frames import CAUSES, STALE, UNPOSED
+from drop_physics.engines.mujoco.frames import CAUSES
 
 Float64 = NDArray[np.float64]
 
@@ -117,8 +117,8 @@ class StepPiece:
     """Time after each step, shape (n,)."""
     functions: NDArray[np.uint8]
     """The function that made each, into `frames.STEPS`, shape (n,)."""
-    stale: NDArray[np.uint8]
-    """0, `frames.STALE` or `frames.UNPOSED`: whether data belonged to another state, shape (n,)."""
+    flags: NDArray[np.uint8]
+    """0, or of `frames` STALE, UNPOSED, NEAR or APART, shape (n,)."""
     sites: NDArray[np.int32]
     """The site of each call, shape (n,)."""
     parts: dict[str, Float64]
@@ -178,7 +178,7 @@ class _World:
             first=self.step - n,
             times_s=heads["time_s"].copy(),
             functions=(functions & 15).astype(np.uint8),
-            stale=(functions & (STALE | UNPOSED)).astype(np.uint8),
+            flags=(functions & 0xF0).astype(np.uint8),
             sites=heads["site"].astype(np.int32),
             parts=parts,
             widths=self.widths,
@@ -210,6 +210,9 @@ class Received:
         self.sensed: dict[int, tuple[int, int]] = {}
         """Where what the sensors of a simulation read is among the answers, and of how many
         numbers."""
+        self.apart_s: dict[int, float] = {}
+        """The time between two states of a simulation that no step leads from one to the other of
+        [s]: they were imported."""
         self.uncaught: list[dict[str, Any]] = []
         self.idle: list[tuple[int, int]] = []
         """States, each with its model, that were only computed, again and again."""
@@ -355,8 +358,11 @@ class Received:
         user: list[tuple[str, int, int]],
         core_bytes: int,
         sensed: tuple[int, int] | None = None,
+        apart_s: float | None = None,
         **_: Any,  # noqa: ANN401
     ) -> None:
+        if apart_s is not None:
+            self.apart_s[number] = apart_s
         if sensed is not None:
             self.sensed[number] = sensed
         widths = {name: size // frames.kind_of(name).itemsize for name, _, size in user}

@@ -84,6 +84,8 @@ BY_MEMORY = frozenset(("memory", *CAUSES[CAUSES.index("mj_forward") :]))
 """Causes of changes that the script made by itself."""
 SILENT = "step"
 """The cause that is no act of the script."""
+IMPORTED = "imported"
+"""The cause that is an input of another program, and no call."""
 PLACES_BODIES = re.compile(r"opt\.|body_i?(pos|quat)|jnt_|qpos0|geom_(type|size|pos|quat)")
 """Fields of a model that say where bodies and their shapes are, and when."""
 SHAPES_BODIES = re.compile(r"body_|jnt_|dof_|geom_|qpos0")
@@ -116,6 +118,8 @@ class MujocoSimulation:
     arrays: dict[str, NDArray[Any]]
     """The model's constants, with what was edited."""
     frames: FramesOfSteps
+    apart_s: float | None = None
+    """The time between two of its states [s], if that is not one timestep of the model."""
     began: bool = False
     start: dict[str, NDArray[Any]] | None = None
     """The state before its first step."""
@@ -373,8 +377,9 @@ class MujocoDecoder:
             yield from self._on_steps(simulation, piece, first, last, here)
         shared = shared_by(simulation.described.bodies)
         frames = simulation.frames.of_piece(piece, simulation.timestep_s, shared)
-        self._frames.add(frames)
-        yield frames
+        if simulation.apart_s is None:
+            self._frames.add(frames)
+            yield frames
         for each in piece.episodes:
             step = each.end - simulation.first
             at = At(step, float(simulation.times_then_s(np.array([step]))[0]), self._calls)
@@ -419,6 +424,7 @@ class MujocoDecoder:
         found = MujocoSimulation(
             client, number_of_model, first, made, number, held, first, arrays, frames
         )
+        found.apart_s = self._received.apart_s.get(world)
         self._simulations[key] = found
         return found
 
@@ -466,7 +472,8 @@ class MujocoDecoder:
         """Yield the events that describe a simulation before its first step."""
         its.began, its.timestep_s = True, _timestep(its)
         at = At(0, 0.0, self._calls)
-        yield from self._model(its)
+        if its.apart_s is None:
+            yield from self._model(its)
         its.since.append((0, 0.0, its.timestep_s))
         yield self._settings(its, at)
         yield from equalities_of(its.described, its.client)
@@ -513,7 +520,8 @@ class MujocoDecoder:
         }
         gravity = np.ravel(its.arrays["opt.gravity"]).tolist()
         named = {f"gravityAcceleration{axis}": g for axis, g in zip("XYZ", gravity, strict=True)}
-        values = {"fixedTimeStep": _timestep(its), "numSubSteps": 1, **named}
+        substeps = max(1, round(_timestep(its) / float(its.arrays["opt.timestep"].item())))
+        values = {"fixedTimeStep": _timestep(its), "numSubSteps": substeps, **named}
         return Settings(at, its.client, values | options, f"MuJoCo {self._received.version}")
 
     def _changed(self, its: MujocoSimulation, edits: list[Edited], step: int) -> Iterator[Event]:
@@ -556,7 +564,7 @@ class MujocoDecoder:
 
     def _controls(self, its: MujocoSimulation, first: int) -> Iterator[Controls]:
         """Yield the controls of actuators, where they changed."""
-        names = tuple(its.described.names["actuator"])
+        names = tuple(its.described.names["actuator"]) if its.apart_s is None else ()
         given, its.given = its.given, {}
         if first == its.first and names:
             given = {first: np.zeros(len(names)), **given}
@@ -657,7 +665,7 @@ class MujocoDecoder:
             for name in (*STATE, *PLACES):
                 if name in changed and len(changed[name]):
                     self._set(its, written, step, name, changed[name], rows)
-        else:
+        elif written.cause != IMPORTED:
             names: tuple[str, ...] = ()
             values = np.empty(0)
             if written.cause == "mj_resetDataKeyframe":
@@ -802,7 +810,7 @@ def _of_size(held: NDArray[Any] | None, size: int) -> Float64:
 
 
 def _timestep(its: MujocoSimulation) -> float:
-    return float(its.arrays["opt.timestep"].item())
+    return its.apart_s or float(its.arrays["opt.timestep"].item())
 
 
 def _place(line: ScriptLine) -> str:

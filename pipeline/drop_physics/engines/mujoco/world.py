@@ -18,15 +18,14 @@ from drop_physics.arrays import Float64
 from drop_physics.engines.mujoco.described import base_of, described, reported_of
 from drop_physics.engines.mujoco.held import softness_of
 from drop_physics.engines.mujoco.memory import constants_of
+from drop_physics.engines.mujoco.unlogged import write_no_log
 from drop_physics.engines.rigid_body import PrimitiveShape, RigidBody
 from drop_physics.physics.rotations import rotate_inverse
 from drop_physics.scenario import Scenario
 
 Numbers = tuple[float, ...]
 
-if mujoco.get_mju_user_warning() is None:
-    # MuJoCo would append its warnings to MUJOCO_LOG.TXT, in whatever folder this is.
-    mujoco.set_mju_user_warning(lambda _: None)
+write_no_log()
 
 
 class MujocoSession:

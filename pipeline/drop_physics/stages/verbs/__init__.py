@@ -172,6 +172,50 @@ class RecordArguments(OfScript):
 
 
 @dataclass(frozen=True)
+class ImportArguments(Printed):
+    """Record the states that another program has left in a file, and hold them against MuJoCo.
+
+    An npz file with qpos, qvel and perhaps time, ctrl and more, a NaN dump of mjlab's, or an hdf5
+    file as robomimic and LIBERO have. MuJoCo takes its own step from each state: within rounding
+    it leads to the next one, or the report says by which term it does not.
+    """
+
+    file: Annotated[File, argument("FILE", "The file to read: .npz, .hdf5 or .h5.")]
+    _: KW_ONLY
+    model: Annotated[
+        File | None,
+        takes(
+            "M.xml|.mjb",
+            "The model that the states are of. [default: the one in the file, or beside it]",
+        ),
+    ] = None
+    maps: Annotated[
+        Sequence[str],
+        takes(
+            "KEY=ARRAY",
+            "Which array of the file is what: time, qpos, qvel, ctrl, act, mocap_pos, mocap_quat, "
+            "qfrc_applied, xfrc_applied, eq_active, qacc_warmstart or states; repeatable.",
+            "--map",
+            default=None,
+        ),
+    ] = ()
+    world: Annotated[
+        int | None,
+        takes(
+            "K",
+            "Which of several worlds or demonstrations. [default: the first that becomes no "
+            "number, or the one that is apart, or 0]",
+        ),
+    ] = None
+    out: Annotated[
+        File | None,
+        takes("RUN.rrd", "The recording to write. [default: recordings/FILE.rrd]", *OUT),
+    ] = None
+    force: Force = False
+    progress: Progress = quiet
+
+
+@dataclass(frozen=True)
 class TrustArguments(OfScript):
     """Run a script again with variations, and say how much of its result stands.
 

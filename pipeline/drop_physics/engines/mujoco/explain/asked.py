@@ -99,6 +99,10 @@ class StepsAsked:
         """Return the parts of another state that positions were computed for."""
         return {name: rows[step] for name, rows in self._posed.items() if step in rows}
 
+    def reached(self, name: str, step: int) -> Any:
+        """Return a part of the state that a step has led to."""
+        return self._after[name][step]
+
     def cores(self, core: StateMemory) -> Any:
         """Return the core after each step, as it lies in memory, shape (n, bytes)."""
         whole = np.zeros((len(self.clock_s), core.size), np.uint8)

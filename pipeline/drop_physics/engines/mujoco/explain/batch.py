@@ -9,10 +9,13 @@ import numpy as np
 from . import integrators
 from .constraints import POINT, PairTable, constrained
 from .copied import Copies
-from .forces import smooth
+from .forces import Force, smooth
 from .integrators import RK4, STAGES, WEIGHTS
 from .layout import Layout
 from .summed import TermSums, TermTable, summed
+
+ANOTHER = "another engine"
+"""What the step of another program, or its rounding, adds to MuJoCo's."""
 
 
 class ExplainedBatch(NamedTuple):
@@ -68,6 +71,7 @@ class WaitingSteps:
         self._xfrc: dict[int, Any] = {}
         self._xipos: dict[int, Any] = {}
         self._rates: list[Any] = []
+        self._gaps: dict[int, Any] = {}
         self.copies.begin()
 
     @property
@@ -92,9 +96,11 @@ class WaitingSteps:
             self._rates.append(d.qvel.copy())
         self.copies.copy(sparse)
 
-    def after(self, step: int, qpos: Any, qvel: Any, h: float) -> None:
-        """Count a step."""
+    def after(self, step: int, qpos: Any, qvel: Any, h: float, gap: Any = None) -> None:
+        """Count a step; `gap` is what another program's velocities are beyond those."""
         self._reached[len(self.steps)], self._after[len(self.steps)] = qpos, qvel
+        if gap is not None:
+            self._gaps[len(self.steps)] = gap
         self.steps.append(step)
         self._h.append(h)
 
@@ -134,6 +140,10 @@ class WaitingSteps:
                     m, layout, held, self.integrator, h, before, change, self._version
                 )
             ]
+        if self._gaps:
+            gaps = layout.mass.times(mass[::stages], _filled(self._gaps, n, (m.nv,)))
+            added.append(Force(ANOTHER, -1, -1, None, gaps))
+            momentum = momentum + gaps
         after = layout.mass.times(mass[::stages], self._after[:n])
         total = summed(self._terms, momentum, dense, groups, h, added, after)
         if stages > 1:

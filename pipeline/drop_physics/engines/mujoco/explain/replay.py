@@ -16,7 +16,19 @@ import mujoco
 import numpy as np
 
 from .. import frames, memory
-from ..frames import ASLEEP, CALLBACKS, CLOCK, STALE, STATE, STEPS, UNPOSED, kind_of
+from ..frames import (
+    APART,
+    ASLEEP,
+    CALLBACKS,
+    CLOCK,
+    LARGEST,
+    NEAR,
+    STALE,
+    STATE,
+    STEPS,
+    UNPOSED,
+    kind_of,
+)
 from .asked import Answer, StepsAsked, edits_of
 from .batch import WaitingSteps
 from .constraints import PairTable
@@ -348,11 +360,17 @@ class Replay:
         self._set_callbacks(
             frozenset(which for which, _ in answers) | ({CONTROL} if stepping else set())
         )
+        foreign = function & (NEAR | APART)
         self._now, self._calls, self._stages = state, by_callback(answers), stages
+        flags_before = int(m.opt.disableflags)
+        if foreign:  # it went on with numbers at which MuJoCo starts again
+            m.opt.disableflags = flags_before | NO_RESET
         take(m, state, which)
+        m.opt.disableflags = flags_before
         self._now = self._stages = None
-        same = d.time == time_s and _equal(state.core, core)
-        state.reached = asked.first + step + 1 if same else -1
+        equal = d.time == time_s and _equal(state.core, core)
+        same = bool(foreign) or equal
+        state.reached = asked.first + step + 1 if equal else -1
         status = EXPLAINED
         if not same:
             status, reason = OTHER, "unknown"
@@ -367,7 +385,7 @@ class Replay:
                 reached = memory.core_of(spare)
                 if spare.time == time_s and _equal(reached, core):
                     reason = "stale"
-        elif warned and (time_s != next_s or _has_warned(warned, state.warned)):
+        elif warned and not foreign and (time_s != next_s or _has_warned(warned, state.warned)):
             status, reason = REPLAYED, "auto-reset"
         elif model.sleeps and (d.tree_asleep >= 0).any():
             status, reason = REPLAYED, reason or "sleep"  # what falls asleep is stopped
@@ -381,7 +399,12 @@ class Replay:
         else:
             batch.evaluated(model.sparse, state.is_applied, state.is_pushed)
         if status == EXPLAINED and batch is not None:
-            batch.after(state.step, state.qpos, state.qvel, model.timestep)
+            gap = asked.reached("qvel", step) - state.qvel if foreign else None
+            batch.after(state.step, state.qpos, state.qvel, model.timestep, gap)
+            if foreign & APART:
+                status, reason = REPLAYED, "another engine"
+            elif foreign and not _goes_on(asked, step):
+                status, reason = REPLAYED, "auto-reset"
         state.statuses.append((status, REASONS.index(reason)))
         state.step += 1
         if len(state.statuses) >= SPARE:
@@ -468,6 +491,12 @@ class Replay:
         terms.told, terms.patterns_told = len(terms.made), len(terms.patterns)
         pairs.told = len(pairs.made)
         return {"terms": new, "patterns": patterns, "pairs": met}
+
+
+def _goes_on(asked: StepsAsked, step: int) -> bool:
+    """Return whether MuJoCo goes on from the state that a step has led to."""
+    moving = (asked.reached(name, step) for name in ("qpos", "qvel"))
+    return all(bool((np.abs(rows) <= LARGEST).all()) for rows in moving)
 
 
 class _Elsewhere:

@@ -1,0 +1,341 @@
+"""By which term the step of another engine is off MuJoCo's.
+
+A term is named where the gap of velocities lies in what it can do: along its own force, or in the
+rows of the contacts of two bodies. What a force does is measured, by steps with a small one more,
+so that what touches answers to it. Where several terms can, it is the one that steps agree on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from drop_physics.engines.mujoco.explain.forces import gravity_of
+from drop_physics.engines.mujoco.explain.layout import Layout
+from drop_physics.engines.mujoco.imported import ImportedStep, ImportedSteps, mass_of, moments
+
+Float64 = NDArray[np.float64]
+
+LEFT, MOSTLY = 0.02, 0.25
+"""Share of a gap's energy that a term may leave in a step that names it, and in a step that is
+counted to a term which others name."""
+SAME, AGREE, OFTEN = 0.1, 0.6, 0.8
+"""Factors that differ by this share of their distance from 1 are the same; the share of steps that
+has to have the same; and the share of the most steps that a term has to account for."""
+LEAST, FEWEST = 1e-3, 3
+"""Smallest change of a factor that is one, and fewest steps that name a further term."""
+MOST_DOFS = 100
+"""Most degrees of freedom of a model whose gaps are divided among terms."""
+FIRST, EVERY = 200, 50
+"""Steps whose gap is looked at: so many, and of the further ones each of so many."""
+
+
+class Term(NamedTuple):
+    """A term that may be off."""
+
+    kind: str
+    """As of a `Gap`."""
+    names: tuple[str, ...] = ()
+
+
+class Fit(NamedTuple):
+    """How well a term accounts for the gap of a step."""
+
+    left: float
+    """The share of the gap's energy that it leaves."""
+    factor: float
+    """How many times MuJoCo's own force the term would have; nan of a constraint."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """The steps that are off by one term."""
+
+    kind: str
+    """The term's kind: `contacts`, `limit`, `equality`, `friction loss`, `tendon`, `actuator`,
+    `damper`, `gravity`, `spring`, `fluid`, `gravity compensation`, `positions`, `everything`."""
+    names: Sequence[str]
+    """The two bodies that touch, the actuator, or the joint."""
+    steps: int
+    """Number of these that were looked at."""
+    first: int
+    """The first of them, by the state that it begins in."""
+    apart: float
+    """The largest difference of a velocity [m/s or rad/s]."""
+    factor: float | None
+    """How many times MuJoCo's force the term has, where most steps agree; else null."""
+    depth_m: float
+    """How deep the two bodies were in each other in the first of them [m]."""
+
+
+class _Looked(NamedTuple):
+    """A step that was looked at."""
+
+    number: int
+    apart: float
+    fits: Mapping[Term, Fit]
+    depths_m: Mapping[Term, float]
+
+
+EVERYTHING, POSITIONS = Term("everything"), Term("positions")
+
+
+class Gaps:
+    """Gathers what the steps of another engine are off by.
+
+    Parameters
+    ----------
+    steps
+        MuJoCo's own steps.
+    """
+
+    def __init__(self, steps: ImportedSteps) -> None:
+        self._of, self._m = steps, steps.m
+        self._layout = Layout(self._m, mujoco.MjData(self._m))
+        self._looked: list[_Looked] = []
+        self._cleared: set[Term] = set()
+        """Terms that act in a step which is not off, right before one that is."""
+        self._before: ImportedStep | None = None
+        self.steps = 0
+        self.first = -1
+        """The first step that is off, by its state; -1 if there is none."""
+
+    @property
+    def looked_at(self) -> int:
+        """Number of steps that were looked at."""
+        return len(self._looked)
+
+    def add(self, step: ImportedStep) -> None:
+        """Look at a step if it is off."""
+        if step.near:
+            self._before = step
+            return
+        if self._before is not None and self.steps < FIRST:
+            self._cleared |= self._acting(self._before)
+        self._before = None
+        if not self.steps:
+            self.first = step.number
+        self.steps += 1
+        if self.steps <= FIRST or not self.steps % EVERY:
+            fits = self._fits(step)
+            apart = float(np.abs(step.gap).max(initial=0.0))
+            touching = dict(depths(self._m, self._of.evaluated(step))) if fits else {}
+            self._looked.append(_Looked(step.number, apart, fits, touching))
+
+    def in_order(self) -> list[Gap]:
+        """Return the kinds, the most frequent first."""
+        left, found = [*self._looked], dict[Term, list[_Looked]]()
+        while left:
+            term = _named_by_most(left, self._cleared)
+            if term is None or (found and sum(term in _good(each) for each in left) < FEWEST):
+                break
+            found[term] = [each for each in left if term in _good(each)]
+            left = [each for each in left if term not in _good(each)]
+        for each in left:
+            near = {term: each.fits[term].left for term in found if term in each.fits}
+            best = min(near, key=lambda term: near[term], default=EVERYTHING)
+            kept = best if near.get(best, 1.0) <= MOSTLY else EVERYTHING
+            found.setdefault(kept, []).append(each)
+        gaps = [_gap(term, its) for term, its in found.items()]
+        return sorted(gaps, key=lambda each: (-each.steps, each.first))
+
+    def _acting(self, step: ImportedStep) -> set[Term]:
+        """Return the terms that act in a step."""
+        d = self._of.evaluated(step)
+        smooth = {term for term, force in _smooth(self._m, d, self._layout) if force.any()}
+        return smooth | _constraints(self._m, d).keys()
+
+    def _fits(self, step: ImportedStep) -> dict[Term, Fit]:
+        """Return how well each term accounts for the gap of a step."""
+        m, d = self._m, self._of.evaluated(step)
+        if step.moved:
+            return {POSITIONS: Fit(0.0, np.nan)}
+        if m.nv > MOST_DOFS or not np.isfinite(step.gap).all():
+            return {}
+        try:
+            root = np.linalg.cholesky(mass_of(m, d)).T
+        except np.linalg.LinAlgError:
+            return {}
+        gap = root @ step.gap
+
+        def left(rest: Float64) -> float:
+            """Return the share of the gap's energy that is left; rounding is nothing."""
+            rates = np.abs(np.linalg.solve(root, rest))
+            return float(rest @ rest) / float(gap @ gap) if (rates > step.allowed).any() else 0.0
+
+        smooth = [
+            (term, _at_the_end(force, d.qvel, step) if term.kind == "damper" else force)
+            for term, force in _smooth(m, d, self._layout)
+        ]
+        rows = _constraints(m, d)
+        size = max(1e-6, *(float(np.abs(force).max(initial=0.0)) for _, force in smooth))
+        answers = root @ self._answer(step, 1e-3 * size, constrained=True)
+        found = {}
+        for term, force in smooth:
+            way = answers @ force
+            if way @ way > 0.0:
+                more = float(gap @ way) / float(way @ way)
+                if abs(more) > LEAST:
+                    found[term] = Fit(left(gap - more * way), 1.0 + more)
+        free = root @ self._answer(step, 1e-3 * size, constrained=False)
+        if len(rows) > 1 and any(term.kind == "contacts" for term in rows):
+            rows[Term("contacts")] = np.concatenate(
+                [its for term, its in rows.items() if term.kind == "contacts"]
+            )
+        for term, its in rows.items():
+            base, sizes, _ = np.linalg.svd(free @ its.T, full_matrices=False)
+            base = base[:, sizes > 1e-9 * sizes.max(initial=0.0)]
+            found[term] = Fit(left(gap - base @ (base.T @ gap)), np.nan)
+        return found
+
+    def _answer(self, step: ImportedStep, force: float, *, constrained: bool) -> Float64:
+        """Return what forces do to the velocities after a step, shape (nv, nv)."""
+        m, flags = self._m, int(self._m.opt.disableflags)
+        if not constrained:
+            m.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        try:
+            base = self._of.reached(step, np.zeros(m.nv))
+            columns = [self._of.reached(step, force * unit) - base for unit in np.eye(m.nv)]
+        finally:
+            m.opt.disableflags = flags
+        return np.stack(columns, axis=1) / force
+
+
+def _at_the_end(force: Float64, before: Float64, step: ImportedStep) -> Float64:
+    """Return the force of dampers at the end of a step, where MuJoCo's integrators take it."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = force * (step.rates / before)
+    return np.where(np.isfinite(ends), ends, 0.0)
+
+
+def _good(looked: _Looked) -> set[Term]:
+    """Return the terms that account for a step."""
+    return {term for term, fit in looked.fits.items() if fit.left <= LEFT}
+
+
+def _named_by_most(left: list[_Looked], cleared: Set[Term]) -> Term | None:
+    """Return the term that accounts for most steps; of several, one that does so alike in all.
+
+    A term that acts in steps that are not off, too, is meant only if no other is.
+    """
+    terms = {term for each in left for term in _good(each)}
+    named = {term: [each for each in left if term in _good(each)] for term in terms}
+    most = max(map(len, named.values()), default=0)
+    if not most:
+        return None
+
+    def rank(term: Term) -> tuple[bool, bool, bool, bool, int, int]:
+        its = named[term]
+        factor, share = _factor(term, its)
+        rare = len(its) < OFTEN * most
+        agree = len(its) >= FEWEST and share >= AGREE
+        # Solvers differ most in what touches; and one pair is said before all that do.
+        names = -len(term.names)
+        return rare, term in cleared, not agree, np.isfinite(factor), names, -len(its)
+
+    return min(sorted(terms), key=rank)
+
+
+def _factor(term: Term, its: list[_Looked]) -> tuple[float, float]:
+    """Return the factor of a term in most steps, and the share of them that have it."""
+    factors = np.array([each.fits[term].factor for each in its if term in each.fits])
+    if not len(factors) or not np.isfinite(factors).all():
+        return np.nan, 0.0
+    middle = float(np.median(factors))
+    return middle, float((np.abs(factors - middle) <= SAME * abs(middle - 1.0)).mean())
+
+
+def _gap(term: Term, its: list[_Looked]) -> Gap:
+    factor, share = _factor(term, its)
+    return Gap(
+        *term,
+        len(its),
+        its[0].number,
+        max(each.apart for each in its),
+        factor if share >= AGREE else None,
+        its[0].depths_m.get(term, max(its[0].depths_m.values(), default=0.0)),
+    )
+
+
+def _constraints(m: Any, d: Any) -> dict[Term, Float64]:  # noqa: ANN401
+    """Return the Jacobian's rows of all that is active, by what they are of."""
+    of, found = mujoco.mjtConstraint, dict[Term, list[int]]()
+    for row, (kind, number) in enumerate(zip(d.efc_type.tolist(), d.efc_id.tolist(), strict=True)):
+        if kind == of.mjCNSTR_EQUALITY:
+            term = Term("equality", (m.equality(number).name or f"equality{number}",))
+        elif kind == of.mjCNSTR_FRICTION_DOF:
+            term = Term("friction loss", (joint_name(m, int(m.dof_jntid[number])),))
+        elif kind == of.mjCNSTR_LIMIT_JOINT:
+            term = Term("limit", (joint_name(m, number),))
+        elif kind in (of.mjCNSTR_FRICTION_TENDON, of.mjCNSTR_LIMIT_TENDON):
+            term = Term("tendon", (m.tendon(number).name or f"tendon{number}",))
+        else:
+            term = Term("contacts", names_of(m, d.contact[number].geom))
+        found.setdefault(term, []).append(row)
+    if not found:
+        return {}
+    dense = np.zeros((d.nefc, m.nv))
+    if mujoco.mj_isSparse(m):
+        columns = d.efc_J_colind.ravel()
+        mujoco.mju_sparse2dense(dense, d.efc_J.ravel(), d.efc_J_rownnz, d.efc_J_rowadr, columns)
+    else:
+        dense[:] = d.efc_J.reshape(d.nefc, m.nv)
+    return {term: dense[rows] for term, rows in found.items()}
+
+
+def depths(m: Any, d: Any) -> Iterator[tuple[Term, float]]:  # noqa: ANN401
+    """Yield how deep two bodies are in each other [m]."""
+    deepest: dict[Term, float] = {}
+    for contact in d.contact:
+        term = Term("contacts", names_of(m, contact.geom))
+        deepest[term] = max(deepest.get(term, 0.0), -float(contact.dist))
+    yield from deepest.items()
+
+
+def names_of(m: Any, geoms: Any) -> tuple[str, ...]:  # noqa: ANN401
+    """Return the names of the bodies of two geometries."""
+    bodies = [int(m.geom_bodyid[geom]) for geom in geoms if geom >= 0]
+    return tuple(sorted(m.body(each).name or f"body{each}" for each in bodies))
+
+
+def joint_name(m: Any, joint: int) -> str:  # noqa: ANN401
+    """Return the name of a joint, or its number."""
+    return str(m.joint(joint).name or f"joint{joint}")
+
+
+def actuator_name(m: Any, actuator: int) -> str:  # noqa: ANN401
+    """Return the name of an actuator, or its number."""
+    return str(m.actuator(actuator).name or f"actuator{actuator}")
+
+
+def forces_of(m: Any, d: Any) -> Iterator[tuple[Term, Float64]]:  # noqa: ANN401
+    """Yield the forces of actuators, springs, dampers and fluids, shape (nv,) each."""
+    arms = moments(m, d)
+    for number in range(m.nu):
+        yield Term("actuator", (actuator_name(m, number),)), arms[number] * d.actuator_force[number]
+    for kind in ("spring", "damper"):
+        held = getattr(d, f"qfrc_{kind}")
+        for dof in np.flatnonzero(held).tolist():
+            one = np.zeros(m.nv)
+            one[dof] = held[dof]
+            yield Term(kind, (joint_name(m, int(m.dof_jntid[dof])),)), one
+    yield Term("fluid"), np.array(d.qfrc_fluid)
+
+
+def _smooth(m: Any, d: Any, layout: Layout) -> Iterator[tuple[Term, Float64]]:  # noqa: ANN401
+    """Yield the forces that may be another engine's, each and all of a kind, shape (nv,)."""
+    together: dict[str, list[Float64]] = {}
+    for term, force in forces_of(m, d):
+        together.setdefault(term.kind, []).append(force)
+        yield term, force
+    for kind, forces in together.items():
+        if len(forces) > 1:
+            yield Term(kind), np.sum(forces, axis=0)
+    held = {"cdof": d.cdof[None], "subtree_com": d.subtree_com[None]}
+    yield Term("gravity"), gravity_of(m, layout, held)[0]
+    yield Term("gravity compensation"), np.array(d.qfrc_gravcomp)

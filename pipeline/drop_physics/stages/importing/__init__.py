@@ -1,0 +1,275 @@
+"""Record the states that another program has left on disk: MuJoCo's own step says what acted.
+
+Where MuJoCo's step from a state leads is held against the next state of the file. Within rounding,
+the step is explained; else the difference is the other engine's, and is said once for each kind.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+import uuid
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from drop_physics.engines.mujoco.gaps import Gap, Gaps
+from drop_physics.engines.mujoco.import_stream import stream_of
+from drop_physics.engines.mujoco.imported import ImportedStep, ImportedSteps, loaded
+from drop_physics.engines.mujoco.stability import growth_of
+from drop_physics.engines.mujoco.watched import MujocoDecoder
+from drop_physics.errors import ScenarioError
+from drop_physics.files.outputs import check_apart
+from drop_physics.messages import Message, joined
+from drop_physics.printable import Printable
+from drop_physics.recording import schema
+from drop_physics.recording.about import about_imported
+from drop_physics.stages import verbs
+from drop_physics.stages.found import name_of, path_digest
+from drop_physics.stages.importing.archives import NPZ, Archive, archive_of
+from drop_physics.stages.importing.layouts import (
+    TOLERATED,
+    FoundStates,
+    asked_names,
+    states_in,
+)
+from drop_physics.stages.importing.said import said_of_gaps, said_of_growth
+from drop_physics.stages.record.target import target_of
+from drop_physics.stages.verbs.taken import takes_those_of
+from drop_physics.trace.events import Ending, Event
+
+LAST = 100
+"""Steps before the end of which is looked for why states grow."""
+TOLD_EVERY = 512
+"""Steps after which progress is told."""
+ENGINE = f"MuJoCo {mujoco.__version__}"
+DUMP, MODEL = "nan_dump_", "model_"
+"""Beginnings of the names of a dump of mjlab's, and of its model."""
+
+
+@dataclass(frozen=True)
+class Imported(Printable, reported_by="drop_physics.report.imported"):
+    """The recording of states that another program has made."""
+
+    recording: Path
+    recording_id: str
+    file: Path
+    model: str
+    """The model's file; empty where the file has it."""
+    engine: str
+    """The engine whose steps the states are held against, and its version."""
+    world: int | None
+    """The world, or demonstration, that was taken; None where there is one."""
+    worlds: int
+    states: int
+    steps: int
+    explained: int
+    """Number of steps that are the engine's within rounding."""
+    step_s: float
+    """Time from a state to the next [s]."""
+    timestep_s: float
+    """The model's timestep [s]."""
+    rounding: float
+    """Relative rounding of the stored numbers."""
+    arrays: dict[str, str]
+    """The keys of what was read, by its name."""
+    gaps: Sequence[Gap]
+    """What other steps are off by, the most frequent first."""
+    looked_at: int
+    """Number of steps that are off whose term was looked for."""
+    ended: str
+    """Where the states become no numbers, and why; empty if they do not."""
+    said: Sequence[str]
+    """How many steps are the engine's, and what the others are off by."""
+    notes: Sequence[str]
+    """What is missing, and what follows."""
+    bodies: int
+    bytes: int
+    wall_s: float
+
+
+@takes_those_of(verbs.ImportArguments)
+def import_states(asked: verbs.ImportArguments) -> Imported:
+    """Record the states in a file of another program.
+
+    Raises
+    ------
+    ScenarioError
+        If there is no such file, array or world.
+    DropError
+        If the file or the model cannot be read, or they do not belong together.
+    OutputError
+        If the recording cannot be written.
+    """
+    began = time.perf_counter()
+    path = Path(asked.file)
+    archive = archive_of(path, asked.world)
+    model = _model_of(archive, asked.model)
+    m = loaded(model, archive.model)
+    found = states_in(archive, m, asked_names(asked.maps, archive), asked.world)
+    held = HeldAgainst(found, ImportedSteps(m, found.states), asked.progress)
+    origin = {
+        "kind": schema.IMPORTED,
+        "script": name_of(str(path), is_module=False),
+        "script_path_sha256": path_digest(str(path)),
+        "arguments": None if found.world is None else ["--world", str(found.world)],
+        "drop_version": metadata.version("drop-physics"),
+    }
+    recording_id = uuid.uuid4().hex
+    placed = target_of(str(path), asked.out, is_module=False, keep=False, force=asked.force)
+    with placed as place:
+        check_apart([place.path], inputs=[path, *([model] if model else [])])
+        from drop_physics.recording import writer
+        from drop_physics.recording.layout import layout
+        from drop_physics.recording.recorder import Recorder
+
+        recorder = Recorder({schema.ORIGIN_PROPERTY: origin})
+        chunks = recorder.chunks(
+            held.events(), held.ending, lambda ended: about_imported(origin, recorder, ended)
+        )
+        writer.record(
+            place.path,
+            writer.named(chunks, place.name),
+            recording_id=recording_id,
+            blueprint=lambda: layout(recorder.look()),
+            force=asked.force,
+        )
+        written = place.settled(stepped=True)
+    return Imported(
+        recording=written,
+        recording_id=recording_id,
+        file=path,
+        model=str(model or ""),
+        engine=ENGINE,
+        world=found.world,
+        worlds=found.worlds,
+        states=len(found.states),
+        steps=len(found.states) - 1,
+        explained=held.explained,
+        step_s=found.states.step_s,
+        timestep_s=held.timestep_s,
+        rounding=found.states.rounding,
+        arrays=dict(found.names),
+        gaps=held.gaps.in_order(),
+        looked_at=held.gaps.looked_at,
+        ended=held.ended,
+        said=held.said,
+        notes=held.notes,
+        bodies=len(recorder.bodies),
+        bytes=written.stat().st_size,
+        wall_s=time.perf_counter() - began,
+    )
+
+
+class HeldAgainst:
+    """States that are held against MuJoCo's steps while they are recorded.
+
+    Parameters
+    ----------
+    found
+        The states.
+    steps
+        MuJoCo's own steps from them.
+    progress
+        Called with the number of steps that were taken, and that of all.
+    """
+
+    def __init__(
+        self, found: FoundStates, steps: ImportedSteps, progress: Callable[[int, int], object]
+    ) -> None:
+        self._found, self._steps, self._progress = found, steps, progress
+        self.timestep_s = float(steps.m.opt.timestep)
+        self.stepped = abs(found.states.step_s / self.timestep_s - 1.0) <= TOLERATED
+        """Whether the states are a timestep of the model apart."""
+        self.gaps, self.explained = Gaps(steps), 0
+        self._last: deque[ImportedStep] = deque(maxlen=LAST)
+        self.ended = ""
+        self.said: list[Message] = []
+        self.notes = [*found.notes, *self._of_steps()]
+
+    def events(self) -> Iterator[Event]:
+        """Yield what the recording holds."""
+        with closing(MujocoDecoder()) as decoder:
+            for payload in stream_of(self._steps, self._tell, stepped=self.stepped):
+                yield from decoder.take(payload)
+            yield from decoder.rest(np.empty(0))
+            yield from decoder.explained(sys.executable)
+
+    def ending(self) -> Ending:
+        """Return how the states end, after all events."""
+        ending = Ending("finished", made_with={"mujoco": mujoco.__version__})
+        if self._found.ended is not None:
+            growth = growth_of(self._steps, [*self._last])
+            why = [] if growth is None else [said_of_growth(growth)]
+            self.ended = joined("; ", [*why, self._found.ended])
+            ending.how, ending.error = "failed", self.ended
+        if self.stepped:
+            counts, rounding = (self.explained, len(self._found.states) - 1), self._rounding
+            self.said += said_of_gaps(*counts, self.gaps, engine=ENGINE, rounding=rounding)
+        ending.notes = [*self.said, *self.notes]
+        return ending
+
+    @property
+    def _rounding(self) -> float:
+        return self._found.states.rounding
+
+    def _tell(self, step: ImportedStep) -> None:
+        """Count a step."""
+        self.explained += step.near
+        self.gaps.add(step)
+        self._last.append(step)
+        if step.number % TOLD_EVERY == 0:
+            self._progress(step.number, len(self._found.states) - 1)
+
+    def _of_steps(self) -> Iterator[Message]:
+        """Yield what is to be known of how steps are taken."""
+        step_s = self._found.states.step_s
+        if not self.stepped:
+            yield Message(
+                "states are {step:.4g} s apart, {count:.4g} timesteps of the model: no step leads "
+                "from one to the next, so none is explained",
+                step=step_s,
+                count=step_s / self.timestep_s,
+            )
+        elif self._steps.shift:
+            yield Message(
+                "the controls of a step stand in the row that it ends in: they are taken from there"
+            )
+
+
+def _model_of(archive: Archive, given: Path | str | None) -> Path | None:
+    """Return the file of the model that states are of; None where the file has it.
+
+    Raises
+    ------
+    ScenarioError
+        If it is not known.
+    """
+    if given is not None:
+        path = Path(given)
+        if path.suffix not in (".xml", ".mjb") or not path.is_file():
+            raise ScenarioError(
+                "--model must be a file that ends in .xml or .mjb, got {path!r}", path=str(path)
+            )
+        return path
+    if archive.model is not None:
+        return None
+    path = archive.path
+    names = [path.stem]
+    if path.suffix in NPZ and path.name.startswith(DUMP):
+        names.insert(0, MODEL + path.stem.removeprefix(DUMP))
+    for name in names:
+        for suffix in (".mjb", ".xml"):
+            beside = path.with_name(name + suffix)
+            if beside.is_file():
+                return beside
+    raise ScenarioError(
+        "{path} does not say which model its states are of; name it: --model M.xml, or .mjb",
+        path=str(path),
+    )
