@@ -35,7 +35,7 @@ from drop_physics.drop.results import (
     Terms,
 )
 from drop_physics.engine_report import EngineReport
-from drop_physics.engines.mujoco.gaps import Gap
+from drop_physics.engines.mujoco.importing.gaps import Gap
 from drop_physics.experiments import robustness, run_distance
 from drop_physics.experiments.shares import Shares
 from drop_physics.experiments.swap.answer import (

@@ -19,10 +19,17 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from drop_physics.engines.mujoco.gaps import Gap, Gaps
-from drop_physics.engines.mujoco.import_stream import stream_of
-from drop_physics.engines.mujoco.imported import ImportedStep, ImportedSteps, loaded
-from drop_physics.engines.mujoco.stability import growth_of
+from drop_physics.engines.mujoco.importing.archives import NPZ, Archive, archive_of
+from drop_physics.engines.mujoco.importing.gaps import Gap, Gaps
+from drop_physics.engines.mujoco.importing.growth import growth_of
+from drop_physics.engines.mujoco.importing.layouts import (
+    TOLERATED,
+    FoundStates,
+    asked_names,
+    states_in,
+)
+from drop_physics.engines.mujoco.importing.steps import ImportedStep, ImportedSteps, loaded
+from drop_physics.engines.mujoco.importing.stream import stream_of
 from drop_physics.engines.mujoco.watched import MujocoDecoder
 from drop_physics.errors import ScenarioError
 from drop_physics.files.outputs import check_apart
@@ -32,13 +39,6 @@ from drop_physics.recording import schema
 from drop_physics.recording.about import about_imported
 from drop_physics.stages import verbs
 from drop_physics.stages.found import name_of, path_digest
-from drop_physics.stages.importing.archives import NPZ, Archive, archive_of
-from drop_physics.stages.importing.layouts import (
-    TOLERATED,
-    FoundStates,
-    asked_names,
-    states_in,
-)
 from drop_physics.stages.importing.said import said_of_gaps, said_of_growth
 from drop_physics.stages.record.target import target_of
 from drop_physics.stages.verbs.taken import takes_those_of
@@ -58,8 +58,11 @@ class Imported(Printable, reported_by="drop_physics.report.imported"):
     """The recording of states that another program has made."""
 
     recording: Path
+    """The recording."""
     recording_id: str
+    """Its id in Rerun."""
     file: Path
+    """The file of the other program."""
     model: str
     """The model's file; empty where the file has it."""
     engine: str
@@ -67,8 +70,11 @@ class Imported(Printable, reported_by="drop_physics.report.imported"):
     world: int | None
     """The world, or demonstration, that was taken; None where there is one."""
     worlds: int
+    """Number of worlds, or demonstrations."""
     states: int
+    """Number of states that were recorded."""
     steps: int
+    """Number of steps from one to the next."""
     explained: int
     """Number of steps that are the engine's within rounding."""
     step_s: float
@@ -90,8 +96,11 @@ class Imported(Printable, reported_by="drop_physics.report.imported"):
     notes: Sequence[str]
     """What is missing, and what follows."""
     bodies: int
+    """Number of bodies."""
     bytes: int
+    """Size of the recording."""
     wall_s: float
+    """Time that it took [s]."""
 
 
 @takes_those_of(verbs.ImportArguments)

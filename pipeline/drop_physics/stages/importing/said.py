@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from drop_physics.engines.mujoco.gaps import Gap, Gaps
-from drop_physics.engines.mujoco.stability import Growth
+from drop_physics.engines.mujoco.importing.gaps import Gap, Gaps
+from drop_physics.engines.mujoco.importing.growth import GrowingStates
 from drop_physics.fields import counted
 from drop_physics.messages import Message
 
@@ -91,7 +91,7 @@ def _said(gap: Gap) -> Message:
     )
 
 
-def said_of_growth(growth: Growth) -> Message:
+def said_of_growth(growth: GrowingStates) -> Message:
     """Say why states grow without bound."""
     kind, names = growth.term
     of = {"state": growth.state, "factor": growth.factor, "joint": growth.joint}

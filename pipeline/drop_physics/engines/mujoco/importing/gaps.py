@@ -1,4 +1,4 @@
-"""By which term the step of another engine is off MuJoCo's.
+"""Terms by which the steps of another engine are off MuJoCo's.
 
 A term is named where the gap of velocities lies in what it can do: along its own force, or in the
 rows of the contacts of two bodies. What a force does is measured, by steps with a small one more,
@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 
 from drop_physics.engines.mujoco.explain.forces import gravity_of
 from drop_physics.engines.mujoco.explain.layout import Layout
-from drop_physics.engines.mujoco.imported import ImportedStep, ImportedSteps, mass_of, moments
+from drop_physics.engines.mujoco.importing.steps import (
+    ImportedStep,
+    ImportedSteps,
+    mass_of,
+    moments,
+)
 
 Float64 = NDArray[np.float64]
 
@@ -35,11 +40,11 @@ FIRST, EVERY = 200, 50
 """Steps whose gap is looked at: so many, and of the further ones each of so many."""
 
 
-class Term(NamedTuple):
+class GapTerm(NamedTuple):
     """A term that may be off."""
 
     kind: str
-    """As of a `Gap`."""
+    """The kind, as a `Gap` has it."""
     names: tuple[str, ...] = ()
 
 
@@ -78,11 +83,11 @@ class _Looked(NamedTuple):
 
     number: int
     apart: float
-    fits: Mapping[Term, Fit]
-    depths_m: Mapping[Term, float]
+    fits: Mapping[GapTerm, Fit]
+    depths_m: Mapping[GapTerm, float]
 
 
-EVERYTHING, POSITIONS = Term("everything"), Term("positions")
+EVERYTHING, POSITIONS = GapTerm("everything"), GapTerm("positions")
 
 
 class Gaps:
@@ -98,7 +103,7 @@ class Gaps:
         self._of, self._m = steps, steps.m
         self._layout = Layout(self._m, mujoco.MjData(self._m))
         self._looked: list[_Looked] = []
-        self._cleared: set[Term] = set()
+        self._cleared: set[GapTerm] = set()
         """Terms that act in a step which is not off, right before one that is."""
         self._before: ImportedStep | None = None
         self.steps = 0
@@ -129,7 +134,7 @@ class Gaps:
 
     def in_order(self) -> list[Gap]:
         """Return the kinds, the most frequent first."""
-        left, found = [*self._looked], dict[Term, list[_Looked]]()
+        left, found = [*self._looked], dict[GapTerm, list[_Looked]]()
         while left:
             term = _named_by_most(left, self._cleared)
             if term is None or (found and sum(term in _good(each) for each in left) < FEWEST):
@@ -144,13 +149,13 @@ class Gaps:
         gaps = [_gap(term, its) for term, its in found.items()]
         return sorted(gaps, key=lambda each: (-each.steps, each.first))
 
-    def _acting(self, step: ImportedStep) -> set[Term]:
+    def _acting(self, step: ImportedStep) -> set[GapTerm]:
         """Return the terms that act in a step."""
         d = self._of.evaluated(step)
         smooth = {term for term, force in _smooth(self._m, d, self._layout) if force.any()}
         return smooth | _constraints(self._m, d).keys()
 
-    def _fits(self, step: ImportedStep) -> dict[Term, Fit]:
+    def _fits(self, step: ImportedStep) -> dict[GapTerm, Fit]:
         """Return how well each term accounts for the gap of a step."""
         m, d = self._m, self._of.evaluated(step)
         if step.moved:
@@ -184,7 +189,7 @@ class Gaps:
                     found[term] = Fit(left(gap - more * way), 1.0 + more)
         free = root @ self._answer(step, 1e-3 * size, constrained=False)
         if len(rows) > 1 and any(term.kind == "contacts" for term in rows):
-            rows[Term("contacts")] = np.concatenate(
+            rows[GapTerm("contacts")] = np.concatenate(
                 [its for term, its in rows.items() if term.kind == "contacts"]
             )
         for term, its in rows.items():
@@ -213,12 +218,12 @@ def _at_the_end(force: Float64, before: Float64, step: ImportedStep) -> Float64:
     return np.where(np.isfinite(ends), ends, 0.0)
 
 
-def _good(looked: _Looked) -> set[Term]:
+def _good(looked: _Looked) -> set[GapTerm]:
     """Return the terms that account for a step."""
     return {term for term, fit in looked.fits.items() if fit.left <= LEFT}
 
 
-def _named_by_most(left: list[_Looked], cleared: Set[Term]) -> Term | None:
+def _named_by_most(left: list[_Looked], cleared: Set[GapTerm]) -> GapTerm | None:
     """Return the term that accounts for most steps; of several, one that does so alike in all.
 
     A term that acts in steps that are not off, too, is meant only if no other is.
@@ -229,7 +234,7 @@ def _named_by_most(left: list[_Looked], cleared: Set[Term]) -> Term | None:
     if not most:
         return None
 
-    def rank(term: Term) -> tuple[bool, bool, bool, bool, int, int]:
+    def rank(term: GapTerm) -> tuple[bool, bool, bool, bool, int, int]:
         its = named[term]
         factor, share = _factor(term, its)
         rare = len(its) < OFTEN * most
@@ -241,7 +246,7 @@ def _named_by_most(left: list[_Looked], cleared: Set[Term]) -> Term | None:
     return min(sorted(terms), key=rank)
 
 
-def _factor(term: Term, its: list[_Looked]) -> tuple[float, float]:
+def _factor(term: GapTerm, its: list[_Looked]) -> tuple[float, float]:
     """Return the factor of a term in most steps, and the share of them that have it."""
     factors = np.array([each.fits[term].factor for each in its if term in each.fits])
     if not len(factors) or not np.isfinite(factors).all():
@@ -250,7 +255,7 @@ def _factor(term: Term, its: list[_Looked]) -> tuple[float, float]:
     return middle, float((np.abs(factors - middle) <= SAME * abs(middle - 1.0)).mean())
 
 
-def _gap(term: Term, its: list[_Looked]) -> Gap:
+def _gap(term: GapTerm, its: list[_Looked]) -> Gap:
     factor, share = _factor(term, its)
     return Gap(
         *term,
@@ -262,20 +267,20 @@ def _gap(term: Term, its: list[_Looked]) -> Gap:
     )
 
 
-def _constraints(m: Any, d: Any) -> dict[Term, Float64]:  # noqa: ANN401
+def _constraints(m: Any, d: Any) -> dict[GapTerm, Float64]:  # noqa: ANN401
     """Return the Jacobian's rows of all that is active, by what they are of."""
-    of, found = mujoco.mjtConstraint, dict[Term, list[int]]()
+    of, found = mujoco.mjtConstraint, dict[GapTerm, list[int]]()
     for row, (kind, number) in enumerate(zip(d.efc_type.tolist(), d.efc_id.tolist(), strict=True)):
         if kind == of.mjCNSTR_EQUALITY:
-            term = Term("equality", (m.equality(number).name or f"equality{number}",))
+            term = GapTerm("equality", (m.equality(number).name or f"equality{number}",))
         elif kind == of.mjCNSTR_FRICTION_DOF:
-            term = Term("friction loss", (joint_name(m, int(m.dof_jntid[number])),))
+            term = GapTerm("friction loss", (joint_name(m, int(m.dof_jntid[number])),))
         elif kind == of.mjCNSTR_LIMIT_JOINT:
-            term = Term("limit", (joint_name(m, number),))
+            term = GapTerm("limit", (joint_name(m, number),))
         elif kind in (of.mjCNSTR_FRICTION_TENDON, of.mjCNSTR_LIMIT_TENDON):
-            term = Term("tendon", (m.tendon(number).name or f"tendon{number}",))
+            term = GapTerm("tendon", (m.tendon(number).name or f"tendon{number}",))
         else:
-            term = Term("contacts", names_of(m, d.contact[number].geom))
+            term = GapTerm("contacts", names_of(m, d.contact[number].geom))
         found.setdefault(term, []).append(row)
     if not found:
         return {}
@@ -288,11 +293,11 @@ def _constraints(m: Any, d: Any) -> dict[Term, Float64]:  # noqa: ANN401
     return {term: dense[rows] for term, rows in found.items()}
 
 
-def depths(m: Any, d: Any) -> Iterator[tuple[Term, float]]:  # noqa: ANN401
+def depths(m: Any, d: Any) -> Iterator[tuple[GapTerm, float]]:  # noqa: ANN401
     """Yield how deep two bodies are in each other [m]."""
-    deepest: dict[Term, float] = {}
+    deepest: dict[GapTerm, float] = {}
     for contact in d.contact:
-        term = Term("contacts", names_of(m, contact.geom))
+        term = GapTerm("contacts", names_of(m, contact.geom))
         deepest[term] = max(deepest.get(term, 0.0), -float(contact.dist))
     yield from deepest.items()
 
@@ -313,21 +318,24 @@ def actuator_name(m: Any, actuator: int) -> str:  # noqa: ANN401
     return str(m.actuator(actuator).name or f"actuator{actuator}")
 
 
-def forces_of(m: Any, d: Any) -> Iterator[tuple[Term, Float64]]:  # noqa: ANN401
+def forces_of(m: Any, d: Any) -> Iterator[tuple[GapTerm, Float64]]:  # noqa: ANN401
     """Yield the forces of actuators, springs, dampers and fluids, shape (nv,) each."""
     arms = moments(m, d)
     for number in range(m.nu):
-        yield Term("actuator", (actuator_name(m, number),)), arms[number] * d.actuator_force[number]
+        yield (
+            GapTerm("actuator", (actuator_name(m, number),)),
+            arms[number] * d.actuator_force[number],
+        )
     for kind in ("spring", "damper"):
         held = getattr(d, f"qfrc_{kind}")
         for dof in np.flatnonzero(held).tolist():
             one = np.zeros(m.nv)
             one[dof] = held[dof]
-            yield Term(kind, (joint_name(m, int(m.dof_jntid[dof])),)), one
-    yield Term("fluid"), np.array(d.qfrc_fluid)
+            yield GapTerm(kind, (joint_name(m, int(m.dof_jntid[dof])),)), one
+    yield GapTerm("fluid"), np.array(d.qfrc_fluid)
 
 
-def _smooth(m: Any, d: Any, layout: Layout) -> Iterator[tuple[Term, Float64]]:  # noqa: ANN401
+def _smooth(m: Any, d: Any, layout: Layout) -> Iterator[tuple[GapTerm, Float64]]:  # noqa: ANN401
     """Yield the forces that may be another engine's, each and all of a kind, shape (nv,)."""
     together: dict[str, list[Float64]] = {}
     for term, force in forces_of(m, d):
@@ -335,7 +343,7 @@ def _smooth(m: Any, d: Any, layout: Layout) -> Iterator[tuple[Term, Float64]]:  
         yield term, force
     for kind, forces in together.items():
         if len(forces) > 1:
-            yield Term(kind), np.sum(forces, axis=0)
+            yield GapTerm(kind), np.sum(forces, axis=0)
     held = {"cdof": d.cdof[None], "subtree_com": d.subtree_com[None]}
-    yield Term("gravity"), gravity_of(m, layout, held)[0]
-    yield Term("gravity compensation"), np.array(d.qfrc_gravcomp)
+    yield GapTerm("gravity"), gravity_of(m, layout, held)[0]
+    yield GapTerm("gravity compensation"), np.array(d.qfrc_gravcomp)

@@ -14,15 +14,15 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.engines.mujoco.gaps import (
-    Term,
+from drop_physics.engines.mujoco.importing.gaps import (
+    GapTerm,
     actuator_name,
     depths,
     forces_of,
     joint_name,
     names_of,
 )
-from drop_physics.engines.mujoco.imported import ImportedStep, ImportedSteps, mass_of
+from drop_physics.engines.mujoco.importing.steps import ImportedStep, ImportedSteps, mass_of
 
 Float64 = NDArray[np.float64]
 
@@ -34,11 +34,11 @@ LOUD = 1e3
 MOST_DOFS = 100
 
 
-class Growth(NamedTuple):
+class GrowingStates(NamedTuple):
     """Why states grow from one on."""
 
     state: int
-    term: Term
+    term: GapTerm
     factor: float
     """What a step multiplies a small difference by; of a loud force, the force over the largest
     before."""
@@ -48,16 +48,16 @@ class Growth(NamedTuple):
     inertia: float = 0.0
     """What the mode moves [kg or kg m²]."""
     stiffness: float = 0.0
-    """That of the term, times h² over the inertia."""
+    """The term's, times h² over the inertia."""
     damping: float = 0.0
-    """That of the term, times h over the inertia."""
+    """The term's, times h over the inertia."""
     depth_m: float = 0.0
     """How deep two bodies are in each other, where the term is their contact [m]."""
     loud: float = 0.0
     """The force [N or N m], where it is large of itself; else 0."""
 
 
-def growth_of(steps: ImportedSteps, last: Sequence[ImportedStep]) -> Growth | None:
+def growth_of(steps: ImportedSteps, last: Sequence[ImportedStep]) -> GrowingStates | None:
     """Return why the states grow in the last steps of a run; None where that is not seen."""
     m = steps.m
     if not last or not 0 < m.nv <= MOST_DOFS:
@@ -74,14 +74,14 @@ def growth_of(steps: ImportedSteps, last: Sequence[ImportedStep]) -> Growth | No
         force = np.abs(steps.evaluated(step).actuator_force)
         if at >= max(first - 1, 1) and force.size and force.max() > LOUD * loudest:
             which = int(np.argmax(force))
-            term = Term("actuator", (actuator_name(m, which),))
+            term = GapTerm("actuator", (actuator_name(m, which),))
             most = float(force[which])
-            return Growth(step.number, term, most / loudest, loud=most)
+            return GrowingStates(step.number, term, most / loudest, loud=most)
         loudest = max(loudest, float(force.max(initial=0.0)))
     return found
 
 
-def _mode(steps: ImportedSteps, step: ImportedStep) -> Growth | None:
+def _mode(steps: ImportedSteps, step: ImportedStep) -> GrowingStates | None:
     """Return the mode in which a step multiplies what is off most; None if it grows little."""
     m, d = steps.m, steps.evaluated(step)
     size = 2 * m.nv + m.na
@@ -118,7 +118,7 @@ def _mode(steps: ImportedSteps, step: ImportedStep) -> Growth | None:
     along, against = float(rate @ rate), float(way @ rate)
     stiffness = -both["way"].get(term, 0.0) * along / against if against else 0.0
     slides = int(m.jnt_type[joint]) in (0, 2) and dof - int(m.jnt_dofadr[joint]) < 3
-    return Growth(
+    return GrowingStates(
         step.number,
         term,
         float(np.abs(values[at])),
@@ -131,17 +131,17 @@ def _mode(steps: ImportedSteps, step: ImportedStep) -> Growth | None:
     )
 
 
-def _forces(m: Any, d: Any) -> Iterator[tuple[Term, Float64]]:  # noqa: ANN401
+def _forces(m: Any, d: Any) -> Iterator[tuple[GapTerm, Float64]]:  # noqa: ANN401
     """Yield forces by their term, shape (nv,)."""
     yield from forces_of(m, d)
-    yield Term("Coriolis and gyroscopic forces"), -np.array(d.qfrc_bias)
-    pairs: dict[Term, Float64] = {}
+    yield GapTerm("Coriolis and gyroscopic forces"), -np.array(d.qfrc_bias)
+    pairs: dict[GapTerm, Float64] = {}
     wrench = np.zeros(6)
     for number in range(d.ncon):
         contact = d.contact[number]
         mujoco.mj_contactForce(m, d, number, wrench)
         force = contact.frame.reshape(3, 3).T @ wrench[:3]
-        total = pairs.setdefault(Term("contacts", names_of(m, contact.geom)), np.zeros(m.nv))
+        total = pairs.setdefault(GapTerm("contacts", names_of(m, contact.geom)), np.zeros(m.nv))
         for geom, sign in zip(contact.geom, (-1.0, 1.0), strict=True):
             if geom >= 0:
                 body = int(m.geom_bodyid[geom])

@@ -1,4 +1,4 @@
-"""Which arrays of a file are the states of a simulation: by their names, or as the user says."""
+"""The states of a simulation among the arrays of a file: by common names, or as the user says."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.engines.mujoco.frames import LARGEST
-from drop_physics.engines.mujoco.imported import WIDTHS, ImportedStates
+from drop_physics.engines.mujoco.importing.archives import Archive
+from drop_physics.engines.mujoco.importing.steps import WIDTHS, ImportedStates
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.fields import all_of
 from drop_physics.messages import Message
-from drop_physics.stages.importing.archives import Archive
 
 NAMES = {
     "time": ("time", "t", "times", "time_s"),

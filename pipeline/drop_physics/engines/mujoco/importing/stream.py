@@ -25,7 +25,7 @@ from drop_physics.engines.mujoco.frames import (
     note_bytes,
     part_bytes,
 )
-from drop_physics.engines.mujoco.imported import ImportedStep, ImportedSteps
+from drop_physics.engines.mujoco.importing.steps import ImportedStep, ImportedSteps
 
 PIECE_BYTES = 1 << 20
 FIRST, IMPORTED = CAUSES.index("first"), CAUSES.index("imported")
