@@ -40,8 +40,8 @@ _MENU = {
     "The path": ["docs/prove", "docs/diff", "docs/viewing", "docs/ci"],
     "Reference": [
         "docs/install", "docs/record", "docs/importing", "docs/why", "docs/mujoco",
-        "docs/from_pybullet", "docs/trust", "docs/scale", "docs/commands", "docs/recording", "docs/json",
-        "recordings/README", "docs/pipeline",
+        "docs/from_pybullet", "docs/trust", "docs/scale", "docs/commands", "docs/recording",
+        "docs/json", "recordings/README", "docs/pipeline",
     ],
     "The falling box": ["docs/walkthrough", "docs/drop", "docs/engines"],
     "日本語": ["はじめに <README.ja>", "docs/walkthrough.ja", "docs/drop.ja"],
