@@ -10,6 +10,9 @@ from typing import Any
 
 import jsonschema
 import pytest
+from drop_physics.account.rows import AccountRow, RowTerm
+from drop_physics.engines.watching.single_changes import Change
+from drop_physics.stages.why.row import row_expectation
 
 SCHEMA = json.loads((Path(__file__).parents[1] / "docs/schemas/why.json").read_text("utf-8"))
 SLIDES = """
@@ -120,6 +123,55 @@ def test_an_assert_of_a_test_counts_too(tmp_path: Path) -> None:
     assert code == 0
     assert found["expectation"]["site"] == "test_slides.py:14"
     assert "geom_friction" in [each["change"] for each in found["makes_true"]]
+
+
+BLOCKED = """
+import mujoco
+m = mujoco.MjModel.from_xml_string('''<mujoco><worldbody>
+<body name="thigh" pos="0 0 1"><geom name="bone" type="capsule" fromto="0 0 0 0 0 -.3" size=".04"/>
+<body name="shin" pos="0 0 -.3"><joint name="knee" axis="0 1 0" damping="1"/>
+<geom name="calf" type="capsule" fromto="0 0 -.1 0 0 -.3" size=".03" mass=".5"/>
+<geom name="guard" type="box" size=".03 .03 .05" pos=".1 0 .1" mass=".1"/></body></body>
+</worldbody><actuator><position joint="knee" kp="30" kv="1"/></actuator></mujoco>''')
+d = mujoco.MjData(m)
+for step in range(150):
+    d.ctrl[0] = -1.2
+    mujoco.mj_step(m, d)
+"""
+
+
+def test_what_was_asked_of_a_joint_is_expected_where_no_finding_has_a_trial(tmp_path: Path) -> None:
+    code, found, _ = why(tmp_path, BLOCKED)
+    assert (code, found["findings"]) == (0, [])
+    expected = found["expectation"]
+    assert expected["source"] == "row"
+    assert "joint('knee')" in expected["text"]
+    assert expected["value"] > 0.9
+    cause = next(each for each in found["makes_true"] if each["change"] == "pair")
+    assert sorted(cause["target"][0].split(" x ")) == ["bone", "guard"]
+    assert "knee" in cause["row"], "a term of it is the contact"
+    assert all(each["result"] < 0.2 * expected["value"] for each in found["makes_true"])
+
+
+def row(kind: Any = "asked", **given: Any) -> AccountRow:
+    """Return a row of a joint that is 0.2 rad short of 0.5 rad at 2 s."""
+    number = {"asked": 0.5, "got": 0.3, "gap": -0.2, "unit": "rad", "time_s": 2.0, "salience": 0.4}
+    term = RowTerm(cause="joint damping", words="damping", value=-1.0, unit="N m", towards=False)
+    named: Any = {"body": "0_arm", "joint": "elbow", "told": "0.5 rad", "terms": (term,)}
+    return AccountRow(kind=kind, **{**named, **number, **given})
+
+
+def test_the_first_row_of_a_joint_that_is_far_off_is_an_expectation() -> None:
+    rows = [row("press", joint=None), row(salience=0.1), row(time_s=None), row(), row(joint="hand")]
+    found = row_expectation(rows, [])
+    assert found is not None
+    assert found.text == "abs(at(joint('elbow'), 2) - 0.5) < 0.04"
+    assert found.names(Change("dof_damping", "=0", ("=", 0.0)))
+    assert not found.names(Change("geom_friction", "*10", ("*", 10.0)))
+    assert row_expectation(rows[:3], []) is None
+    fast = row_expectation([row(unit="m/s")], [])
+    assert fast is not None
+    assert "rate('elbow')" in fast.text
 
 
 @pytest.mark.parametrize(

@@ -555,7 +555,7 @@ TRUST = Object(
 EXPECTATION = Object(
     {
         "text": str,
-        "source": Literal["option", "assert"],
+        "source": Literal["option", "assert", "row"],
         "site": str | None,
         "holds": bool,
         "value": float | None,
@@ -564,7 +564,8 @@ EXPECTATION = Object(
     },
     {
         "text": "The expression.",
-        "source": "Where it is from: `option`, of `--expect`; `assert`, of the script.",
+        "source": "Where it is from: `option`, of `--expect`; `assert`, of the script; `row`, of "
+        "the account: what was asked of a joint, or an episode that failed.",
         "site": "File and line, of an `assert`.",
         "holds": "Whether it holds in the script's own run.",
         "value": "The first quantity that it compares, as the script has it.",

@@ -164,8 +164,8 @@ OPERATORS = {
 
 def done(op: str) -> str:
     """Return what an operator of the causal search does, in words."""
-    if op in OPERATORS:
-        return OPERATORS[op]
+    if op in OPERATORS or op[0] == "^":
+        return OPERATORS.get(op, OPERATORS["^"])
     return op.replace("*", "×").replace("=", "= ") if op[0] in "*=" else op
 
 

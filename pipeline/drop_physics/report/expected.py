@@ -88,7 +88,7 @@ def _json_of(
         "side": side_m,
         "breaks": change.breaks,
         "worse": [*tried.worse],
-        "row": None,
+        "row": found.row_of(change),
         "recording": None,
     }
 
@@ -106,7 +106,7 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
     """Yield what was expected, what came, and what makes it true; `every`: all of it."""
     words = Message(
         "{expected}: {holds}, {value}",
-        expected=found.text if found.site is None else f"{found.site}: assert {found.text}",
+        expected=_asked(found),
         holds=Message("yes") if found.base.holds else Message("no"),
         value=number(found.base.value),
     )
@@ -170,6 +170,13 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
     yield Section(blocks)
 
 
+def _asked(found: Expected) -> str:
+    """Return what was expected, with where that is from."""
+    if found.row is not None:
+        return f"{found.row.words}: {found.text}"
+    return found.text if found.site is None else f"{found.site}: assert {found.text}"
+
+
 def _how_many(outcomes: int) -> str:
     if not outcomes:
         return Message("none makes it true")
@@ -197,6 +204,8 @@ def _remarks(
     parts: list[str] = []
     if line is not None and each.tried.change.site is None:
         parts.append(" ".join(line).rstrip())
+    if found.row_of(each.tried.change) is not None:
+        parts.append(Message("the row names it, too"))
     if each.tried.change.breaks:
         parts.append(Message("takes a part of the scene or of the command away"))
     if each.tried.worse:

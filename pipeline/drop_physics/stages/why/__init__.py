@@ -31,7 +31,8 @@ from drop_physics.stages.rerun.proposals import Candidate, Proposals
 from drop_physics.stages.rerun.runs import only_of
 from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.stages.why.asked import checked_bounds, place_of
-from drop_physics.stages.why.expect import Expected, own_of, parsed, searched
+from drop_physics.stages.why.expect import Expected, of_row, own_of, parsed, searched
+from drop_physics.stages.why.row import row_expectation
 from drop_physics.stages.why.shares import shares
 from drop_physics.stages.why.trials import RunTrial, TrialRun, first_tried
 from drop_physics.workers import cores
@@ -207,10 +208,12 @@ def why(asked: verbs.WhyArguments) -> Why:
     findings = analysis.findings
     proposals = Proposals(base.seen, findings, cures_of(base.seen.engine))
     chosen = _about(findings, asked.about)
+    candidates_found = False
     if asked.tries:
         candidates = proposals.asked(cures, chosen)
     else:
         candidates = [each for each in proposals.of_findings() if {*each.findings} & {*chosen}]
+        candidates_found = bool(candidates)
         known = {each.intervention for each in candidates}
         damped = any(
             flight.terms_m is not None and any(flight.terms_m.damping)
@@ -294,6 +297,13 @@ def why(asked: verbs.WhyArguments) -> Why:
         summed,
         time.monotonic() - began,
     )
+    if expected is None and not interrupted and not _asks_else(asked):
+        row = None if candidates_found else row_expectation(analysis.account, analysis.episodes)
+        if row is not None and time.time() < until:
+            found = searched(
+                of_row(row), asked, recorded, rerun, python=python, until=until, base=base
+            )
+            expected = found if found.tried or found.chaotic else None
     result = replace(result, expected=expected)
     _keep(folder, result, base.recording_id)
     lacking = {
@@ -333,6 +343,11 @@ def why(asked: verbs.WhyArguments) -> Why:
             )
         )
     return replace(result, sources=analysis.sources)
+
+
+def _asks_else(asked: verbs.WhyArguments) -> bool:
+    """Return whether something else is asked than why a script did not do what it was told."""
+    return bool(asked.tries or asked.ablate or asked.about)
 
 
 def _only(expected: Expected, recorded: Recorded, seconds: float) -> Why:

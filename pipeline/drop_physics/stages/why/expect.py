@@ -32,6 +32,7 @@ from drop_physics.stages.rerun.evaluated import (
 )
 from drop_physics.stages.rerun.reruns import Reruns
 from drop_physics.stages.why.lines import line_of, texts_of
+from drop_physics.stages.why.row import RowExpectation
 from drop_physics.stages.why.tries import text_of, tried
 from drop_physics.workers import cores
 
@@ -51,8 +52,11 @@ is changed before its first step. In PyBullet each run loads its own bodies."""
 MOST_MOVERS = 5
 """Changes that are named where none makes it true."""
 
-Source = Literal["option", "assert"]
-"""Where an expectation is from: `--expect`, or an `assert` of the script that has failed."""
+Source = Literal["option", "assert", "row"]
+"""Where an expectation is from: `--expect`, an `assert` of the script that has failed, or the
+account: what was asked of a joint, or an episode that failed."""
+SAME_GAP = 0.05
+"""A row is searched where a run again is short of it by the same gap, to this share."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,8 @@ class Expected:
     """The outcome of the script's own run."""
     site: str | None = None
     """File and line, of an `assert`."""
+    row: RowExpectation | None = None
+    """The row of the account that it is from."""
     runs: int = 0
     """How many runs were made."""
     seconds: float = 0.0
@@ -96,6 +102,10 @@ class Expected:
         if not self.recordings:
             return None
         return self.recordings[0], self.words(self.makes_true[0].tried.change)
+
+    def row_of(self, change: Change) -> str | None:
+        """Return the row's words, if a term of it is what a change acts on."""
+        return self.row.words if self.row is not None and self.row.names(change) else None
 
     def repeats(self, change: Change) -> str:
         """Return the text with which `--try` repeats a change."""
@@ -153,6 +163,12 @@ def own_of(answer: Answer, asked: verbs.WhyArguments) -> Expected | None:
         return None
     site = f"{assertion['file']}:{assertion['line']}"
     return Expected(assertion["text"], "assert", base, site)
+
+
+def of_row(row: RowExpectation) -> Expected:
+    """Return what the account says a run was short of."""
+    gap = math.nan if row.gap is None else row.gap
+    return Expected(row.text, "row", ChangeOutcome(False, -gap, gap), row=row)
 
 
 def _check(error: Mapping[str, Any] | None, target: str) -> None:
@@ -227,7 +243,7 @@ def searched(
         # Where an assert fails, the script does: a change has to let it end.
         ended = FINISHED if own.source == "assert" else recorded.ended
         trials = EvaluatedRuns(program, reruns, ended, until, at_once)
-        found = _searched(trials, recorded.engine, asked)
+        found = _searched(trials, recorded.engine, asked, own.row)
         recordings = _recorded(trials, found.get("makes_true", ()), base, drawn=asked.drawn)
     texts = {} if asked.is_module else texts_of(Path(asked.target))
     lines = [_line_of(each.tried.change, texts) for each in found.get("makes_true", ())]
@@ -235,8 +251,10 @@ def searched(
     return replace(own, **found, runs=trials.made, seconds=time.monotonic() - began)
 
 
-def _searched(trials: EvaluatedRuns, engine: str, asked: verbs.WhyArguments) -> dict[str, Any]:
-    """Return what a search has found."""
+def _searched(
+    trials: EvaluatedRuns, engine: str, asked: verbs.WhyArguments, row: RowExpectation | None
+) -> dict[str, Any]:
+    """Return what a search has found; nothing where a run again is not short of a row."""
     rows = {name: each.tried for name, each in TABLES.items()}
     evaluator: dict[str, Any] = {**trials.program.evaluator}  # type: ignore[dict-item]
     arguments = {**evaluator["arguments"], "rows": rows}
@@ -250,6 +268,10 @@ def _searched(trials: EvaluatedRuns, engine: str, asked: verbs.WhyArguments) -> 
             reason=ended,
         )
     base = outcome_of(seen, ended_well=True)
+    if row is not None:
+        short = row.gap is None or math.isclose(base.value, row.gap, rel_tol=SAME_GAP)
+        if base.holds or seen["error"] is not None or not short:
+            return {"complete": False}
     nudged = trials.nudges()
     far = [abs(each.margin - base.margin) for each in nudged]
     noise = max((each for each in far if math.isfinite(each)), default=0.0)
@@ -257,6 +279,8 @@ def _searched(trials: EvaluatedRuns, engine: str, asked: verbs.WhyArguments) -> 
         return {"noise": noise, "chaotic": True}
     search = Search(base, trials.all_of, noise)
     changes = sorted(map(change_of, seen["changes"]), key=_likely)
+    if row is not None:  # what acts on a term of it first
+        changes.sort(key=lambda each: not row.names(each))
     if asked.expect is not None and asked.tries:
         changes = tried(asked.tries, changes)
     search.told = lambda made, true: asked.progress(made, true, len(changes))
