@@ -38,6 +38,7 @@ html_search_language = "en-ja"
 
 _MENU = {
     "The path": ["docs/prove", "docs/diff", "docs/viewing", "docs/ci"],
+    "Training": ["docs/training"],
     "Reference": [
         "docs/install", "docs/record", "docs/importing", "docs/why", "docs/mujoco",
         "docs/from_pybullet", "docs/trust", "docs/scale", "docs/commands", "docs/recording",

@@ -323,6 +323,26 @@ def test_a_finding_of_a_reset_names_its_episode(tmp_path: Path, resets: int, sai
     assert found.episodes == resets
 
 
+@pytest.mark.parametrize("text", ["not terminated", "length > 6"])
+def test_an_episode_that_would_go_on_for_ever_is_what_was_expected(
+    tmp_path: Path, text: str
+) -> None:
+    """Without gravity the ball never falls: the trial ends where it has made twice the steps."""
+    script = tmp_path / "script.py"
+    script.write_text(f"""{ENVIRONMENT}
+env = Falling()
+env.reset()
+while not env.step(0)[2]:
+    pass
+""")
+    found = why(
+        str(script), expect=text, tries=("option.gravity =0",), out=tmp_path / "why"
+    ).expected
+    assert found is not None
+    assert not found.base.holds
+    assert [each.tried.change.change for each in found.makes_true] == ["option.gravity"]
+
+
 @pytest.mark.parametrize("text", ["terminated", "length < 1e3", "reward < 1e3"])
 def test_an_expectation_names_the_end_of_episodes(tmp_path: Path, text: str) -> None:
     script = tmp_path / "script.py"

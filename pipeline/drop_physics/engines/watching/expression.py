@@ -62,6 +62,11 @@ class Expression:
         """Whether it is about what the script has printed."""
         return any(getattr(node, "id", None) == PRINTED for node in ast.walk(self._tree))
 
+    @property
+    def reads_episodes(self) -> bool:
+        """Whether it is about what environments make known of their episodes."""
+        return any(getattr(node, "id", None) in EPISODE for node in ast.walk(self._tree))
+
     def judged(self, script: Mapping[str, Any], ours: Mapping[str, Any]) -> Judged:
         """Return whether it holds, by how much, and the first quantity that it compares.
 

@@ -78,8 +78,8 @@ class EvaluatedRuns:
         The script, as it is run again.
     reruns
         What makes the runs.
-    ended
-        How its own run ended.
+    ends
+        How a run may end whose outcome counts.
     until
         When no run begins any more, by the time of day [s].
     jobs
@@ -88,7 +88,7 @@ class EvaluatedRuns:
 
     program: Program
     reruns: Reruns
-    ended: str
+    ends: frozenset[str]
     until: float
     jobs: int
     made: int = 0
@@ -130,7 +130,7 @@ class EvaluatedRuns:
         answer, ended = self.answered(**changed)
         if answer is None:
             return NOT_MADE
-        return outcome_of(answer, ended_well=ended in (FINISHED, self.ended))
+        return outcome_of(answer, ended_well=ended in self.ends)
 
     def all_of(self, changes: Iterator[Change]) -> Iterable[tuple[Change, ChangeOutcome | None]]:
         """Make runs with changes, and yield their outcomes as they come."""

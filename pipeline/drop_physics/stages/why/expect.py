@@ -46,6 +46,8 @@ CHANCE = 1e-3
 make it true in nudged runs, too."""
 MOST_STEPS = 2
 """A run may make so many times the steps of the script's own."""
+AT_MOST_STEPS = "steps"
+"""The ending of a run that made them."""
 PARTS = {"MuJoCo": 0}
 """After how many steps runs part from one another, by engine: a model of MuJoCo is loaded once, and
 is changed before its first step. In PyBullet each run loads its own bodies."""
@@ -240,15 +242,22 @@ def searched(
     at = PARTS.get(recorded.engine, FIRST_USE)
     with Reruns(program, again, at=at) as reruns:
         at_once = 1 if again.alone else asked.jobs or cores()
-        # Where an assert fails, the script does: a change has to let it end.
-        ended = FINISHED if own.source == "assert" else recorded.ended
-        trials = EvaluatedRuns(program, reruns, ended, until, at_once)
+        trials = EvaluatedRuns(program, reruns, _ends(own, recorded), until, at_once)
         found = _searched(trials, recorded.engine, asked, own.row)
         recordings = _recorded(trials, found.get("makes_true", ()), base, drawn=asked.drawn)
     texts = {} if asked.is_module else texts_of(Path(asked.target))
     lines = [_line_of(each.tried.change, texts) for each in found.get("makes_true", ())]
     found |= {"recordings": recordings, "lines": lines}
     return replace(own, **found, runs=trials.made, seconds=time.monotonic() - began)
+
+
+def _ends(own: Expected, recorded: Recorded) -> frozenset[str]:
+    """Return how a run may end whose outcome counts."""
+    if own.source == "assert":  # where an assert fails, the script does: a change lets it end
+        return frozenset({FINISHED})
+    ends = frozenset({FINISHED, recorded.ended})
+    # An episode that goes on where it ended before takes more steps than the script's own run.
+    return ends | {AT_MOST_STEPS} if Expression(own.text).reads_episodes else ends
 
 
 def _searched(
