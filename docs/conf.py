@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 project = html_title = "drop"
 extensions = ["myst_parser"]
 root_doc = "README"
-include_patterns = ["*.md", "docs/*.md", "recordings/*.md"]
+include_patterns = ["*.md", "docs/*.md", "recordings/*.md", "skills/*/*.md"]
 exclude_patterns = [".*", "build", "dist"]
 myst_enable_extensions = ["attrs_inline"]
 myst_heading_anchors = 3  # links to parts of pages, by the names that they have in a clone
@@ -38,7 +38,7 @@ html_search_language = "en-ja"
 
 _MENU = {
     "The path": ["docs/prove", "docs/diff", "docs/viewing", "docs/ci"],
-    "Training": ["docs/training"],
+    "Training, assistants": ["docs/training", "skills/drop/SKILL"],
     "Reference": [
         "docs/install", "docs/record", "docs/importing", "docs/why", "docs/mujoco",
         "docs/from_pybullet", "docs/trust", "docs/scale", "docs/commands", "docs/recording",

@@ -19,7 +19,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PAGES = [
     path.relative_to(ROOT).with_suffix("")
-    for folder in (ROOT, ROOT / "docs", ROOT / "recordings")
+    for folder in (ROOT, ROOT / "docs", ROOT / "recordings", ROOT / "skills/drop")
     for path in folder.glob("*.md")
 ]
 JAPANESE = {"README.ja", "docs/drop.ja", "docs/walkthrough.ja"}
@@ -146,7 +146,7 @@ def test_a_link_that_leads_nowhere_fails_and_so_does_a_missing_picture(tmp_path:
     shutil.copytree(ROOT / "docs", clone / "docs", ignore=shutil.ignore_patterns("viewer.png"))
     for page in PAGES:
         if page.parts[0] != "docs":
-            (clone / page).parent.mkdir(exist_ok=True)
+            (clone / page).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(ROOT / f"{page}.md", clone / f"{page}.md")
     with (clone / "docs/scale.md").open("a", encoding="utf-8") as file:
         file.write("\n[to a page](nowhere.md) [to a folder](schemas/) [to a part](ci.md#nothing)\n")
