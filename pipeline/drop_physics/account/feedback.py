@@ -23,15 +23,18 @@ from drop_physics.messages import Message
 from drop_physics.quantities import number, quantity
 from drop_physics.trace.events import Actuator
 
-LEAST, MOST, MOST_LATE = 8, 240, 16
+LEAST, MOST, LATEST = 8, 240, (16, 4, 0)
 """Fewest controls beyond what an aim is made of that are fitted; most that are, the last ones; and
-most by which a state may be late."""
+most by which a state may be late, the first that leaves enough of them."""
+MOST_LATE = LATEST[0]
 DEGREES = 0.0, 1 / 3, 2 / 3
 """Chebyshev polynomials that an aim is made of, by control: none but a constant, or enough to
 follow a sine that has five controls in a period."""
 LEFT, APART = 1e-3, 30.0
 """Share of a control that the right joint leaves at most, and factor by which all others leave
 more."""
+NEAR = 10.0
+"""Factor of the former that it leaves at most in the controls that have a state of any lateness."""
 FLAT, LEVELS = 0.2, 8
 """Share of controls that are at exactly their largest or least from which that is told, and fewest
 different controls of which it is."""
@@ -65,35 +68,43 @@ def feedback_of(control: Float64, position: Float64, rate: Float64) -> Feedback 
 def _fitted(
     control: Float64, position: Float64, rate: Float64, kept: Flags, share: float
 ) -> Feedback | None:
-    n, joints = position.shape
+    joints = position.shape[1]
     size = float(np.linalg.norm(control[kept] - control[kept].mean())) if kept.any() else 0.0
-    left = np.full((MOST_LATE + 1, joints), np.inf)
-    for late in range(min(MOST_LATE, n) + 1):
-        aim, rows = _aim(kept, late, share)
-        if not len(rows):
+    for latest in LATEST:
+        aim, rows = _aim(kept, latest, share)
+        if len(rows):
             break
-        y, q, v = (
-            _without(aim, each)
-            for each in (control[rows], position[rows - late], rate[rows - late])
-        )
-        if np.linalg.norm(y) > 10 * LEFT * size:
-            left[late] = _left(y, q, v) / size
-        elif not late:
-            return None  # the aim alone is enough
+    else:
+        return None
+    y = _without(aim, control[rows])
+    if np.linalg.norm(y) <= 10 * LEFT * size:
+        return None  # the aim alone is enough
+    left = np.full((latest + 1, joints), np.inf)
+    for late in range(latest + 1):
+        q, v = (_without(aim, each[rows - late]) for each in (position, rate))
+        left[late] = _left(y, q, v) / size
     late, joint = divmod(int(np.argmin(left)), joints)
+    if not left[late, joint] < NEAR * LEFT:
+        return None
+    aim, rows = _aim(kept, late, share)  # all of those that have such a state
+    y, q, v = (
+        _without(aim, each) for each in (control[rows], position[rows - late], rate[rows - late])
+    )
+    left[late] = _left(y, q, v) / size
     best = float(left[late, joint])
     left[late, joint] = np.inf
     if not best < LEFT or not left.min() > APART * max(best, 1e-9):
         return None
-    aim, rows = _aim(kept, late, share)
-    columns = np.stack([position[rows - late, joint], rate[rows - late, joint]], axis=1)
-    gains, *_ = np.linalg.lstsq(_without(aim, columns), _without(aim, control[rows]), rcond=None)
+    gains, *_ = np.linalg.lstsq(np.stack([q[:, joint], v[:, joint]], axis=1), y, rcond=None)
     return Feedback(joint, late, -float(gains[0]), -float(gains[1]))
 
 
-def _aim(kept: Flags, late: int, share: float) -> tuple[Float64, Int64]:
-    """Return what an aim is made of, as orthonormal columns, in the rows of the controls to fit."""
-    rows = np.flatnonzero(kept[late:]) + late
+def _aim(kept: Flags, latest: int, share: float) -> tuple[Float64, Int64]:
+    """Return what an aim is made of, as orthonormal columns, in the rows of the controls to fit.
+
+    These are those from `latest` on, so that they have a state however late it is.
+    """
+    rows = np.flatnonzero(kept[latest:]) + latest
     degree = int(share * len(rows))
     if len(rows) - degree < LEAST:
         return np.empty((0, 0)), np.empty(0, np.int64)
