@@ -621,7 +621,7 @@ def test_a_finding_about_two_bodies_takes_the_place_of_their_row() -> None:
         told="25 N in the median",
         got=25.0,
         unit="N",
-        depth_m=0.00448,
+        besides=((0.00448, "m"),),
     )
     finding = replace(
         FINDING, body="0_finger", other="1_box", joint=None, effect=Effect(0.00448, "m")
@@ -657,3 +657,57 @@ def test_a_torque_is_told_as_given_beside_the_motor_that_holds_the_joint(tmp_pat
     assert row.asked == pytest.approx(0.5, rel=1e-9)
     assert row.got == pytest.approx(0, abs=1e-6)  # its velocity motor takes all
     assert value(row, "motor") == pytest.approx(-0.5, rel=1e-3)
+
+
+@pytest.mark.pybullet
+def test_a_push_that_no_soft_body_takes_is_told(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        textwrap.dedent(
+            """
+            import pybullet as p, pybullet_data
+            p.connect(p.DIRECT)
+            p.setAdditionalSearchPath(pybullet_data.getDataPath())
+            p.resetSimulation(p.RESET_USE_DEFORMABLE_WORLD)
+            soft = p.loadSoftBody(
+                "cube.obj", basePosition=[0, 0, 2], scale=1, mass=1, useMassSpring=1)
+            for force in (3, 4, 2):
+                p.applyExternalForce(soft, -1, [0, 0, force], [0, 0, 0], p.LINK_FRAME)
+                p.stepSimulation()
+            """
+        )
+    )
+    recorded = record_script(str(script), out=tmp_path / "script.rrd")
+    (row,) = [row for row in analyze(recorded.recording).account if row.kind == "idle"]
+    assert (row.asked, row.got) == (4.0, 0.0)
+    assert "up to 4 N in 3 calls" in row.told
+
+
+@pytest.mark.pybullet
+def test_what_a_file_says_that_a_joint_follows_is_told(tmp_path: Path) -> None:
+    body = """<link name="{name}"><inertial><mass value="1"/>
+    <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>"""
+    joint = """<joint name="{name}" type="prismatic"><parent link="palm"/><child link="{name}"/>
+    <axis xyz="0 0 1"/><limit lower="-9" upper="9" effort="9" velocity="9"/>{more}</joint>"""
+    mimic = '<mimic joint="left" multiplier="2"/>'
+    parts = [body.format(name=name) for name in ("palm", "left", "right")]
+    parts += [joint.format(name="left", more=""), joint.format(name="right", more=mimic)]
+    (tmp_path / "hand.urdf").write_text(f'<robot name="hand">{"".join(parts)}</robot>')
+    script = tmp_path / "script.py"
+    script.write_text(
+        textwrap.dedent(
+            """
+            import pybullet as p
+            p.connect(p.DIRECT)
+            p.setGravity(0, 0, -9.81)
+            hand = p.loadURDF(HAND, useFixedBase=True)
+            p.setJointMotorControlArray(hand, [0, 1], p.VELOCITY_CONTROL, forces=[0, 0])
+            for _ in range(60):
+                p.stepSimulation()
+            """
+        ).replace("HAND", repr(str(tmp_path / "hand.urdf")))
+    )
+    recorded = record_script(str(script), out=tmp_path / "script.rrd")
+    rows = [row for row in analyze(recorded.recording, about="right").account if row.joint]
+    assert rows[0].kind == "moved"
+    assert "its file says that it follows 2 × left" in rows[0].told

@@ -10,7 +10,13 @@ from drop_physics.account import asked, moved
 from drop_physics.account.carried import Carried
 from drop_physics.account.constrained import Held
 from drop_physics.account.feedback import GivenControls
-from drop_physics.account.idle import Overlaps, coasting_row, idle_actuator_rows, weightless_row
+from drop_physics.account.idle import (
+    Overlaps,
+    PushedSoft,
+    coasting_row,
+    idle_actuator_rows,
+    weightless_row,
+)
 from drop_physics.account.ledger import Ledger, bins_for
 from drop_physics.account.names import Names
 from drop_physics.account.ranking import ranked
@@ -61,7 +67,7 @@ class Account:
         self._broken: dict[int, int] = {}
         """The first sample of each body that is no number."""
         self._touching, self._held, self._overlaps = TouchedPairs(), Held(seen), Overlaps(seen)
-        self._sensed = Sensed(seen)
+        self._sensed, self._pushed = Sensed(seen), PushedSoft()
         self._filtered: dict[frozenset[int], str] = {}
         """The line that may have ended contacts of two bodies, or of one, by their numbers."""
 
@@ -82,6 +88,7 @@ class Account:
         self._sensed.add(explained, touches.pairs.points)
         self._held.add(explained)
         self._overlaps.add(explained)
+        self._pushed.add(explained)
 
     def rows(
         self, joints: JointTable, totals: Mapping[int, Totals], about: str | None = None
@@ -145,6 +152,7 @@ class Account:
         pairs = self._touching.pairs
         yield from reading_rows(self._seen, subjects, pairs, self._filtered, words)
         yield from self._sensed.rows(self._seen, subjects, pairs, words)
+        yield from self._pushed.rows()
         if self._seen.windows:  # what touched, and held, is known of some steps only
             return
         yield from self._held.rows(subjects, words)

@@ -18,6 +18,7 @@ from drop_physics.explain.solids import Solid, overlap_m, solid_of
 from drop_physics.messages import Message
 from drop_physics.physics.tree import BASE
 from drop_physics.quantities import number, quantity
+from drop_physics.trace.calls import Push
 from drop_physics.trace.events import Actuator, Body, Collision
 from drop_physics.trace.history import Seen
 from drop_physics.trace.switches import NO_ACTUATION, NO_CONTACT, NO_GRAVITY, is_off
@@ -251,6 +252,46 @@ def _root(body: Body, link: int) -> int:
     while link > BASE and not body.joints[link].widths[1]:
         link = body.joints[link].parent
     return link
+
+
+class PushedSoft:
+    """The forces and torques that calls gave to soft bodies; grows piece by piece."""
+
+    def __init__(self) -> None:
+        self._most: dict[int, tuple[Push, int]] = {}
+        """The strongest of each body, and how many there are, by its number."""
+
+    def add(self, explained: ExplainedPiece) -> None:
+        """Add a piece."""
+        for push in explained.piece.calls.pushes():
+            if push.body.soft:
+                most, calls = self._most.get(push.body.number, (push, 0))
+                stronger = np.linalg.norm(push.vector) > np.linalg.norm(most.vector)
+                self._most[push.body.number] = push if stronger else most, calls + 1
+
+    def rows(self) -> Iterator[AccountRow]:
+        """Yield a row for each body that calls push, and that no such force reaches."""
+        for push, calls in self._most.values():
+            unit = "N m" if push.torque else "N"
+            most = float(np.linalg.norm(push.vector))
+            yield AccountRow(
+                kind="idle",
+                body=push.body.label,
+                told=Message(
+                    "pushed with up to {force} in {calls:,} calls; it is soft, and no such force "
+                    "acts on what is soft",
+                    force=quantity(most, unit),
+                    calls=calls,
+                ),
+                asked=most,
+                got=0.0,
+                gap=-most,
+                unit=unit,
+                step=push.at.step,
+                time_s=push.at.time_s,
+                salience=0.8,
+                subject=push.body,
+            )
 
 
 def weightless_row(

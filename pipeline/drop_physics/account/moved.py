@@ -77,7 +77,7 @@ def joint_row(
         why = Message("what drives it is not known, as no step is explained")
     else:
         why = Message("nothing commands it")
-    why = why + _reached(subject, axis) + _undamped(subject, axis)
+    why = why + _mimicked(subject, axis) + _reached(subject, axis) + _undamped(subject, axis)
     return AccountRow(
         kind="moved",
         body=subject.body.label,
@@ -98,8 +98,20 @@ def joint_row(
         terms=_works(subject, gave, took, words),
         salience=float(way[at]) / axis.scale * 0.8,
         subject=subject.body,
-        group=("moved", subject.kind, _most(gave)),
+        group=("moved", axis.unit, subject.kind, _most(gave)),
     )
+
+
+def _mimicked(subject: MeasuredBody, axis: Axis) -> Message:
+    """Return which joint the file of a body says that a joint follows, or nothing."""
+    for each in subject.body.asked.mimics:
+        if each.joint == axis.joint.name:
+            return Message(
+                "; its file says that it follows {ratio} × {other}",
+                ratio=number(each.multiplier),
+                other=each.of,
+            )
+    return Message("")
 
 
 def _undamped(subject: MeasuredBody, axis: Axis) -> Message:
@@ -188,7 +200,7 @@ def base_rows(
     if distance / subject.size_m > MOVED and track.farthest_step >= 0:
         yield from _ways(subject, track, way, gravity_m_s2, written, words)
     if track.most_turned_rad > TURNED_RAD:
-        yield _turn(subject, track, words)
+        yield _turn(subject, track, written, words)
 
 
 def _ways(
@@ -261,17 +273,17 @@ def _along_axes(way: Float64, far: float) -> str:
     return ", ".join(f"{'xyz'[k]} {quantity(float(way[k]), 'm', '+')}" for k in large)
 
 
-def _turn(subject: MeasuredBody, track: BaseTrack, words: RowWords) -> AccountRow:
-    ledger, step = subject.ledger, track.most_turned_step
+def _turn(
+    subject: MeasuredBody, track: BaseTrack, written: WrittenStates, words: RowWords
+) -> AccountRow:
+    ledger, step, angle_rad = subject.ledger, track.most_turned_step, track.most_turned_rad
     whole = ledger.window(ledger.first, ledger.last)
-    if ledger.covers(whole) and np.linalg.norm(ledger.way[whole, :3].sum(axis=0)) > np.pi:
-        step = ledger.last
+    spun_rad = float(np.linalg.norm(ledger.way[whole, :3].sum(axis=0)))
+    if spun_rad > np.pi and ledger.covers(whole) and not written.way:
+        step, angle_rad = ledger.last, spun_rad  # an orientation tells no more than half a turn
     window = ledger.window(ledger.first, step)
     gave, took = given_and_taken(ledger.works([0, 1, 2], window))
     turned = ledger.way[window, :3].sum(axis=0)
-    angle_rad = track.most_turned_rad
-    if float(np.linalg.norm(turned)) > np.pi:  # an orientation tells no more than half a turn
-        angle_rad = float(np.linalg.norm(turned))
     spin = turning_rad_s(subject)
     told = Message(
         "by {angle}°, mostly about {axis}, by {time}",

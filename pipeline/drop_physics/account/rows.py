@@ -85,8 +85,8 @@ class AccountRow:
     """The body itself."""
     other: str | None = field(default=None, repr=False, metadata={"json": False})
     """Label of the other body of a pair."""
-    depth_m: float | None = field(default=None, repr=False, metadata={"json": False})
-    """How deep the two links of a pair got into each other."""
+    besides: tuple[tuple[float, str], ...] = field(default=(), repr=False, metadata={"json": False})
+    """The further numbers that its sentence tells, with their units."""
     joints: tuple[str, ...] = field(default=(), repr=False, metadata={"json": False})
     """The further joints of the same body that it stands for."""
     gives_j: float = field(default=0.0, repr=False, metadata={"json": False})
@@ -115,7 +115,7 @@ class AccountRow:
         """The numbers that it tells, with their units."""
         pushed = self.asked if self.kind == "held" else None
         told = [(value, self.unit or "") for value in (self.got, self.gap, pushed)]
-        return tuple((value, unit) for value, unit in (*told, (self.depth_m, "m")) if value)
+        return tuple((value, unit) for value, unit in (*told, *self.besides) if value)
 
     @property
     def towards(self) -> tuple[RowTerm, ...]:

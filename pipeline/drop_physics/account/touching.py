@@ -210,7 +210,7 @@ def _rows(
             told=told,
             got=normal_n,
             unit="N",
-            depth_m=touched.deepest_m,
+            besides=((touched.deepest_m, "m"),),
             other=other,
             step=deep,
             time_s=words.seconds(lighter, deep),

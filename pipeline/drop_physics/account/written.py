@@ -75,13 +75,16 @@ class WrittenStates:
         if not self.written or (way <= 0.01 and self.velocity <= 0.01):
             return None
         told = Message(
-            "the script wrote its state before {written:,} of {steps:,} steps: moved it by {way} "
-            "m or rad in all, steps by {stepped}",
+            "the script wrote its state before {written:,} of {steps:,} steps",
             written=self.written,
             steps=self.steps,
-            way=number(self.way),
-            stepped=number(self.stepped),
         )
+        if self.way:
+            told = told + Message(
+                ": moved it by {way} m or rad in all, steps by {stepped}",
+                way=number(self.way),
+                stepped=number(self.stepped),
+            )
         if self.velocity:
             told = told + Message(
                 "; changed its velocities by {velocity} in all", velocity=number(self.velocity)
@@ -91,6 +94,7 @@ class WrittenStates:
             body=subject.body.label,
             told=told,
             got=self.way,
+            besides=((self.way, "m"), (self.way, "rad"), (self.velocity, "m/s")),
             step=self.last_step,
             time_s=words.seconds(subject, self.last_step),
             salience=min(1.0, self.written / self.steps + 0.4 * min(way, 1.0)),

@@ -29,7 +29,7 @@ def _tells(row: AccountRow, finding: Finding) -> bool:
     same_joint = finding.joint is not None and finding.joint in (row.joint, *row.joints)
     if row.joint is not None and not same_joint:
         return False
-    most = ALIKE if same_joint else 1 + SAME
+    most = ALIKE if same_joint and row.kind == "asked" else 1 + SAME
     return any(
         unit == effect.unit and effect.value <= most * abs(value) <= most**2 * effect.value
         for value, unit in row.numbers
