@@ -16,7 +16,7 @@ import pytest
 from drop_physics.account.rows import KINDS, AccountRow
 from drop_physics.analysis.citing import citing
 from drop_physics.errors import ScenarioError
-from drop_physics.report.account import account_of
+from drop_physics.report.account import rows_beside
 from drop_physics.report.markdown import markdown_of
 from drop_physics.report.words import beneath
 from drop_physics.rules.answer import Effect, Finding
@@ -608,8 +608,7 @@ def test_a_finding_takes_the_place_of_the_row_that_tells_the_same(
 ) -> None:
     (cited,) = citing([finding], [ROW])
     assert (cited.row is ROW) is cites
-    sections = account_of([ROW], [cited], 6)
-    assert bool(sections) is not cites
+    assert rows_beside([ROW], [cited]) == ([] if cites else [ROW])
 
 
 def test_a_finding_about_two_bodies_takes_the_place_of_their_row() -> None:
@@ -624,10 +623,12 @@ def test_a_finding_about_two_bodies_takes_the_place_of_their_row() -> None:
         besides=((0.00448, "m"),),
     )
     finding = replace(
-        FINDING, body="0_finger", other="1_box", joint=None, effect=Effect(0.00448, "m")
+        FINDING, body="0_finger", other="1_box", joint=None, effect=Effect(0.0035, "m")
     )
     (cited,) = citing([finding], [ROW, row])
     assert [str(each) for each in beneath(cited)] == ["pad × box: 25 N in the median"]
+    (cited,) = citing([replace(finding, other="0_plane")], [ROW, row])
+    assert cited.row is None
 
 
 @pytest.mark.pybullet

@@ -41,6 +41,10 @@ class Names:
         short = _short(body)
         return short if self._counts[short] == 1 else body.label
 
+    def label(self, number: int) -> str | None:
+        """Return the label of a body; None if there is none."""
+        return self._bodies[number].label if number in self._bodies else None
+
     def link(self, number: int, link: int) -> str:
         """Return the name of a link, or of its body if that has no other link."""
         body = self._bodies.get(number)

@@ -191,7 +191,7 @@ def _rows(
     normal_n = touched.normal_n
     weights, depth = normal_n / weight_n, touched.deepest_m / size_m
     kinds = tuple(str(subject.kind) for subject in its)
-    other = next((each.body.label for each in its if each is not lighter), None)
+    other = words.names.label(key[0] if key[0] != lighter.body.number else key[1])
     deep = touched.deepest_step if touched.deepest_step >= 0 else touched.first_step
     if (weights > WEIGHTS and touched.steps >= 5) or depth > DEEP:
         told = Message(

@@ -9,8 +9,8 @@ from drop_physics.account.rows import AccountRow
 from drop_physics.rules.answer import Finding
 
 SAME, ALIKE = 0.02, 2.0
-"""A number is that of a finding if it differs by SAME of it; one about the same joint, which a row
-takes at its worst moment and a finding in the mean, if they differ by this factor."""
+"""A number is that of a finding if it differs by SAME of it; of the same joint or pair, where a row
+takes it at its worst moment and a finding in the mean, if they differ by this factor."""
 
 
 def citing(findings: Iterable[Finding], account: Sequence[AccountRow]) -> Iterator[Finding]:
@@ -29,7 +29,8 @@ def _tells(row: AccountRow, finding: Finding) -> bool:
     same_joint = finding.joint is not None and finding.joint in (row.joint, *row.joints)
     if row.joint is not None and not same_joint:
         return False
-    most = ALIKE if same_joint and row.kind == "asked" else 1 + SAME
+    pair = row.other is not None and {row.body, row.other} == {finding.body, finding.other}
+    most = ALIKE if pair or (same_joint and row.kind == "asked") else 1 + SAME
     return any(
         unit == effect.unit and effect.value <= most * abs(value) <= most**2 * effect.value
         for value, unit in row.numbers
