@@ -98,7 +98,7 @@ DUMPS = {
     ),
     "action": Dump(
         arm(actuators=MOTORS),
-        "actuator elbow gives 1e+09 N or N m from state 60 on",
+        "actuator elbow is given 1e+09 from state 60 on",
         lambda step: [0.1, 0.0 if step < 60 else 1e9],
     ),
     "spring": Dump(

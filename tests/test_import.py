@@ -127,6 +127,17 @@ def test_controls_that_stand_in_the_next_row_are_found(swings: Path) -> None:
     assert "in the row that it ends in" in " ".join(made.notes)
 
 
+def test_an_input_that_is_no_number_is_the_cause(swings: Path) -> None:
+    arrays, _ = twin_of(None, 60)
+    arrays["ctrl"][40:, 1] = np.nan
+    arrays["qvel"][42:] = np.nan
+    made = imported(swings, arrays)
+    assert made.ended.startswith(
+        "ctrl of actuator elbow is nan from state 40 on; it ends at state 42"
+    )
+    assert (made.states, made.explained) == (41, 40)
+
+
 class Never:
     """What must not be made when a file is read."""
 

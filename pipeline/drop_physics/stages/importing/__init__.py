@@ -32,6 +32,7 @@ from drop_physics.engines.mujoco.importing.steps import ImportedStep, ImportedSt
 from drop_physics.engines.mujoco.importing.stream import stream_of
 from drop_physics.engines.mujoco.watched import MujocoDecoder
 from drop_physics.errors import ScenarioError
+from drop_physics.fields import counted
 from drop_physics.files.outputs import check_apart
 from drop_physics.messages import Message, joined
 from drop_physics.printable import Printable
@@ -216,9 +217,20 @@ class HeldAgainst:
         if self._found.ended is not None:
             growth = growth_of(self._steps, [*self._last])
             why = [] if growth is None else [said_of_growth(growth)]
+            if growth is None and self._found.is_beyond and self._steps.goes_on():
+                why = [Message("MuJoCo's own step from the last state stays finite")]
             self.ended = joined("; ", [*why, self._found.ended])
             ending.how, ending.error = "failed", self.ended
-        if self.stepped:
+        if self.stepped and self._steps.infers and self.explained < len(self._found.states) - 1:
+            self.said.append(
+                Message(
+                    "{off:,} of {steps} are undecided: no controls are found that lead from their "
+                    "state to the next",
+                    off=len(self._found.states) - 1 - self.explained,
+                    steps=counted(len(self._found.states) - 1, "step"),
+                )
+            )
+        elif self.stepped:
             counts, rounding = (self.explained, len(self._found.states) - 1), self._rounding
             self.said += said_of_gaps(*counts, self.gaps, engine=ENGINE, rounding=rounding)
         ending.notes = [*self.said, *self.notes]
@@ -231,7 +243,8 @@ class HeldAgainst:
     def _tell(self, step: ImportedStep) -> None:
         """Count a step."""
         self.explained += step.near
-        self.gaps.add(step)
+        if not self._steps.infers:
+            self.gaps.add(step)
         self._last.append(step)
         if step.number % TOLD_EVERY == 0:
             self._progress(step.number, len(self._found.states) - 1)

@@ -98,8 +98,8 @@ def said_of_growth(growth: GrowingStates) -> Message:
     term = " ".join([kind, "/".join(names)]).strip()
     if growth.loud:
         return Message(
-            "{term} gives {force:.3g} N or N m from state {state} on, {factor:.2g} times as much "
-            "as any before",
+            "{term} is given {force:.3g} from state {state} on, {factor:.2g} times as much as any "
+            "is before",
             **of,
             term=term,
             force=growth.loud,
@@ -127,16 +127,19 @@ def said_of_growth(growth: GrowingStates) -> Message:
         law = Message("kp gear² h²/I") if geared else Message("its stiffness × h²/I")
         return Message(
             "from state {state} on a step multiplies what is off by {factor:.3g}, in {joint} (an "
-            "inertia of {inertia}), by {term}: {law} = {ratio:.3g}, and above 4 it grows",
+            "inertia of {inertia}), by {term}: {law} = {ratio:.3g}, where without damping "
+            "{most:.3g} is the most",
             **values,
             law=law,
             ratio=stiff,
+            most=growth.most[0],
         )
     law = Message("kv gear² h/I") if geared else Message("its damping × h/I")
     return Message(
         "from state {state} on a step multiplies what is off by {factor:.3g}, in {joint} (an "
-        "inertia of {inertia}), by {term}: {law} = {ratio:.3g}, and above 2 it grows",
+        "inertia of {inertia}), by {term}: {law} = {ratio:.3g}, where {most:.3g} is the most",
         **values,
         law=law,
         ratio=damped,
+        most=growth.most[1],
     )

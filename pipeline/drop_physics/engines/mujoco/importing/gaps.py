@@ -33,7 +33,9 @@ SAME, AGREE, OFTEN = 0.1, 0.6, 0.8
 """Factors that differ by this share of their distance from 1 are the same; the share of steps that
 has to have the same; and the share of the most steps that a term has to account for."""
 LEAST, FEWEST = 1e-3, 3
-"""Smallest change of a factor that is one, and fewest steps that name a further term."""
+"""Smallest change of a factor that is one, and fewest steps that agree on it."""
+HALF, TENTH = 0.5, 0.1
+"""Shares of the steps that a force without such a factor, and a constraint, have to account for."""
 MOST_DOFS = 100
 """Most degrees of freedom of a model whose gaps are divided among terms."""
 FIRST, EVERY = 200, 50
@@ -137,7 +139,7 @@ class Gaps:
         left, found = [*self._looked], dict[GapTerm, list[_Looked]]()
         while left:
             term = _named_by_most(left, self._cleared)
-            if term is None or (found and sum(term in _good(each) for each in left) < FEWEST):
+            if term is None:
                 break
             found[term] = [each for each in left if term in _good(each)]
             left = [each for each in left if term not in _good(each)]
@@ -230,6 +232,7 @@ def _named_by_most(left: list[_Looked], cleared: Set[GapTerm]) -> GapTerm | None
     """
     terms = {term for each in left for term in _good(each)}
     named = {term: [each for each in left if term in _good(each)] for term in terms}
+    named = {term: its for term, its in named.items() if _is_meant(term, its, len(left))}
     most = max(map(len, named.values()), default=0)
     if not most:
         return None
@@ -243,7 +246,15 @@ def _named_by_most(left: list[_Looked], cleared: Set[GapTerm]) -> GapTerm | None
         names = -len(term.names)
         return rare, term in cleared, not agree, np.isfinite(factor), names, -len(its)
 
-    return min(sorted(terms), key=rank)
+    return min(sorted(named), key=rank)
+
+
+def _is_meant(term: GapTerm, its: list[_Looked], left: int) -> bool:
+    """Return whether a term that accounts for some of the steps does so by no accident."""
+    factor, share = _factor(term, its)
+    if np.isfinite(factor):  # along one force: any push on one joint may look like it
+        return (len(its) >= FEWEST and share >= AGREE) or len(its) >= HALF * left
+    return len(its) >= TENTH * left
 
 
 def _factor(term: GapTerm, its: list[_Looked]) -> tuple[float, float]:
@@ -327,7 +338,10 @@ def forces_of(m: Any, d: Any) -> Iterator[tuple[GapTerm, Float64]]:  # noqa: ANN
             arms[number] * d.actuator_force[number],
         )
     for kind in ("spring", "damper"):
-        held = getattr(d, f"qfrc_{kind}")
+        held = np.array(getattr(d, f"qfrc_{kind}"))
+        if m.ntendon and held.any():  # which tendon's, or the joints' own, is not told apart
+            yield GapTerm(f"joint and tendon {kind}s"), held
+            continue
         for dof in np.flatnonzero(held).tolist():
             one = np.zeros(m.nv)
             one[dof] = held[dof]

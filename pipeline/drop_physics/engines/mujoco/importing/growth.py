@@ -1,8 +1,8 @@
 """Why states grow without bound: the step multiplies what is off, by which term.
 
-The derivative of a step by its state (`mjd_transitionFD`) has an eigenvalue of more than 1 where a
-small difference grows. Its mode says in which joint, and the change of each term's force along the
-mode says by which: the one that pushes most of it.
+The derivative of a step by its state has an eigenvalue above 1 where a small difference grows. Its
+mode says in which joint, and the change of each term's force along it says by which: the one that
+drives it most.
 """
 
 from __future__ import annotations
@@ -30,7 +30,10 @@ GROWS = 1.2
 """An eigenvalue above this is no motion that falls over: in ten steps it is sixfold."""
 NUDGE = 1e-6
 LOUD = 1e3
-"""A force of so many times the largest one before is no motion of the same run."""
+"""A control that is so many times the largest one before, and 1, is no motion of the same run."""
+MOST, MOST_BY_STAGES = (4.0, 2.0), (8.0, 2.79)
+"""Bounds of stability of a spring, h² k/I, and of a damper, h b/I: of semi-implicit Euler that takes
+it at the beginning of a step, and of Runge and Kutta's fourth order (Hairer and Wanner II, IV.2)."""
 MOST_DOFS = 100
 
 
@@ -40,8 +43,8 @@ class GrowingStates(NamedTuple):
     state: int
     term: GapTerm
     factor: float
-    """What a step multiplies a small difference by; of a loud force, the force over the largest
-    before."""
+    """What a step multiplies a small difference by; of a loud control, how many times the largest
+    before it is."""
     joint: str = ""
     unit: str = ""
     """Unit of the joint's position."""
@@ -51,10 +54,12 @@ class GrowingStates(NamedTuple):
     """The term's, times h² over the inertia."""
     damping: float = 0.0
     """The term's, times h over the inertia."""
+    most: tuple[float, float] = MOST
+    """Such a stiffness, without damping, and such a damping, with which nothing grows."""
     depth_m: float = 0.0
     """How deep two bodies are in each other, where the term is their contact [m]."""
     loud: float = 0.0
-    """The force [N or N m], where it is large of itself; else 0."""
+    """What an actuator is given, where that is large of itself; else 0."""
 
 
 def growth_of(steps: ImportedSteps, last: Sequence[ImportedStep]) -> GrowingStates | None:
@@ -70,23 +75,23 @@ def growth_of(steps: ImportedSteps, last: Sequence[ImportedStep]) -> GrowingStat
             break
         found = its
     loudest = 1.0
-    for at, step in enumerate(last[: first + 1]):
-        force = np.abs(steps.evaluated(step).actuator_force)
-        if at >= max(first - 1, 1) and force.size and force.max() > LOUD * loudest:
-            which = int(np.argmax(force))
+    for at, step in enumerate(last[: first + 2]):
+        if not step.near:  # whose controls may be anything
+            continue
+        given = np.abs(step.ctrl)
+        if at >= max(first - 1, 1) and given.size and given.max() > LOUD * loudest:
+            which = int(np.argmax(given))
             term = GapTerm("actuator", (actuator_name(m, which),))
-            most = float(force[which])
+            most = float(given[which])
             return GrowingStates(step.number, term, most / loudest, loud=most)
-        loudest = max(loudest, float(force.max(initial=0.0)))
+        loudest = max(loudest, float(given.max(initial=0.0)))
     return found
 
 
 def _mode(steps: ImportedSteps, step: ImportedStep) -> GrowingStates | None:
     """Return the mode in which a step multiplies what is off most; None if it grows little."""
     m, d = steps.m, steps.evaluated(step)
-    size = 2 * m.nv + m.na
-    slope = np.zeros((size, size))
-    mujoco.mjd_transitionFD(m, d, NUDGE, 1, slope, None, None, None)
+    slope = _slope(steps, step)
     if not np.isfinite(slope).all():
         return None
     values, modes = np.linalg.eig(slope)
@@ -113,7 +118,13 @@ def _mode(steps: ImportedSteps, step: ImportedStep) -> GrowingStates | None:
             term: float(rate @ (forces.get(term, 0.0) - base.get(term, 0.0))) / size
             for term in {*forces, *base}
         }
-    term = max(both["both"], key=lambda each: abs(both["both"][each]))
+    # What drives the mode pushes where the step takes it; what only answers pushes back. The stages
+    # of Runge and Kutta push to and fro.
+    drives = 1.0 if np.real(values[at]) > 1.0 else -1.0
+    pushes = {each: drives * push for each, push in both["both"].items()}
+    if m.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        pushes = {each: abs(push) for each, push in pushes.items()}
+    term = max(pushes, key=lambda each: pushes[each])
     inertia, h = float(rate @ mass @ rate), float(m.opt.timestep)
     along, against = float(rate @ rate), float(way @ rate)
     stiffness = -both["way"].get(term, 0.0) * along / against if against else 0.0
@@ -127,8 +138,29 @@ def _mode(steps: ImportedSteps, step: ImportedStep) -> GrowingStates | None:
         inertia / float(rate[dof] ** 2),
         stiffness * h * h / inertia,
         -both["rate"].get(term, 0.0) * h / inertia,
+        most=MOST_BY_STAGES if m.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 else MOST,
         depth_m=dict(depths(m, d)).get(term, 0.0),
     )
+
+
+def _slope(steps: ImportedSteps, step: ImportedStep) -> Float64:
+    """Return the derivative of a step by the position and the velocity it begins with, (2n, 2n)."""
+    m = steps.m
+    way, base, ends = np.zeros(m.nv), np.zeros(m.nq), []
+    for number in range(-1, 2 * m.nv):
+        d = steps.evaluated(step)
+        if 0 <= number < m.nv:
+            mujoco.mj_integratePos(m, d.qpos, np.eye(m.nv)[number], NUDGE)
+        elif number >= m.nv:
+            d.qvel[number - m.nv] += NUDGE
+        mujoco.mj_step(m, d)
+        if number < 0:
+            base[:] = d.qpos
+        mujoco.mj_differentiatePos(m, way, NUDGE, base, d.qpos)
+        ends.append(np.concatenate([way, d.qvel / NUDGE]))
+    ways = np.stack(ends[1:], axis=1)
+    ways[m.nv :] -= ends[0][m.nv :, None]
+    return np.asarray(ways, np.float64)
 
 
 def _forces(m: Any, d: Any) -> Iterator[tuple[GapTerm, Float64]]:  # noqa: ANN401

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from drop_physics.engines.mujoco.frames import LARGEST
 from drop_physics.engines.mujoco.importing.archives import Archive
-from drop_physics.engines.mujoco.importing.steps import WIDTHS, ImportedStates
+from drop_physics.engines.mujoco.importing.steps import INPUTS, WIDTHS, ImportedStates
 from drop_physics.errors import DropError, ScenarioError
 from drop_physics.fields import all_of
-from drop_physics.messages import Message
+from drop_physics.messages import Message, joined
 
 NAMES = {
     "time": ("time", "t", "times", "time_s"),
@@ -54,6 +54,8 @@ class FoundStates:
     """What is missing, and what follows from it."""
     ended: Message | None = None
     """Where the states become no numbers; None if they do not."""
+    is_beyond: bool = False
+    """Whether that is in the step after the last state."""
 
 
 def asked_names(maps: Sequence[str], archive: Archive) -> dict[str, str]:
@@ -276,7 +278,7 @@ def _found(
                 path=path,
             )
     finite = _is_number(parts["qpos"]) & _is_number(parts["qvel"])
-    ended = None
+    ended, beyond = None, False
     if not finite.all():
         count = int(np.argmin(finite))
         ended = _no_number(parts, count, m)
@@ -287,10 +289,14 @@ def _found(
                 "{path} must begin with two states of finite numbers; {why}", path=path, why=ended
             )
     elif captured:
+        beyond = True
         ended = Message(
             "the step from the last state, {number}, led to a number that is not finite",
             number=captured[-1][0],
         )
+    if (bad := _bad_input(parts, count, m)) is not None:
+        count, why = bad
+        ended = why if ended is None else joined("; ", [why, ended])
     if count < 2:
         raise DropError("{path} must have at least two states, got {count}", path=path, count=count)
     rounding = _rounding(parts)
@@ -319,13 +325,9 @@ def _found(
         what: held[:count] if len(held) > 1 else np.repeat(held, count, axis=0)
         for what, held in parts.items()
     }
-    parts = {
-        what: np.nan_to_num(held) if held.dtype.kind == "f" else held
-        for what, held in parts.items()
-    }
     notes += _missing(parts, m, archive)
     states = ImportedStates(parts, np.asarray(times, np.float64), rounding, step_s)
-    return FoundStates(states, dict(names), world, worlds, notes, ended)
+    return FoundStates(states, dict(names), world, worlds, notes, ended, beyond)
 
 
 def _no_number(parts: Mapping[str, NDArray[Any]], at: int, m: Any) -> Message:  # noqa: ANN401
@@ -344,6 +346,32 @@ def _no_number(parts: Mapping[str, NDArray[Any]], at: int, m: Any) -> Message:  
                 most=LARGEST,
             )
     raise AssertionError(at)
+
+
+def _bad_input(
+    parts: Mapping[str, NDArray[Any]],
+    count: int,
+    m: Any,  # noqa: ANN401
+) -> tuple[int, Message] | None:
+    """Return how many states come before an input is no number, and which; None if none is."""
+    found: list[tuple[int, Message]] = []
+    for what in (*INPUTS, "act"):
+        held = parts.get(what, np.zeros((1, 0)))[:count]
+        rows = np.flatnonzero(~np.isfinite(held).all(axis=1))
+        if len(rows):
+            row = int(rows[0])
+            which = int(np.flatnonzero(~np.isfinite(held[row]))[0])
+            of = m.actuator(which).name if what == "ctrl" else ""
+            name = Message("actuator {name}", name=of) if of else f"{what}[{which}]"
+            why = Message(
+                "{what} of {name} is {value} from state {row} on",
+                what=what,
+                name=name,
+                value=str(held[row][which]),
+                row=row,
+            )
+            found.append((row + 1, why))
+    return min(found, key=lambda each: each[0], default=None)
 
 
 def _rounding(parts: Mapping[str, NDArray[Any]]) -> float:
@@ -370,7 +398,7 @@ def _missing(parts: Mapping[str, Any], m: Any, archive: Archive) -> list[Message
         notes.append(
             Message(
                 "no ctrl in the file: what {actuators} were given is undecided, and taken from the "
-                "states by inverse dynamics",
+                "states, as what leads closest to the next",
                 actuators=Message("its actuators"),
             )
         )

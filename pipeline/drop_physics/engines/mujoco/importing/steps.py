@@ -2,8 +2,8 @@
 
 A step is near where MuJoCo leads to the recorded state within what the numbers allow: that is how
 far steps spread out of states that are nudged by one rounding of the stored type. Where no controls
-were recorded, those that the states ask for come from inverse dynamics: an error of another engine
-that looks like the force of an actuator cannot be told from one.
+were recorded, a step is taken with those of the step before, or else with those that lead closest
+to the next state: what of another engine looks like an actuator's force cannot be told from one.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.engines.mujoco.frames import LARGEST
 from drop_physics.engines.mujoco.unlogged import write_no_log
 from drop_physics.errors import DropError
 
@@ -41,13 +42,12 @@ INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", "eq_active", "mocap_pos", "moc
 NUDGES = 5
 MARGIN = 4.0
 """A gap of so many spreads is still rounding: five steps show some half of what is possible."""
-STILL = 8.0
-"""A control that inverse dynamics changes by so many roundings at most has not changed."""
+ROUNDS = 8
+"""Most rounds of least squares that find controls: contacts make them more than one."""
+NUDGED = 1e-3
+"""Share of a control by which it is changed to see what it does."""
 ALIGNED = 64
 """Steps that show to which state the controls belong."""
-AFFINE = 1
-"""The kind of an actuator's gain, or bias, that is a line over length and velocity; 0 is constant,
-or none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +77,8 @@ class ImportedStep(NamedTuple):
     """Whether MuJoCo leads to the recorded state within rounding."""
     ctrl: Float64
     """The controls it was taken with, shape (nu,)."""
+    given: Float64
+    """The same, or the last ones that are known, where nothing leads to the next state, (nu,)."""
     warmstart: Float64
     """What the next step's solver starts from, shape (nv,)."""
     rates: Float64
@@ -129,19 +131,18 @@ class ImportedSteps:
         self.m, self.states = copy.copy(m), states
         self.m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.d, self._other = mujoco.MjData(m), mujoco.MjData(m)
-        # A solver stops where it improves less than by its tolerance, which the inverse has not.
-        self.shift, self._rounding = 0, states.rounding
-        """How many rows later the controls stand that a step is taken with."""
         self.infers = m.nu > 0 and "ctrl" not in states.parts
-        if self.infers:
-            self._inverse = _Inverse(m)
-            self._rounding = max(states.rounding, float(m.opt.tolerance))
-        elif m.nu:
-            self.shift = self._aligned()
+        # A solver stops where it improves less than by its tolerance; so may the controls be off.
+        least = float(m.opt.tolerance) if self.infers else 0.0
+        self._rounding = max(states.rounding, least)
+        self._held = np.zeros(m.nu)
+        """The controls of the last step that they are known of, where they are found."""
+        self._chain = np.zeros(m.nv)
+        """What the solver of the next step starts from."""
+        self.shift = 0 if self.infers or not m.nu else self._aligned()
+        """How many rows later the controls stand that a step is taken with."""
         self._warm = "qacc_warmstart" in states.parts
-        self._judged = ["qpos", "qvel"]
-        if "act" in states.parts and not self.infers:
-            self._judged.append("act")
+        self._judged = ["qpos", "qvel", *(["act"] if "act" in states.parts else [])]
         signs = np.random.default_rng(0).integers(0, 2, (64, m.nq + 2 * m.nv + m.na + m.nu))
         self._signs = 2.0 * signs - 1.0
 
@@ -149,6 +150,19 @@ class ImportedSteps:
         """Yield the steps in order."""
         for number in range(len(self.states) - 1):
             yield self._step(number)
+
+    def goes_on(self) -> bool:
+        """Return whether MuJoCo's own step from the last state leads to one that it goes on from.
+
+        Its controls are those of the step before.
+        """
+        d = self._other
+        self._load(d, len(self.states) - 1)
+        if self.infers:
+            d.ctrl[:] = self._held
+        mujoco.mj_step(self.m, d)
+        reached = np.concatenate([d.qpos, d.qvel])
+        return bool((np.abs(reached) <= LARGEST).all())
 
     def evaluated(self, step: ImportedStep) -> Any:  # noqa: ANN401 - an MjData
         """Return data in which MuJoCo has computed the state that a step begins in."""
@@ -162,7 +176,6 @@ class ImportedSteps:
         o = self._other
         self._load(o, step.number)
         o.ctrl[:] = step.ctrl
-        o.qacc_warmstart[:] = self.d.qacc_warmstart
         o.qfrc_applied[:] += force
         mujoco.mj_step(self.m, o)
         if "qfrc_applied" not in self.states.parts:
@@ -170,45 +183,115 @@ class ImportedSteps:
         return np.array(o.qvel, np.float64)
 
     def _step(self, number: int) -> ImportedStep:
-        m, d = self.m, self.d
-        ctrl = self._load(d, number)
+        row = self._row("ctrl", self._row_of_ctrl(number)) if not self.infers else self._held
+        step = self._tried(number, np.array(row, np.float64))
         if self.infers:
-            ctrl = d.ctrl[:] = self._inverse.controls(self, number)
-        warm = d.qacc_warmstart.copy()
-        mujoco.mj_step(m, d)
-        following = self._row("qacc_warmstart", number + 1) if self._warm else d.qacc_warmstart
-        if not np.isfinite(following).all():
-            following = np.zeros(m.nv)
+            if not step.near:
+                step = self._tried(number, self._asked(number))
+            if step.near:
+                self._held = step.ctrl
+            step = step._replace(given=self._held)
+        self._chain = step.warmstart
+        return step
+
+    def _tried(self, number: int, ctrl: Float64) -> ImportedStep:
+        """Return a step that is taken with some controls."""
+        self._load(self.d, number)
+        self.d.ctrl[:] = ctrl
+        mujoco.mj_step(self.m, self.d)
+        following = np.array(self.d.qacc_warmstart)
+        if self._warm:
+            following = self._row("qacc_warmstart", number + 1).astype(np.float64)
         gaps, allowed = self._gaps(number)
         within = _within(gaps, allowed)
         if not all(within):
-            allowed = self._allowed(number, ctrl, warm, allowed)
+            allowed = self._allowed(number, ctrl, allowed)
             within = _within(gaps, allowed)
         return ImportedStep(
             number,
             near=all(within),
-            ctrl=np.array(ctrl),
-            warmstart=np.array(following),
+            ctrl=ctrl,
+            given=ctrl,
+            warmstart=np.where(np.isfinite(following), following, 0.0),
             rates=self._row("qvel", number + 1).astype(np.float64),
             gap=gaps[1],
             allowed=allowed[1],
             moved=within[1] and not within[0],
         )
 
+    def _asked(self, number: int) -> Float64:
+        """Return the controls that lead closest to the next state, by least squares, (nu,)."""
+        m, o = self.m, self._other
+        names = [name for name in self._judged if name != "qpos"]
+        target = np.concatenate([self._row(name, number + 1) for name in names]).astype(np.float64)
+
+        def reached(ctrl: Float64) -> Float64:
+            self._load(o, number)
+            o.ctrl[:] = ctrl
+            mujoco.mj_step(m, o)
+            return np.concatenate([getattr(o, name) for name in names])
+
+        self._load(o, number)
+        mujoco.mj_forward(m, o)
+        weights = np.ones(len(target))
+        weights[: m.nv] = np.sqrt([mass_of(m, o)[dof, dof] for dof in range(m.nv)])
+        limited, (low, high) = m.actuator_ctrllimited == 1, m.actuator_ctrlrange.T
+        # From where contacts are as they were, least squares take away what rounding did to that.
+        ctrl = self._inverse(number)
+        for _ in range(ROUNDS):
+            left = (target - reached(ctrl)) * weights
+            by = NUDGED * np.where(limited, high - low, np.maximum(np.abs(ctrl), 1.0))
+            columns = [(reached(ctrl + each) - reached(ctrl)) * weights for each in np.diag(by)]
+            slope = np.stack(columns, axis=1) / by
+            if not (np.isfinite(left).all() and np.isfinite(slope).all()):
+                break
+            more = np.linalg.lstsq(slope, left, rcond=1e-9)[0]
+            ctrl = np.where(limited, np.clip(ctrl + more, low, high), ctrl + more)
+            if (np.abs(slope @ more) <= self._rounding * np.abs(target * weights)).all():
+                break
+        return ctrl
+
+    def _inverse(self, number: int) -> Float64:
+        """Return the controls that a step asks for by inverse dynamics, shape (nu,)."""
+        m, o, flags = self.m, self._other, int(self.m.opt.enableflags)
+        if m.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+            return self._held
+        self._load(o, number)
+        o.qacc[:] = (self._row("qvel", number + 1).astype(np.float64) - o.qvel) / m.opt.timestep
+        m.opt.enableflags = flags | int(mujoco.mjtEnableBit.mjENBL_INVDISCRETE)
+        try:
+            mujoco.mj_inverse(m, o)
+        finally:
+            m.opt.enableflags = flags
+        need = o.qfrc_inverse - o.qfrc_applied
+        for body in np.flatnonzero(o.xfrc_applied.any(axis=1)).tolist():
+            push, pushed = o.xfrc_applied[body], np.zeros(m.nv)
+            mujoco.mj_applyFT(m, o, push[:3], push[3:], o.xipos[body], body, pushed)
+            need = need - pushed
+        forces = []
+        for ctrl in (np.zeros(m.nu), *np.eye(m.nu)):
+            o.ctrl[:] = ctrl
+            mujoco.mj_fwdActuation(m, o)
+            forces.append(o.qfrc_actuator.copy())
+        columns = np.stack(forces[1:], axis=1) - forces[0][:, None]
+        if not (np.isfinite(need).all() and np.isfinite(columns).all()):
+            return self._held
+        return np.asarray(np.linalg.lstsq(columns, need - forces[0], rcond=1e-9)[0])
+
+    def _row_of_ctrl(self, number: int) -> int:
+        return min(number + self.shift, len(self.states.parts["ctrl"]) - 1)
+
     def _row(self, name: str, number: int) -> Any:  # noqa: ANN401 - an array
         return self.states.parts[name][number]
 
-    def _load(self, d: Any, number: int) -> Any:  # noqa: ANN401
-        """Write a state into data; return its controls."""
+    def _load(self, d: Any, number: int) -> None:  # noqa: ANN401
+        """Write a state into data, and its controls, if they are known."""
         d.time = self.states.times_s[number]
         for name, rows in self.states.parts.items():
-            at = number
-            if name == "ctrl":
-                at = min(number + self.shift, len(rows) - 1)
+            at = self._row_of_ctrl(number) if name == "ctrl" else number
             getattr(d, name).reshape(-1)[:] = rows[at]
-        if not np.isfinite(d.qacc_warmstart).all():
-            d.qacc_warmstart[:] = 0.0
-        return d.ctrl.copy()
+        if "qacc_warmstart" not in self.states.parts or not np.isfinite(d.qacc_warmstart).all():
+            d.qacc_warmstart[:] = self._chain
 
     def _gaps(self, number: int) -> tuple[list[Float64], list[Float64]]:
         """Return how far the recorded parts are from MuJoCo's, and what their rounding alone is."""
@@ -223,8 +306,7 @@ class ImportedSteps:
     def _allowed(
         self,
         number: int,
-        ctrl: Any,  # noqa: ANN401
-        warm: Float64,
+        ctrl: Float64,
         floors: list[Float64],
     ) -> list[Float64]:
         """Return how far a step may be off: by what states nudged by a rounding lead to."""
@@ -238,7 +320,6 @@ class ImportedSteps:
             for held in (o.qpos, o.qvel, o.act, o.ctrl):
                 held *= 1.0 + by * signs[at : at + len(held)]
                 at += len(held)
-            o.qacc_warmstart[:] = warm
             if not self._warm and which < 2:
                 o.qacc_warmstart[:] = d.qacc_warmstart if which else 0.0
             mujoco.mj_step(m, o)
@@ -274,60 +355,6 @@ def _within(gaps: list[Float64], allowed: list[Float64]) -> list[bool]:
     return [bool((np.abs(gap) <= most).all()) for gap, most in both]
 
 
-class _Inverse:
-    """The controls that states ask for, by inverse dynamics (`mj_inverse`)."""
-
-    def __init__(self, m: Any) -> None:  # noqa: ANN401
-        self._m = m
-        self.d = mujoco.MjData(m)
-        kinds = m.actuator_gaintype, m.actuator_biastype
-        known = (kinds[0] <= AFFINE) & (kinds[1] <= AFFINE) & (m.actuator_dyntype == 0)
-        self._free = np.flatnonzero(known)
-        self._held = np.zeros(m.nu)
-        self._flag = int(mujoco.mjtEnableBit.mjENBL_INVDISCRETE)
-
-    def controls(self, steps: ImportedSteps, number: int) -> Float64:
-        """Return the controls with which a step leads to the next state's velocities, (nu,)."""
-        m, d = self._m, self.d
-        steps._load(d, number)
-        h, flags = m.opt.timestep, int(m.opt.enableflags)
-        d.ctrl[:] = 0.0
-        d.qacc[:] = (steps._row("qvel", number + 1).astype(np.float64) - d.qvel) / h
-        m.opt.enableflags = flags | self._flag
-        try:
-            mujoco.mj_inverse(m, d)
-        finally:
-            m.opt.enableflags = flags
-        moment = moments(m, d)
-        force = d.qfrc_inverse - d.qfrc_applied
-        for body in np.flatnonzero(d.xfrc_applied.any(axis=1)).tolist():
-            push, pushed = d.xfrc_applied[body], np.zeros(m.nv)
-            mujoco.mj_applyFT(m, d, push[:3], push[3:], d.xipos[body], body, pushed)
-            force = force - pushed
-        gain, bias = _lines(m, d)
-        held = np.setdiff1d(np.arange(m.nu), self._free)
-        acts = np.zeros(m.nu)
-        for each in held.tolist():
-            if m.actuator_actnum[each]:
-                last = m.actuator_actadr[each] + m.actuator_actnum[each] - 1
-                acts[each] = gain[each] * d.act[last] + bias[each]
-        force = force - moment.T @ acts
-        if len(self._free) and np.isfinite(force).all():
-            arms = np.linalg.pinv(moment[self._free].T)
-            gains = np.where(gain[self._free] == 0.0, np.inf, gain[self._free])
-            found = (arms @ force - bias[self._free]) / gains
-            # A control that is the one before within what rounding makes of it is that one.
-            rates = np.abs(d.qvel) + np.abs(d.qvel + h * d.qacc)
-            forces = (
-                np.abs(mass_of(m, d)) @ rates / h + np.abs(d.qfrc_bias) + np.abs(d.qfrc_passive)
-            )
-            noise = steps.states.rounding * (np.abs(arms) @ forces) / np.abs(gains)
-            held = self._held[self._free]
-            same = np.abs(found - held) <= STILL * noise
-            self._held[self._free] = np.where(same, held, found)
-        return np.where(np.isfinite(self._held), self._held, 0.0)
-
-
 def mass_of(m: Any, d: Any) -> Float64:  # noqa: ANN401
     """Return the mass matrix, shape (nv, nv)."""
     mass, column = np.empty((m.nv, m.nv)), np.empty(m.nv)
@@ -344,13 +371,3 @@ def moments(m: Any, d: Any) -> Float64:  # noqa: ANN401
         held = np.ascontiguousarray(d.actuator_moment).ravel()
         mujoco.mju_sparse2dense(dense, held, d.moment_rownnz, d.moment_rowadr, d.moment_colind)
     return dense
-
-
-def _lines(m: Any, d: Any) -> tuple[Float64, Float64]:  # noqa: ANN401
-    """Return gain and bias of actuators whose force is gain × control + bias, shape (nu,) each."""
-    along = np.stack([np.ones(m.nu), d.actuator_length, d.actuator_velocity], axis=1)
-    gain, bias = (
-        np.einsum("ui,ui->u", prm[:, :3], along) for prm in (m.actuator_gainprm, m.actuator_biasprm)
-    )
-    gain = np.where(m.actuator_gaintype == AFFINE, gain, m.actuator_gainprm[:, 0])
-    return gain, np.where(m.actuator_biastype == AFFINE, bias, 0.0)

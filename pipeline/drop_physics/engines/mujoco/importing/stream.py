@@ -98,7 +98,7 @@ def _inputs(steps: ImportedSteps, step: ImportedStep, sent: dict[str, bytes]) ->
     count = 0
     for name in USER:
         if name == "ctrl":
-            row: Any = step.ctrl
+            row: Any = step.given
         elif name in steps.states.parts:
             row = steps.states.parts[name][step.number]
         else:
