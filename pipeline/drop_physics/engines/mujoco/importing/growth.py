@@ -32,8 +32,9 @@ NUDGE = 1e-6
 LOUD = 1e3
 """A control that is so many times the largest one before, and 1, is no motion of the same run."""
 MOST, MOST_BY_STAGES = (4.0, 2.0), (8.0, 2.79)
-"""Bounds of stability of a spring, h² k/I, and of a damper, h b/I: of semi-implicit Euler that takes
-it at the beginning of a step, and of Runge and Kutta's fourth order (Hairer and Wanner II, IV.2)."""
+"""Bounds of stability of a spring, h² k/I, and of a damper, h b/I: of semi-implicit Euler that
+takes it at the beginning of a step, and of Runge and Kutta's fourth order (Hairer and Wanner II,
+IV.2)."""
 MOST_DOFS = 100
 
 
