@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import re
 import shutil
 import subprocess
@@ -41,12 +42,28 @@ def test_a_page_has_verdict_finding_and_its_line(page: Path) -> None:
     assert marked.split() == ["13", *call.split()]
     light, dark, strip = re.findall('(?:src|srcset)="data:image/gif;base64,([^"]+)', text)
     assert len({light, dark, strip}) == 3
-    assert text.count('<source media="(prefers-color-scheme: dark)" srcset=') == 2
     drawn = re.findall('(?:src|srcset)="data:image/svg[+]xml;base64,([^"]+)', text)
-    dark, light = (base64.b64decode(each).decode() for each in drawn)
-    for svg, ground in ((light, "#ffffff"), (dark, "#0d1117")):
+    pictures = [base64.b64decode(each).decode() for each in drawn]  # of all, then of the row
+    for svg, ground in zip(pictures, ("#0d1117", "#ffffff") * 2, strict=True):
         assert f"fill: {ground}" in svg
         assert "lbr_iiwa_joint_2" in svg
+    assert text.count('<source media="(prefers-color-scheme: dark)" srcset=') == 4
+
+
+def test_a_page_shows_a_row_with_its_curve_and_the_frame_of_its_moment(page: Path) -> None:
+    """The finding has taken the row's place: the joint is 1.29 rad off at the end, after 3 s."""
+    text = page.read_text(encoding="utf-8")
+    (row,) = re.findall('<div class="moment">(.*?)</div>', text, re.DOTALL)
+    svg = base64.b64decode(re.findall('src="data:image/svg[+]xml;base64,([^"]+)', row)[0]).decode()
+    assert "0.8 rad, got 2.09 rad" in svg
+    (frame,) = re.findall('src="data:image/png;base64,([^"]+)', row)
+    (film, _) = re.findall('src="data:image/gif;base64,([^"]+)', text)
+    shown = np.asarray(Image.open(io.BytesIO(base64.b64decode(frame))).convert("RGB"))
+    with Image.open(io.BytesIO(base64.b64decode(film))) as frames:
+        frames.seek(frames.n_frames - 1)
+        assert (shown == np.asarray(frames.convert("RGB"))).all()
+        frames.seek(0)
+        assert (shown != np.asarray(frames.convert("RGB"))).any()
 
 
 def test_a_page_asks_nobody_for_anything(page: Path) -> None:

@@ -110,6 +110,8 @@ def _draw(axes: Axes, panel: Panel, time: Unit, theme: Theme, letters: Letters) 
     if panel.span_s is not None:
         first, last = (at * time.per_si for at in panel.span_s)
         axes.axvspan(first, last, color=theme.faint, alpha=0.13, lw=0)
+    if panel.moment_s is not None:
+        axes.axvline(panel.moment_s * time.per_si, color=theme.text, lw=1.2, zorder=3)
     if panel.zero:
         axes.axhline(0, color=theme.faint, lw=0.9, zorder=0.9)
     if panel.stacked:

@@ -49,6 +49,8 @@ class Panel:
     """Number of the finding that it shows."""
     span_s: tuple[float, float] | None = None
     """The time that the finding covers."""
+    moment_s: float | None = None
+    """The moment that it is about."""
     zero: bool = False
     """Whether the curves are read from zero."""
     stacked: bool = False

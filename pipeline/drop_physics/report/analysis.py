@@ -22,12 +22,12 @@ from drop_physics.report.blocks import (
     Section,
     numbers,
 )
-from drop_physics.report.bodies import looked_at, report_of_bodies
+from drop_physics.report.bodies import looked_at, one_screen, report_of_bodies
 from drop_physics.report.drop import report_of_drop
 from drop_physics.report.words import MISSING, unfinished
 from drop_physics.rules.choice import EVERY, Choice
 from drop_physics.stages.info import repeated
-from drop_physics.stages.panels import plot_of
+from drop_physics.stages.panels import plot_of, plot_of_row
 
 if TYPE_CHECKING:
     from drop_physics.analysis.results import Analysis
@@ -60,7 +60,7 @@ def report_of(
         report = report_of_drop(_of_drop(analysis), verbose=verbose)
     else:
         report = report_of_bodies(analysis, verbose=verbose, most_rows=most_rows)
-    curves = Section([Graphs(partial(plot_of, analysis))], apart=False)
+    curves = Section([Graphs(partial(plot_of, analysis)), *_row_drawn(analysis)], apart=False)
     first, *others = report.sections
     sections = [first, curves, *others, *_not_said(analysis)]
     report = replace(report, sections=sections, next=[*next_commands(analysis)])
@@ -79,6 +79,15 @@ def report_of(
         codes=", ".join(dict.fromkeys(each.code for each in grave)),
     )
     return replace(report, notes=notes, remarks=[remark], code=TOO_GRAVE)
+
+
+def _row_drawn(analysis: Analysis) -> Iterator[Graphs]:
+    """Yield the curve of the account's first row, a finding's if it has taken that one's place."""
+    if analysis.kind == "script":
+        screen = one_screen(analysis)
+        found = [each.row for each in screen.findings[: screen.most_findings]]
+        rows = [*(row for row in found if row is not None), *screen.rows[: screen.most_rows]]
+        yield Graphs(partial(plot_of_row, analysis, rows))
 
 
 def _not_said(analysis: Analysis) -> Iterator[Section]:

@@ -22,6 +22,7 @@ from drop_physics.report.terminal import lines_of
 from drop_physics.report.words import NEXT
 
 if TYPE_CHECKING:
+    from drop_physics.figures.plot import Plot
     from drop_physics.printable import Printable
 
 PICTURES = {".gif": "gif", ".png": "png", ".webp": "webp", ".apng": "apng", ".svg": "svg+xml"}
@@ -97,13 +98,16 @@ def _pictures(report: Report) -> list[str]:
         for path in paths
         if path.suffix in PICTURES and path.is_file()
     ]
-    return files or [_drawn(block) for block in blocks if isinstance(block, Graphs)]
+    if files:
+        return files
+    plots = [block.plot() for block in blocks if isinstance(block, Graphs)]
+    return [_drawn(plot) for plot in plots if plot.panels or plot.title]
 
 
-def _drawn(graphs: Graphs) -> str:
+def _drawn(plot: Plot) -> str:
     from drop_physics.figures import panel_plot  # loads matplotlib
 
-    return _picture(panel_plot.render(graphs.plot(), "png", dark=False), "png")
+    return _picture(panel_plot.render(plot, "png", dark=False), "png")
 
 
 class Viewed:
@@ -120,7 +124,7 @@ class Viewed:
         except DropError as missing:  # the viewer
             note = escape(str(missing))
         try:
-            film = _picture(film_of(recording), "gif")
+            film = _picture(film_of(recording).gif, "gif")
         except DropError:  # of nothing that can be drawn
             film = "\n".join(_pictures(result.report()))
         self._html = HIDDEN.format(name=f"drop-{uuid.uuid4().hex}", film=film, note=note)

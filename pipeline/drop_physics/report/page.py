@@ -22,6 +22,7 @@ from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message, harmless, translated
 from drop_physics.report.blocks import Graphs, Report
 from drop_physics.report.html import CURVES, html_of
+from drop_physics.stages.render import ShortFilm
 from drop_physics.stages.render import film_of as drawn_film
 
 if TYPE_CHECKING:
@@ -50,6 +51,8 @@ th { color: var(--faint); font-weight: normal } th, td:not(:last-child) { white-
 pre { border: 1px solid var(--line); border-radius: 6px; padding: .5rem; overflow-x: auto;
   font-size: .85rem; line-height: 1.2; white-space: pre }
 mark { background: var(--mark); color: inherit }
+.moment { display: flex; flex-wrap: wrap; align-items: center; gap: 1rem }
+.moment .curves { flex: 2 1 24rem } .moment .frame { flex: 1 1 12rem }
 img { max-width: 100% } .strip { display: none }
 @media print {
   :root { font-size: 12px } body { margin: 0; padding: 0; max-width: none }
@@ -97,7 +100,8 @@ def write_page(
         If the file cannot be written.
     """
     report: Report = result.report(**how)
-    shown = "\n".join([*_curves(report), *_film(film_of)])
+    films = _films(film_of)
+    shown = "\n".join([*_curves(report, films), *_film(films)])
     title = report.title or getattr(report.verdict, "text", "drop")
     text = f"""<!doctype html>
 <html lang="{translated(LANGUAGE)}">
@@ -109,7 +113,7 @@ def write_page(
 <style>{STYLE}</style>
 </head>
 <body>
-{"".join(html_of(report)).replace(CURVES, shown, 1)}
+{"".join(html_of(report)).replace(CURVES, shown, 1).replace(CURVES, "")}
 </body>
 </html>
 """
@@ -117,8 +121,16 @@ def write_page(
         file.write(text.encode("utf-8", "replace"))
 
 
-def _curves(report: Report) -> Iterator[str]:
-    """Yield the plots of a report, for a light or dark page."""
+def _films(recording: Path | None) -> list[ShortFilm]:
+    """Return a recording's film for a light and a dark page; none where nothing can be drawn."""
+    if recording is not None:
+        with contextlib.suppress(DropError):
+            return [drawn_film(recording, dark=dark) for dark in (False, True)]
+    return []
+
+
+def _curves(report: Report, films: Sequence[ShortFilm]) -> Iterator[str]:
+    """Yield the plots of a report, for a light or dark page, and what a moment looked like."""
     for section in report.sections:
         for block in section.blocks:
             if isinstance(block, Graphs) and (plot := block.plot()).panels:
@@ -126,16 +138,30 @@ def _curves(report: Report) -> Iterator[str]:
                     _data(panel_plot.render(plot, "svg", dark=dark), "svg+xml")
                     for dark in (False, True)
                 )
-                yield _picture("curves", light, dark)
+                curves = _picture("curves", light, dark)
+                at_s = plot.panels[0].moment_s
+                if films and at_s is not None:
+                    frame = _picture("frame", *(_data(_frame(each, at_s), "png") for each in films))
+                    curves = f'<div class="moment">{curves}{frame}</div>'
+                yield curves
 
 
-def _film(recording: Path | None) -> Iterator[str]:
+def _film(films: Sequence[ShortFilm]) -> Iterator[str]:
     """Yield the film for a light or dark page, and the pictures that are printed in its place."""
-    if recording is not None:
-        with contextlib.suppress(DropError):
-            light, dark = (drawn_film(recording, dark=dark) for dark in (False, True))
-            yield _picture("film", _data(light, "gif"), _data(dark, "gif"))
-            yield f'<img class="strip" alt="" src="{_data(_strip(light), "gif")}">'
+    if films:
+        light, dark = films
+        yield _picture("film", _data(light.gif, "gif"), _data(dark.gif, "gif"))
+        yield f'<img class="strip" alt="" src="{_data(_strip(light.gif), "gif")}">'
+
+
+def _frame(film: ShortFilm, at_s: float) -> bytes:
+    """Return the picture of a film that is nearest to a time."""
+    nearest = min(range(len(film.times_s)), key=lambda place: abs(film.times_s[place] - at_s))
+    with Image.open(io.BytesIO(film.gif)) as frames:
+        frames.seek(min(nearest, getattr(frames, "n_frames", 1) - 1))
+        stream = io.BytesIO()
+        frames.convert("RGB").save(stream, "png")
+    return stream.getvalue()
 
 
 def _picture(name: str, light: str, dark: str) -> str:

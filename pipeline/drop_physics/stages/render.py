@@ -277,8 +277,17 @@ def _composed(
         progress(words, done, count)
 
 
-def film_of(recording: Path, *, dark: bool = False) -> bytes:
-    """Return a short film of a recording, drawn from its poses, as a gif for a light or dark page.
+@dataclass(frozen=True)
+class ShortFilm:
+    """A film of a few seconds."""
+
+    gif: bytes
+    times_s: Sequence[float]
+    """Simulated time of each picture."""
+
+
+def film_of(recording: Path, *, dark: bool = False) -> ShortFilm:
+    """Return a short film of a recording, drawn from its poses, for a light or dark page.
 
     Raises
     ------
@@ -300,7 +309,7 @@ def film_of(recording: Path, *, dark: bool = False) -> bytes:
             hire=_hiring(running, None),
         )
         write_animation(made.pictures, stream, suffix=".gif", fps=SHORT_FPS)
-    return stream.getvalue()
+    return ShortFilm(stream.getvalue(), made.times_s)
 
 
 def check_film(film: Path, *, inputs: Sequence[Path], force: bool) -> None:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from drop_physics.account.rows import AccountRow
 from drop_physics.analysis.results import Analysis
 from drop_physics.fields import counted
 from drop_physics.figures.plot import Panel, Plot
-from drop_physics.messages import Message
+from drop_physics.messages import Message, joined
 from drop_physics.stages.panels.kinds import (
     KINDS,
     Drawable,
     Kind,
     energy,
     of_finding,
+    of_row,
     side_by_side,
 )
 from drop_physics.trace.events import Body
@@ -80,6 +82,18 @@ def _panels(analysis: Analysis) -> Iterator[Panel]:
             if kind not in done and (panels := [*kind(subject, body, None)]):
                 done |= {kind}
                 yield from panels
+
+
+def plot_of_row(analysis: Analysis, rows: Sequence[AccountRow]) -> Plot:
+    """Return the curve of the first row of an account that has one, its moment marked.
+
+    The plot has no panels and no title where none has.
+    """
+    subject = Drawable(analysis)
+    for row in rows:
+        if (panel := of_row(subject, row)) is not None:
+            return Plot(joined("  ", [row.kind, row.who, row.told]), [], [panel])
+    return Plot("", [], [])
 
 
 def viewed(analysis: Analysis, bodies: Mapping[int, Body]) -> tuple[list[Panel], list[str]]:

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from drop_physics import colours
+from drop_physics.account.rows import AccountRow
 from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.arrays import Float64
 from drop_physics.explain.cause_names import cause_in_words
@@ -140,6 +141,38 @@ def joint(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Ite
         its.columns["torque"] = np.convolve(padded, np.full(window, 1 / window), "valid")
     drawn = subject.curve(body, its, "torque", Message("torque"), colours.ROUNDING)
     yield Panel(title, row.torque_unit, [drawn, *limits], zero=True)
+
+
+def of_row(subject: Drawable, row: AccountRow) -> Panel | None:
+    """Return the curve of a row: a joint's position, a body's energy, or how far it has moved."""
+    body = subject.bodies.get(row.body or "")
+    if body is None or row.time_s is None:
+        return None
+    joints, given_j = subject.curves.joints(body.id), subject.curves.energy(body.id)
+    places = [place for place, each in enumerate(body.joints) if each.name == row.joint]
+    if places and joints is not None:
+        its = _joint_of(joints, places[0])
+        drawn = [
+            subject.curve(body, its, "position", Message("reached"), colours.SIMULATED),
+            subject.curve(body, its, "target", Message("target"), "", "dashed"),
+        ]
+        title = Message("{joint}: position", joint=row.joint)
+        return Panel(title, body.joints[places[0]].unit, drawn, moment_s=row.time_s)
+    if row.kind == "energy" and given_j is not None:
+        drawn = [subject.curve(body, given_j, "whole", Message("energy"), colours.SIMULATED)]
+        title = Message("energy of {body} since the start", body=body.label)
+        return Panel(title, "J", drawn, moment_s=row.time_s, zero=True)
+    if row.kind != "moved" or row.joint is not None:
+        return None
+    columns = next(each.columns for each in subject.analysis.rows if each.body.number == body.id)
+    places_m = np.stack([columns[f"{axis}_m"] for axis in "xyz"])
+    known = np.isfinite(places_m).all(axis=0)
+    if known.sum() < 2:
+        return None
+    far_m = np.linalg.norm(places_m[:, known] - places_m[:, known][:, :1], axis=0)
+    curve = Curve(Message("distance"), columns["time_s"][known], far_m, colours.SIMULATED)
+    title = Message("{body}: distance from where it began", body=body.label)
+    return Panel(title, "m", [curve], moment_s=row.time_s, zero=True)
 
 
 def friction(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:
