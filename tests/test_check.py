@@ -1176,7 +1176,11 @@ def test_two_clients_are_compared_each_by_its_steps(tmp_path: Path) -> None:
     swapped = with_samples(theirs, contacts=second_first)
     assert compare(swapped, theirs).same
     result = compared(paths[2], paths[0])
-    assert place(result.first) == (0, None, None, "engine.gravityAccelerationZ", -11.81, -10.81)
+    assert result.first is not None
+    assert result.first.step == 1, "where its effect is"
+    assert (0, None, None, "engine.gravityAccelerationZ", -11.81, -10.81) in map(
+        place, result.differences
+    )
 
 
 @pytest.mark.long
@@ -1202,7 +1206,11 @@ def test_the_numbers_of_clients_do_not_count(tmp_path: Path) -> None:
             assert (result.same, result.other_call) == (True, None)
     slower = recorded_script(text.replace("-9.81", "-1.6"), tmp_path / "moon.rrd", "1")
     result = compared(slower, first)
-    assert place(result.first) == (0, None, None, "engine.gravityAccelerationZ", -1.6, -9.81)
+    assert result.first is not None
+    assert result.first.step == 1, "where its effect is"
+    assert (0, None, None, "engine.gravityAccelerationZ", -1.6, -9.81) in map(
+        place, result.differences
+    )
 
 
 @pytest.mark.long
@@ -1223,8 +1231,7 @@ def test_which_simulation_is_first_does_not_count(tmp_path: Path) -> None:
     text = TURNS.replace("-9.81 - c", "-9.81 - 2 * c")
     other = recorded_script(text, tmp_path / "other.rrd", "forward")
     result = compared(other, paths[1])
-    assert result.first is not None
-    assert result.first.column == "engine.gravityAccelerationZ"
+    assert "engine.gravityAccelerationZ" in [each.column for each in result.differences]
     assert result.other_call is not None
     calls = result.other_call.value, result.other_call.golden
     assert [call and call.arguments for call in calls] == ["0, 0, -13.81", "0, 0, -11.81"]

@@ -819,7 +819,7 @@ def test_printed_commands_can_be_pasted(drop: Drop, tmp_path: Path) -> None:
     """In a folder whose name has a space and a quote."""
     folder = "it's a folder"
     told = drop("run", "--no-camera", "--duration", "0.1", "--out-dir", folder).stdout
-    command = told.partition("see it move")[2].strip()
+    command = told.partition("next  ")[2].strip()
     assert shlex.split(command) == ["drop", "view", f"{folder}/run.rrd"]
     told = drop("info", f"{folder}/run.rrd").stdout
     assert shlex.split(told.partition("repeat")[2].splitlines()[0])[:2] == ["drop", "simulate"]

@@ -318,7 +318,7 @@ def _(found: FindingList) -> Iterator[str]:
         yield f"[dim]{' ' * NUMBER}{escape(translated(more))}[/]"
     if (words := besides(found)) is not None:
         yield ""
-        yield f"[dim]{escape(translated(words))}[/]"
+        yield from (f"[dim]{escape(line)}[/]" for line in wrapped(translated(words), width()))
 
 
 def _failure(failure: Failure) -> Iterator[str]:
