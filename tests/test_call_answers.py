@@ -635,7 +635,6 @@ def test_links_whose_mass_is_given(scene: tuple[str, str, str], tmp_path: Path) 
             # As calculateMassMatrix says, with the flag over without.
             (KUKA, "lbr_iiwa_joint_7", 1.66),
             ("p.loadURDF('a1/a1.urdf', [0, 0, 1], useFixedBase=True)\n", "FR_lower_joint", 1.50),
-            ("p.loadURDF('husky/husky.urdf', [0, 0, 1])\n", "front_left_wheel", 0.43),
         ],
         1,
     ),

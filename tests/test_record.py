@@ -1149,7 +1149,7 @@ def test_a_limit_on_the_size_of_files_is_one_line(bench: Bench) -> None:
         )
         assert done.returncode == 1
         said = done.stderr.strip().splitlines()[-1]
-        assert "a temporary file of 1.1 MB, which the script's process writes to," in said
+        assert "a temporary file of 2.5 MB, which the script's process writes to," in said
         assert f"in {tempfile.gettempdir()}: File too large; make room there" in said
         assert run == block or said == done.stderr.strip()
     assert not list(bench.folder.glob("**/*.rrd*"))

@@ -1448,7 +1448,8 @@ def _finding_cure(said: Said) -> None:
         option, given = cure["call"].split()
         hold((option, cure["target"]) == ("--timestep", None), "another option")
         true = said.drop.timestep_s / cure["value"]
-        near(float(Fraction(given)), true, 1e-8 * true, "a timestep so many times shorter")
+        per_s = 1 / float(Fraction(given))  # the next whole number of steps a second
+        hold(-1e-5 < per_s - 1 / true < 1, "a timestep so many times shorter")
         return
     true = {
         "damping": ("box", 0.0, "--linear-damping 0"),

@@ -73,7 +73,8 @@ def solid_of(collision: Collision) -> Solid | None:
         points = np.concatenate((corners[::every], [corners.mean(axis=0)]))
     else:
         return None
-    radius = float(np.linalg.norm(points, axis=1).max())
+    with np.errstate(over="ignore"):  # a shape may be too large for its square
+        radius = float(np.linalg.norm(points, axis=1).max())
     return Solid(collision, points, radius)
 
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.arguments import number, site_of
+from drop_physics.rules.body_properties import strained_by
 from drop_physics.rules.constraint_columns import ConstraintColumns
 from drop_physics.rules.held_off import to_spare
 from drop_physics.rules.rows import Said, Worst
@@ -19,6 +20,7 @@ from drop_physics.rules.thresholds import (
     CLOSES,
     CLOSES_STEPS,
     PULLED_BACK,
+    RATIO,
     STILL_M_S,
 )
 
@@ -145,6 +147,14 @@ def _swings_m_s(joined: ConstraintColumns) -> float:
     return float(np.nanmax(fastest))
 
 
+def _ratio(scene: Scene, client: int) -> float:
+    """Return what the solver has to bear of bodies whose constraints no call moved."""
+    held = scene.constraints.of_client(client)
+    numbers = {number for each in held for number in each.bodies if number >= 0}
+    still = all(each.moved == each.made.at.step for each in held)
+    return strained_by(scene.seen, [scene.body(each) for each in numbers]) if still else 0.0
+
+
 @weak_constraint.counts
 def _(runs: Runs, _: Scene) -> Float64:
     return np.where(runs.stays, runs.gap / runs.part, 0.0)
@@ -153,22 +163,32 @@ def _(runs: Runs, _: Scene) -> Float64:
 @weak_constraint.says
 def _(worst: Worst) -> Said | None:
     held, limit_n, weight_n = worst.held, worst.limit, worst.weight
-    if not worst.strained:
+    ratio = _ratio(worst.scene, worst.subject.client)
+    if worst.strained:
+        why = Message(
+            "that is at its limit of {limit:.3g} N along an axis in {count:,} steps",
+            limit=limit_n,
+            count=worst.full,
+        )
+        advice: Message | None = Message("give it more: p.changeConstraint(…, maxForce=…)")
+        cure = Cure("constraint-force")
+        if weight_n > limit_n:
+            why = Message("{why}, and the weight is {weight:.3g} N", why=why, weight=weight_n)
+            if worst.swings < STILL_M_S:  # else its weight is not all that pulls
+                cure = Cure("constraint-force", value=float(to_spare(weight_n)))
+                advice = Message("give it more: {call}")
+            if held.limited is not None and number(held.limited, "maxForce") > weight_n:
+                advice, cure = None, Cure("timestep-first")
+    elif worst.hangs and ratio >= RATIO and worst.gap > APART * worst.part:
+        why = Message(
+            "of what constraints join, one is {ratio:.4g} times as heavy as another, and the "
+            "solver uses up its iterations",
+            ratio=ratio,
+        )
+        advice = None
+        cure = Cure("solver", value=500.0)
+    else:
         return None
-    why = Message(
-        "that is at its limit of {limit:.3g} N along an axis in {count:,} steps",
-        limit=limit_n,
-        count=worst.full,
-    )
-    advice: Message | None = Message("give it more: p.changeConstraint(…, maxForce=…)")
-    cure = Cure("constraint-force")
-    if weight_n > limit_n:
-        why = Message("{why}, and the weight is {weight:.3g} N", why=why, weight=weight_n)
-        if worst.swings < STILL_M_S:  # else its weight is not all that pulls
-            cure = Cure("constraint-force", value=float(to_spare(weight_n)))
-            advice = Message("give it more: {call}")
-        if held.limited is not None and number(held.limited, "maxForce") > weight_n:
-            advice, cure = None, Cure("timestep-first")
     message = Message("{body} is {gap:.3g} m from where its constraint to {other} wants it: {why}")
     return Said(
         message=message,

@@ -257,12 +257,12 @@ def _(worst: Worst) -> Said:
     elif came:
         message = Message(
             "{body} is loaded {depth:.3g} mm inside {other} at {time:.4g} s: they are pushed "
-            "apart at {speed:.3g} m/s"
+            "apart at {speed:.3g} m/s{hull}"
         )
     else:
         message = Message(
             "{body} is set {depth:.3g} mm inside {other} at {time:.4g} s: they are pushed "
-            "apart at {speed:.3g} m/s"
+            "apart at {speed:.3g} m/s{hull}"
         )
     thrown = worst.size**2 / (2 * STANDARD_M_S2) > size
     return Said(
@@ -275,6 +275,7 @@ def _(worst: Worst) -> Said:
             "depth": worst.depth_m * 1e3,
             "speed": worst.size,
             "time": worst.time_s(worst.step - 1),
+            "hull": _hull(worst),
         },
         advice=advice,
         cure=cure,
@@ -282,3 +283,19 @@ def _(worst: Worst) -> Said:
         share=worst.depth_m / size,
         site=worst.placed_at,
     )
+
+
+def _hull(worst: Worst) -> str:
+    """Return that the engine fills the hollow of a mesh, if one of both has such."""
+    both = (worst.subject, worst.partner)
+    if any(each.kind == "plane" for body in both for each in body.collisions):
+        return ""  # a mesh and its hull go equally deep into a plane
+    for body, link in zip(both, worst.links, strict=True):
+        for each in worst.scene.seen.surfaces:
+            if each.body == body.number and body.collisions[each.shape].link == link:
+                return Message(
+                    "; the mesh of {body} has a hollow, which PyBullet fills: it collides as its "
+                    "convex hull",
+                    body=part_named(body, link),
+                )
+    return ""
