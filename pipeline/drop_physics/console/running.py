@@ -13,7 +13,7 @@ import signal
 import sys
 from typing import TYPE_CHECKING
 
-from drop_physics import loading, workers
+from drop_physics import loading, temporary, workers
 from drop_physics.console import output
 from drop_physics.console.output import width
 from drop_physics.errors import NO_MEMORY, DropError, Stopped, signals
@@ -63,6 +63,7 @@ def main() -> None:
     workers.silence()
     gc.set_threshold(COLLECTED_EVERY)
     loading.load_less()
+    temporary.remove_leftovers()
     try:
         code = run(load, signals)
     finally:

@@ -10,7 +10,6 @@ import functools
 import json
 import os
 import shutil
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -33,6 +32,7 @@ from drop_physics.recording import schema
 from drop_physics.recording.sealing import seal, unfinished
 from drop_physics.recording.step_frames import PackedFrames
 from drop_physics.scenario import Camera
+from drop_physics.temporary import temporary_folder
 from drop_physics.trace.events import At, Calls, Impulses
 from drop_physics.trace.frames import ModelPart
 from drop_physics.trace.states import Rows
@@ -99,8 +99,8 @@ def record(
         if blueprint is None:
             seal(part, path, blueprint=None, rows=due, force=force or ours)
             return
-        with tempfile.TemporaryDirectory() as folder:
-            layout = Path(folder, "layout.rbl")
+        with temporary_folder() as folder:
+            layout = folder / "layout.rbl"
             layout_of = blueprint if isinstance(blueprint, rrb.Blueprint) else blueprint()
             # Rerun keeps the stream that it saved with, and two threads that never sleep for long.
             # If one thread cleans up while another saves, both wait forever.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -28,6 +27,7 @@ from drop_physics.scenario import ENGINES, Engine, Scenario
 from drop_physics.stages import verbs
 from drop_physics.stages.check import check
 from drop_physics.stages.verbs.taken import takes_those_of
+from drop_physics.temporary import temporary_folder
 from drop_physics.trace.history import Seen
 
 
@@ -74,13 +74,13 @@ def view(asked: verbs.ViewArguments) -> Iterator[View]:
         raise ScenarioError(
             "--against takes one recording to compare, got {n}", n=len(asked.recordings)
         )
-    with tempfile.TemporaryDirectory(prefix="drop-") as folder:
+    with temporary_folder() as folder:
         if asked.against is not None:
-            yield _with_golden(paths[0], Path(asked.against), Path(folder), web=asked.web)
+            yield _with_golden(paths[0], Path(asked.against), folder, web=asked.web)
         elif _of_one_script(paths):
-            yield _with_golden(paths[0], paths[1], Path(folder), web=asked.web)
+            yield _with_golden(paths[0], paths[1], folder, web=asked.web)
         elif scenarios := _of_one_drop(paths):
-            yield _of_engines(scenarios, Path(folder), web=asked.web)
+            yield _of_engines(scenarios, folder, web=asked.web)
         else:
             yield _view(paths, web=asked.web)
 

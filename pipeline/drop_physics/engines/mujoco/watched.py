@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import itertools
 import re
-import shutil
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -48,6 +46,7 @@ from drop_physics.engines.surfaces import surfaces_of
 from drop_physics.engines.watching.pipe import EXTREMES
 from drop_physics.fields import all_of, counted
 from drop_physics.messages import Message
+from drop_physics.temporary import TemporaryFolder
 from drop_physics.trace.acts import PICTURE
 from drop_physics.trace.events import (
     Appearance,
@@ -198,6 +197,7 @@ class MujocoDecoder:
     """
 
     def __init__(self) -> None:
+        self._temporary: TemporaryFolder | None = None
         self._folder: Path | None = None
         self._frames = KeptFrames()
         self._received: Received | None = None
@@ -230,8 +230,8 @@ class MujocoDecoder:
     def close(self) -> None:
         """Remove the files."""
         self._frames.close()
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
+        if self._temporary is not None:
+            self._temporary.close()
 
     @property
     def steps(self) -> int:
@@ -256,7 +256,8 @@ class MujocoDecoder:
     def take(self, payload: bytes) -> Iterable[Event]:
         """Return the events in a payload."""
         if self._received is None:
-            self._folder = Path(tempfile.mkdtemp(prefix="drop-"))
+            self._temporary = TemporaryFolder()
+            self._folder = self._temporary.path
             self._received = Received(self._folder)
         pieces = self._received.take(payload)
         return self._on_pieces(pieces) if pieces else ()

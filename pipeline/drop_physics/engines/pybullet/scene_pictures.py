@@ -20,6 +20,7 @@ from drop_physics.engines.pybullet.checkerboard import checkerboard
 from drop_physics.engines.pybullet.engine import p
 from drop_physics.engines.pybullet.visible_world import picture_of
 from drop_physics.scenario import Camera
+from drop_physics.temporary import temporary_folder
 from drop_physics.trace.events import Model, Pose
 
 SQUARE = 1 / 4
@@ -66,9 +67,9 @@ def drawn(
     rgb = np.array([ImageColor.getrgb(each) for each in colours], np.uint8)
     client = p.connect(p.DIRECT)
     try:
-        with tempfile.TemporaryDirectory() as name, c_output_moved_aside():
+        with temporary_folder() as folder, c_output_moved_aside():
             bodies = [
-                [made for model in models if (made := _body(client, Path(name), model))]
+                [made for model in models if (made := _body(client, folder, model))]
                 for models in parts
             ]
             for placed, camera in zip(poses, cameras, strict=True):

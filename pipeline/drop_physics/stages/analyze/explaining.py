@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import metadata
@@ -21,6 +20,7 @@ from drop_physics.messages import Message
 from drop_physics.recording import schema
 from drop_physics.recording.layer_sums import sums_in
 from drop_physics.recording.reader import Recording
+from drop_physics.temporary import temporary_folder
 from drop_physics.trace.history import Seen
 from drop_physics.trace.sums import LaterSums, Window, WithSums
 from drop_physics.workers import users_environment
@@ -134,7 +134,7 @@ def _explain(
         firsts.setdefault(body.client, number)
     wanted = sum(end - first for _, first, end in windows)
     before = sum(end - first for _, first, end in sums.windows)
-    with tempfile.TemporaryDirectory(prefix="drop-") as folder, Stepper(python, version) as stepper:
+    with temporary_folder() as folder, Stepper(python, version) as stepper:
         events = explained_later(
             stepper,
             recording.steps,
@@ -142,7 +142,7 @@ def _explain(
             firsts=firsts,
             causes=sums.causes,
             times_s=lambda client, steps: times[client].of_all(steps),
-            folder=Path(folder),
+            folder=folder,
         )
         for event in events:
             sums.add([event])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tempfile
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -29,6 +28,7 @@ from drop_physics.stages.diff.sides import RunSide, recorded_side, side_of, side
 from drop_physics.stages.diff.two_engines import AGREES, answered_by_engines
 from drop_physics.stages.record import interrupts
 from drop_physics.stages.verbs.taken import takes_those_of
+from drop_physics.temporary import temporary_folder
 from drop_physics.trace.history import DEFAULT_ENGINE
 
 MOST_SIMULATIONS = 32
@@ -86,7 +86,7 @@ def diff(asked: verbs.DiffArguments) -> Diff:
             folder = Path(asked.out)
             make_folder(folder)
         else:
-            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="drop-")))
+            folder = stack.enter_context(temporary_folder())
         paths = folder / "a.rrd", folder / "b.rrd"
         for each, side in zip(paths, (a, b), strict=True):
             if not side.is_recording:
@@ -209,7 +209,7 @@ def _crossed(
     by_time: bool,
 ) -> tuple[CrossedRuns, Sequence[Swapper]]:
     """Return what takes single steps of one simulation of each; `stack` ends its processes."""
-    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="drop-")))
+    folder = stack.enter_context(temporary_folder())
     sides: list[CrossedSide] = []
     swappers: list[Swapper] = []
     for n, (side, client) in enumerate(zip((a, b), clients, strict=True)):

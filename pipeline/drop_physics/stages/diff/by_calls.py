@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from drop_physics.experiments.swap.answer import ProvedDifference
 from drop_physics.experiments.swap.calls import WhyCalls
 from drop_physics.explain.times import StepTimes
 from drop_physics.stages.diff.sides import RunSide
+from drop_physics.temporary import temporary_folder
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
 from drop_physics.trace.logs import LoggedCall, Made
@@ -36,7 +36,7 @@ def answered_by_calls(
     DropError
         If a process ends before it is through.
     """
-    with tempfile.TemporaryDirectory(prefix="drop-") as folder:
+    with temporary_folder() as folder:
         (mine, first), (theirs, second) = (logged(side) for side in (a, b))
         logs = first, second
         theirs, twin = renumbered(logs[0], logs[1], theirs)

@@ -6,11 +6,11 @@ import contextlib
 import io
 import subprocess
 import tarfile
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from drop_physics.errors import DropError
+from drop_physics.temporary import temporary_folder
 from drop_physics.workers import users_environment
 
 NOT_DATA = (".git", ".venv", "recordings")
@@ -35,7 +35,7 @@ def exported(script: Path, revision: str | None) -> Iterator[Path]:
     within = script.resolve().relative_to(top.resolve())
     archive = _git(script, "-C", str(top), "archive", "--format=tar", revision)
     with (
-        tempfile.TemporaryDirectory(prefix="drop-") as folder,
+        temporary_folder() as folder,
         tarfile.open(fileobj=io.BytesIO(archive)) as files,
     ):
         files.extractall(folder, filter="tar")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -26,6 +25,7 @@ from drop_physics.experiments.swap.engines import WhyEngines
 from drop_physics.explain.times import StepTimes
 from drop_physics.stages.diff.by_calls import logged, placed, steps_of
 from drop_physics.stages.diff.sides import RunSide
+from drop_physics.temporary import temporary_folder
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen
 from drop_physics.trace.logs import KnownDifference, LoggedCall
@@ -45,7 +45,7 @@ def answered_by_engines(
         If a process ends before it is through, or nothing in the runs corresponds.
     """
     with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="drop-")))
+        folder = stack.enter_context(temporary_folder())
         bullet, other = (a, b) if not a.recording.steps.clients else (b, a)
         runs = _Runs(bullet, other, folder, stack, tell)
         why = runs.why(tolerance or AGREES, is_swapped=bullet is b)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 import json
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -27,6 +26,7 @@ from drop_physics.errors import DropError
 from drop_physics.fields import all_of
 from drop_physics.messages import Message
 from drop_physics.stages.rerun.scratch import scratch_copy
+from drop_physics.temporary import temporary_folder
 from drop_physics.workers import under_load
 
 LONGEST = 10.0
@@ -91,7 +91,7 @@ class Again:
         """
         limited = replace(program, limits=self.limits(finer))
         if self.folders:
-            with scratch_folder() as scratch:
+            with temporary_folder() as scratch:
                 private = {
                     "scratch": str(scratch),
                     "folders": [*self.folders],
@@ -187,7 +187,7 @@ def _is_offered(folders: tuple[str, ...], here: str) -> bool:
     del here
     if not sys.platform.startswith("linux"):
         return False
-    with scratch_folder() as scratch:
+    with temporary_folder() as scratch:
         view = {"scratch": str(scratch), "folders": [*folders], "made": [], "network": False}
         command = [sys.executable, "-IS", str(WATCHING), "watching.private", json.dumps(view)]
         tried = subprocess.run(command, stderr=subprocess.DEVNULL, check=False)
@@ -197,19 +197,6 @@ def _is_offered(folders: tuple[str, ...], here: str) -> bool:
 def is_offered(folders: Sequence[str]) -> bool:
     """Return whether the kernel lets a process have layers of its own over folders."""
     return _is_offered(tuple(folders), str(Path.cwd()))
-
-
-@contextmanager
-def scratch_folder() -> Iterator[Path]:
-    """Yield a folder that is removed afterwards, with what layers have left in it."""
-    folder = tempfile.mkdtemp(prefix="drop-")
-    try:
-        yield Path(folder)
-    finally:
-        for at, folders, _ in os.walk(folder):
-            for each in folders:  # overlayfs lets nobody look into its own
-                Path(at, each).chmod(0o700)
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _memory_bytes() -> int | None:

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from drop_physics.temporary import temporary_folder
 
 MOST_ENTRIES = 5000
 """A folder with more files and folders than this is not copied."""
@@ -33,8 +34,7 @@ def can_be_copied(folder: Path) -> bool:
 @contextmanager
 def scratch_copy(folder: Path, written: Collection[Path]) -> Iterator[Path]:
     """Yield a copy of a folder, in which the files that a script writes are separate."""
-    with tempfile.TemporaryDirectory(prefix="drop-") as name:
-        copy = Path(name)
+    with temporary_folder() as copy:
         for at, folders, files in os.walk(folder):
             folders[:] = [each for each in folders if each not in LEFT_OUT]
             here = copy / Path(at).relative_to(folder)

@@ -22,7 +22,7 @@ from ...watching.pipe import MUJOCO, frame
 from ...watching.single_changes import Change
 from ...watching.sites import caller
 from ..frames import CALLBACKS, CAUSES, READS, STEPS, note_bytes
-from . import pictures, uncaught
+from . import pictures, uncaught, unfilled
 from .followed import WatchedData, WatchedModel
 from .intervene import ModelChanges
 from .observed import ObservedData
@@ -161,6 +161,7 @@ class MujocoWatch(EngineWatch):
             pictures.install(self, module.Renderer)
         if again:
             return
+        unfilled.install(module, self.host.on_removal)
         self.tell("mujoco", version=module.__version__, python=sys.version.split()[0])
         self.host.on_import("mujoco.viewer", self._on_viewer)
         for name in uncaught.IMPORTED:

@@ -1,0 +1,59 @@
+"""Models and states of MuJoCo are made in memory that is not filled.
+
+A watched script's process fills new memory with a fixed value (glibc's `MALLOC_PERTURB_`), so that
+what is read before it is set is the same in each run. MuJoCo allocates the arena of a state at its
+largest possible size, 530 MB for 500 boxes, and uses next to nothing of it: filled, all of it is
+real memory. MuJoCo writes to its arena before it reads from it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from collections.abc import Callable
+from functools import partial, wraps
+from types import ModuleType
+from typing import Any
+
+from ...watching.hidden import hiding
+
+VARIABLE = "MALLOC_PERTURB_"
+M_PERTURB = -6
+"""Number of the option in glibc's `malloc.h`."""
+MAKES = {
+    "MjData": ("__init__", "__copy__", "__deepcopy__"),
+    "MjSpec": ("compile", "recompile"),
+}
+LOADS = {"MjModel": ("from_xml_string", "from_xml_path", "from_binary_path")}
+"""Methods, and static methods, that allocate an arena: a compiler makes a state, too."""
+
+
+def install(module: ModuleType, on_removal: Callable[[Callable[[], None]], None]) -> None:
+    """Replace what makes models and states by what does so without filling."""
+    fill = os.environ.get(VARIABLE, "")
+    allocator = getattr(ctypes.PyDLL(None), "mallopt", None)
+    if not fill.isdecimal() or allocator is None:
+        return
+    for kind, made in ((_plain, MAKES), (staticmethod, LOADS)):
+        for owner, names in made.items():
+            its = getattr(module, owner)
+            for name in names:
+                original = getattr(its, name, None)
+                if original is not None:
+                    setattr(its, name, kind(_unfilled(original, allocator, int(fill))))
+                    on_removal(partial(setattr, its, name, kind(original)))
+
+
+def _plain(function: Any) -> Any:
+    return function
+
+
+def _unfilled(original: Any, allocator: Any, fill: int) -> Any:
+    def made(*args: Any, **kwargs: Any) -> Any:
+        allocator(M_PERTURB, 0)
+        try:
+            return original(*args, **kwargs)
+        finally:
+            allocator(M_PERTURB, fill)
+
+    return wraps(original)(hiding(made))

@@ -1,0 +1,109 @@
+"""Folders of our own for a while; those of processes that were killed are removed by the next one.
+
+A folder's name has the process that made it: its number, and when it started. As long as that
+process lives it also holds a lock on the folder, which another machine or container sees, too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+NAME = re.compile(r"drop-(\d+)-(\d+)-\w+")
+"""Process number and start time, in the system's ticks, in the name of a folder."""
+STARTED = 19
+"""Place of the start time in `/proc/PID/stat`, behind the program's name."""
+
+
+class TemporaryFolder:
+    """A new folder, until it is closed.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made.
+    """
+
+    def __init__(self) -> None:
+        number = os.getpid()
+        prefix = f"drop-{number}-{_started(number) or 0}-"
+        self.path = Path(tempfile.mkdtemp(prefix=prefix))
+        self._lock = _locked(self.path)
+
+    def close(self) -> None:
+        """Remove the folder with all that is in it."""
+        _remove(self.path)
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+
+@contextlib.contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """Yield a new folder, which is removed at the end of the block."""
+    folder = TemporaryFolder()
+    try:
+        yield folder.path
+    finally:
+        folder.close()
+
+
+def remove_leftovers() -> None:
+    """Remove the folders of processes of ours that were killed; where `/proc` is, on Linux."""
+    if _started(os.getpid()) is None:
+        return
+    with contextlib.suppress(OSError), os.scandir(tempfile.gettempdir()) as entries:
+        for entry in entries:
+            found = NAME.fullmatch(entry.name)
+            if found is None or not entry.is_dir(follow_symlinks=False):
+                continue
+            if entry.stat(follow_symlinks=False).st_uid != os.getuid():
+                continue
+            if _started(int(found[1])) != int(found[2]):
+                lock = _locked(Path(entry.path))
+                if lock is not None:
+                    _remove(Path(entry.path))
+                    os.close(lock)
+
+
+def _started(number: int) -> int | None:
+    """Return when a process started, in ticks since the system did; None if there is none."""
+    try:
+        stat = Path(f"/proc/{number}/stat").read_text(errors="replace")
+        return int(stat.rpartition(")")[2].split()[STARTED])
+    except (OSError, IndexError, ValueError):
+        return None
+
+
+def _locked(folder: Path) -> int | None:
+    """Return a descriptor that holds a folder's lock; None if another has it, or there is none."""
+    if fcntl is None:
+        return None
+    descriptor = -1
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        if descriptor >= 0:
+            os.close(descriptor)
+        return None
+    return descriptor
+
+
+def _remove(folder: Path) -> None:
+    for at, folders, _ in os.walk(folder):
+        for each in folders:  # overlayfs lets nobody look into its own
+            if not Path(at, each).is_symlink():
+                with contextlib.suppress(OSError):
+                    Path(at, each).chmod(0o700)
+    shutil.rmtree(folder, ignore_errors=True)
