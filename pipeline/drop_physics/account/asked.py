@@ -42,9 +42,9 @@ class Axis:
     joint: Joint
     name: str
     joint_rate: int
-    """Its index among the rates of the joints."""
+    """Index among the rates of the joints."""
     rate: int
-    """Its index in the generalised velocity."""
+    """Index in the generalised velocity."""
     scale: float
     """What a way of 1 counts: the size of the body for a slide, 1 rad for a turn."""
 

@@ -1,4 +1,4 @@
-"""Who carries the weight of a body whose base is fixed: the base, or what it stands on."""
+"""The support of a body whose base is fixed: the base itself, or the bodies below it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FREE = ("site", "body")
 
 @dataclass(eq=False)
 class Carried:
-    """What contacts gave a body with a fixed base; grows piece by piece."""
+    """Impulses of contacts on a body with a fixed base; grows piece by piece."""
 
     impulse_n_s: Float64 = field(default_factory=lambda: np.zeros(3))
     """Impulse of all contacts, world axes [N s]."""

@@ -52,7 +52,7 @@ class HeldConstraint:
     end_m: float = 0.0
     """Their distance after the last step."""
     pull_n: float = 0.0
-    """Its pull at the largest distance."""
+    """Pull of the constraint at the largest distance."""
     most_n: float = 0.0
     limit_n: float = np.inf
     """The largest pull that it may have, at the largest distance."""

@@ -34,7 +34,7 @@ class AtEnd:
     body: str
     """The label of its body."""
     joint: str
-    """Its name, with its axis where it has three."""
+    """Name of the joint, with the axis where it has three."""
     at_stop: bool
     """Whether that is its stop; else the limit of what drives it."""
     limit: float | None
@@ -63,7 +63,7 @@ class EpisodeRow:
     """One episode of a run."""
 
     number: int
-    """Its number, from 1."""
+    """Number of the episode, from 1."""
     client: int
     """The number of its simulation."""
     first_step: int
@@ -104,7 +104,7 @@ class EpisodeRow:
 
 @dataclass(eq=False)
 class _Counts:
-    """What is counted of an episode."""
+    """Counters of an episode."""
 
     driven: int = 0
     jointed: int = 0

@@ -42,7 +42,7 @@ different controls of which it is."""
 
 @dataclass(frozen=True)
 class Feedback:
-    """What a control is computed from."""
+    """The joint state from which a control is computed."""
 
     joint: int
     """Index of the joint among those that were compared."""
@@ -140,7 +140,7 @@ def _extreme(control: Float64) -> Flags:
 
 @dataclass(frozen=True)
 class Aim:
-    """What a control aims a joint at."""
+    """The position that a control drives a joint towards."""
 
     target: Float64
     """Position in each step, shape (n,) [rad] or [m]."""

@@ -80,13 +80,13 @@ def reading_rows(
 
 
 class Sensed:
-    """How near contacts come to the sites of sensors of touch; grows piece by piece."""
+    """Distances of contacts from the sites of touch sensors; grows piece by piece."""
 
     def __init__(self, seen: Seen) -> None:
         self._sensors = [each for each in seen.sensors if each.kind == "touch" and each.place]
         self._solids = [solid_of(each.place) for each in self._sensors if each.place]
         self.outside_m = {each.name: np.inf for each in self._sensors}
-        """How far the nearest contact point is outside the site of each, by its name."""
+        """Distance of the nearest contact point outside a site [m], by the sensor's name."""
 
     def add(self, explained: ExplainedPiece, points: Points) -> None:
         """Add the contact points of a piece."""

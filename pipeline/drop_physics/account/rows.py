@@ -80,7 +80,7 @@ class AccountRow:
     salience: float = 0.0
     """The measure by which rows are ranked; of no meaning besides."""
     alike: int = 0
-    """How many further bodies or joints it stands for."""
+    """Number of further bodies or joints that the row stands for."""
     subject: Body | None = field(default=None, repr=False, metadata={"json": False})
     """The body itself."""
     other: str | None = field(default=None, repr=False, metadata={"json": False})

@@ -32,7 +32,7 @@ class JointSeries:
     torque_asked: Flags
     """Whether a call or an actuator gives a torque."""
     torque: Float64
-    """What motors gave [N m] or [N]."""
+    """Efforts of motors [N m] or [N]."""
     limit: Float64
     """The largest torque that the motor may give."""
     at_limit: Flags
@@ -74,14 +74,14 @@ class JointSeries:
 
 @dataclass(eq=False)
 class BaseTrack:
-    """How far a free base came, and how far it turned; grows piece by piece."""
+    """Displacement and rotation of a free base; grows piece by piece."""
 
     start_m: Float64
-    """Where it began, shape (3,)."""
+    """First position of the base [m], shape (3,)."""
     start_orientation: Float64
-    """How it began, a unit quaternion x, y, z, w."""
+    """First orientation, a unit quaternion x, y, z, w."""
     farthest_m: Float64
-    """Where it was farthest from there, shape (3,)."""
+    """Position farthest from the first [m], shape (3,)."""
     farthest_step: int = -1
     most_turned_rad: float = 0.0
     most_turned_step: int = -1

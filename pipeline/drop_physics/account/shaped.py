@@ -1,4 +1,4 @@
-"""What the shapes of a body say of how it turns: wheels off their axles, masses outside shapes."""
+"""Shapes that contradict a body's motion: wheels off their axles, masses outside shapes."""
 
 from __future__ import annotations
 

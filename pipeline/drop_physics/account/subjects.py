@@ -1,4 +1,4 @@
-"""What rows are measured by: how large a body is, how heavy, and which bodies are equal."""
+"""Scales of the rows: size and weight of a body, and which bodies are equal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How rows tell times, windows and terms."""
+"""Words of the rows for times, windows and terms."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LEAST_SHARE = 0.05
 
 
 class RowWords:
-    """What rows need to tell of a recording."""
+    """Facts about a recording that rows are worded with."""
 
     def __init__(self, names: Names, times: Mapping[int, StepTimes]) -> None:
         self.names, self._times = names, times

@@ -35,11 +35,11 @@ class WrittenStates:
     written: int = 0
     """Steps before which its state was written."""
     way: float = 0.0
-    """How far calls moved it in all [m] and [rad]."""
+    """Total displacement and rotation by calls [m] and [rad]."""
     stepped: float = 0.0
-    """How far its steps moved it in all."""
+    """Total displacement and rotation by steps [m] and [rad]."""
     velocity: float = 0.0
-    """How much calls changed its velocities in all [m/s] and [rad/s]."""
+    """Total change of velocities by calls [m/s] and [rad/s]."""
     first_step: int | None = None
     """The first sample that a step led to from a state that the script wrote."""
     last_step: int = -1

@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 JSON_NAMES = {"other": "with"}
 """Names of fields that JSON has in place of Python's."""
 REPORT = "drop_physics.report.analysis"
-"""What reports an analysis."""
+"""The module that reports an analysis."""
 HIDDEN = ("rows", "table", "by_body", "contact_j", "curves", "sources")
-"""What JSON leaves out."""
+"""Fields that JSON leaves out."""
 
 
 @dataclass(frozen=True)
@@ -161,14 +161,14 @@ class StepSum:
     terms: dict[str, list[float]] | None
     """Impulse of each term per degree of freedom [N s, N m s]; None where the law has no sum."""
     remainder: list[float] | None
-    """What the terms do not explain."""
+    """Remainder that the terms do not explain."""
     contact_by: list[Pusher] = field(default_factory=list)
     """The links that pushed it in this step: of its contact, what each gave."""
 
 
 @dataclass(frozen=True)
 class BodyAnalysis:
-    """What one body did."""
+    """Motion of one body, with its terms."""
 
     name: str
     """The file that it was loaded from, or its name."""
@@ -207,7 +207,7 @@ class BodyAnalysis:
 
 @dataclass(frozen=True)
 class Explained:
-    """How much of a recording, or of a body, is explained."""
+    """Share of a recording, or of a body, that is explained."""
 
     samples: int
     """Explained ones."""
@@ -248,7 +248,7 @@ class Analysis(Printable, reported_by=REPORT):
     left_out: int = 0
     """How many more were found, and left out: by the command, the script or the project."""
     by_body: dict[int, Explained]
-    """How much of each body is explained, by number."""
+    """Explained share of the bodies, by number."""
     rows: Sequence[SampleRows]
     """The samples of each body; of long recordings what is shown, unless all were asked for."""
     curves: CurveTable | None = None

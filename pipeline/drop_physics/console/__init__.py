@@ -1,1 +1,1 @@
-"""What a person or a script sees: results on standard output, the rest on standard error."""
+"""Output for a person or a script: results on standard output, the rest on standard error."""

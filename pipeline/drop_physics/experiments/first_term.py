@@ -50,7 +50,7 @@ class _Way:
 
 
 class _TermPart:
-    """Where one position of a body is in its states."""
+    """Place of a position in a body's states."""
 
     def __init__(self, body: Body, joint: str | None, unit: str) -> None:
         self._joint, self._unit = joint, unit

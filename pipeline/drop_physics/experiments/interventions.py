@@ -29,12 +29,12 @@ class Intervention:
 
     @property
     def name(self) -> str:
-        """Its name, as `--try` takes it."""
+        """Name of the intervention, as `--try` takes it."""
         return self.cure.name
 
     @property
     def value(self) -> float | None:
-        """What is given; None where it has no number."""
+        """Value that is given; None where it has no number."""
         return self.cure.value
 
     @property
@@ -44,7 +44,7 @@ class Intervention:
 
     @property
     def call(self) -> str:
-        """What its user would write."""
+        """Call that a user would write."""
         return self.cure.call
 
     @property

@@ -1,4 +1,4 @@
-"""How everything moved in a run, and how far two runs are apart."""
+"""Motions of all bodies in a run, and distances between two runs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class RunMotion:
     steps: int
     bodies: tuple[str, ...]
     astray: Mapping[str, float]
-    """How far each command is from what comes, RMS, in its unit, by name."""
+    """RMS deviations from the commands, in their units, by name."""
     positions_m: Float64
     """Positions of three points of each body [m], shape (states, bodies, 9); not a number where a
     body is not there."""

@@ -1,4 +1,4 @@
-"""What variations of a run show: growth of a displacement, convergence, reliable digits."""
+"""Results of varied runs: growth of a displacement, convergence, reliable digits."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ROUNDED = 1e-12
 
 @dataclass(frozen=True)
 class Growth:
-    """How a small displacement grows."""
+    """Growth of a small displacement."""
 
     rate_per_s: float | None
     """Rate of exp(rate t); None if it does not grow like that."""
@@ -82,7 +82,7 @@ def _line(x: Float64, y: Float64) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Converging:
-    """How an end state converges as the timestep shrinks."""
+    """Convergence of an end state as the timestep shrinks."""
 
     body: str
     """Its label."""

@@ -20,7 +20,7 @@ ONE_BY_ONE = 8
 HALVINGS = 4
 """Trials that narrow a least factor: its logarithm to a sixteenth of that of the factor tried."""
 NARROWED = 3
-"""How many changes are narrowed, the first that are said."""
+"""Number of changes that are narrowed: the first ones reported."""
 NOISE = 10.0
 """A change moves the quantity where it does so by this many times what nudges do."""
 MOST_MOVERS = 12
@@ -47,9 +47,9 @@ class TriedChange:
     change: Change
     outcome: ChangeOutcome
     number: int
-    """Its place in the order in which changes were to be tried."""
+    """Place in the order of trials."""
     far_m: Mapping[str, float]
-    """How far each body is from where it was in the script's own run, RMS [m]."""
+    """RMS distance of the bodies from the script's own run [m]."""
     worse: Sequence[str] = ()
     """The commands that are followed worse than there."""
 

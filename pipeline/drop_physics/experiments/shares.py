@@ -1,4 +1,4 @@
-"""How much of an outcome each of several causes accounts for, by switching them off.
+"""Shares of several causes in an outcome, from runs without them.
 
 A part is the outcome less what it is with that cause alone switched off; the total is the outcome
 less what it is with all of them off; what the parts do not add up to is their interaction. The
@@ -65,7 +65,7 @@ class Shares:
     parts: dict[str, float]
     """The outcome less what it is with one cause switched off, by cause; the largest first."""
     interaction: float
-    """What the parts do not add up to."""
+    """Interaction: the total minus the sum of the parts."""
 
 
 def coordinate_of(trials: Mapping[str, Apart], noise: Mapping[str, float]) -> Coordinate | None:

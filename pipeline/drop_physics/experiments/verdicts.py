@@ -1,4 +1,4 @@
-"""What a trial shows of a finding: its cause, an idle call, or nothing.
+"""Verdicts of trials on findings: a cause, an idle call, or nothing.
 
 A trial is a run with one intervention. It is compared with the script's own run, and with one whose
 bodies were moved by 1e-9 before their first step: what is not clearly beyond that is no result.
@@ -79,7 +79,7 @@ or not that mattered, so that the outcome alone decides."""
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run with an intervention came to."""
+    """Outcome of a run with an intervention."""
 
     fired: bool
     """Whether the intervention has changed any call."""
@@ -88,7 +88,7 @@ class Outcome:
     steps: int
     findings: list[Finding]
     apart: Apart
-    """How far it is from the script's own run."""
+    """Distance from the script's own run."""
     began: Distance | None = None
     """How far a body moves that stands still in the script's own run, which has no states of it."""
 
@@ -100,7 +100,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class TrialVerdict:
-    """What a trial shows of one finding."""
+    """Verdict of a trial on one finding."""
 
     verdict: Verdict
     before: float | None

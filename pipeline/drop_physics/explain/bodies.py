@@ -1,4 +1,4 @@
-"""What a body is in each step: a tree of links, under settings that calls change."""
+"""Bodies over steps: trees of links, under settings that calls change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the energy and momentum of a body change: by causes in its steps, and by calls between."""
+"""Changes of a body's energy and momentum: by causes within steps, and by calls between."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far points are outside a convex shape, negative inside, and which way is out."""
+"""Signed distances of points from convex shapes, negative inside, with outward normals."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ MOST_CLIENTS = 4
 SPAN, LEAST_SPAN, FREEDOMS = 200, 20, 30
 """Most and least steps around a moment, and degrees of freedom up to which it is the most."""
 LAST_S = 2.0
-"""How much of an episode's end is looked at [s]."""
+"""Length of an episode's end that is examined [s]."""
 STATES = 1 << 22
 """Most numbers of states that are held at once."""
 

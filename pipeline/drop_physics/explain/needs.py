@@ -1,4 +1,4 @@
-"""What it takes to hold a pose: the torque of each joint's motor that keeps a body as it is.
+"""Torques of joints' motors that hold a body in its pose.
 
 It balances gravity, forces that calls apply, and what the body carries by constraints or contacts.
 What the pose does not need is left out: a table or a stop that the body leans on. If a load has

@@ -1,4 +1,4 @@
-"""What each sample of a body is: the step of a law that led to it, or unexplained.
+"""Kinds of samples: the law of the step that led to a sample, or unexplained.
 
     x' = x + v' dt        holds in every phase to the last bit, and so does the turn by ω'
     v', ω'                follow from the law in flight, else from law and contacts (`balance`)

@@ -1,4 +1,4 @@
-"""How deep convex shapes overlap at least, from points of one that lie inside the other.
+"""Lower bounds on the overlap of convex shapes, from points of one inside the other.
 
 A point of A that is d deep in B has to move by d to leave it, so A and B overlap by at least d. The
 points are chosen (corners, axes, centres), so the real overlap may be deeper, and is never less.

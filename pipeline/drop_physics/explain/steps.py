@@ -42,7 +42,7 @@ SUBSTEPS: Reason = "substeps"
 
 @dataclass(frozen=True, eq=False)
 class PieceContext:
-    """What is known of all bodies of a piece."""
+    """Bodies of a piece of a recording, with their steps."""
 
     law: StepLaw
     """The law of the engine that stepped them."""
@@ -184,7 +184,7 @@ class BodySteps(Steps):
 
     body: Body
     changes: Changes
-    """How energy and momentum change, by cause."""
+    """Changes of energy and momentum, by cause."""
     whole: Steps
     """The steps of the whole batch."""
     rows: slice

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 MOST_AT_THE_END = 12
 """Most bodies, and joints, whose final positions are listed."""
 SURVIVES = "not terminated"
-"""What is expected of an episode that was terminated and did not reach its goal."""
+"""Expectation of an episode that was terminated and did not reach its goal."""
 TOO_GRAVE = 3
 """Exit code of an analysis with a finding of the level of `--fail-on`, or a graver one."""
 

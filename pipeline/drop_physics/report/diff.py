@@ -378,7 +378,7 @@ SWAPPED = {
         "{a} with these calls of {b} alone is {b} in the first {n:,} of {of:,} steps, {exact}"
     ),
 }
-"""What proves a cause, by what was swapped."""
+"""Proofs of a cause, by the quantity that was swapped."""
 
 
 def _host(diff: Diff) -> Iterator[Fact]:

@@ -25,7 +25,7 @@ ENDED = {
     "reset": Message("reset"),
     "run": Message("the run ended"),
 }
-"""How an episode ended, in words."""
+"""Endings of an episode, in words."""
 
 
 def episode_lines(

@@ -1,4 +1,4 @@
-"""How results look: what was expected of a script, and which single changes make it true."""
+"""Report of an expectation, and of the single changes that make it true."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ NOTHING: dict[str, Any] = {
     "makes_true": [],
     "moves": [],
 }
-"""What `--json` prints where nothing was expected."""
+"""JSON keys of a run without an expectation."""
 
 
 def json_of(found: Expected) -> dict[str, Any]:

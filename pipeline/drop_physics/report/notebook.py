@@ -41,7 +41,7 @@ HEADING = "h4"
 
 
 MORE = re.compile(r": (?:see )?--(?:verbose|json|account)\b[^\n<]*")
-"""Where the command line shows more; in Python that is in a result's JSON."""
+"""Hint that the command line shows more; in Python the result's JSON does."""
 
 
 def text_of(result: Printable) -> str:

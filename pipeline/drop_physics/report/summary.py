@@ -60,7 +60,7 @@ class Summary:
     script: str
     """The script, without its folder; `-m NAME` of a module."""
     ended: str
-    """How the script ended: `finished`, `error`, …"""
+    """Ending of the script: `finished`, `error`, …"""
     error: str | None
     """The error that it ended with."""
     error_site: str | None
@@ -86,7 +86,7 @@ class Summary:
     left_out: int
     """Number of findings left out by the command, the script or the project."""
     not_said: list[str]
-    """What the recording lacks, so that nothing is said of it."""
+    """Gaps of the recording, about which nothing is said."""
     next: list[str]
     """Commands that tell more."""
 

@@ -1,4 +1,4 @@
-"""How results look: what was tried of a script, and what each trial showed.
+"""Report of the trials of a script, and of their verdicts.
 
 Of a trial there are three sentences, and no other: tried X: cured; no effect; the outcome hangs on
 X by so much.

@@ -170,7 +170,7 @@ class Finding:
 
 @dataclass(kw_only=True)
 class Scene:
-    """What rules may read besides the pieces of a recording.
+    """Facts that rules may read besides the pieces of a recording.
 
     The tables grow piece by piece, and are complete when the rules are asked.
     """

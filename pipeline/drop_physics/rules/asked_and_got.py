@@ -1,4 +1,4 @@
-"""What was asked, and got otherwise: `not-taken`, `taken-elsewhere`, `overwritten`."""
+"""Requests that had another result: `not-taken`, `taken-elsewhere`, `overwritten`."""
 
 from __future__ import annotations
 

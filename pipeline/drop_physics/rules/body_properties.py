@@ -42,7 +42,7 @@ class AskedOfBodies:
         self._loads: dict[tuple[int, int], list[Call]] = {}
         """Calls that loaded a body, by client and the engine's id."""
         self.of: defaultdict[str, AskedProperty] = defaultdict(AskedProperty)
-        """What was asked for, by the name of the argument."""
+        """Requested values, by the name of the argument."""
 
     def see(self, piece: Piece) -> None:
         """Add a piece."""

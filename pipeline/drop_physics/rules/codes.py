@@ -1,4 +1,4 @@
-"""What each code and reason of a finding means, of a script or of a drop."""
+"""Meanings of the codes and reasons of findings, of scripts and of drops."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class ConstraintColumns:
 
     @property
     def bodies(self) -> list[Body]:
-        """Its parent and child, without the world."""
+        """Parent and child of the constraint, without the world."""
         return [self.scene.body(number) for number in self.last.bodies if number >= 0]
 
     @property

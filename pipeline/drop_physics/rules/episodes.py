@@ -28,7 +28,7 @@ SETS = (
     *SETTINGS,
     *FILTERS,
 )
-"""What no episode's beginning takes back."""
+"""Settings that no episode's beginning takes back."""
 UNREPORTED = frozenset(
     (
         *("linearDamping", "angularDamping", "jointDamping", "maxJointVelocity"),
@@ -39,7 +39,7 @@ UNREPORTED = frozenset(
 IDS = "Id", "Index", "Indices", "Mode"
 """Ends of the arguments that name what is set."""
 Named = tuple[object, ...]
-"""What a call sets: its function and arguments, and the body and joint that it names."""
+"""Target of a call: function and arguments, and the body and joint that it names."""
 Key = tuple[int, str]
 """A body, as its simulation and its reader call it: it may be loaded again."""
 
@@ -53,7 +53,7 @@ def named(call: Call) -> Named:
 
 @dataclass
 class AfterRestore:
-    """What followed a state that was saved or set."""
+    """Steps after a state that was saved or set."""
 
     begin: Call
     end: int = 0

@@ -91,7 +91,7 @@ SPOILED = (
     # Other limits are none for a joint that got the target of another.
     Spoiled("target-clamped", frozenset(("ik-index", "joint-index")), is_note=False),
 )
-"""What findings do to each other, in order: what is void spoils nothing."""
+"""Exclusions among findings, in order: a void finding excludes none."""
 
 
 def ranked(findings: Iterable[Finding]) -> list[Finding]:

@@ -1,4 +1,4 @@
-"""What nothing touches: the step changes its momentum, and damping takes its energy."""
+"""Bodies that touch nothing: the step changes their momentum, and damping takes their energy."""
 
 from __future__ import annotations
 

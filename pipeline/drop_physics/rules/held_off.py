@@ -20,7 +20,7 @@ CLOSE, MOST = 0.05, 0.5
 """A gap is that of a law if they differ by less than this share; most of a motor's torque."""
 MORE_FORCE = Message("give it more force")
 SPARE = 1.3
-"""What a motor should have over what it needs."""
+"""Margin of a motor's limit over the torque that it needs."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Cause:
     proposed: bool | None = None
     """Whether the advice is to be tried."""
     need: str = ""
-    """What the advice says about the force of the motor."""
+    """Advice about the force of the motor."""
 
 
 def cause_of(

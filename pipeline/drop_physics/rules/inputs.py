@@ -1,4 +1,4 @@
-"""What calls set, over the whole run, and what came of it: the table that rules of inputs read.
+"""Inputs of a whole run and their effects: the table that rules of inputs read.
 
 @input_rule("not-taken", "asked", "other-client")
 def other_client(inputs: Inputs) -> Iterator[tuple[Subject, Said]]: ...
@@ -98,7 +98,7 @@ class Use:
 
 @dataclass
 class BaseMotion:
-    """What became of a body: where its base began and ended, and how it moved."""
+    """Course of a body: first and last pose of the base, and its motion between."""
 
     samples: int = 0
     first_m: Float64 | None = None
@@ -108,7 +108,7 @@ class BaseMotion:
 
     @property
     def moved_m(self) -> float:
-        """How far from its first place the base ended."""
+        """Distance of the base's last position from its first [m]."""
         if self.first_m is None or self.last_m is None:
             return 0.0
         return float(np.linalg.norm(self.last_m - self.first_m))
@@ -165,7 +165,7 @@ class Drive:
     call: Call
     targets_m: list[tuple[float, ...]] = field(default_factory=list)
     places_m: list[Float64] = field(default_factory=list)
-    """Where the body was at each of these calls."""
+    """Positions of the body at these calls."""
 
 
 @dataclass

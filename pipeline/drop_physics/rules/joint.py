@@ -1,4 +1,4 @@
-"""What rules about joints share: names, units, and numbers as text."""
+"""Names, units and number formats shared by rules about joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a script wrote into its engine's memory and stays there: forces, masses, states.
+"""Writes into the engine's memory that stay: forces, masses, states.
 
 It grows piece by piece, as part of `inputs`.
 """
@@ -59,7 +59,7 @@ class LastingForce:
 
 @dataclass(frozen=True)
 class LastingEdit:
-    """What a script wrote into a model."""
+    """Writes of a script into a model."""
 
     call: Call
     elements: WrittenElements

@@ -36,7 +36,7 @@ class Placing:
 
     @cached_property
     def animated(self) -> dict[int, tuple[Int64, Float64]]:
-        """Where calls put bodies that they put often, by number: steps, and bases then."""
+        """Poses that calls set often, by body: steps, and bases then."""
         puts: dict[int, dict[int, Float64]] = {}
         for each in self._puts:  # of several for a step, the last counts
             puts.setdefault(each.body.number, {})[each.at.step + 1] = each.base

@@ -1,4 +1,4 @@
-"""What `drop explain` says of a code: as the sources of its rules have it."""
+"""Manual of a code for `drop explain`, read from the sources of its rules."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LEAST = 25
 
 
 class Blank:
-    """What stands for a value that only a finding has."""
+    """Placeholder of a value that only a finding has."""
 
     def __init__(self, shown: str) -> None:
         self._shown = shown

@@ -1,4 +1,4 @@
-"""What calls that put a body elsewhere leave: targets of motors, and rates of joints."""
+"""Leftovers of calls that move a body: targets of motors, and rates of joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a rule says, as data: rows with a condition, a sentence, a remedy and a level.
+"""Findings of a rule as data: rows with a condition, a sentence, a remedy and a level.
 
     weak.says(
         Row(
@@ -34,7 +34,7 @@ from drop_physics.trace.events import Body
 
 @dataclass(frozen=True, kw_only=True)
 class Said:
-    """What a rule says of the worst that it found.
+    """Finding about the worst case of a rule.
 
     What a text without values names is taken from `values`, or from the `Worst`; `{call}` is what
     the engine's user would write for the cure.
@@ -169,7 +169,7 @@ class Remedy:
 
 @dataclass(frozen=True, kw_only=True)
 class SayingRow:
-    """What is said of the worst where a condition holds, and the change that would cure it."""
+    """Finding about the worst case where a condition holds, and the change that would cure it."""
 
     when: Callable[[Worst], object] | None = None
     """The condition; None for always."""

@@ -42,7 +42,7 @@ Numbers = Mapping[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Where a rule holds in a table; all arrays have the shape of the table's columns.
+    """Rows of a table in which a rule holds; all arrays have the shape of the table's columns.
 
     They may also have that of `where`, if that is the numbers of rows. What is one number, or the
     same in a plane, is that of all rows.

@@ -39,7 +39,7 @@ from drop_physics.trace.events import Actuator
 CLAMPED = "joint force range"
 """The term that a joint's own range of force takes off its actuators."""
 SPARE = 1.3
-"""What an actuator should have over what it needs."""
+"""Margin of an actuator's limit over the force that it needs."""
 TRIES = 5
 """The greatest gaps of a joint in a piece whose causes are looked for."""
 
@@ -57,7 +57,7 @@ class ServoGap:
     own: float
     """The force of its actuator."""
     needs: float
-    """What the targets take; nan where that is not determined."""
+    """Forces that hold the targets; nan where undetermined."""
     clamp: float
     stop: float
     range: tuple[float, float]

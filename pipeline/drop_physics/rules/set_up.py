@@ -21,7 +21,7 @@ from drop_physics.trace.acts import PUSHES, SETS_TIMESTEP, Act
 from drop_physics.trace.events import Body
 
 WAITS = Act.COMMAND, Act.CONSTRAIN, *PUSHES
-"""What only has an effect in a step."""
+"""Functions that only have an effect in a step."""
 HOLDS = Act.SET_GRAVITY, Act.CONSTRAIN, *PUSHES
 """After these nothing falls freely by mistake."""
 

@@ -1,4 +1,4 @@
-"""What friction does not hold: `slides`, `creeps`, `friction-pyramid`, `dragged-by-nothing`."""
+"""Bodies that slip: `slides`, `creeps`, `friction-pyramid`, `dragged-by-nothing`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What rules say of themselves, read from their sources when `drop explain` asks.
+"""Docstrings, thresholds and advice of rules, read from their sources for `drop explain`.
 
 A rule's sentence, its thresholds, what it says and what it advises stand in its source; here they
 are only gathered. A code that several rules share has those of all.

@@ -1,4 +1,4 @@
-"""Where values have hardly changed for a while."""
+"""Stretches in which values hardly change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What goes too far in a step: through a box, farther than it is thick, or in too long steps."""
+"""Bodies that go too far in a step: through a box, or farther than they are thick."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SHAPE = {
     PYBULLET: Message("give it one: p.createCollisionShape(…), in a URDF <collision>"),
     MUJOCO: Message('contype="1" conaffinity="1" of one of its <geom>s'),
 }
-"""What helps, by engine."""
+"""Remedies, by engine."""
 
 
 @body_rule("tunnelled", "asked", engines=ANY)
@@ -258,7 +258,7 @@ LATE = {
         "than a time constant of 2 steps, and actuators act on a state as old as a step"
     ),
 }
-"""What long steps do, by engine."""
+"""Effects of long steps, by engine."""
 FINER = 4.0
 """Divisor of the timestep in a trial."""
 

@@ -174,7 +174,7 @@ class Rolling:
         used, at = np.unique(self.row, return_inverse=True)
         kin = kinematics(tree, steps.before.at(used))
         self._forward_m, self._rate = np.zeros((len(its), 3)), np.zeros(len(its))
-        """How a point moves by a radian of its joint, and the joint's rate."""
+        """Velocity of a point per radian of its joint, and the joint's rate."""
         self.lying = np.ones(len(its))
         for k in np.unique(joint[joint != BASE]).tolist():
             if tree.joints[k] == "revolute":

@@ -45,7 +45,7 @@ DIGEST = b"digest "
 
 @dataclass(frozen=True)
 class FrameComparison:
-    """How the pictures of two recordings compare."""
+    """Comparison of the pictures of two recordings."""
 
     compared: int
     """Number of pictures compared: those taken before a state differs."""
@@ -70,7 +70,7 @@ class Check(Printable, reported_by="drop_physics.report.check"):
     comparison: Comparison | None
     """Differences in numbers; None if there was no golden recording yet."""
     frames: FrameComparison | None
-    """How the pictures compare; None if there was no golden recording yet."""
+    """Comparison of the pictures; None if there was no golden recording yet."""
     engines: str | None = None
     """Where and why the engines part, if the drops differ in nothing else."""
     updated: bool = False

@@ -40,7 +40,7 @@ REPLACED = "\ufffd"
 
 @dataclass(frozen=True)
 class Info(Printable, reported_by="drop_physics.report.info"):
-    """What a recording is and holds."""
+    """Kind and contents of a recording."""
 
     recording: Path
     """The file."""
@@ -54,7 +54,7 @@ class Info(Printable, reported_by="drop_physics.report.info"):
     """Whether it was finished; then everything that numbers and images are computed from has passed
     its checksum."""
     samples: int
-    """How many states of the simulation it holds, in all."""
+    """Number of states of the simulation, in all."""
     duration_s: float
     """Simulated time from its first sample to its last [s]; for a script, of its longest
     simulation."""
@@ -63,7 +63,7 @@ class Info(Printable, reported_by="drop_physics.report.info"):
     contact_samples: int
     """Samples in which something touches."""
     frames: int
-    """How many camera frames it holds."""
+    """Number of camera frames."""
     bytes: int
     """The file's size."""
     engine: str
@@ -74,9 +74,9 @@ class Info(Printable, reported_by="drop_physics.report.info"):
     layer: Path | None
     """The analysis beside it; None if there is none, or it is of another recording."""
     notes: list[str]
-    """What it lacks, and from where on, in a sentence each."""
+    """Gaps of the recording, and where they begin, in sentences."""
     readings: list[Reading]
-    """Where the script reads, in the order in which it first does."""
+    """Call sites of readings, in the order of their first use."""
 
 
 def versions() -> str:

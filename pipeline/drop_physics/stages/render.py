@@ -50,7 +50,7 @@ DRAW_PLOT = "drop_physics.figures.panel_plot:render"
 
 @dataclass(frozen=True)
 class Rendering(Printable, reported_by="drop_physics.report.run"):
-    """What was rendered; a path is None if there was nothing to render."""
+    """Rendered files; a path is None if there was nothing to render."""
 
     gif: Path | None
     """The gif; None without frames."""

@@ -33,7 +33,7 @@ from drop_physics.trace.history import Seen
 
 @dataclass(frozen=True)
 class View(Printable, reported_by="drop_physics.report.view"):
-    """What the viewer shows, and how it is started."""
+    """Contents of the viewer, and the command that starts it."""
 
     recordings: list[Path]
     layers: list[Path]

@@ -29,9 +29,9 @@ class DifferenceCause:
     element: str | None = None
     """The thing that it is of."""
     a: Value = None
-    """Its value in the first run."""
+    """Value in the first run."""
     b: Value = None
-    """Its value in the second run."""
+    """Value in the second run."""
     site_a: str | None = None
     """File and line that set it in the first run."""
     site_b: str | None = None
@@ -74,7 +74,7 @@ class First:
 
 @dataclass(frozen=True)
 class SwapProof:
-    """What proves a cause."""
+    """Proof of a cause."""
 
     by: str
     """What was swapped: `inputs`, `state`, `fields`, `written`, `engine`, `calls` or `known`."""
@@ -92,7 +92,7 @@ class SwapProof:
 
 @dataclass(frozen=True)
 class End:
-    """How far both are apart at the end."""
+    """Distance of the two runs at the end."""
 
     value: float
     """The largest distance of a body or joint."""

@@ -46,7 +46,7 @@ class CallUnit:
     """One difference of two logs."""
 
     at: int
-    """Where it is in the first log."""
+    """Place in the first log."""
     removed: Sequence[LoggedCall] = ()
     added: Sequence[LoggedCall] = ()
     argument: str = ""
@@ -59,7 +59,7 @@ class CallUnit:
 
     @property
     def sets(self) -> set[Sets]:
-        """What its calls set."""
+        """Quantities that the unit's calls set."""
         return {each.sets for each in (*self.removed, *self.added)}
 
     @property

@@ -57,7 +57,7 @@ Site = Callable[[str, int], tuple[str | None, str | None]]
 
 @dataclass(frozen=True)
 class Alike:
-    """What two runs have in common besides what was recorded of their steps."""
+    """Common settings of two runs, besides their recorded steps."""
 
     script: bool
     """Whether text and arguments are the same."""

@@ -28,7 +28,7 @@ from drop_physics.workers import users_environment
 AROUND = 25
 """Steps before and after a time that is asked for."""
 VERSION = "from importlib.metadata import version; print(version('mujoco'))"
-"""What prints an interpreter's version of MuJoCo."""
+"""Program that prints an interpreter's version of MuJoCo."""
 
 
 @dataclass(frozen=True)

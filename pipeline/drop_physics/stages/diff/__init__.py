@@ -49,9 +49,9 @@ class Diff(Printable, reported_by="drop_physics.report.diff"):
     recordings: tuple[Path, Path] | None
     """The recordings of both, where they are kept."""
     host: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """What differs between the machines or environments of both, by name."""
+    """Differences between the machines or environments, by name."""
     ended: tuple[str, str] = ("finished", "finished")
-    """How each run ended."""
+    """Endings of the two runs."""
     unseeded: Sequence[str] = ()
     """The lines of the scripts that drew unseeded random numbers."""
     pictures: PicturesApart | None = None

@@ -9,7 +9,7 @@ from drop_physics.trace.acts import PICTURE
 
 
 class PicturesApart(NamedTuple):
-    """How many pictures differ."""
+    """Number of pictures that differ."""
 
     differing: int
     of: int

@@ -14,7 +14,7 @@ from drop_physics.temporary import temporary_folder
 from drop_physics.workers import users_environment
 
 NOT_DATA = (".git", ".venv", "recordings")
-"""What lies in a repository and no script needs."""
+"""Parts of a repository that no script needs."""
 
 
 @contextlib.contextmanager

@@ -156,7 +156,7 @@ class RunSide:
     """One side, recorded."""
 
     name: str
-    """What tells it from the other."""
+    """Label that tells the side from the other."""
     recording: Recording
     python: str
     """The interpreter that has its engine."""

@@ -96,7 +96,7 @@ class _Runs:
 
     @property
     def jobs(self) -> int:
-        """How often runs were made again."""
+        """Number of runs made again."""
         return self._replayer.jobs + self._swapper.jobs
 
     def why(self, tolerance: float, *, is_swapped: bool) -> WhyEngines:

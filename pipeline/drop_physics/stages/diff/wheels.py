@@ -22,7 +22,7 @@ from drop_physics.workers import users_environment
 
 REQUIREMENT = re.compile(r"([A-Za-z0-9][A-Za-z0-9._-]*)==([A-Za-z0-9][A-Za-z0-9.!+_-]*)")
 TAG = "import sys; print(f'{sys.implementation.cache_tag}')"
-"""What a Python says of the wheels that it takes."""
+"""Wheels that a Python interpreter accepts."""
 
 
 def cache() -> Path:

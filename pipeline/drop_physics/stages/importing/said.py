@@ -1,4 +1,4 @@
-"""What the steps of another engine are off by, in sentences: one for each kind."""
+"""Deviations of another engine's steps, one sentence a kind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a script's recording goes, and which earlier one of the same script it replaces.
+"""Path of a script's recording, and the earlier one of the same script that it replaces.
 
 It is written under a name that is free, and takes the earlier one's only once it is whole: until
 then, and if it has no step, that one stays.
@@ -39,7 +39,7 @@ class Earlier:
 
 @dataclass(frozen=True)
 class Target:
-    """Where the recording is written, and what it replaces."""
+    """Path of a recording, and the one that it replaces."""
 
     path: Path
     """Path under which it is written."""

@@ -1,4 +1,4 @@
-"""How a script is run again without touching anything: by what its first run reached.
+"""Protection of a script's further runs, by what the first run reached.
 
 Where the kernel offers private mounts, each run has a view of the file system of its own
 (`engines.watching.private`): it does not find what the first run made, and what it writes is thrown
@@ -41,14 +41,14 @@ WORDS = {
     "writes": Message("writes {name}"),
     "removes": Message("removes {name}"),
 }
-"""What a script may reach beside its simulation."""
+"""Resources that a script may reach beside its simulation."""
 BEYOND_FILES = ("connects", "opens")
-"""What no view of the file system protects."""
+"""Resources that no view of the file system protects."""
 
 
 @dataclass(frozen=True)
 class Again:
-    """How a script is run again.
+    """Settings of a script's further runs.
 
     Parameters
     ----------

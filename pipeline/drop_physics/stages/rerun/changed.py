@@ -41,7 +41,7 @@ class RunChanged(ABC, Generic[T]):
     base: Recording | None
     """The same recording, read; None if it is still to be read."""
     again: Again = Again()
-    """How the script is run again."""
+    """Settings of the script's further runs."""
     drawn: bool = False
     """Whether to record what only the viewer needs, too."""
     runs: RunsUnderWay = field(default_factory=RunsUnderWay)

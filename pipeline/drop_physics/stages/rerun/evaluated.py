@@ -92,7 +92,7 @@ class EvaluatedRuns:
     until: float
     jobs: int
     made: int = 0
-    """How many were made."""
+    """Number of runs made."""
     _under_way: set[Script | Fork] = field(default_factory=set)
 
     def answered(self, **changed: object) -> tuple[Answer | None, str]:

@@ -1,4 +1,4 @@
-"""What is tried of a script: cures of its findings, interventions asked for, calls left out."""
+"""Proposals for trials: cures of findings, interventions asked for, calls left out."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Candidate:
 
 
 class Proposals:
-    """What is to be tried of a script, by its own run.
+    """Trials of a script, proposed from its own run.
 
     Parameters
     ----------

@@ -31,20 +31,20 @@ LARGE_BYTES = 1_000_000_000
 
 @dataclass(frozen=True)
 class Simulation(Printable, reported_by="drop_physics.report.run"):
-    """What was recorded of a drop."""
+    """Recording of a drop."""
 
     recording: Path
     """The file."""
     recording_id: str
     """Its id, which its layer shares."""
     samples: int
-    """How many samples it holds: one more than steps."""
+    """Number of samples: one more than steps."""
     frames: int
-    """How many camera frames it holds."""
+    """Number of camera frames."""
     bytes: int
-    """Its size."""
+    """Size of the recording."""
     wall_s: float
-    """How long it took [s]."""
+    """Time that it took [s]."""
 
 
 @takes_those_of(verbs.SimulateArguments)

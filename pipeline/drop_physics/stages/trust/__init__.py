@@ -61,16 +61,16 @@ LENGTH = re.compile(r"([^\s]*?[\d.])\s*([^\d\s.]+)?")
 
 @dataclass(frozen=True)
 class Trust(Printable, reported_by="drop_physics.report.trust"):
-    """What holds of a script's result."""
+    """Trust in a script's result: what the variations change."""
 
     script: str
     made: Made
-    """Its own run."""
+    """The script's own run."""
     variations: list[Varied]
     standing: list[Standing]
-    """How each position that matters depends on the variations, the most dependent first."""
+    """Dependence of the positions that matter on the variations, the most dependent first."""
     growth: Growth | None
-    """How the nudge grows; None if it does not, or was left out."""
+    """Growth of the nudge; None if it does not grow, or was left out."""
     converging: list[Converging]
     """How each final position that depends on the timestep converges, if three timesteps were
     run."""

@@ -1,4 +1,4 @@
-"""What each verb takes: the options of the command line, and the arguments in Python.
+"""Arguments of the verbs: options of the command line, and arguments in Python.
 
 What is here loads nothing heavy, as `drop --help` reads it all: heavy types stand in quotes.
 """
@@ -103,14 +103,14 @@ Ray = Annotated[str | None, takes("ADDRESS", "Run on a Ray cluster: auto, local 
 
 @dataclass(frozen=True)
 class Printed:
-    """What a verb takes that prints a result."""
+    """Arguments of a verb that prints a result."""
 
     json: ClassVar[Json] = False
 
 
 @dataclass(frozen=True)
 class OfScript(Printed):
-    """What a verb takes that runs a script."""
+    """Arguments of a verb that runs a script."""
 
     target: Target
     arguments: Arguments = ()

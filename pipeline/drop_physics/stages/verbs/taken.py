@@ -1,4 +1,4 @@
-"""How a verb's dataclass says what it takes: an argument in Python, an option on the command line.
+"""Fields of a verb's dataclass as arguments in Python and options on the command line.
 
 A field's type is annotated with its option, whose text serves both. What only the command line
 takes, such as how to print, is a class variable; what only Python takes has a text and no option.

@@ -82,7 +82,7 @@ class Proved:
 
 @dataclass(frozen=True)
 class Why(Printable, reported_by="drop_physics.report.why"):
-    """What trials show of a script."""
+    """Results of the trials of a script."""
 
     script: str
     recording: Path
@@ -90,11 +90,11 @@ class Why(Printable, reported_by="drop_physics.report.why"):
     ended: str
     steps: int
     runs: int
-    """How many were made besides its own."""
+    """Number of runs made besides the script's own."""
     seconds: float
     """Time that all of them took [s]."""
     noise: Distance | None
-    """How far a nudge of 1e-9 moves the outcome; None where it was not run."""
+    """Distance that a nudge of 1e-9 moves the outcome; None where it was not run."""
     findings: list[Proved]
     hangs_on: list[Tried]
     """Trials by how far they move the outcome, whatever they show of findings."""

@@ -63,12 +63,12 @@ SAME_GAP = 0.05
 
 @dataclass(frozen=True)
 class Expected:
-    """What was expected of a script, what came, and which changes make it true."""
+    """Expectation of a script, its outcome, and the changes that make it true."""
 
     text: str
-    """What was expected, as an expression."""
+    """Expectation, as an expression."""
     source: Source
-    """Where that is from."""
+    """Origin of the expectation."""
     base: ChangeOutcome
     """The outcome of the script's own run."""
     site: str | None = None
@@ -76,13 +76,13 @@ class Expected:
     row: RowExpectation | None = None
     """The row of the account that it is from."""
     runs: int = 0
-    """How many runs were made."""
+    """Number of runs made."""
     seconds: float = 0.0
     """Time that they took [s]."""
     tried: int = 0
     """The number of changes that were tried."""
     noise: float | None = None
-    """How far nudges move the quantity; None where none was made."""
+    """Distance that nudges move the quantity; None where none was made."""
     chaotic: bool = False
     """Whether a nudge makes it true."""
     complete: bool = True
@@ -96,7 +96,7 @@ class Expected:
     recordings: Sequence[Path] = ()
     """Those of the first that make it true."""
     moves: Sequence[TriedChange] = ()
-    """What moves the quantity most towards what is expected, if nothing makes it true."""
+    """Changes that move the quantity most towards the expectation, if none makes it true."""
 
     @property
     def filmed(self) -> tuple[Path, str] | None:

@@ -1,4 +1,4 @@
-"""What a script asked of a joint, and did not get, as an expectation: a row of the account."""
+"""Expectations from rows of the account: a joint's target that was not reached."""
 
 from __future__ import annotations
 
