@@ -62,6 +62,23 @@ def test_a_number_of_the_script_covers_no_function_of_ours_and_a_function_does()
     assert Expression("low(z('cube')) == 5").judged(own, OURS)[0]
 
 
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        ("z('cube') > 0.3", "m"),
+        ("abs(end(x('a')) - end(x('b'))) < 0.1", "m"),
+        ("peak(force('a')) < 5", "N"),
+        ("z('a') * 2 > 1", None),
+        ("z('a') > 1 and force('a') > 1", None),
+        ("z('a') > height", None),
+        ("joint('knee') > 1", None),
+        ("height > 1", None),
+    ],
+)
+def test_the_unit_of_series_is_known(text: str, unit: str | None) -> None:
+    assert Expression(text).unit == unit
+
+
 def test_what_is_read_is_known_before_a_run() -> None:
     reads = [*Expression("peak(z('cube')) > force('a', 'b') + x(name)").reads()]
     assert sorted(reads, key=str) == [("force", ("a", "b")), ("x", None), ("z", ("cube",))]

@@ -140,6 +140,7 @@ for step in range(150):
 """
 
 
+@pytest.mark.long
 def test_what_was_asked_of_a_joint_is_expected_where_no_finding_has_a_trial(tmp_path: Path) -> None:
     code, found, _ = why(tmp_path, BLOCKED)
     assert (code, found["findings"]) == (0, [])

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from drop_physics.fields import all_of, counted
 from drop_physics.messages import Message, joined
-from drop_physics.quantities import number
+from drop_physics.quantities import number, quantity
 from drop_physics.report.blocks import Column, DataTable, Section, Words
 
 if TYPE_CHECKING:
     from drop_physics.experiments.ranking import SaidChange
-    from drop_physics.experiments.search import TriedChange
+    from drop_physics.experiments.search import ChangeOutcome, TriedChange
     from drop_physics.stages.why.expect import Expected
 
 FAILS = 3
@@ -51,7 +51,7 @@ def json_of(found: Expected) -> dict[str, Any]:
             "holds": base.holds,
             "value": base.value,
             "margin": base.margin,
-            "unit": None,
+            "unit": found.unit,
         },
         "chaotic": found.chaotic,
         "complete": found.complete,
@@ -108,7 +108,7 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
         "{expected}: {holds}, {value}",
         expected=_asked(found),
         holds=Message("yes") if found.base.holds else Message("no"),
-        value=number(found.base.value),
+        value=_value(found, found.base),
     )
     yield Section([Words(words, key=found.text, indent="  ")], apart=False)
     if found.base.holds:
@@ -135,12 +135,11 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
             DataTable(
                 [
                     Column("", [str(place) for place in places[: len(shown)]]),
-                    Column("", [found.words(each.tried.change) for each in shown]),
-                    Column("", [number(each.tried.outcome.value) for each in shown], right=True),
+                    Column("", [_value(found, each.tried.outcome) for each in shown], right=True),
                     Column(
                         "",
                         [
-                            _remarks(found, *each)
+                            _told(found, *each)
                             for each in zip(shown, least, found.lines, strict=False)
                         ],
                         wraps=True,
@@ -154,7 +153,7 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
             Message(
                 "{change}: {value}",
                 change=found.words(each.change),
-                value=number(each.outcome.value),
+                value=_value(found, each.outcome),
             )
             for each in found.moves[:SHOWN]
         ]
@@ -168,6 +167,11 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
         words = Message("not all changes were tried: there was no time left; --budget gives more")
         blocks.append(Words(words))
     yield Section(blocks)
+
+
+def _value(found: Expected, outcome: ChangeOutcome) -> str:
+    """Return the quantity that is compared, with its unit where that is known."""
+    return number(outcome.value) if found.unit is None else quantity(outcome.value, found.unit)
 
 
 def _asked(found: Expected) -> str:
@@ -198,10 +202,11 @@ def _places(found: Expected) -> list[int]:
     return places
 
 
-def _remarks(
+def _told(
     found: Expected, each: SaidChange, least: float | None, line: tuple[str, str] | None
 ) -> str:
-    parts: list[str] = []
+    """Return a change in words, with what is to be said of it."""
+    parts = [found.words(each.tried.change)]
     if line is not None and each.tried.change.site is None:
         parts.append(" ".join(line).rstrip())
     if found.row_of(each.tried.change) is not None:
@@ -219,7 +224,7 @@ def _remarks(
             ", ",
             [
                 Message(
-                    "{how}: {value}", how=found.does(one.change), value=number(one.outcome.value)
+                    "{how}: {value}", how=found.does(one.change), value=_value(found, one.outcome)
                 )
                 for one in each.also
             ],

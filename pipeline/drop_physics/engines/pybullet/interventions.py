@@ -777,7 +777,12 @@ def _words_of(change: Change) -> str:
     function, _, argument = change.change.partition(".")
     added = change.how[1]
     if isinstance(added, Mapping):
-        sets = [f"{name}={how[1]}" for name, how in added["sets"].items() if how[0] == "="]
+        signs = {"=": "=", "*": "×"}
+        sets = [
+            f"{name}{signs[do]}{value}"
+            for name, (do, value) in added["sets"].items()
+            if do in signs
+        ]
         call = f"p.{added['call']}(…, {', '.join(sets)})"
         of = named(change.target)
         return (

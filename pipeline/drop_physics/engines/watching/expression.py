@@ -22,6 +22,8 @@ PRINTED = "printed"
 """The numbers that the script has printed."""
 OURS = "_drop_{}".format
 """The name under which a function of ours is called, whatever the script has under its own."""
+UNITS = {"x": "m", "y": "m", "z": "m", "force": "N"}
+"""The unit of series, where that is the same for all elements."""
 WORD = {
     ast.Gt: 1.0, ast.GtE: 1.0, ast.Lt: -1.0, ast.LtE: -1.0,
 }  # fmt: skip
@@ -56,6 +58,20 @@ class Expression:
                 given = [each.value for each in node.args if isinstance(each, ast.Constant)]
                 whole = len(given) == len(node.args) and not node.keywords
                 yield _called(node), tuple(given) if whole else None
+
+    @property
+    def unit(self) -> str | None:
+        """The unit of what it compares, where all of that is of series of one unit; else None."""
+        called = {_called(node) for node in ast.walk(self._tree) if isinstance(node, ast.Call)}
+        names = {node.id for node in ast.walk(self._tree) if isinstance(node, ast.Name)}
+        sums = all(
+            isinstance(node.op, (ast.Add, ast.Sub))
+            for node in ast.walk(self._tree)
+            if isinstance(node, ast.BinOp)
+        )
+        units = {UNITS.get(name) for name in called & {*SERIES}}
+        plain = names <= {*SERIES, *TAKEN, "abs", "min", "max"}
+        return units.pop() if len(units) == 1 and plain and sums else None
 
     @property
     def reads_prints(self) -> bool:

@@ -99,6 +99,13 @@ class Expected:
     """Changes that move the quantity most towards the expectation, if none makes it true."""
 
     @property
+    def unit(self) -> str | None:
+        """The unit of what is compared; None where that is not known."""
+        if self.row is not None:
+            return self.row.unit
+        return Expression(self.text).unit
+
+    @property
     def filmed(self) -> tuple[Path, str] | None:
         """The recording of the first that makes it true, and its words; None without one."""
         if not self.recordings:

@@ -47,6 +47,8 @@ class RowExpectation:
     """The row as a sentence."""
     gap: float | None = None
     """The distance of what came from what was asked; None of an episode."""
+    unit: str | None = None
+    """The unit of that distance."""
     causes: tuple[str, ...] = ()
     """The causes of its terms."""
 
@@ -84,7 +86,9 @@ def row_expectation(
             f"{LEFT * abs(row.gap):.2g}"
         )
         causes = tuple(dict.fromkeys(term.cause for term in row.terms))
-        return RowExpectation(text, joined(" ", [row.who, row.told]), abs(row.gap), causes)
+        return RowExpectation(
+            text, joined(" ", [row.who, row.told]), abs(row.gap), row.unit, causes
+        )
     return None
 
 
