@@ -712,3 +712,23 @@ def test_what_a_file_says_that_a_joint_follows_is_told(tmp_path: Path) -> None:
     rows = [row for row in analyze(recorded.recording, about="right").account if row.joint]
     assert rows[0].kind == "moved"
     assert "its file says that it follows 2 × left" in rows[0].told
+
+
+def test_a_bounce_that_is_shorter_than_a_bin_gives_what_it_gives(told: Told) -> None:
+    """In a long run bins hold several steps; a work is that of each step all the same."""
+    world = """<geom type="box" size="0.1 1 1" pos="0.6 0 0" solref="-2e5 -10"/>
+    <body name="ball"><freejoint/><geom size="0.1" mass="2" solref="-2e5 -10"/></body>"""
+    more = "<option gravity='0 0 0'/>"
+    rows = told(world, more, "data.qvel[0] = 2 if step == 0 else data.qvel[0]", 2100)
+    moved, energy = the(rows, "moved", "1_ball"), the(rows, "energy", "1_ball")
+    given_j = sum(term.value for term in moved.terms if term.cause == "contact")
+    assert given_j == pytest.approx(energy.gap, rel=1e-3)
+
+
+def test_a_fall_along_a_slanted_gravity_is_told_once(told: Told) -> None:
+    """No axis is upright there: a way has no parts along gravity and beside it."""
+    ball = """<body name="ball"><freejoint/><geom size="0.1" mass="2"/></body>"""
+    rows = told(ball, "<option gravity='3 0 -9'/>", steps=250)
+    (row,) = [row for row in rows if row.kind == "moved"]
+    assert row.told == "x +0.377 m, z -1.13 m by 0.5 s"
+    assert value(row, "gravity") == pytest.approx(0.5 * 2 * (0.5**2 * (3**2 + 9**2)), rel=1e-6)
