@@ -23,6 +23,8 @@ ROUND = 8
 """Number of points around an axis."""
 MOST_CORNERS = 64
 """Most points of a hull."""
+AT_ONCE = 1 << 16
+"""Most distances of a point from a face that are computed without leaving out any."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +47,18 @@ class Solid:
             inside = 1 - np.linalg.norm(points_m / (size / 2), axis=1)
             return np.asarray(inside * size.min() / 2)
         return -outside(self.collision, points_m)[0]
+
+    def deepest_m(self, points_m: Float64) -> Float64:
+        """Return how deep the deepest of some points is in it; 0 where none is inside, shape (n,).
+
+        `points_m` are m points in n poses, in the shape's own axes, shape (n, m, 3).
+        """
+        if self.collision.kind == "mesh":
+            faces = hull_faces(self.collision.hull_m)
+            if faces is not None:
+                return _deepest_m(points_m, faces)
+        depth_m = self.depth_m(points_m.reshape(-1, 3)).reshape(points_m.shape[:2])
+        return np.maximum(depth_m.max(axis=1), 0.0)
 
 
 def solid_of(collision: Collision) -> Solid | None:
@@ -89,16 +103,41 @@ def overlap_m(
     (place_a, turn_a), (place_b, turn_b) = poses
     found = np.zeros(len(place_a))
     near = np.linalg.norm(place_a - place_b, axis=1) < a.radius_m + b.radius_m
-    for row in np.flatnonzero(near).tolist():
-        for one, its, other, there in (
-            (a, (place_a, turn_a), b, (place_b, turn_b)),
-            (b, (place_b, turn_b), a, (place_a, turn_a)),
-        ):
-            if len(one.points_m):
-                world = one.points_m @ its[1][row].T + its[0][row]
-                depth = other.depth_m((world - there[0][row]) @ there[1][row])
-                found[row] = max(found[row], float(depth.max()))
+    for one, its, other, there in (
+        (a, (place_a, turn_a), b, (place_b, turn_b)),
+        (b, (place_b, turn_b), a, (place_a, turn_a)),
+    ):
+        if near.any() and len(one.points_m):
+            world_m = one.points_m @ its[1][near].swapaxes(1, 2) + its[0][near][:, None]
+            local_m = (world_m - there[0][near][:, None]) @ there[1][near]
+            found[near] = np.maximum(found[near], other.deepest_m(local_m))
     return found
+
+
+def _deepest_m(points_m: Float64, faces: Float64) -> Float64:
+    """Return how deep the deepest of some points is in a convex hull; 0 where none is, shape (n,).
+
+    `points_m` are m points in n poses, shape (n, m, 3), `faces` normals and offsets, shape (f, 4).
+    """
+    rows, count = points_m.shape[:2]
+    if rows == 1 or rows * count * len(faces) <= AT_ONCE:
+        outside_m = points_m.reshape(-1, 3) @ faces[:, :3].T + faces[:, 3]
+        depth_m = -outside_m.max(axis=1).reshape(rows, count)
+        return np.asarray(depth_m.max(axis=1, initial=0.0))
+    # A point's distance from a face changes by no more than the point moves. So one look at the
+    # middle of its way tells which points are never the deepest, and which faces never the next.
+    middle_m = (points_m.min(axis=0) + points_m.max(axis=0)) / 2
+    way_m = np.linalg.norm(points_m - middle_m, axis=2).max(axis=0)
+    distance_m = middle_m @ faces[:, :3].T + faces[:, 3]
+    outside_m = distance_m.max(axis=1)
+    deep = outside_m - way_m <= min(0.0, float((outside_m + way_m).min()))
+    if not deep.any():
+        return np.zeros(rows)
+    next_to = (distance_m[deep] >= (outside_m - 2 * way_m)[deep, None]).any(axis=0)
+    left_m, half = points_m[:, deep], rows // 2
+    return np.concatenate(
+        [_deepest_m(each, faces[next_to]) for each in (left_m[:half], left_m[half:])]
+    )
 
 
 def _placed(solid: Solid, position_m: Float64, turn: Float64) -> tuple[Float64, Float64]:
