@@ -16,6 +16,7 @@ from drop_physics.explain.joints import JointTable, JointTelemetry
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touches import TouchTable
+from drop_physics.physics.vectors import distinct_rows
 from drop_physics.trace.episodes import Episode
 from drop_physics.trace.history import Seen
 
@@ -218,7 +219,7 @@ class EpisodeTable:
         counts.touching += len(np.unique(points.step[rows]))
         counts.slipping += len(np.unique(points.step[rows[slips[rows]]]))
         keys = np.concatenate((points.body[rows], points.link[rows]), axis=1)
-        kinds, first = np.unique(keys, axis=0, return_index=True)
+        kinds, first, _ = distinct_rows(keys)
         for (a, b, i, j), at in zip(kinds.tolist(), first.tolist(), strict=True):
             counts.touched.setdefault((a, b, i, j), int(points.step[rows[at]]))
 

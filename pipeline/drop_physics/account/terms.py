@@ -11,7 +11,7 @@ from drop_physics.arrays import Float64
 from drop_physics.explain.steps import BodySteps
 from drop_physics.physics.impulses import impulses_of
 from drop_physics.physics.kinematics import kinematics
-from drop_physics.physics.vectors import distinct
+from drop_physics.physics.vectors import distinct, distinct_rows
 from drop_physics.trace.events import Body
 
 CONTACT, FRICTION, DRAG, GIVEN, GAP, RATE = "contact", "friction", "drag", "given", "gap", "rate"
@@ -123,8 +123,7 @@ def _contacts(steps: BodySteps, normals: Float64, impulse: Float64) -> Impulses:
     pressed = replace(here, force_n=along, torque_n_m=np.zeros_like(contacts.torque_n_m))
     normal_only = impulses_of(kin, pressed, timestep_s)
     partners = np.stack([contacts.link, sides.other_body, sides.other_link], axis=1)
-    kinds, which = np.unique(partners, axis=0, return_inverse=True)
-    which = which.reshape(-1)
+    kinds, _, which = distinct_rows(partners)
     strength = np.bincount(which, np.abs(whole).sum(axis=1), minlength=len(kinds))
     found, left = {}, impulse.copy()
     for kind in np.argsort(-strength, kind="stable")[:MOST_PARTNERS].tolist():

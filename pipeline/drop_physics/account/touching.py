@@ -14,6 +14,7 @@ from drop_physics.account.words import RowWords
 from drop_physics.arrays import Float64
 from drop_physics.explain.contact_points import Pairs
 from drop_physics.messages import Message
+from drop_physics.physics.vectors import distinct_rows
 from drop_physics.quantities import number as number_of
 from drop_physics.quantities import quantity
 from drop_physics.trace.history import Seen
@@ -75,9 +76,9 @@ class TouchedPairs:
         if not len(points):
             return
         keys = np.concatenate((points.body, points.link), axis=1)
-        kinds, which = np.unique(keys, axis=0, return_inverse=True)
-        order = np.argsort(which.reshape(-1), kind="stable")
-        starts = np.flatnonzero(np.diff(which.reshape(-1)[order], prepend=-1))
+        kinds, _, which = distinct_rows(keys)
+        order = np.argsort(which, kind="stable")
+        starts = np.flatnonzero(np.diff(which[order], prepend=-1))
         tangential_n = np.linalg.norm(points.tangential_n, axis=1)
         limit_n = points.friction * points.normal_n
         slip_m = np.linalg.norm(points.slip_m_s, axis=1) * points.timestep_s

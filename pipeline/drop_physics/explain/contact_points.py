@@ -17,7 +17,7 @@ from drop_physics.explain.touching import among
 from drop_physics.physics.columns import cross, product, times
 from drop_physics.physics.kinematics import kinematics, link_numbers, motion
 from drop_physics.physics.vectors import cross as cross_of_rows
-from drop_physics.physics.vectors import distinct, groups, lengths
+from drop_physics.physics.vectors import distinct, distinct_rows, groups, lengths
 from drop_physics.trace.states import Rows
 
 COMMON = 0.99
@@ -465,12 +465,12 @@ def _known(
 ) -> Float64:
     """Return the coefficient of friction of each contact point, shape (k,); nan if unknown."""
     pairs = np.column_stack((bodies[:, 0], links[:, 0], bodies[:, 1], links[:, 1]))
-    keys, which = np.unique(pairs, axis=0, return_inverse=True)
+    keys, _, which = distinct_rows(pairs)
     known = [
         frictions.get((a, i, b, j), frictions.get((b, j, a, i), np.nan))
         for a, i, b, j in keys.tolist()
     ]
-    return np.array(known, np.float64)[which.ravel()]
+    return np.array(known, np.float64)[which]
 
 
 def _along(vectors: Float64, axes: Float64) -> Float64:

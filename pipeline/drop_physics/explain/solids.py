@@ -58,7 +58,7 @@ class Solid:
             if faces is not None:
                 return _deepest_m(points_m, faces)
         depth_m = self.depth_m(points_m.reshape(-1, 3)).reshape(points_m.shape[:2])
-        return np.maximum(depth_m.max(axis=1), 0.0)
+        return np.asarray(np.maximum(depth_m.max(axis=1), 0.0))
 
 
 def solid_of(collision: Collision) -> Solid | None:

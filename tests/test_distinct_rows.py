@@ -1,0 +1,24 @@
+"""Distinct rows of whole numbers are those of NumPy's `unique`, with the same places."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from drop_physics.physics.vectors import distinct_rows
+
+
+@pytest.mark.parametrize(("count", "columns"), [(0, 4), (1, 2), (500, 3), (500, 4)])
+def test_distinct_rows_are_those_of_numpy(count: int, columns: int) -> None:
+    """With numbers below zero, such as the base's as a link, and of none, too."""
+    numbers = np.random.default_rng(count).integers(-1, 5, size=(count, columns))
+    rows, first, which = distinct_rows(numbers)
+    expected = np.unique(numbers, axis=0, return_index=True, return_inverse=True)
+    assert rows.tolist() == expected[0].tolist()
+    assert first.tolist() == expected[1].tolist()
+    assert which.tolist() == expected[2].ravel().tolist()
+
+
+def test_rows_that_no_whole_number_holds_are_refused() -> None:
+    """Instead of being taken for others."""
+    with pytest.raises(ValueError, match="dims"):
+        distinct_rows(np.array([[0, 0], [2**40, 2**40]]))
