@@ -329,7 +329,8 @@ def _proved(diff: Diff) -> Iterator[Fact]:
         words = Message("nothing: no swap that was tried gives a step of {a}", a=diff.a)
         if answer.undone:
             words = Message(
-                "nothing: {undone:,} steps of {a} do not follow from their recorded states",
+                "nothing: {undone:,} steps of {a} do not follow to the bit from their recorded "
+                "states; --tolerance allows rounding",
                 undone=answer.undone,
                 a=diff.a,
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,15 +44,16 @@ def report_of(view: View) -> Report:
         )
         for layer in view.stale
     ]
-    return Report(sections=[Section([Facts(rows, COLUMN)])], notes=notes, next=[_next(view)])
+    return Report(sections=[Section([Facts(rows, COLUMN)])], notes=notes, next=[*_next(view)])
 
 
-def _next(view: View) -> str:
-    """Return the command that says in words what is shown."""
+def _next(view: View) -> Iterator[str]:
+    """Yield the command that says in words what is shown, of our own recordings."""
     (recording, *_), golden = view.recordings, view.golden
-    if golden is None:
-        return shell_command("drop", "analyze", recording)
-    return shell_command("drop", "check", recording, "--against", golden)
+    if golden is not None:
+        yield shell_command("drop", "check", recording, "--against", golden)
+    elif not view.is_foreign:
+        yield shell_command("drop", "analyze", recording)
 
 
 def _difference(view: View) -> Message:

@@ -15,7 +15,7 @@ from drop_physics.errors import ScenarioError
 from drop_physics.explain.times import StepTimes
 from drop_physics.printable import Printable
 from drop_physics.recording import pictures, schema, viewer, writer
-from drop_physics.recording.contents import is_script
+from drop_physics.recording.contents import ForeignError, is_script
 from drop_physics.recording.drawing import poses_in_tree
 from drop_physics.recording.layer_file import layer_of
 from drop_physics.recording.layout import layout, look_of_drop
@@ -50,6 +50,8 @@ class View(Printable, reported_by="drop_physics.report.view"):
     """Whether inputs of the two differ."""
     not_compared: tuple[str, ...] = ()
     """Bodies whose motion is not recorded; if there are any, the two do not count as the same."""
+    is_foreign: bool = False
+    """Whether another program made any of them: they are shown as they are."""
 
 
 @takes_those_of(verbs.ViewArguments)
@@ -74,6 +76,9 @@ def view(asked: verbs.ViewArguments) -> Iterator[View]:
         raise ScenarioError(
             "--against takes one recording to compare, got {n}", n=len(asked.recordings)
         )
+    if asked.against is None and any(map(_is_foreign, paths)):
+        yield View(paths, [], [], viewer.viewer(paths, web=asked.web), is_foreign=True)
+        return
     with temporary_folder() as folder:
         if asked.against is not None:
             yield _with_golden(paths[0], Path(asked.against), folder, web=asked.web)
@@ -83,6 +88,15 @@ def view(asked: verbs.ViewArguments) -> Iterator[View]:
             yield _of_engines(scenarios, folder, web=asked.web)
         else:
             yield _view(paths, web=asked.web)
+
+
+def _is_foreign(path: Path) -> bool:
+    """Return whether another program made a recording: it is shown as it is."""
+    try:
+        recording_id(path)
+    except ForeignError:
+        return True
+    return False
 
 
 def _view(paths: Sequence[Path], *, web: bool, more: Sequence[Path] = ()) -> View:

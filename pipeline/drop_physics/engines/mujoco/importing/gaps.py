@@ -34,6 +34,8 @@ SAME, AGREE, OFTEN = 0.1, 0.6, 0.8
 has to have the same; and the share of the most steps that a term has to account for."""
 LEAST, FEWEST = 1e-3, 3
 """Smallest change of a factor that is one, and fewest steps that agree on it."""
+MOST_OF_ALL = 0.75
+"""Share of the degrees of freedom up to which all contacts together are a term."""
 HALF, TENTH = 0.5, 0.1
 """Shares of the steps that a force without such a factor, and a constraint, have to account for."""
 MOST_DOFS = 100
@@ -197,6 +199,8 @@ class Gaps:
         for term, its in rows.items():
             base, sizes, _ = np.linalg.svd(free @ its.T, full_matrices=False)
             base = base[:, sizes > 1e-9 * sizes.max(initial=0.0)]
+            if not term.names and base.shape[1] > MOST_OF_ALL * m.nv:
+                continue  # they could do anything
             found[term] = Fit(left(gap - base @ (base.T @ gap)), np.nan)
         return found
 
