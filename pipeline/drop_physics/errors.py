@@ -12,7 +12,7 @@ PARAMETERS = {
     "height": "height_m", "timestep": "timestep_s", "duration": "duration_s",
     "gravity": "gravity_m_s2", "velocity": "velocity_m_s", "spin": "spin_rad_s", "mass": "mass_kg",
     "restitution-threshold": "restitution_threshold_m_s", "camera": "view", "size": "size_px",
-    "at": "at_s", "tolerance": "tolerance_m", "map": "maps",
+    "at": "at_s", "tolerance": "tolerance_m",
     "no-step": "stepped=False", "no-gravity": "gravity_set=False", "no-floor": "floor=False",
     "no-camera": "camera=None", "no-record": "record=False", "force": "force=True",
     "with-plot": "with_plot=True", "caption": "caption=True", "dark": "dark=True",
