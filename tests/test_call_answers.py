@@ -381,6 +381,11 @@ def test_a_single_push(scene: str, level: str, tmp_path: Path) -> None:
     assert one(scene, tmp_path, "push-lasted-a-step").level == level
 
 
+def test_a_push_is_told_with_its_size_however_large(tmp_path: Path) -> None:
+    scene = AIR + CUBE + KICK.format(before=5, force=1e308) + "steps(60)"
+    assert "1e+308 N" in one(scene, tmp_path, "push-lasted-a-step").message
+
+
 def test_pushes_at_any_time_are_meant(tmp_path: Path) -> None:
     scene = (
         AIR + CUBE + "".join(KICK.format(before=n, force=5) for n in (3, 20, 7, 31)) + "steps(9)"

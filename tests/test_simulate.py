@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from conftest import Recorder, some
+from conftest import Drop, Recorder, some
 from drop_physics import Camera, Scenario, simulate
 from drop_physics.engine_report import LARGEST
 from drop_physics.engines.pybullet import probe
@@ -509,3 +509,13 @@ def test_a_btrigidbody_without_a_mass_cannot_be_given_one(tmp_path: Path) -> Non
         assert fall.bases[BODY][-1, 2] < 1
     with pytest.raises(ScenarioError, match="coordinates='reduced'"):
         World(Scenario(body=urdf, mass_kg=1.0, coordinates="maximal"))
+
+
+def test_where_there_is_no_memory_for_the_engine_one_line_says_so(
+    drop: Drop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bullet ends the process where an allocation fails (`std::bad_alloc`)."""
+    monkeypatch.setattr("drop_physics.engines.pybullet.world.CLIENT_BYTES", 1 << 60)
+    done = drop("simulate", "--no-camera", "--out", "run.rrd")
+    assert done.returncode == 1
+    assert done.stderr == "drop: there is not enough memory; free some, or see: ulimit -v\n"

@@ -882,7 +882,7 @@ def test_info_says_what_a_drop_is_in_ten_lines(drop: Drop, tmp_path: Path, stand
     assert (done.returncode, done.stderr) == (0, "")
     told = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
     assert len(told) <= 10
-    assert told["recording"].endswith(" kB, complete, verified")
+    assert told["recording"].endswith(" kB, complete; numbers and frames verified, not its layout")
     assert told["drop"] == "cube_small.urdf dropped from 1 m"
     assert told["bodies"] == "cube_small.urdf, 0.1 kg"
     assert told["samples"].startswith("241 in 1 s, 132 of them in contact")

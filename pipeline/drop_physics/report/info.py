@@ -47,7 +47,9 @@ def _reading(place: Reading) -> Message:
 def report_of(info: Info) -> Report:
     """Report what a recording is."""
     state = (
-        Message("complete, verified") if info.complete else Message("never finished, unverified")
+        Message("complete; numbers and frames verified, not its layout")
+        if info.complete
+        else Message("never finished, unverified")
     )
     samples = Message(
         "{samples:,} in {duration:.9g} s", samples=info.samples, duration=info.duration_s

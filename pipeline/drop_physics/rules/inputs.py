@@ -153,8 +153,9 @@ class BodyLife:
                 self.pushed_m_s = pushes[row].copy()
                 left = (steps.after.velocity - steps.before.velocity)[row, 3:6]
                 left = left - steps.reported.gravity_m_s2[row] * steps.reported.timestep_s[row]
-                size = self.pushed_m_s @ self.pushed_m_s
-                self.opposed = 1 - float(left @ self.pushed_m_s / size)
+                largest = np.abs(self.pushed_m_s).max()  # its square may be no number
+                along = self.pushed_m_s / largest
+                self.opposed = 1 - float(left @ along / largest / (along @ along))
 
 
 @dataclass

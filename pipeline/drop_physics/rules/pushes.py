@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Iterator
 
@@ -83,7 +84,7 @@ def _size(use: Use) -> float:
     """Return the size of the first that calls give [N] or [N m]; of several joints, the largest."""
     given = {name: use.first.values[name] for name in FORCES if name in use.first.values}
     sizes = [
-        np.linalg.norm(each) if name.endswith("Obj") else np.abs(each).max(initial=0.0)
+        math.hypot(*np.ravel(each)) if name.endswith("Obj") else np.abs(each).max(initial=0.0)
         for name, each in given.items()
     ]
     return float(max(sizes, default=0.0))

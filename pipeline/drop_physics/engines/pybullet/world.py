@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import math
+import mmap
 from collections.abc import Iterator
 from dataclasses import replace
 from operator import itemgetter
@@ -37,6 +38,8 @@ from drop_physics.trace.states import BASE, BODY, FLOOR
 
 SHAPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule"}
 """pybullet's GEOM_ constants."""
+CLIENT_BYTES = 64 << 20
+"""A client takes about 30 MB, its body and floor some more."""
 
 
 class World:
@@ -54,6 +57,8 @@ class World:
     ------
     ScenarioError
         If the body cannot be found or loaded, or has no mass.
+    MemoryError
+        If there is no memory for a client.
     """
 
     def __init__(self, scenario: Scenario, *, round_cylinders: bool = False) -> None:
@@ -61,6 +66,7 @@ class World:
         self._round_cylinders = round_cylinders
         self._urdf = find_body(scenario.body)
         self._own: tuple[float, tuple[float, ...]] | None = None  # the URDF's mass and inertia
+        _check_memory()
         self._client: int = p.connect(p.DIRECT)
         try:
             self._body = self._load_body()
@@ -425,3 +431,11 @@ def _rest_height(
     scenario = Scenario(body=body, mass_kg=1.0, orientation=orientation_xyzw)
     with World(scenario, round_cylinders=round_cylinders) as world:
         return world._touching_height()
+
+
+def _check_memory() -> None:
+    """Raise MemoryError if there is no memory for a client: Bullet would end this process."""
+    try:
+        mmap.mmap(-1, CLIENT_BYTES).close()
+    except OSError:
+        raise MemoryError from None
