@@ -94,6 +94,13 @@ def test_changes_with_the_same_motion_are_one_outcome_said_by_what_takes_nothing
     assert [each.change for each in said.alike] == [GRAVITY]
 
 
+def test_of_changes_with_the_same_motion_the_one_of_a_named_element_is_said() -> None:
+    solver = Change("setPhysicsEngineParameter.numSubSteps", "=10", ("=", 10.0), ((0,),))
+    force = Change("changeConstraint.maxForce", "=50", ("=", 50.0), ((0, 1),), ("constraint1",))
+    (said,) = ranked(searched(Runs(lambda _: 0.5), solver, force).tried)
+    assert said.tried.change == force
+
+
 def test_operators_of_one_field_are_one_outcome_said_by_what_moves_least_besides() -> None:
     gears = [Change("actuator_gear", op, how_of(op), (0,), ("lift",)) for op in ("*10", "*-1")]
     other = Change("actuator_gear", "*10", how_of("*10"), (1,), ("turn",))

@@ -97,10 +97,10 @@ def _are_alike(one: TriedChange, other: TriedChange) -> bool:
 
 
 def _plainness(each: TriedChange) -> tuple[Any, ...]:
-    """Order outcomes with the same motion: nothing taken away, few elements, a small change."""
+    """Order outcomes with one motion: nothing taken away, few named elements, a small change."""
     change = each.change
     size = change.is_geometry, size_of(change), each.number
-    return change.breaks, not change.ids, len(change.ids), *size
+    return change.breaks, not any(change.of), len(change.ids), *size
 
 
 def size_of(change: Change) -> float:
