@@ -732,3 +732,14 @@ def test_a_fall_along_a_slanted_gravity_is_told_once(told: Told) -> None:
     (row,) = [row for row in rows if row.kind == "moved"]
     assert row.told == "x +0.377 m, z -1.13 m by 0.5 s"
     assert value(row, "gravity") == pytest.approx(0.5 * 2 * (0.5**2 * (3**2 + 9**2)), rel=1e-6)
+
+
+def test_a_torque_that_begins_small_is_told_with_its_most(told: Told) -> None:
+    """A controller that begins on its target gives little at first; here in the last steps only."""
+    more = "<actuator><motor name='m' joint='up'/></actuator>"
+    before = "data.ctrl[0] = 0 if step < 60 else 0.01 if step < 90 else 5.0"
+    row = the(told(SLIDE.format(damping=1), more, before, 64), "given", "up")
+    assert "as it began" in row.told
+    assert value(row, "gravity") == pytest.approx(-2 * G, rel=1e-6)
+    late = the(told(SLIDE.format(damping=1), more, before, 400), "given", "up")
+    assert late.told.endswith("5 N at most")

@@ -25,8 +25,7 @@ DRIVES = ("motors", GIVEN, GAP, RATE)
 COMMANDED = (GIVEN, GAP, RATE)
 """Those of them that a torque or a control gives; a motor beside these acts for itself."""
 FEEBLE = 0.1
-"""A torque that begins with less than this share of the most, and less than what else acts, is told
-where it is most."""
+"""A torque that begins with less than this share of the most is told with that."""
 SELDOM = 0.02
 """A command in fewer of the steps than this share does not make the joint a commanded one."""
 HOLD_STEPS, LATE = 5, 0.85
@@ -237,15 +236,8 @@ def torque_row(
             step = ledger.first + begins * ledger.width
             when = Message("balanced until {time}, then", time=words.time(subject, step))
     lasts = max(3, len(acting) // 50)
-    window = slice(begins, begins + lasts)
-    forces, given = _given(subject, axis, window, words)
-    mean = np.abs(np.convolve(drive, np.ones(lasts) / lasts, "valid"))
-    others = (abs(f) for t, f in forces.items() if t != OWN and not words.drives(t, COMMANDED))
-    if mean[begins] < FEEBLE * mean.max() and abs(given) < max(others, default=0.0):
-        begins = int(np.argmax(mean))
-        time = words.time(subject, ledger.first + begins * ledger.width)
-        when, window = Message("at most, from {time} on,", time=time), slice(begins, begins + lasts)
-        forces, given = _given(subject, axis, window, words)
+    forces = ledger.forces(axis.rate, slice(begins, begins + lasts))
+    given = sum(force for term, force in forces.items() if words.drives(term, COMMANDED))
     sign = float(np.sign(given)) or 1.0
     forces = {term: force * sign for term, force in forces.items()}
     after = series.after[:, k]
@@ -259,6 +251,9 @@ def torque_row(
     if forces:
         force = quantity(abs(given), axis.force_unit)
         told = told + Message("; {when} {force}", when=when, force=force)
+        most = _most_mean(drive, ledger.seconds, lasts)
+        if abs(given) < FEEBLE * most:
+            told = told + Message(", {most} at most", most=quantity(most, axis.force_unit))
     still = way / axis.scale < 0.1
     step = ledger.first + begins * ledger.width
     return AccountRow(
@@ -279,12 +274,11 @@ def torque_row(
     )
 
 
-def _given(
-    subject: MeasuredBody, axis: Axis, window: slice, words: RowWords
-) -> tuple[dict[Term, float], float]:
-    """Return the mean force of each term over a window, and that of commands alone."""
-    forces = subject.ledger.forces(axis.rate, window)
-    return forces, sum(f for term, f in forces.items() if words.drives(term, COMMANDED))
+def _most_mean(impulse: Float64, seconds: Float64, bins: int) -> float:
+    """Return the largest mean force over so many bins [N] or [N m]; shape (n,) each."""
+    sums, times = (np.convolve(each, np.ones(bins), "valid") for each in (impulse, seconds))
+    known = times > 0
+    return float(np.max(np.abs(sums[known]) / times[known], initial=0.0))
 
 
 def given_j(subject: MeasuredBody, axis: Axis, words: RowWords) -> float:
