@@ -73,7 +73,7 @@ class Decoder:
         self.statuses: dict[int, int] = {}
         """Exit status of each trial that has ended, as `os.wait` returns it."""
         self.answer: tuple[Any, str] | None = None
-        """What was evaluated in the run, or why it could not be."""
+        """Evaluation made in the run, or the reason why it could not be."""
         self.timing = ""
         """File and line that first read a time after a step."""
         self.bullet, self.mujoco = BulletDecoder(finer, self.faults), MujocoDecoder()

@@ -19,7 +19,7 @@ Operation = dict[str, Any]
 How = Sequence[Any]
 """An operator of `watching.operators`, and what it takes: `("*", 10)`."""
 Becomes = Callable[[float | None], How]
-"""What a value becomes, by a cure's number or without one."""
+"""Operation on a value, by a cure's number or without one."""
 NOT_SAID = "…"
 MORE = 10.0
 """The factor of what is raised, if a cure gives no number."""
@@ -37,7 +37,7 @@ def to(usual: object) -> Becomes:
 
 @dataclass(frozen=True)
 class always:  # noqa: N801 - it reads as `to` does
-    """What does the same, whatever a cure's number is."""
+    """Operation that is the same for any number of a cure."""
 
     operator: str
     value: object
@@ -159,7 +159,7 @@ OPERATORS = {
     "*-1": Message("reversed"),
     "^": Message("turned over"),
 }
-"""What an operator of the causal search does, in words."""
+"""Words of the operators of the causal search."""
 
 
 def done(op: str) -> str:

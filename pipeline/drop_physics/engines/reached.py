@@ -1,4 +1,4 @@
-"""What a script's run reached beside its simulation, and what it changed in its folder."""
+"""Resources that a script's run reached beside its simulation, and changes in its folder."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MAKES = "makes"
 
 @dataclass(frozen=True)
 class Reached:
-    """What a script's run reached."""
+    """Resources that a script's run reached."""
 
     noted: tuple[tuple[str, str], ...] = ()
     """What it told: `connects`, `starts`, `opens`, `writes`, `removes`, `keeps` or `keeps there`,

@@ -71,7 +71,7 @@ TOLD = (
 
 @dataclass(frozen=True)
 class Program:
-    """What to run, and for how long.
+    """Script or module to run, and for how long.
 
     Parameters
     ----------

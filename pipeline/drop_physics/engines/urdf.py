@@ -40,7 +40,7 @@ class UrdfBody:
     half_size_m: Float64
     """Half of its extent along its own axes, shape (3,)."""
     reach_m: float
-    """How far the corners of the box around it are from the centre of mass."""
+    """Distance of the corners of the surrounding box from the centre of mass."""
 
     def rest_height_m(self, orientation: Quaternion) -> float | None:
         """Return the height of the centre where the turned body touches the floor [m]."""

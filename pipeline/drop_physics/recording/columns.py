@@ -1,4 +1,4 @@
-"""What one chunk of a recording holds: its columns as arrays, if they have the types we write."""
+"""Columns of one chunk of a recording as arrays, if they have the types we write."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What any recording of ours holds: chunks and properties."""
+"""Contents of any recording of ours: chunks and properties."""
 
 from __future__ import annotations
 

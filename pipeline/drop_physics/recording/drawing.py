@@ -1,4 +1,4 @@
-"""What a recording shows of its numbers: shapes, poses, curves, pictures and a log of calls.
+"""Views of a recording's numbers: shapes, poses, curves, pictures and a log of calls.
 
 Nothing is computed from it. Poses and curves are thinned to what a viewer can show.
 """

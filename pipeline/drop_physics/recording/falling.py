@@ -1,4 +1,4 @@
-"""What the recording of a drop shows besides: theory's heights, the body's trail, camera frames."""
+"""Further views of a drop's recording: theory's heights, the body's trail, camera frames."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Photography:
-    """How the fall is photographed."""
+    """Camera of the fall."""
 
     camera: Camera
     draw: Callable[[Float64], Iterator[bytes]]

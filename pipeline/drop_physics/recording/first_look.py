@@ -10,7 +10,7 @@ from drop_physics.messages import Message, shell_command
 BEGINNING = b"RRF2"
 """The first bytes of each of Rerun's files."""
 LAYER = ".analysis.rrd"
-"""How the name of an analysis layer ends."""
+"""Suffix of an analysis layer's name."""
 
 
 def check_file(path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What a recording says was run: its properties, as scenario, engine and camera."""
+"""Inputs of a recorded run: its properties, as scenario, engine and camera."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from drop_physics.scenario import Camera, Scenario
 
 @dataclass(frozen=True)
 class Drop:
-    """What the recording of a drop holds besides."""
+    """Further contents of a drop's recording."""
 
     scenario: Scenario
     engine: EngineReport

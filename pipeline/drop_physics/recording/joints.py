@@ -1,4 +1,4 @@
-"""What calls ask of joints, to look at: a row whenever a target, a limit or a gain changes.
+"""Commands to joints over time: a row whenever a target, a limit or a gain changes.
 
 Numbers are computed from `calls`, not from this.
 """
@@ -41,7 +41,7 @@ class Commands:
 
     def __init__(self) -> None:
         self._asked: dict[tuple[int, int], JointRequests] = {}
-        """What is asked of bodies, by client and the engine's id."""
+        """Commands to bodies, by client and the engine's id."""
         self._held: list[Command] = []
         self._raised: set[int] = set()
         self._last: dict[int, Times] = {}
@@ -103,7 +103,7 @@ class Commands:
 
 
 class Cells(NamedTuple):
-    """What n calls set in the columns of a body's rows."""
+    """Settings of n calls in the columns of a body's rows."""
 
     calls: Int64
     steps: Int64
@@ -114,7 +114,7 @@ class Cells(NamedTuple):
 
 
 class JointRequests:
-    """What is asked of the joints of one body."""
+    """Commands to the joints of one body."""
 
     def __init__(self, body: Body, at: At) -> None:
         self._entity, self._at = f"{schema.JOINTS}/{body.label}", at

@@ -1,4 +1,4 @@
-"""What happened besides samples, as rows of JSON: from events to a recording, and back.
+"""Events besides samples, as rows of JSON: into a recording, and back.
 
 A row is what changed at a moment: a body, what the engine reports, a place that calls it. JSON,
 because Rerun's index of a file grows with each column of each entity. It holds the event's fields
@@ -65,7 +65,7 @@ ENTITIES: Mapping[type[Any], str] = {
     EpisodeEnd: schema.EPISODES,
     Sensor: schema.SENSORS,
 }
-"""Where the rows of each kind of event are."""
+"""Entities of the rows, by kind of event."""
 MESH, ARRAYS = "mesh", ("corners_m", "triangles")
 """The digest of a surface in a row, and its arrays, which only the first row of that digest has."""
 SHAPES: Mapping[str, tuple[int, ...]] = {

@@ -65,7 +65,7 @@ class Line(NamedTuple):
 
 
 class ShownBody(NamedTuple):
-    """What is shown of the samples of a script's body, n of them."""
+    """View of the n samples of a script's body."""
 
     label: str
     at: Times
@@ -76,7 +76,7 @@ class ShownBody(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """What is shown of a script."""
+    """View of a script's analysis."""
 
     samples: Sequence[ShownBody] = ()
     """Those of each body."""

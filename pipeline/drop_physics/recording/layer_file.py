@@ -19,7 +19,7 @@ _TOP = {
 
 
 TRIALS = ".why"
-"""How the name of the folder of a recording's trials ends."""
+"""Suffix of the folder of a recording's trials."""
 VERDICTS = "why.json"
 """The file in there that holds what they show."""
 

@@ -1,4 +1,4 @@
-"""What was explained of a recording after it was made, in its layer: from events, and back.
+"""Sums explained after a recording was made, in its layer: from events, and back.
 
 The entities are those that a recording has of a short run, so that a viewer shows them alike. A
 digest covers them: what fails it is explained again.

@@ -48,13 +48,13 @@ NEAR_EYE = Eye((1.55, 0.6, 0.9), (0.0, 0.0, 0.45))
 
 @dataclass(frozen=True)
 class Look:
-    """What the layout depends on."""
+    """Inputs of the layout."""
 
     eye: Eye
     entities: frozenset[str]
     """All that is shown, or more."""
     series: Mapping[str, int] = field(default_factory=dict)
-    """How many curves an entity has, where it is not one."""
+    """Number of curves of an entity, where it is not one."""
     cameras: Mapping[str, str] = field(default_factory=dict)
     """Names of pictures, by entity."""
     touched: frozenset[str] = frozenset()

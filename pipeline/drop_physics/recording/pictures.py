@@ -1,4 +1,4 @@
-"""What a script's recording shows: shapes, poses, cameras, curves and logs, in Rerun's types."""
+"""Views of a script's recording: shapes, poses, cameras, curves and logs, in Rerun's types."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Recording:
-    """What a recording holds, read back and checked."""
+    """Contents of a recording, read back and checked."""
 
     path: Path
     recording_id: str
@@ -114,7 +114,7 @@ class Recording:
 
     @property
     def engine(self) -> EngineReport:
-        """What the engine of a drop reported."""
+        """Report of a drop's engine."""
         return self._of_drop.engine
 
     @property
@@ -186,7 +186,7 @@ def read(path: Path) -> Recording:
 
 @dataclass
 class Contents:
-    """What the chunks of a recording hold that numbers are computed from."""
+    """Chunks of a recording from which numbers are computed."""
 
     recording_id: str
     texts: dict[str, list[tuple[At, str]]]

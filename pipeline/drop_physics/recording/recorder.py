@@ -1,4 +1,4 @@
-"""What a recording holds, and in which order: events as chunks.
+"""Order of a recording's contents: events as chunks.
 
 Numbers go into `state`, `joints`, `contacts`, `calls` and the entities beside them, as float64;
 what is drawn of them (`drawing`) is thinned to what a viewer can show.

@@ -1,4 +1,4 @@
-"""What a recording holds, and under which names; they are defined only here.
+"""Names of a recording's contents; they are defined only here.
 
 A recording has two timelines: `sim_step`, the integer key that samples are joined on, and
 `sim_time`, the same step in simulated time (whole nanoseconds, for display). Everything is computed

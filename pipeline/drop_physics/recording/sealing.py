@@ -1,4 +1,4 @@
-"""How a recording is finished: it grows as `.part`, gets its layout, is verified and renamed."""
+"""Sealing of a recording: it grows as `.part`, gets its layout, is verified and renamed."""
 
 from __future__ import annotations
 

@@ -56,9 +56,9 @@ NOWHERE, UPRIGHT = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
 SHORTEST = 1e-15
 """Length below which MuJoCo takes a quaternion for no rotation (`mjMINVAL`)."""
 TRANSMISSIONS = {0: "joint", 1: "joint", 2: "slider-crank", 3: "tendon", 4: "site", 5: "body"}
-"""What an actuator acts on (`mjtTrn`)."""
+"""Kinds of transmission of actuators (`mjtTrn`)."""
 WRAPS_JOINT, WRAPS_SITE = 1, 3
-"""What a tendon goes over (`mjtWrap`)."""
+"""Kinds of objects that tendons wrap (`mjtWrap`)."""
 NAMED_KINDS = ("body", "jnt", "geom", "mesh", "actuator", "tendon", "eq", "site", "key")
 NAMED = {"joint": "jnt", "tendon": "tendon", "site": "site", "body": "body"}
 

@@ -66,7 +66,7 @@ class Elements:
 
     @cached_property
     def keys(self) -> Mapping[str, Sequence[Key]]:
-        """What elements are matched by: a name, else the place among others without one."""
+        """Keys by which elements are matched: a name, else the place among unnamed ones."""
         found: dict[str, Sequence[Key]] = {"body": self._body_keys()}
         for kind in KINDS[1:]:
             owners: list[object] = [""] * len(self._names[kind])

@@ -42,7 +42,7 @@ class FramesOfSteps:
     def __init__(self, client: int, model: int, first: int, held: Held, clock_s: float) -> None:
         self._client, self._model, self._first = client, model, first
         self._left: Held = dict(held)
-        """What the last step of the piece before has left; its clock [s]."""
+        """Remains of the last step of the piece before; its clock [s]."""
         self.clock_s = clock_s
         self._written: dict[int, Held] = {}
         """States that were written before a step, with the clock."""

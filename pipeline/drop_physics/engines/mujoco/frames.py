@@ -1,4 +1,4 @@
-"""What a MuJoCo script's process sends of its simulations: packed frames, written and read here.
+"""Packed frames that a MuJoCo script's process sends of its simulations, written and read here.
 
 Two processes share this file: the script's own (`watch`), which may have an older Python and none
 of our packages, and the one that reads. `explain` replays the frames, and answers with `ARRAYS`.
@@ -30,7 +30,7 @@ NOTE, ARRAYS, STEP, WRITTEN = b"N", b"A", b"S", b"W"
 EDITED, DONE, CALLBACK, WARNED = b"E", b"D", b"C", b"!"
 
 LENGTH = Struct("<I")
-"""What goes before each payload of a request, and of an answer."""
+"""Header of the payload of a request, and of an answer."""
 STEP_HEAD = Struct("<cBHIId")
 """STEP, by which function (`STEPS`), 0, number of the simulation, site, time after it [s]."""
 WRITTEN_HEAD = Struct("<cBHIIid")
@@ -96,7 +96,7 @@ drawn of it, whose argument is the picture's digest; or a function: from
 CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
 
 CORE = ("qpos", "qvel", "act", "history", "plastic", "qacc_warmstart", "plugin_state")
-"""What a step changes, in the order of MuJoCo's memory."""
+"""Fields that a step changes, in the order of MuJoCo's memory."""
 USER = ("ctrl", "qfrc_applied", "xfrc_applied", "eq_active", "mocap_pos", "mocap_quat")
 """What only the script changes, likewise."""
 CLOCK = "clock_s"

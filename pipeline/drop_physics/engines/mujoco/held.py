@@ -1,4 +1,4 @@
-"""How soft a MuJoCo model holds things apart or together: equalities, and contacts of two geoms."""
+"""Softness of a MuJoCo model's constraints: equalities, and contacts of two geoms."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ LARGER = 64
 ARMATURE_KG_M2 = 0.01
 """Armature of a joint whose controller is the script's own, so that no limit is known."""
 SOLREF, SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
-"""How soft MuJoCo's own contacts are."""
+"""Softness of MuJoCo's default contacts."""
 BOUNCES = 2500.0
 """Stiffness of a contact that bounces, that of a time constant of 0.02 s [1/s²]."""
 OPTIONS: dict[str, Sequence[str]] = {
@@ -141,7 +141,7 @@ class FieldRow(ChangeRow):
     derived: bool = False
     """Whether MuJoCo derives other fields from those."""
     more: str = ""
-    """What is raised if a cure has no number."""
+    """Error that is raised if a cure has no number."""
 
     def call_of(self, cure: Cure) -> str:
         """Return the attribute or the line that a cure's user would write."""
@@ -708,7 +708,7 @@ WRITTEN_AS = {
     "geom_collides": "contype",
     "geom_condim_friction": 'condim="6", friction of torsion and rolling',
 }
-"""What a user calls a field, where that is not the field's own name."""
+"""Names of fields in MJCF, where they differ from the field's own name."""
 TAGS = {
     "geom": "geom",
     "jnt": "joint|freejoint",

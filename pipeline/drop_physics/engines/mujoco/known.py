@@ -1,4 +1,4 @@
-"""What a model of MuJoCo has that another engine's has not, and what takes it away."""
+"""Features that only a model of MuJoCo has, and the changes that take them away."""
 
 from __future__ import annotations
 

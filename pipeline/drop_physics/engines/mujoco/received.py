@@ -1,4 +1,4 @@
-"""What a MuJoCo script's process has sent, put together: models, steps, and what was set by whom.
+"""Models, steps and writes that a MuJoCo script's process has sent, put together.
 
 The other end of `watch`; the stream is described in `frames`.
 """
@@ -58,7 +58,7 @@ class ScriptLine:
 
 
 class ReceivedWrite(NamedTuple):
-    """What was written into a state before a step."""
+    """Values written into a state before a step."""
 
     step: int
     """The step that is the first to see it."""
@@ -77,7 +77,7 @@ class ReceivedWrite(NamedTuple):
 
 
 class Edited(NamedTuple):
-    """What was written into a model in place."""
+    """Values written into a model in place."""
 
     step: int
     """The step that is the first to see it."""
@@ -131,7 +131,7 @@ class StepPiece:
     """Warnings: step, kind, how often in that step, and last info."""
     episodes: list[EndedEpisode]
     answers: list[tuple[int, bytes]]
-    """What callbacks did within a step, as `frames` has it."""
+    """Effects of callbacks within a step, as `frames` has them."""
 
 
 @dataclass

@@ -39,12 +39,12 @@ TOLD = {
     "bias": Message("the forces of motion"),
     "solver": Message("the constraint forces of the same rows"),
 }
-"""What is said of the forces of a stage."""
+"""Words for the forces of a stage."""
 
 
 @dataclass(frozen=True, eq=False)
 class Computed:
-    """What the stages of a step have computed."""
+    """Results of the stages of a step."""
 
     positions: Float64
     """Positions of the bodies [m], shape (bodies, 3)."""

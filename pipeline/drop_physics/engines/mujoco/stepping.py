@@ -42,7 +42,7 @@ class StepsWanted:
     end: int
     """One more than the last of them."""
     edits: Sequence[ModelEdit] = ()
-    """What was changed in the model before the frames begin."""
+    """Changes of the model before the frames begin."""
 
 
 class Stepper:

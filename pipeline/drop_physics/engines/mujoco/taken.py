@@ -18,7 +18,7 @@ Int64 = NDArray[np.int64]
 Rows = Mapping[str, Float64]
 
 PASSIVE = "qfrc_passive"
-"""What callbacks add to the passive forces."""
+"""Passive forces that callbacks add."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""What a MuJoCo script's process sends, as events of a recording.
+"""Messages of a MuJoCo script's process, as events of a recording.
 
 `received` puts a stream together. Here its pieces get the form that recordings have: bodies,
 samples, and what was set between two steps, by which line.

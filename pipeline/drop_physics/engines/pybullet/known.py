@@ -1,4 +1,4 @@
-"""What PyBullet does otherwise than other engines by default, and the calls that take it away."""
+"""Defaults of PyBullet that differ from other engines', and the calls that take them away."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FAR = 1e6
 
 
 class Likeness(NamedTuple):
-    """What the other engine has."""
+    """Value of the other engine."""
 
     timestep_s: float
     gravity_m_s2: Sequence[float]

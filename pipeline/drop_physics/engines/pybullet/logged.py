@@ -72,7 +72,7 @@ class LogOf:
     calls: Iterable[Call]
     files: Files
     made: list[tuple[Made, Call]] = field(default_factory=list)
-    """What calls made, in order."""
+    """Objects made by calls, in order."""
     _now: dict[tuple[str, int], int] = field(default_factory=dict)
     """What each of the engine's numbers stands for now, by kind."""
     keys: dict[Made, object] = field(default_factory=dict)

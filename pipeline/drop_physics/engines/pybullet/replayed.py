@@ -21,7 +21,7 @@ from drop_physics.workers import how_it_ended, users_environment
 Float64 = NDArray[np.float64]
 MODULE = "pybullet.replay.answering"
 DATA = "import pybullet_data; print(pybullet_data.getDataPath())"
-"""What prints where PyBullet's own models are."""
+"""Program that prints the folder of PyBullet's own models."""
 
 
 class Replayer:
@@ -48,7 +48,7 @@ class Replayer:
         self._python, self._folders = python, [*map(str, folders)]
         self._environment = {**users_environment(), **environment}
         self.jobs = 0
-        """How often calls were made again."""
+        """Number of replays."""
 
     def __enter__(self) -> Self:
         data = subprocess.run(

@@ -24,7 +24,7 @@ the experiment, has PyBullet's own light."""
 
 
 class Picture(NamedTuple):
-    """What a camera sees, each part an image of shape (height, width)."""
+    """Image of a camera in parts of shape (height, width)."""
 
     pixels: NDArray[np.uint8]
     """RGB, shape (height, width, 3)."""

@@ -175,7 +175,7 @@ class World:
 
     @property
     def reach_m(self) -> float:
-        """How far the base reaches from its centre of mass [m]."""
+        """Reach of the base from its centre of mass [m]."""
         lowest, highest = self._extent()
         return float(np.linalg.norm(np.maximum(-lowest, highest)))
 

@@ -1,4 +1,4 @@
-"""What a forked process would share with its parent: descriptors, mappings, threads.
+"""Resources that a forked process would share with its parent: descriptors, mappings, threads.
 
 A child inherits open files: both move one offset, and write to one file. So in a child each regular
 file is opened again, and one that is open for writing is a copy of its own. What cannot be copied,

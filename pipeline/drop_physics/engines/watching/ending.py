@@ -1,4 +1,4 @@
-"""How a script ends: as it would without us, and reported to the recorder."""
+"""Ending of a script: as without a recorder, and reported to it."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ LONGEST = 100
 
 
 class EpisodeReturns:
-    """What an environment's `step` has returned since its `reset`."""
+    """Results of an environment's `step` since its `reset`."""
 
     def __init__(self) -> None:
         self.length = 0
@@ -36,7 +36,7 @@ class EpisodeReturns:
         self.reward = 0.0
         """Sum of the rewards."""
         self.how = ""
-        """How it ended: `terminated`, `truncated`, `reset` or `run`; empty while it goes on."""
+        """Ending: `terminated`, `truncated`, `reset` or `run`; empty while it goes on."""
         self.engine: EngineWatch | None = None
         self.world = -1
         """The simulation that its last step stepped, and the engine."""

@@ -1,4 +1,4 @@
-"""What is evaluated in a run, where the script's own names and its engine are at hand.
+"""Evaluation within a run, where the script's own names and its engine are at hand.
 
 An evaluator is a class of a module beside this one: it runs in the script's interpreter.
 """

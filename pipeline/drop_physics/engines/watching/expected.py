@@ -1,4 +1,4 @@
-"""What is expected of a run, evaluated in it; and how everything moved, to compare with others."""
+"""Expectation of a run, evaluated in it, and the motion of all bodies, to compare runs."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class ExpectationEvaluator(Evaluator):
         self._frame: Any = None
         self._frames: list[Any] = []
         self._before: Any = None
-        """What was found where a simulation was about to end."""
+        """Evaluation made where a simulation was about to end."""
         self._could: list[Any] | None = None
         """The changes that the run could have, as they were found there."""
         self._assertion: Assertion | None = None

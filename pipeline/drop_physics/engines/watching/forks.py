@@ -32,7 +32,7 @@ FIRST_USE = -1
 LENGTH = struct.Struct("<I")
 """What precedes a request: the length of its JSON. Two descriptors go with it, or three."""
 LOOKS_EVERY_S = 0.02
-"""How often it is looked whether a trial has ended."""
+"""Interval at which the end of a trial is checked [s]."""
 
 
 class Forks:

@@ -110,7 +110,7 @@ class EngineWatch(ABC):
 
 
 class ScriptWatch:
-    """What is known of a running script.
+    """State of a running script.
 
     Parameters
     ----------

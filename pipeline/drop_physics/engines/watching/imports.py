@@ -13,7 +13,7 @@ from typing import Any
 from .hidden import hiding
 
 Then = Callable[[ModuleType], None]
-"""What is done with a module."""
+"""Handler of an imported module."""
 
 
 def on_import(name: str, then: Then, *, once: bool) -> Callable[[], None]:

@@ -1,4 +1,4 @@
-"""What a run may take: a group of processes that ends with us, processor time, and memory."""
+"""Limits of a run: a group of processes that ends with us, processor time, and memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the script's numbers may depend on besides its text: numpy, its BLAS, threads, hashes."""
+"""Dependences of a script's numbers besides its text: numpy, its BLAS, threads, hashes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a number, a vector or an array becomes: the operators of interventions."""
+"""Operators of interventions on numbers, vectors and arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a script reaches beside its simulation, so that it can be run again without harm.
+"""Resources that a script reaches beside its simulation, so that it can be run again without harm.
 
 Sockets, other programs, devices, and files that it writes elsewhere than in its working directory
 or in the system's folder for temporary ones; of the files there, those that another run of it would
@@ -21,7 +21,7 @@ from .draws import is_imported
 CONNECTS = ("socket.connect", "socket.bind", "socket.sendto")
 STARTS = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn")
 TEMPORARY = ("/tmp", "/var/tmp", "/usr/tmp", os.curdir)
-"""Where Python makes temporary files, unless the environment names a folder."""
+"""Folders of Python's temporary files, unless the environment names one."""
 OWN = ("tempfile.mkstemp", "tempfile.mkdtemp")
 REMOVES = ("os.remove", "os.rename", "os.rmdir", "os.truncate")
 CHANGES = ("os.chmod", "os.chown", "os.utime", "os.setxattr", "os.removexattr")

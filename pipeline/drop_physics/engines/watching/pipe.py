@@ -1,4 +1,4 @@
-"""What the script's process sends to the recorder: frames, through a pipe.
+"""Frames that the script's process sends to the recorder, through a pipe.
 
 A stream begins with `MAGIC`. Each frame is a kind (one letter), the length of its payload (uint32,
 little-endian), and the payload. A stream may end at any byte: an incomplete frame is dropped.
@@ -177,7 +177,7 @@ class Pipe:
 
     @property
     def sent_bytes(self) -> int:
-        """How many bytes have gone through the pipe."""
+        """Number of bytes that have gone through the pipe."""
         return self._before
 
     def become(self, pipe: int, block: int) -> None:

@@ -18,7 +18,7 @@ _ALWAYS = {
     "abc", "codecs", "encodings", "genericpath", "io", "ntpath", "os", "posixpath", "site", "stat",
     "zipimport",
 }  # fmt: skip
-"""What every Python has imported before it knows where the script is."""
+"""Modules that Python imports before it knows the script."""
 _PACKAGE = __name__.partition(".")[0]
 
 

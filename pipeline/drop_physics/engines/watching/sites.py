@@ -1,4 +1,4 @@
-"""Where a script calls: file and line, the file without folders of this machine."""
+"""Sites of a script's calls: file and line, the file without folders of this machine."""
 
 from __future__ import annotations
 

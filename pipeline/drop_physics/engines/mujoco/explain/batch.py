@@ -15,7 +15,7 @@ from .layout import Layout
 from .summed import TermSums, TermTable, summed
 
 ANOTHER = "another engine"
-"""What the step of another program, or its rounding, adds to MuJoCo's."""
+"""Difference of another program's step, or of its rounding, from MuJoCo's."""
 
 
 class ExplainedBatch(NamedTuple):

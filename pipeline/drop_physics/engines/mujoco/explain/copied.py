@@ -1,4 +1,4 @@
-"""What MuJoCo computed for some steps, copied while they were taken."""
+"""Results of MuJoCo for some steps, copied while they were taken."""
 
 from __future__ import annotations
 

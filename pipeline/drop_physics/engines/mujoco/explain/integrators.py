@@ -1,4 +1,4 @@
-"""What MuJoCo's integrators add to the forces of a state, and what a solver leaves.
+"""Terms of MuJoCo's integrators beside the forces of a state, and residuals of solvers.
 
 Each integrator solves for the acceleration a = (u' - u)/h:
 

@@ -1,4 +1,4 @@
-"""How a model's matrices lie in memory, as indices that serve many steps at once."""
+"""Layout of a model's matrices in memory, as indices that serve many steps at once."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Symmetric:
 
 
 class Layout:
-    """What of a model does not change while it is stepped.
+    """Constants of a model while it is stepped.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What becomes of a step that is taken again, and why it may have no sum."""
+"""Outcomes of a step that is taken again, and reasons why it may have no sum."""
 
 from __future__ import annotations
 

@@ -220,7 +220,7 @@ class Replay:
         self._set: frozenset[int] = frozenset()
         """The callbacks that are set."""
         self._calls: dict[int, deque[Any]] = {}
-        """What is left of the answers of each callback."""
+        """Answers of callbacks that are left to replay."""
         self._stages: list[bytes] | None = None
         """The states that a step of RK4 goes through, while it is taken."""
         self._now: ReplayedData | _Elsewhere | None = None

@@ -23,7 +23,7 @@ FEATURES = {
     **{name[7:].lower(): ("enable", int(bit)) for name, bit in vars(mujoco.mjtEnableBit).items()
        if name.startswith("mjENBL_")},
 }  # fmt: skip
-"""What can be switched off, by MuJoCo's names."""
+"""Features that can be switched off, by MuJoCo's names."""
 _NOTHING = np.empty(0)
 
 

@@ -53,7 +53,7 @@ class GapTerm(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """How well a term accounts for the gap of a step."""
+    """Fit of a term to the gap of a step."""
 
     left: float
     """The share of the gap's energy that it leaves."""

@@ -51,7 +51,7 @@ class FoundStates:
     """The world that was chosen; None where there is only one."""
     worlds: int
     notes: list[Message] = field(default_factory=list)
-    """What is missing, and what follows from it."""
+    """Missing data, and the consequences."""
     ended: Message | None = None
     """Where the states become no numbers; None if they do not."""
     is_beyond: bool = False

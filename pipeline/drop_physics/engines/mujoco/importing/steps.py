@@ -80,7 +80,7 @@ class ImportedStep(NamedTuple):
     given: Float64
     """The same, or the last ones that are known, where nothing leads to the next state, (nu,)."""
     warmstart: Float64
-    """What the next step's solver starts from, shape (nv,)."""
+    """Warm start of the next step's solver, shape (nv,)."""
     rates: Float64
     """The recorded velocities that it ends with, shape (nv,)."""
     gap: Float64
@@ -138,7 +138,7 @@ class ImportedSteps:
         self._held = np.zeros(m.nu)
         """The controls of the last step that they are known of, where they are found."""
         self._chain = np.zeros(m.nv)
-        """What the solver of the next step starts from."""
+        """Warm start of the next step's solver."""
         self.shift = 0 if self.infers or not m.nu else self._aligned()
         """How many rows later the controls stand that a step is taken with."""
         self._warm = "qacc_warmstart" in states.parts

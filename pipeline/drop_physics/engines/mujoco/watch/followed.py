@@ -180,7 +180,7 @@ class WatchedData:
         """Whether it could not be read, and is followed no longer."""
         self.time = self.elapsed_s = 0.0
         self.answers: list[bytes] = []
-        """What callbacks have done within the step that is being made."""
+        """Effects of callbacks within the step that is being made."""
         self._calling = bytearray()
         self._idle = 0
         """How often in a row data were made current for positions and rates as they were."""
@@ -375,6 +375,6 @@ class WatchedData:
 PLAIN = 1 << 18
 """Cores up to this size go straight into the block, a quarter of which they take at most."""
 _POSING = ("qpos", "qvel", "act", "mocap_pos", "mocap_quat", "eq_active")
-"""What positions, velocities and constraints are computed from."""
+"""Inputs of positions, velocities and constraints."""
 _PASSIVE = 1
 """Number of the callback that adds passive forces."""

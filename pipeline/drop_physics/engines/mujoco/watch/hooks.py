@@ -57,7 +57,7 @@ WARNS_TO_STDERR = (3, 9)
 
 
 class MujocoWatch(EngineWatch):
-    """What is known of a script's use of mujoco.
+    """Observed use of mujoco by a script.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class MujocoWatch(EngineWatch):
         """The model and the state that were stepped last, while something is evaluated."""
         self._observed: ObservedData | None = None
         self._of_states: dict[int, ObservedData] = {}
-        """What is observed, by the `id` of the MjData."""
+        """Observed simulations, by the `id` of the MjData."""
         self.callbacks: dict[str, Any] = {}
         """The script's own, by name."""
         self._changes = ModelChanges(self, operations, variation or {}, host.tell_intervention)

@@ -58,7 +58,7 @@ LOADS = ("from_xml_path", "from_xml_string", "from_binary_path")
 
 
 class ModelChanges:
-    """What differs in a run.
+    """Differences of a run from the script's own.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is seen of a run of a MuJoCo script, for the causal search."""
+"""Observations of a MuJoCo script's run, for the causal search."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "qpos", "qvel")
 
 
 class SeenInputs:
-    """What the causal search knows of a run: what touched, and what the script gave as inputs.
+    """Contacts and inputs of a run, for the causal search.
 
     Parameters
     ----------

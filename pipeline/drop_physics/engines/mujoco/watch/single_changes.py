@@ -38,7 +38,7 @@ OF_INPUTS = {
     "qpos": "joint",
     "qvel": "joint",
 }
-"""What has the numbers of an input."""
+"""Fields that have the numbers of an input."""
 OF_CONTACT = (
     "geom_friction",
     "geom_condim_friction",

@@ -1,4 +1,4 @@
-"""What steps a model and is not recorded: it is named, so that nobody takes it for recorded."""
+"""Functions that step a model unrecorded: named, so that nobody takes them for recorded."""
 
 from __future__ import annotations
 

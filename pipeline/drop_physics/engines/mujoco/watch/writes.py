@@ -1,4 +1,4 @@
-"""What an operation writes into a compiled model: fields, elements, and what they become."""
+"""Writes of an operation into a compiled model: fields, elements and new values."""
 
 from __future__ import annotations
 

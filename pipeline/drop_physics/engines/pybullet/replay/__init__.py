@@ -1,1 +1,1 @@
-"""What makes the calls of a recorded script again, in the script's interpreter."""
+"""Replay of a recorded script's calls, in the script's interpreter."""

@@ -9,7 +9,7 @@ from ...watching.pipe import ANSWERS
 POINTS = frozenset(("getContactPoints", "getClosestPoints"))
 """Functions that give contact points."""
 DISTANCE, FORCE = 8, 9
-"""Where a contact point has its distance and its normal force."""
+"""Places of distance and normal force in a contact point."""
 NUMBERED = frozenset(
     (
         "getJointState",

@@ -1,4 +1,4 @@
-"""What a file asks for that PyBullet may not do.
+"""Requests of a file that PyBullet may not fulfil.
 
 Of a URDF inertia, masses, joints that follow others; of an MJCF damping.
 """

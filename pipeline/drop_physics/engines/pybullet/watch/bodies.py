@@ -29,7 +29,7 @@ BASE = 13
 
 
 class Loaded:
-    """What the call that created a body says of it, and the engine does not."""
+    """Properties of a body known only from the call that created it."""
 
     def __init__(self) -> None:
         self.file = ""
@@ -40,7 +40,7 @@ class Loaded:
         """The flags with which it was loaded: only these tell whether it may sleep."""
         self.scale = 1.0
         self.asked: dict[str, Any] | None = None
-        """What its file asks for."""
+        """Requests of the body's file."""
         self.lists_shapes = False
         """Whether `getCollisionShapeData` can be asked: it crashes on a capsule of an MJCF file
         whose ends are given (`fromto`)."""
@@ -57,7 +57,7 @@ class Loaded:
 
 
 class WatchedBody:
-    """What must be known of a body to read it.
+    """Properties needed to read a body's state.
 
     Parameters
     ----------

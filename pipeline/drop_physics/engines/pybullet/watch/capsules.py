@@ -1,4 +1,4 @@
-"""How capsules and cylinders of an MJCF file lie that are given from point to point.
+"""Poses of capsules and cylinders that an MJCF file gives from point to point.
 
 PyBullet loads them as they are, but `getVisualShapeData` reports them upright, in the middle.
 """

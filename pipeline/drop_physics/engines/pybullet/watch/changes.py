@@ -1,4 +1,4 @@
-"""What calls change in a simulation, so that it is read again."""
+"""Changes by calls after which a simulation is read again."""
 
 from __future__ import annotations
 

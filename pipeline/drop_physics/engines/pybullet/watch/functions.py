@@ -1,4 +1,4 @@
-"""What each function of pybullet does: the one table of its functions, by role.
+"""Roles of pybullet's functions: the one table of them.
 
 A test compares it with the module. A function that is in no role, of another version, is taken for
 one that changes something: it is recorded.

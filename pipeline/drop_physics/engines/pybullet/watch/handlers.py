@@ -1,4 +1,4 @@
-"""What each function of pybullet does instead while it is watched, by kind of function.
+"""Replacements of pybullet's functions while they are watched, by kind of function.
 
 What a script may call at every step comes to few calls of Python; the rest goes by name.
 """

@@ -116,7 +116,7 @@ LOOKS: dict[str, Any] = {
 
 
 class BulletWatch(EngineWatch):
-    """What is known of a script's use of pybullet.
+    """Observed use of pybullet by a script.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ class BulletWatch(EngineWatch):
         self._stepped: WatchedWorld | None = None
         """The simulation that was stepped last."""
         self._observed: dict[int, ObservedWorld] = {}
-        """What is observed, by the number of the simulation."""
+        """Observed simulations, by number."""
         self._worlds_made = 0
         self._last_end = (0, 0.0)
         self._ended: set[int] = set()

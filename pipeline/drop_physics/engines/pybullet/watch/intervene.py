@@ -74,11 +74,11 @@ STANDS: dict[str, Callable[..., Mapping[str, Any]]] = {
         zip(("posObj", "ornObj"), p.getBasePositionAndOrientation(body, client))
     ),
 }
-"""Where a body or a joint is that a call places or drives."""
+"""Place of a body or joint that a call sets or drives."""
 
 
 class SeenCallSites:
-    """What the causal search knows of a run: the calls of each line, and what touched."""
+    """Calls of each line and contacts of a run, for the causal search."""
 
     def __init__(self) -> None:
         self.calls: dict[tuple[str, int, str], SeenCalls] = {}
@@ -125,7 +125,7 @@ class SeenCalls:
 
 
 class CallInterventions:
-    """What is done to a run.
+    """Operations on a run.
 
     Parameters
     ----------

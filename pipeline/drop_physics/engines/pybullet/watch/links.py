@@ -1,4 +1,4 @@
-"""How many links the models in a file have: PyBullet shows only the base of a btRigidBody."""
+"""Number of links of the models in a file: PyBullet shows only the base of a btRigidBody."""
 
 from __future__ import annotations
 

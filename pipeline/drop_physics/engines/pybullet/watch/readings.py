@@ -1,4 +1,4 @@
-"""Where a script reads: by place and form of the arguments, how often and from when to when.
+"""Readings of a script: by place and form of the arguments, how often and from when to when.
 
 A reading takes PyBullet a microsecond, and looking at it one more. So after a while the readings of
 a function that reads all the time are looked at in one of 61 steps, and each counts as 61; those of

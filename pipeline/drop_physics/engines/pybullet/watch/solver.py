@@ -17,7 +17,7 @@ MOST_ISLANDS = 64
 
 
 class Solver:
-    """What steps return of one client's solver, where they are asked to."""
+    """Reports of one client's solver that steps return on request."""
 
     def __init__(self, p: SimpleNamespace, client: int, *, returns: bool | None) -> None:
         self._p, self._client = p, client

@@ -27,7 +27,7 @@ Call = Callable[..., Any]
 
 
 class Variation:
-    """What differs in a run.
+    """Differences of a run from the script's own.
 
     Parameters
     ----------
