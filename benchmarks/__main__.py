@@ -11,14 +11,13 @@ from pathlib import Path
 from benchmarks.harness import HEAD, ROOT, machine
 
 SCRIPTS = (
-    "run",
     "look",
     "steps",
     "memory",
-    "size",
     "frames",
     "analyze",
     "arm",
+    "hulls",
     "start",
     "gif",
     "golden",
