@@ -11,10 +11,12 @@ import sys
 import textwrap
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from drop_physics.account.episodes import EpisodeRow
+from drop_physics.engines.watching.environments import _unhealthy
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.record import record_script
 from drop_physics.stages.why import why
@@ -95,6 +97,23 @@ def test_an_environment_tells_how_each_episode_ended(told: Told) -> None:
     assert last is not None
     assert last.time_s - rows[3].start_s == pytest.approx((2 * 0.5 / 9.81) ** 0.5, abs=0.02)
     assert sorted(last.links) == ["ball", "world"]
+
+
+@pytest.mark.parametrize(
+    ("z", "said"),
+    [
+        (0.5, ["z 0.5 < 0.7"]),
+        (0.69996, ["z 0.69996 < 0.7"]),
+        (0.7, ["z 0.7 <= 0.7"]),
+        (1.5, ["z 1.5 > 1"]),
+        (float("nan"), ["z nan < 0.7"]),
+        (0.8, []),
+    ],
+)
+def test_a_quantity_is_told_in_digits_that_are_beyond_its_range(z: float, said: list[str]) -> None:
+    model, data = SimpleNamespace(jnt_type=[0]), SimpleNamespace(qpos=[0, 0, z], qvel=[])
+    environment = SimpleNamespace(model=model, data=data, _healthy_z_range=(0.7, 1.0))
+    assert _unhealthy(environment) == said
 
 
 def test_a_reset_before_the_end_ends_an_episode(told: Told) -> None:

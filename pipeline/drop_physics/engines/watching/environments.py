@@ -250,6 +250,12 @@ def _unhealthy(environment: Any) -> list[str]:
             low, high = bounds
             if not low < number < high:
                 below = number <= low or number != number
-                bound = f"< {float(low):.3g}" if below else f"> {float(high):.3g}"
-                said.append(f"{name} {number:.3g} {bound}")
+                bound, sign = (low, "<") if below else (high, ">")
+                said.append(f"{name} {_beyond(number, float(bound), sign)}")
     return said[:3]
+
+
+def _beyond(number: float, bound: float, sign: str) -> str:
+    """Return that a number is beyond a bound, in as many digits as tell them apart."""
+    digits = next((n for n in range(3, 18) if f"{number:.{n}g}" != f"{bound:.{n}g}"), 3)
+    return f"{number:.{digits}g} {sign if number != bound else sign + '='} {bound:.{digits}g}"
