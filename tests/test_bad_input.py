@@ -145,6 +145,7 @@ NUMERIC = {
         "NUMBER",
         "N",
         "S",
+        "K",
         "METRES",
         "SECONDS",
         "X,Y,Z",
@@ -157,7 +158,7 @@ GIVEN = {
     "simulate": ["--out", "a.rrd"], "analyze": ["a.rrd"], "render": ["a.rrd"], "run": [],
     "check": ["a.rrd", "--against", "b.rrd"], "sweep": ["--out", "s"],
     SCRIPT: ["script.py"], "record": ["script.py"], "trust": ["script.py"], "why": ["script.py"],
-    "diff": ["a.py", "b.py"],
+    "diff": ["a.py", "b.py"], "import": ["a.npz"],
 }  # fmt: skip
 ONES = {"X,Y,Z": "0,0,{}", "R,P,Y|X,Y,Z,W": "0,{},0", "WIDTHxHEIGHT": "{}x480"}
 

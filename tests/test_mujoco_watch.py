@@ -433,7 +433,7 @@ mujoco.mj_step2(m, d)  # with data of before the last step
     expected = [(EXPLAINED, "")] * 12
     expected[4] = expected[11] = (OTHER, "stale")
     assert statuses(run.explained()) == expected
-    flags = np.concatenate([piece.stale for piece in run.pieces])
+    flags = np.concatenate([piece.flags for piece in run.pieces])
     assert flags.tolist() == [0] * 4 + [STALE] + [0] * 6 + [UNPOSED]
 
 

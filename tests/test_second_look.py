@@ -409,7 +409,7 @@ def test_help_says_what_it_is_for_and_groups_the_commands(drop: Drop) -> None:
     assert own < box < recordings
     groups = {"own": said[own:box], "box": said[box:recordings], "recordings": said[recordings:]}
     commands = {
-        "own": {"SCRIPT.py", "diff", "explain", "record", "trust", "why"},
+        "own": {"SCRIPT.py", "diff", "explain", "import", "record", "trust", "why"},
         "box": {"run", "simulate", "sweep"},
         "recordings": {"analyze", "check", "export", "info", "render", "view"},
     }
