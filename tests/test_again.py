@@ -170,7 +170,14 @@ def by_record(script: str) -> set[str]:
 
 VERBS = (by_why, by_trust, by_sweep, by_record)
 FEW = [*((by_why, way) for way in QUICK), *((verb, QUICK[0]) for verb in VERBS[1:])]
-EACH = [each for each in itertools.product(VERBS, WAYS) if each not in FEW]
+EACH = [
+    *((by_why, way) for way in WAYS if way not in QUICK),  # forks
+    *(
+        each  # runs from the start, a verb in turn
+        for each in zip(itertools.cycle(VERBS[1:]), WAYS, strict=False)
+        if each not in FEW
+    ),
+]
 
 
 @pytest.mark.parametrize(("verb", "way"), some([*FEW, *EACH], len(FEW)))
