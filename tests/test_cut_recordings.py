@@ -63,10 +63,14 @@ for i in range(150):
     mujoco.mj_step(m, d)
 """
 SCRIPTS = {"pybullet": PYBULLET, "arm": ARM, "mujoco": MUJOCO}
+RECORDED = [
+    *(pytest.param(name, marks=pytest.mark.pybullet) for name in ("pybullet", "arm", "drop")),
+    "mujoco",
+]
 BY_CHANCE = 200
 
 
-@pytest.fixture(scope="module", params=[*SCRIPTS, "drop"])
+@pytest.fixture(scope="module", params=RECORDED)
 def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a recording, whose rows are written in many groups."""
     path = tmp_path_factory.mktemp(request.param) / "run.rrd"

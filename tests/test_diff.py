@@ -141,11 +141,11 @@ def test_each_kind_of_cause_is_told(
 def test_the_same_script_that_computes_otherwise_is_no_fault_of_the_engine(tmp_path: Path) -> None:
     script = tmp_path / "s.py"
     script.write_text(
-        SCRIPT.replace(
-            "0.1 * k), 0.1", "0.1 * k), sum(float(x) for x in os.environ['SUM'].split())"
-        ).replace("import mujoco", "import os, mujoco", 1)
+        SCRIPT.replace("0.1 * k), 0.1", "0.1 * k), eval(os.environ['SUM'])").replace(
+            "import mujoco", "import os, mujoco", 1
+        )
     )
-    printed = json_of(diff([str(script)], variables=["SUM=.1 .2 .3", "SUM=.3 .2 .1"]))
+    printed = json_of(diff([str(script)], variables=["SUM=.1 + .2 + .3", "SUM=.3 + .2 + .1"]))
     assert printed["class"] == "host"
     assert printed["because"][0]["element"] == "me"
     assert printed["nudges"]["size"] < 1e-7
