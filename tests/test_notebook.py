@@ -40,7 +40,7 @@ def test_a_result_is_shown_once_with_its_plot(outputs: list[list[dict[str, Any]]
     text, html = shown["data"]["text/plain"], shown["data"]["text/html"]
     assert "lbr_iiwa_joint_2 ends 1.3 rad off its target" in text
     assert html.count("ends 1.3 rad off") == 1
-    assert html.count("<img") == 1
+    assert html.count("<img") == 2  # the row of the account, and the plot
     assert max(map(len, text.splitlines())) <= 80
     assert "In[1], line 15\n1  lbr_iiwa_joint_2" in text
     assert '<ol class="findings"' in html
