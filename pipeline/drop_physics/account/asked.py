@@ -23,7 +23,7 @@ from drop_physics.trace.events import Actuator, Joint
 DRIVES = ("motors", GIVEN, GAP, RATE)
 """Causes that are what a joint was commanded; they come first among a row's terms."""
 COMMANDED = (GIVEN, GAP, RATE)
-"""Those of them that a torque or a control gives; a motor beside these acts for itself."""
+"""Causes whose size a torque or a control sets; the engine's own motor acts beside them."""
 FEEBLE = 0.1
 """A torque that begins with less than this share of the most is told with that."""
 SELDOM = 0.02

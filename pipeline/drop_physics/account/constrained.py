@@ -22,8 +22,8 @@ from drop_physics.trace.history import Seen
 from drop_physics.trace.writes import written_by
 
 EXACT = 0.1
-"""What asks for a distance of 0 counts like a position target that asks for nothing: by gap over
-this share of the body's size."""
+"""Share of a body's size that the gap of a constraint is measured by: its target distance is 0,
+which gives no scale."""
 
 
 @dataclass(eq=False)

@@ -172,7 +172,8 @@ class GivenControls:
     ) -> None:
         self._subject, self._series, self._words = subject, series, words
         self.aims: dict[int, Aim] = {}
-        """What controls aim joints at that they are computed from in time, by rate."""
+        """Positions at which controls aim the joints that they are computed from without delay, by
+        rate."""
         self.rows = [*self._rows(controls)]
         """The rows of controls that are of another joint, late, drive away, or stay in bounds."""
 

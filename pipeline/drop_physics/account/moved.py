@@ -211,7 +211,7 @@ def _ways(
     written: WrittenStates,
     words: RowWords,
 ) -> Iterator[AccountRow]:
-    # Where gravity is along no axis, none is upright, and a way has no parts to tell apart.
+    # Slanted gravity makes no axis the upright one, and the displacement stays in one part.
     upright = np.abs(gravity_m_s2) > UPRIGHT * np.linalg.norm(gravity_m_s2)
     far, sideways = float(np.linalg.norm(way)), float(np.linalg.norm(way * ~upright))
     main = ~upright if 2 * sideways**2 > far**2 else upright

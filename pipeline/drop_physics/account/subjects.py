@@ -72,7 +72,7 @@ def _size_m(body: Body, tree: Tree) -> float:
     sizes = [max(size_m) for kind, size_m in shapes if size_m and kind not in UNBOUNDED]
     boxes = np.reshape(body.bounds_m, (-1, 2, 3))
     box = float(np.max(boxes[:, 1] - boxes[:, 0], initial=0.0))
-    # Where a fixed base holds its first joints is no size of what moves.
+    # The way from a fixed base to its first joints says nothing of the size of the moving links.
     within = np.array([not tree.fixed or parent != BASE for parent in tree.parents], np.bool_)
     reach = float(np.abs(tree.positions_m[within]).sum())
     return max([*sizes, box if box < 1e3 else 0.0, reach]) or LEAST_M

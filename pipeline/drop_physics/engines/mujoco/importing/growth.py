@@ -44,8 +44,8 @@ class GrowingStates(NamedTuple):
     state: int
     term: GapTerm
     factor: float
-    """What a step multiplies a small difference by; of a loud control, how many times the largest
-    before it is."""
+    """Factor by which a step multiplies a small difference; for a loud control, its ratio to the
+    largest one before."""
     joint: str = ""
     unit: str = ""
     """Unit of the joint's position."""
