@@ -1,4 +1,4 @@
-"""How far the recorded fall follows the law of free flight, before anything touches the body."""
+"""Agreement of a recorded fall with the law of free flight, before the first contact."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drop_physics.physics.base import Motion
 
 
 class Air:
-    """The samples before the first contact, under the law of one rigid body; comes to know more."""
+    """The samples before the first contact, under the law of one rigid body; grows part by part."""
 
     def __init__(self, case: Case) -> None:
         self._case = case
@@ -92,7 +92,7 @@ class Air:
         return bool(lowest_m <= case.engine.reach_m + way_m)
 
     def coverage(self) -> Coverage:
-        """Say which samples are broken down, after the last."""
+        """Return the coverage of the law, once all samples are added."""
         case, of = self._case, self._case.samples
         if not case.scenario.stepped:
             return Coverage(0, of, Message("no step was taken, so no law of motion applies"))
@@ -108,7 +108,7 @@ class Air:
         return Coverage(samples, of, why)
 
     def _ends(self) -> list[tuple[int, Message]]:
-        """Return what ends the coverage, as far as it is known, and at which sample."""
+        """Return the known ends of the coverage, as sample and reason."""
         case = self._case
         departed = Message("the state does not follow {engine}'s law", engine=case.engine_name)
         ends = [
@@ -122,6 +122,6 @@ class Air:
 
 
 def _first(held: Flags, first: int) -> int | None:
-    """Return the number of the first sample of which something holds, or None."""
+    """Return the number of the first flagged sample; None if there is none."""
     rows = np.flatnonzero(held)
     return first + int(rows[0]) if len(rows) else None

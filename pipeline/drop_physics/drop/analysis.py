@@ -25,7 +25,7 @@ from drop_physics.explain.rows import MOST_ROWS, SHOWN_PER_S
 
 @dataclass(frozen=True)
 class Fall:
-    """A fall: what it is about, what its samples show, and what was found."""
+    """A fall: its case, its course and phases, and its analysis."""
 
     case: Case
     course: Course
@@ -82,7 +82,7 @@ class FallAnalyzer:
         self._rows.append(rows)
 
     def fall(self) -> Fall:
-        """Return what was found, after the last sample."""
+        """Return the analyzed fall, once all samples are added."""
         case, course = self._case, self._course
         phases, tumbled = course.phases(), course.tumbled_step
         coverage, landing = course.air.coverage(), find_landing(case)
@@ -146,7 +146,7 @@ class _Errors:
         self._squares_m2: list[float] = []
 
     def add(self, part: DropSamples, covered: int) -> Decomposition:
-        """Take further samples, of which the first so many of all are covered."""
+        """Take further samples; the law covers the first `covered` of all samples."""
         flown_m = part.position_m[: max(covered - part.first, 0)]
         parts = decompose(
             self._case.law, self._case.fall, flown_m, first=part.first, path=self._path

@@ -1,4 +1,4 @@
-"""What the analysis is about: a scenario, what the engine reported, how it began and ended."""
+"""The subject of the analysis: a scenario, the engine's report, the first and last sample."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FLOOR_REACH_M = 100.0
 
 @dataclass(frozen=True)
 class Case:
-    """One drop, as all parts of the analysis get it; its samples come some at a time."""
+    """One drop, as passed to all parts of the analysis; its samples are read part by part."""
 
     scenario: Scenario
     engine: EngineReport
@@ -39,7 +39,7 @@ class Case:
 
     @cached_property
     def samples(self) -> int:
-        """How many there are of the body; joints may have more where it was cut off."""
+        """Number of samples of the body; joints may have more in a recording that was cut off."""
         sampled, end = self.seen.sampled, self.seen.sampled.last + 1
         while end > 0:
             bases = sampled.piece(max(end - PIECE, 0), end).bases
@@ -50,11 +50,11 @@ class Case:
         return 0
 
     def sample(self, step: int) -> DropSamples:
-        """Return one of them."""
+        """Return one sample."""
         return samples_seen(self.seen, self.seen.sampled.piece(step, step + 1))
 
     def parts(self) -> Iterator[DropSamples]:
-        """Yield all of them in order, some at a time."""
+        """Yield all samples in order, part by part."""
         for piece in self.seen.pieces():
             yield samples_seen(self.seen, piece)
 
@@ -142,7 +142,7 @@ class Case:
         return theory.stopped_by_floor(heights_m, self.floor_height_m)
 
     def damped_fall_m(self, time_s: Float64) -> Float64:
-        """Return the same through the engine's damping, in continuous time."""
+        """Return heights by theory with the engine's damping, in continuous time [m]."""
         heights_m = theory.damped_fall_height(self.fall, time_s)
         return theory.stopped_by_floor(heights_m, self.floor_height_m)
 

@@ -1,4 +1,4 @@
-"""What the samples of a fall show, gathered some at a time: where it was, and what it touched."""
+"""The course of a fall, gathered part by part: positions, tilt and contacts."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Course:
 
     @property
     def lowest_m(self) -> float:
-        """The lowest height of the centre, after the last sample."""
+        """The lowest height of the centre, once all samples are added."""
         assert self.lowest is not None
         return float(self.lowest[0].position_m[0, 2])
 
@@ -73,7 +73,7 @@ class Course:
         return before, [step for step in steps if step is not None]
 
     def phases(self) -> Phases:
-        """Return the phases, after the last sample."""
+        """Return the phases, once all samples are added."""
         return self._settling.phases(self.air.contact_step)
 
     @property
@@ -120,7 +120,7 @@ class Course:
         )
 
     def _alter(self, part: DropSamples) -> None:
-        """Note which samples are not the release, of what is never stepped."""
+        """Note the samples that differ from the release, for a body that is never stepped."""
         if self.case.scenario.stepped:
             return
         state, start = _state(part), _state(self.case.start)
@@ -130,7 +130,7 @@ class Course:
             self.altered = [first, count + len(rows)]
 
     def _look(self, part: DropSamples, before: Motion) -> None:
-        """Note where the centre is, and how it comes down."""
+        """Note the height of the centre, and its way down to the floor."""
         case, heights_m = self.case, part.height_m
         low = int(np.argmin(heights_m))
         if self.lowest is None or heights_m[low] < self.lowest[0].position_m[0, 2]:
@@ -154,7 +154,7 @@ class Course:
                 self._crossing_s = (part.first + row - 1 + share) * case.timestep_s
 
     def _tilt(self, part: DropSamples) -> None:
-        """Note when it touches the floor tilted, and how far it turns from there on.
+        """Note the first touch with a tilt, and the turn from there on.
 
         Where not every touch is reported, all samples from the first touch on count as touching.
         """
@@ -175,9 +175,9 @@ class Course:
         self._tilts = min(low, float(tilts[row:].min())), max(high, float(tilts[row:].max()))
 
     def _pass(self, part: DropSamples, before: Motion) -> None:
-        """Note when it is below the floor as a whole; PyBullet's floor is 10 m thick.
+        """Note the first sample below the whole floor; PyBullet's floor is 10 m thick.
 
-        Of other engines' only the surface is known to be met.
+        In other engines, only the floor's surface is known.
         """
         case, row = self.case, 0
         if not (case.scenario.floor and case.starts_above):

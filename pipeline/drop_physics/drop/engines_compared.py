@@ -1,4 +1,4 @@
-"""The same drop in two engines: where they diverge, how far, and by which terms of the error."""
+"""The same drop in two engines: the first difference, its size, and the error terms behind it."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def flight_of(case: Case) -> Flight:
 
 
 def apart(run: Flight, golden: Flight, *, parts_at: int | None) -> Message:
-    """Say how two engines differ that were given the same scenario.
+    """Describe the difference between two engines that were given the same scenario.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def apart(run: Flight, golden: Flight, *, parts_at: int | None) -> Message:
 
 
 def _distance(run: Flight, golden: Flight, last: int) -> Message:
-    """Say how far apart they are along the axis where that is most, and by which terms."""
+    """Describe the largest distance along an axis, and the terms that make it up."""
     apart_m = run.motion.position_m[last] - golden.motion.position_m[last]
     time_s = last * run.case.timestep_s
     axis = int(np.argmax(np.abs(apart_m)))
@@ -127,7 +127,7 @@ def _distance(run: Flight, golden: Flight, last: int) -> Message:
 
 
 def _undamped(flight: Flight, other: Flight, last: int) -> Message | None:
-    """Say that Bullet without its damping agrees with the other engine, where it does."""
+    """State that Bullet without damping agrees with the other engine, if it does."""
     law = flight.case.law
     if not isinstance(law, BulletLaw) or not (law.linear_damping or law.angular_damping):
         return None
@@ -156,7 +156,7 @@ def _undamped(flight: Flight, other: Flight, last: int) -> Message | None:
 
 
 def _path(law: Law, motion: Motion, last: int) -> Motion:
-    """Return where a law leads from the release, step by step; last + 1 rows."""
+    """Return the motion by a law from the release on, step by step; last + 1 rows."""
     motions = [motion.at(slice(0, 1))]
     for _ in range(last):
         motions.append(law.step(motions[-1]))
@@ -164,9 +164,9 @@ def _path(law: Law, motion: Motion, last: int) -> Motion:
 
 
 def _off(path: Motion, law: Law, other: Flight) -> tuple[float, bool]:
-    """Return how far a path leads from another engine's [m], and whether not by one bit.
+    """Return the largest distance of a path from another engine's [m]; equal or not, to the bit.
 
-    An orientation counts as what it moves the body's surface by.
+    An orientation counts as the displacement of the body's surface.
     """
     samples = other.motion.at(slice(len(path)))
     mine, theirs = path.orientation, samples.orientation

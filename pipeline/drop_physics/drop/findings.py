@@ -1,9 +1,9 @@
 """Findings: the common mistakes and surprises that a drop reveals.
 
-Each says what was seen, with the number, why it is so, and where it is sure the one call or option
-that changes it. They are rules as those of any recording are, of the fall as a whole in place of a
-table, because what they measure needs its theory: an error against free fall, the height at which
-the body touches the floor, what the scenario left out.
+A finding states the observation with its number, the reason, and, if it is certain, the call or
+option that changes it. They are rules like those of any recording, but about the fall as a whole in
+place of a table, since they need its theory: an error against free fall, the height at which the
+body touches the floor, a scenario with something left out.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ RULES: list[Rule] = []
 
 
 def drop_rule(code: str, level: Level) -> Callable[[Says], Rule]:
-    """Make a function of a fall a rule: the first that it yields is said."""
+    """Turn a function of a fall into a rule; its first sentence is the finding."""
 
     def made(says: Says) -> Rule:
         RULES.append(Rule(code, level, "inputs", says))
@@ -65,13 +65,13 @@ def findings(fall: Fall, scene: Scene) -> list[Finding]:
 
 
 def _ranked(fall: Fall, metres: float, said: Said) -> Said:
-    """Return what is said with its effect, a length, ranked by the body's size."""
+    """Return a sentence with its effect, a length, ranked relative to the body's size."""
     effect = Effect(abs(metres), "m")
     return replace(said, effect=effect, share=effect.value / max(fall.case.engine.reach_m, 1e-12))
 
 
 def _undone(fall: Fall, in_bullet: Message, elsewhere: Message) -> Message:
-    """Return how to undo what an option left out: in PyBullet, or in another engine."""
+    """Return the call or option that restores a left-out part, in PyBullet or elsewhere."""
     return in_bullet if fall.case.is_bullet else elsewhere
 
 

@@ -1,4 +1,4 @@
-"""Contact, bounces and rest: what was recorded beside what Bullet's law predicts.
+"""Contact, bounces and rest: the recording compared with Bullet's law.
 
 Any body is measured; causes are given only where the contact law covers it: see `covers`.
 """
@@ -42,7 +42,7 @@ SUNK_M = 1e-9
 
 
 def find_landing(case: Case) -> Landing | None:
-    """Return when the body reaches the floor by theory; None where it never does.
+    """Return the landing by theory; None if the body never reaches the floor.
 
     Only for a body that meets the floor as it was released: one without spin, or a ball.
     """
@@ -111,7 +111,7 @@ def _path(
 
 
 def _fall(case: Case, *, contact_erp: float | None = None) -> Iterator[tuple[float, float]]:
-    """Yield the same from the release on, as far as the recording goes."""
+    """Yield heights and velocities of the contact law, from the release to the recording's end."""
     path = _path(case, case.fall.height_m, case.fall.velocity_m_s[2], contact_erp=contact_erp)
     return itertools.islice(path, case.samples)
 
@@ -127,11 +127,11 @@ class ContactLaw:
 
     @property
     def applies(self) -> bool:
-        """Whether it covers the drop, and keeps the body above the floor's middle."""
+        """Whether the law covers the drop, and keeps the body above the floor's middle."""
         return self._fall is not None
 
     def add(self, part: DropSamples, flat: int) -> None:
-        """Take further samples, of which so many were flat."""
+        """Take further samples, the first `flat` of which lie flat."""
         if self._fall is None:
             return
         numbers = itertools.chain.from_iterable(itertools.islice(self._fall, len(part)))
@@ -146,19 +146,19 @@ class ContactLaw:
             self._contact = Contact(float(abs(off_m[worst])), part.first + worst)
 
     def contact(self, phases: Phases, tumbled_step: int | None) -> Contact | None:
-        """Return how far recorded heights deviate from it while the body is flat."""
+        """Return the deviation of recorded heights from the law while the body is flat."""
         if phases.contact_step is None or tumbled_step == phases.contact_step:
             return None
         return self._contact if self.applies else None
 
     @property
     def end(self) -> tuple[float, float]:
-        """Its height at the last sample [m], and the largest of its last speeds [m/s]."""
+        """The law's height at the last sample [m], and the largest of its last speeds [m/s]."""
         return float(self._tail[-1, 0]), float(np.abs(self._tail[:, 1]).max())
 
 
 def _deepest_m(case: Case) -> float:
-    """Return how low the centre may get [m]: from half-way down the floor pushes it out below."""
+    """Return the lowest height of the centre [m]: beyond its middle, the floor pushes downwards."""
     return (case.floor_height_m or 0.0) - bullet_contact.FLOOR_HALF_THICKNESS_M
 
 
@@ -258,7 +258,7 @@ def _apexes(heights_m: Iterable[float], floor_m: float) -> Iterator[float]:
 
 
 def _correction_m_s(case: Case, touchdown: Touchdown) -> float | None:
-    """Return what the position correction adds to restitution × approach [m/s].
+    """Return the speed that position correction adds to restitution × approach [m/s].
 
     By the contact law, started from the recorded sample before the touchdown. None where contact
     pushes for more than one step, the law does not reproduce the recorded rebound, or without a
@@ -293,7 +293,7 @@ def _correction_m_s(case: Case, touchdown: Touchdown) -> float | None:
 
 
 def find_rest(case: Case, phases: Phases, tumbled_step: int | None, law: ContactLaw) -> Rest | None:
-    """Return where the body comes to lie, and why that is not exactly the rest height."""
+    """Return the body's rest, and the terms by which it misses the rest height."""
     if not phases.lies:
         return None
     last_m, expected_m = float(case.end.height_m[0]), flat_height_m(case)
@@ -307,7 +307,7 @@ def find_rest(case: Case, phases: Phases, tumbled_step: int | None, law: Contact
 
 
 def _rest_terms(case: Case, law: ContactLaw, last_m: float, expected_m: float) -> RestTerms | None:
-    """Return why the body lies where it does; None where the law does not come to rest."""
+    """Return the terms of the error at rest; None if the law does not come to rest."""
     law_end_m, fastest_m_s = law.end
     if fastest_m_s >= AT_REST_M_S or _bounces_on(case) or not _contact_erp(case) > 0:
         return None
@@ -319,7 +319,7 @@ def _rest_terms(case: Case, law: ContactLaw, last_m: float, expected_m: float) -
 
 
 def _sinks_m(case: Case, error_m: float) -> float | None:
-    """Return how deep a body at rest sinks into soft contact [m]; None where it lies elsewhere."""
+    """Return the depth of a body at rest in soft contact [m]; None if it rests elsewhere."""
     engine, gravity_m_s2 = case.engine, -case.fall.gravity_m_s2
     points, depth_m = int(case.end.contact_points[0]), None
     if gravity_m_s2 > 0 and points and engine.solref is not None and engine.solimp is not None:

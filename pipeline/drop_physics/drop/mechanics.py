@@ -93,14 +93,14 @@ def _about_centre_of_mass(
 
 
 class Drift:
-    """How far numbers, shape (n,), or vectors, (n, 3), depart from the first of them."""
+    """Departure of numbers, shape (n,), or vectors, (n, 3), from the first of them."""
 
     def __init__(self) -> None:
         self._first: Float64 | None = None
         self._most = 0.0
 
     def add(self, values: Float64) -> None:
-        """Take further ones."""
+        """Take further numbers or vectors."""
         columns = values.reshape(len(values), -1)
         if self._first is None:
             self._first = columns[0].copy()

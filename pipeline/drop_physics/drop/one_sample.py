@@ -1,4 +1,4 @@
-"""The error of one sample in the air, broken down without the rest of the recording: for sweeps.
+"""The error of one sample in the air, from the samples before it alone: for sweeps.
 
 The result is to the bit that of `Story` for the same sample of the whole recording, or None.
 """
@@ -29,7 +29,7 @@ def moment_in_the_air(
     *,
     touched: bool,
 ) -> Moment | None:
-    """Break down the error of the last of these samples; None where that needs more.
+    """Break down the error of the last sample; None if these samples do not suffice.
 
     The samples until then suffice where one rigid body falls straight down without spin, has
     touched nothing yet, and follows Bullet's law to the last bit.

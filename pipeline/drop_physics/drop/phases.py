@@ -1,4 +1,4 @@
-"""When the body falls, touches and rests, from the recorded samples alone."""
+"""Phases of a drop (falling, contact, rest), from the recorded samples alone."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Phases:
 
 
 class Settling:
-    """When a body comes to lie where it lies in the end; samples are added in their order."""
+    """The sample from which on a body stays where it ends; samples are added in their order."""
 
     def __init__(self, case: Case) -> None:
         self._case = case
@@ -64,7 +64,7 @@ class Settling:
         """The sample after the last that lies elsewhere."""
 
     def add(self, part: DropSamples) -> int | None:
-        """Take further samples; return the one of them from which on it lies still, as it seems."""
+        """Take further samples; return the first from which on the body seems to lie still."""
         touching = np.flatnonzero(part.touching)
         if self._touched is None and len(touching):
             self._touched = part.first + int(touching[0])
@@ -75,7 +75,7 @@ class Settling:
         return self._settled
 
     def phases(self, contact_step: int | None) -> Phases:
-        """Return the phases of a drop whose contact is known, after the last sample."""
+        """Return the phases of a drop with a known contact, once all samples are added."""
         case, rest_step, lies = self._case, None, False
         if self._touched is not None and case.is_rigid and case.end.contact_points[0] > 0:
             settled = max(self._touched, self._settled)
@@ -87,9 +87,9 @@ class Settling:
 
 
 def _moving(part: Motion, end: Motion, share: float = 1.0) -> Flags:
-    """Return which samples differ from the last in position or orientation, shape (samples,).
+    """Flag the samples that differ from the last in position or orientation, shape (samples,).
 
-    By more than this share of what counts as settled.
+    By more than this share of the tolerances of settling.
     """
     way_m = largest(part.position_m - end.position_m[0])
     # |q·q'| of two orientations a turn by θ apart is cos(θ/2).

@@ -1,4 +1,4 @@
-"""How a body is oriented: whether it touches the floor as the contact law assumes, or tumbles.
+"""Orientation of a body: flat, as the contact law assumes, or tilted.
 
 `turned` are orientations, quaternions x, y, z, w of shape (n, 4).
 """
@@ -27,7 +27,7 @@ def up_in_body(turned: Float64) -> Float64:
 
 
 def turned_rad(case: Case, turned: Float64) -> Float64:
-    """Return how far a body is tilted from the release [rad], shape (n,).
+    """Return the tilt of a body from its release [rad], shape (n,).
 
     Turning about the vertical is not a tilt. A ball is never tilted.
     """
@@ -37,7 +37,7 @@ def turned_rad(case: Case, turned: Float64) -> Float64:
 
 
 def tilt_rad(case: Case, turned: Float64) -> Float64:
-    """Return how far a body is tilted from what the contact law assumes [rad], (n,).
+    """Return the tilt of a body from the posture that the contact law assumes [rad], (n,).
 
     A box is flat on any of its faces, any other body as it was released.
     """
@@ -91,7 +91,7 @@ def extent_m(case: Case) -> float | None:
 
 
 def _has_sharp_faces(case: Case) -> bool:
-    """Return whether a box touches where its sides are: in Bullet one of a few mm does not."""
+    """Return whether a box touches at its sides; in Bullet, one of a few millimetres does not."""
     if case.engine.rest_height_m is None or case.engine.shape_position_m is None:
         return False
     turned = case.start.orientation

@@ -62,7 +62,7 @@ class Airborne:
 
 @dataclass(frozen=True)
 class Coverage:
-    """How many samples the law of free flight covers, and why no more."""
+    """The number of samples covered by the law of free flight, and the reason for no more."""
 
     samples: int
     """Number of samples that it covers, from the first on."""
@@ -74,7 +74,7 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Landing:
-    """When the body, oriented as released, reaches the floor by theory."""
+    """Time at which the body, oriented as released, reaches the floor by theory."""
 
     time_free_fall_s: float
     """When it lands without air."""
@@ -84,7 +84,7 @@ class Landing:
 
 @dataclass(frozen=True)
 class Impact:
-    """When the body meets the floor, in theory and in the simulation.
+    """Impact on the floor, in theory and in the simulation.
 
     The times are those at which the centre reaches the rest height; None where the body may have
     turned by then, so that it touches earlier.
@@ -111,7 +111,7 @@ class Impact:
 
 @dataclass(frozen=True)
 class Contact:
-    """How the recorded contact compares with Bullet's contact law, for a body that lands flat."""
+    """Comparison of the recorded contact with Bullet's law, for a body that lands flat."""
 
     max_deviation_m: float
     """Largest distance between the recorded heights and the law's, while the body is flat."""
@@ -145,7 +145,7 @@ class Bounce:
 
 @dataclass(frozen=True)
 class RestTerms:
-    """Why a box at rest lies too low [m]; the three add up to the error."""
+    """Terms of the error of a box at rest [m]; the three add up to it."""
 
     slop: float
     """Bullet leaves a penetration of 10 µm uncorrected."""
@@ -157,7 +157,7 @@ class RestTerms:
 
 @dataclass(frozen=True)
 class Rest:
-    """Where the body comes to lie."""
+    """The position of the body at rest."""
 
     height_m: float
     """Height of the centre in the last sample."""
@@ -176,7 +176,7 @@ class Rest:
 
 @dataclass(frozen=True)
 class Conservation:
-    """How well energy and angular momentum are conserved before the first contact."""
+    """Drift of energy and angular momentum before the first contact."""
 
     energy_initial_j: float
     """Kinetic and potential energy of the first sample."""
@@ -228,7 +228,7 @@ class FallAnalysis:
 
 @dataclass(frozen=True, kw_only=True)
 class DropAnalysis(FallAnalysis, Analysis, reported_by=REPORT):
-    """Everything that the analysis of a drop's recording found."""
+    """All results of the analysis of a drop's recording."""
 
     segments: dict[str, int]
     """Number of samples by kind, as in `bodies`."""

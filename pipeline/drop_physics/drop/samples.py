@@ -1,4 +1,4 @@
-"""The recorded state as arrays, some samples in a row at a time."""
+"""The recorded state as arrays of consecutive samples."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ class DropSamples(Motion):
 
     @property
     def steps(self) -> Int64:
-        """Their numbers, shape (samples,)."""
+        """Numbers of the samples, shape (samples,)."""
         return np.arange(self.first, self.end)
 
     def times_s(self, timestep_s: float) -> Float64:
-        """Return their times [s], shape (samples,)."""
+        """Return the times of the samples [s], shape (samples,)."""
         return np.arange(self.first, self.end, dtype=np.float64) * timestep_s
 
     @property

@@ -1,4 +1,4 @@
-"""A drop from recording to verdict: every body explained, and what its scenario adds."""
+"""A drop from recording to verdict: its bodies explained, and the theory of its scenario."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def _stops_early(case: Case) -> bool:
 
 
 def _explained(explained: Explained, body: BodyAnalysis, case: Case) -> Explained:
-    """Return the same until the last explained sample, as of a drop, not the first other one."""
+    """Return the explained part of a drop, which ends at the first unexplained sample."""
     first = min(body.unexplained, key=lambda each: each.first_step, default=None)
     if first is None:
         return replace(explained, until_s=case.end_s, why=None)

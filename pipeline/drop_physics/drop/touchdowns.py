@@ -18,7 +18,7 @@ CORNERS = 4
 
 @dataclass
 class Touchdown:
-    """A contact that begins in the air; ends with the last of its samples that were seen."""
+    """A contact that begins in the air, up to the last of its samples so far."""
 
     first: int
     before: Motion
@@ -52,7 +52,7 @@ class Touchdown:
 class Touchdowns:
     """The touchdowns of a drop, in order; they grow part by part.
 
-    None with substeps: PyBullet reports only the contacts of the last one.
+    None with substeps, of which PyBullet reports only the last one's contacts.
     """
 
     def __init__(self, case: Case) -> None:
@@ -62,7 +62,7 @@ class Touchdowns:
         """The run at whose samples the last ended, if it counts or not."""
 
     def found(self) -> list[Touchdown]:
-        """Return those that pushed, after the last sample."""
+        """Return the touchdowns that pushed, once all samples are added."""
         return [each for each in self._found if each.pushed is not None]
 
     def add(self, part: DropSamples, before: Motion) -> None:

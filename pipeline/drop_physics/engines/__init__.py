@@ -1,1 +1,1 @@
-"""A room for each engine: build its world, step it, read it, photograph it."""
+"""A room for each engine: its worlds, its watching, its explanation."""

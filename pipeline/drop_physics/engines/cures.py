@@ -1,4 +1,4 @@
-"""Find the table of interventions of an engine, which words a cure, and makes a run with it."""
+"""Lookup of an engine's table of interventions, which words cures and makes runs with them."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Interprets what a watched script's process sends: from frames to events, whatever the engine.
+"""Interpretation of a watched script's stream: from frames to events, for any engine.
 
-The other end of `watching`; the stream is described in its `pipe`. What is of an engine goes to the
+The other end of `watching`; the stream is described in its `pipe`. Frames of an engine go to the
 decoder in its folder.
 """
 
@@ -89,7 +89,7 @@ class Decoder:
 
     @property
     def time_s(self) -> float:
-        """The simulated time of the simulation that is furthest [s]."""
+        """The simulated time of the simulation that has advanced farthest."""
         return self.bullet.time_s or self.mujoco.time_s
 
     @property
@@ -105,7 +105,7 @@ class Decoder:
             self._kept.close()
 
     def other(self) -> tuple[Decoder, Iterator[Event]] | None:
-        """Return what decodes the other engine that was stepped, and its events, after all others.
+        """Return the decoder of the other engine that was stepped, and its events, at the end.
 
         None if only one engine was stepped.
         """
@@ -124,7 +124,7 @@ class Decoder:
         return other, events()
 
     def _begin(self, engine: str) -> Iterator[Event]:
-        """Yield the kept events of an engine, and from now on keep only the other's."""
+        """Yield the kept events of an engine, and keep only the other's from now on."""
         self.engine = engine
         kept, self._kept = self._kept, None
         for kind, payload in _frames_in(kept):
@@ -231,7 +231,7 @@ class Decoder:
         self.waits = begins
 
     def _on_again(self) -> None:
-        """Forget a program that has made no step, and is replaced by one that is watched."""
+        """Forget a program that has made no step, and is replaced by a watched one."""
         if self._kept is not None:
             self._kept.close()
         self.mujoco.close()

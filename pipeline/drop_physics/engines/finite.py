@@ -1,4 +1,4 @@
-"""Check that a recording can hold an engine's numbers, and make samples of a drop from them."""
+"""A check that recordings can hold an engine's numbers, and samples of a drop made of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trials as forks of one run of a script, which stands where they begin to differ."""
+"""Trials as forks of one run of a script, which stops where they begin to differ."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TELLS_WITHIN_S = 1.0
 
 
 class Fork(Listener):
-    """Reads a trial that is a fork of a run; use it in a `with` statement.
+    """A trial that is a fork of a run; use it in a `with` statement.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Fork(Listener):
         self.decoder.close()
 
     def begin(self) -> bool:
-        """Begin; return whether it has, which it cannot where it would share something."""
+        """Begin; return False if the trial would share something with the run."""
         files = [self._writing, self._block.fileno(), self._printed]
         fields = {name: getattr(self._trial, name) for name in TRIES}
         try:
@@ -90,11 +90,11 @@ class Fork(Listener):
 
     @property
     def has_died(self) -> bool:
-        """Whether it ended without telling how, and nobody stopped it."""
+        """Whether it ended without a report, and nobody stopped it."""
         return not (self.decoder.ended or self.decoder.stopped or self._why)
 
     def _used_up(self) -> bool:
-        """Return whether it has been ended as its processor time was used up."""
+        """Return whether it was ended because its processor time was used up."""
         until = time.monotonic() + TELLS_WITHIN_S
         while self.has_died and self._number not in self._server.statuses:
             if time.monotonic() > until:
@@ -111,7 +111,7 @@ class Fork(Listener):
 
 
 class ForkServer:
-    """A run of a script that stands before a call of its engine; use it in a `with` statement.
+    """A run of a script that stops before a call of its engine; use it in a `with` statement.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class ForkServer:
         self._script.__exit__()
 
     def shared(self, patience_s: float) -> str | None:
-        """Return what forbids to fork the run, empty if nothing does; None if it does not stand.
+        """Return the reason that forbids forks, empty without one; None if the run does not stop.
 
         Parameters
         ----------
@@ -157,13 +157,13 @@ class ForkServer:
         return self._script.decoder.serving
 
     def fork(self, trial: Program, printed: int) -> Fork:
-        """Return a trial that is to be forked from the run, and prints into a file."""
+        """Return a trial to be forked from the run, which prints into a file."""
         with self._lock:
             self._asked += 1
             return Fork(self, self._asked, trial, printed)
 
     def ask(self, request: dict[str, Any], files: list[int]) -> None:
-        """Ask the run for something."""
+        """Send the run a request."""
         text = json.dumps(request).encode()
         with self._lock:
             try:
@@ -173,12 +173,12 @@ class ForkServer:
                 return
 
     def go_on(self, steps: int) -> None:
-        """Let the run go on until it has made some steps; what is forked next parts there."""
+        """Let the run continue for some steps; later forks part there."""
         self._script.decoder.serving = None
         self.ask({"at": steps}, [])
 
     def forked(self, number: int) -> tuple[int, bytes]:
-        """Return the process of a trial, 0 where there is none, and what the run sent before it."""
+        """Return the process of a trial, 0 if there is none, and the run's output before it."""
         decoder = self._script.decoder
         while number not in decoder.forked and self._reader.is_alive():
             time.sleep(WAIT_S)
@@ -188,7 +188,7 @@ class ForkServer:
 
     @property
     def statuses(self) -> dict[int, int]:
-        """Exit statuses of trials that have ended, as far as the run has told."""
+        """Exit statuses of ended trials, as far as the run has reported them."""
         return self._script.decoder.statuses
 
     def _read(self) -> None:

@@ -1,4 +1,4 @@
-"""Split a stream of bytes into the frames that `watching.pipe` sends."""
+"""Splitting of a stream of bytes into the frames of `watching.pipe`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ FRAMES = {pipe.NOTE, pipe.SAMPLE, pipe.SET, pipe.CALL, pipe.RESULT, pipe.IMAGE, 
 
 
 class StreamError(DropError):
-    """The stream is not from our other half."""
+    """A stream that is not from our other half."""
 
 
 class FrameStream:

@@ -1,6 +1,6 @@
-"""The table of interventions: one row for each thing that can be changed in a run.
+"""The table of interventions: a row for everything that can be changed in a run.
 
-The rows of an engine are in its own folder (`interventions`); those that any engine has are here.
+The rows of an engine are in its own folder (`interventions`); those of all engines are here.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ magnitude of gravity [m/s²]."""
 
 
 def to(usual: object) -> Becomes:
-    """Return what gives a cure's number, or a usual value without one."""
+    """Return a function that gives a cure's number, or a usual value without one."""
     return lambda number: ("=", usual if number is None else number)
 
 
@@ -59,7 +59,7 @@ def times(number: float | None) -> How:
 
 @dataclass(frozen=True)
 class ChangeRow:
-    """One intervention: its name, its words, and the run in which it is made."""
+    """One intervention: its name, its words, and its run."""
 
     name: str
     """The name, as `--try` takes it; after a colon its form, if there are several. Empty if only
@@ -96,7 +96,7 @@ class ChangeRow:
 
     @property
     def tried(self) -> dict[str, Any]:
-        """The row as the search in the script's interpreter takes it."""
+        """The row in the form that the search in the script's interpreter takes."""
         return {
             "change": self.change,
             "tries": self.tries.split(),
@@ -111,12 +111,12 @@ class ChangeRow:
         return None if value is None else value * self.share
 
     def changes(self, cure: Cure) -> dict[str, How]:
-        """Return how each argument or field changes."""
+        """Return the changes of arguments or fields."""
         number = self.number(cure)
         return {name: becomes(number) for name, becomes in self.sets.items()}
 
     def call_of(self, cure: Cure) -> str:
-        """Return what a cure's user would write."""
+        """Return the code that a cure's user would write."""
         if not self.words:
             return cure.name
         known = self.known(cure)
@@ -133,12 +133,12 @@ class ChangeRow:
         return {**self.unsaid, **given, "value": number, "mm": 1e3 * number}
 
     def operations(self, cure: Cure, scope: Scope) -> Iterable[Operation]:
-        """Return what the engine's hooks do otherwise."""
+        """Return the changes made by the engine's hooks."""
         del cure, scope
         return ()
 
     def applied(self, cure: Cure, scope: Scope) -> ChangedRun | None:
-        """Return the run with a cure; None if there is nothing that it changes."""
+        """Return the run with a cure; None if it changes nothing."""
         if self.needs and self.needs not in cure.given:
             return None
         operations, number = [*self.operations(cure, scope)], self.number(cure)
@@ -163,14 +163,14 @@ OPERATORS = {
 
 
 def done(op: str) -> str:
-    """Return what an operator of the causal search does, in words."""
+    """Return the effect of an operator of the causal search, in words."""
     if op in OPERATORS or op[0] == "^":
         return OPERATORS.get(op, OPERATORS["^"])
     return op.replace("*", "×").replace("=", "= ") if op[0] in "*=" else op
 
 
 def named(names: Sequence[str]) -> str:
-    """Return the names of elements: all, or how many there are of too many."""
+    """Return the names of elements: all, or their number if there are many."""
     return ", ".join(names) if len(names) <= MOST_NAMES else Message("all {n}", n=len(names))
 
 
@@ -230,9 +230,9 @@ class Interventions:
         self._set_parameter = set_parameter
 
     def row_of(self, cure: Cure) -> ChangeRow | None:
-        """Return the row of a cure; None if the engine has none such.
+        """Return the row of a cure; None if the engine has none.
 
-        A row of the form `given` is for a number that a cure of no form has.
+        A row of the form `given` takes numbers of cures without a form.
         """
         form = cure.form or ("given" if cure.value is not None else "")
         return self.rows.get(f"{cure.name}:{form}") or self.rows.get(cure.name)

@@ -1,4 +1,4 @@
-"""Find the engines that processes started by a script have loaded: their steps are not recorded."""
+"""Search for engines loaded by processes that a script has started, whose steps are missing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ number."""
 
 
 class OtherProcesses:
-    """Looks now and then whether a process of a script has loaded an engine by itself.
+    """Checks from time to time whether a process of a script has loaded an engine by itself.
 
     One that was forked has the script's, at the same addresses, and tells itself that it steps.
 
@@ -33,7 +33,7 @@ class OtherProcesses:
         """When to examine each process again, and after how long the time before [s]."""
 
     def look(self) -> None:
-        """Examine the processes that are due: new ones soon, old ones ever more rarely."""
+        """Examine the processes that are due: new ones soon, old ones rarely."""
         now, (first, last) = time.monotonic(), LOOKS_S
         if self.found or now < self._due:
             return

@@ -71,7 +71,7 @@ class OtherWorld:
     """The frame of inertia in the body's own frame, which is the same: pose, shape (1, 7)."""
 
     def dynamics(self, _: int = BODY) -> dict[str, Float64]:
-        """Return what is reported of the body beside mass and inertia: nothing."""
+        """Return the engine's further reports of the body, beyond mass and inertia: none."""
         return {}
 
     def __enter__(self) -> Self:
@@ -93,7 +93,7 @@ class OtherWorld:
         )
 
     def notes(self) -> Iterator[str]:
-        """Yield what the engine does not take from the URDF, a sentence each.
+        """Yield the parts of the URDF that the engine ignores, in sentences.
 
         PyBullet's values are those of the URDF's `<contact>`, or its own defaults.
         """
@@ -138,7 +138,7 @@ class OtherWorld:
             ) from None
 
     def samples(self, batch: int) -> Iterator[Samples]:
-        """Fall: yield the state before each step and after the last, and the contact points.
+        """Fall: yield the states before and after the steps, and the contact points.
 
         Parameters
         ----------
@@ -167,7 +167,7 @@ class OtherWorld:
 
 
 def _read_by_bullet(scenario: Scenario) -> tuple[EngineReport, Float64, RigidBody]:
-    """Return the body of a scenario as PyBullet reads it: reported, half its size, and itself."""
+    """Return a scenario's body as PyBullet reads it: its report, half its size, and itself."""
     from drop_physics.engines.pybullet import world
 
     # Without the other engine's options: PyBullet only reads the body.
@@ -185,7 +185,7 @@ def _read_by_bullet(scenario: Scenario) -> tuple[EngineReport, Float64, RigidBod
 
 
 def _read_without(scenario: Scenario) -> tuple[EngineReport, Float64, RigidBody]:
-    """Return the same, read without PyBullet."""
+    """Return a scenario's body, read without PyBullet."""
     read = read_urdf(find_urdf(scenario.body), scenario.mass_kg)
     body = read.body
     single = body.shapes[0] if len(body.shapes) == 1 else None

@@ -34,7 +34,7 @@ class Reached:
     """Processor time that it took [s]."""
 
     def names(self, *kinds: str) -> list[str]:
-        """Return the names of what it reached in some ways."""
+        """Return the names of resources reached in given ways."""
         return [name for kind, name in self.noted if kind in kinds]
 
     @property
@@ -48,7 +48,7 @@ State = Mapping[str, tuple[int, int, int, int]]
 
 
 def state_of(folder: Path) -> State | None:
-    """Return the state of a folder and all that it holds; None where that is too much."""
+    """Return the state of a folder with its contents; None if it is too large."""
     found: dict[str, tuple[int, int, int, int]] = {}
     for at, folders, files in os.walk(folder):
         folders[:] = [each for each in folders if each not in LEFT_OUT]
@@ -73,7 +73,7 @@ def reached_of(
     after: State | None,
     processor_s: float,
 ) -> Reached:
-    """Return what a run reached, by what it told and by its folder's states before and after it."""
+    """Return the resources reached by a run, from its reports, and its folder before and after."""
     told = [*noted]
     made = [name for kind, name in told if kind == MAKES]
     changed: list[str] = []

@@ -1,4 +1,4 @@
-"""A body as another engine than PyBullet drops it.
+"""A body for engines other than PyBullet.
 
 PyBullet reads the URDF, so both engines drop the same mass, inertia and shapes.
 """
@@ -28,7 +28,7 @@ class PrimitiveShape:
     """Orientation in the body's axes: quaternion x, y, z, w."""
 
     def depth_m(self, body: Quaternion) -> float:
-        """Return how far the shape reaches below the centre of mass, with the body turned."""
+        """Return the depth of the shape below the centre of mass, with the body turned."""
         up_in_body = matrix(body)[2]
         x, y, z = np.abs(up_in_body @ matrix(self.orientation))
         a, b, c = self.size_m

@@ -1,4 +1,4 @@
-"""Run a script in its own interpreter, and watch what it does with its engines."""
+"""A script in its own interpreter, and the stream of its engines' steps."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ TOLD = (
 
 @dataclass(frozen=True)
 class Program:
-    """Script or module to run, and for how long.
+    """Script or module to run, and its limits.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def _from_home(path: str) -> str:
 
 
 class Listener(ABC):
-    """Reads what a watched process sends; take its `events` to the end.
+    """Reader of a watched process's stream; take its `events` to the end.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ class Listener(ABC):
 
     @abstractmethod
     def _is_over(self) -> bool:
-        """Return whether the process sends nothing any more."""
+        """Return whether the process has stopped sending."""
 
     def _tick(self) -> None:
         """Check on the process; called at least every `TICK_S`."""
@@ -218,7 +218,7 @@ class Listener(ABC):
         return loaded or any(self.decoder.counters[pipe.APART : pipe.ANSWERED])
 
     def _left_behind(self) -> bytes:
-        """Return the bytes that the process had not sent when it ended."""
+        """Return the bytes not yet sent when the process ended."""
         with mmap.mmap(self._memory, pipe.BLOCK_BYTES, access=mmap.ACCESS_READ) as memory:
             before, used = pipe.BLOCK.unpack_from(memory)
             start = pipe.BLOCK.size + max(0, self._received - before)
@@ -256,7 +256,7 @@ class Listener(ABC):
 
 
 class OtherEngine(Listener):
-    """Yields what was kept of a script's other engine; close its `decoder`.
+    """Events of a script's other engine; close its `decoder`.
 
     Parameters
     ----------
@@ -294,7 +294,7 @@ def end_group(leader: int) -> None:
 
 
 class BlockListener(Listener):
-    """Reads what a block of Python sends, whose process has started this one.
+    """Reader of a watched block of Python, whose process has started this one.
 
     Parameters
     ----------
@@ -404,7 +404,7 @@ class Script(Listener):
         self._others = OtherProcesses(self._process.pid)
 
     def reached(self) -> Reached:
-        """Return what it reached beside its simulation, after its end, if that was observed."""
+        """Return the resources that it reached, after its end, if these were observed."""
         after = None if self._before is None else state_of(Path.cwd())
         return reached_of(self.decoder.outside, self._before, after, self.decoder.processor_s)
 
@@ -433,7 +433,7 @@ class Script(Listener):
             self._process.kill()
 
     def kill(self) -> None:
-        """End it at once."""
+        """Kill it."""
         self._process.kill()
 
     def stop(self, why: str) -> None:
@@ -464,7 +464,7 @@ class Script(Listener):
         return self._process.poll() is not None
 
     def _tick(self) -> None:
-        """Report its progress; kill a script that should have stopped."""
+        """Report its progress; kill a script that ignores its limit."""
         super()._tick()
         self.tell()
         now = time.monotonic()

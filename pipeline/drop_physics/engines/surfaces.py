@@ -67,7 +67,7 @@ def _is_hollow_file(file: str, hull_m: tuple[float, ...]) -> bool:
 
 
 def _is_one(hull_m: Float64) -> bool:
-    """Return whether corners are those of a single hull."""
+    """Return whether corners form a single hull."""
     hull = _hull(hull_m)
     return hull is not None and len(hull.vertices) == len(hull_m)
 

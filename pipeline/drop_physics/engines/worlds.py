@@ -53,7 +53,7 @@ def find_body(body: str) -> Path:
 
 
 def body_digest(body: str) -> str | None:
-    """Return the SHA-256 of a body's files, to notice an edit; None if it cannot be loaded."""
+    """Return the SHA-256 of a body's files, to detect an edit; None if it cannot be loaded."""
     if is_installed(PYBULLET):
         from drop_physics.engines.pybullet import found
 
@@ -74,7 +74,7 @@ def engine_versions() -> dict[str, str]:
 
 
 def verdicts() -> Verdicts:
-    """Return the verdicts on the bodies that PyBullet has tried in processes of their own."""
+    """Return PyBullet's verdicts on bodies, from trials in separate processes."""
     if not is_installed(PYBULLET):
         return {}
     from drop_physics.engines.pybullet import probe
@@ -83,7 +83,7 @@ def verdicts() -> Verdicts:
 
 
 def believe(tried: Verdicts) -> None:
-    """Take over the verdicts of another process, so that no body is tried twice."""
+    """Adopt the verdicts of another process, so that no body is tried twice."""
     if tried:
         from drop_physics.engines.pybullet import probe
 

@@ -27,7 +27,7 @@ ALONE: frozenset[Reason] = frozenset(("engine", "substeps", "maximal", "massless
 
 
 def motion_of(states: States) -> Motion:
-    """Return the motion of the base of a body that can move."""
+    """Return the motion of the base of a movable body."""
     turning, moving = states.velocity[:, :3], states.velocity[:, 3:6]
     return Motion(
         *map(np.ascontiguousarray, (states.position_m, states.orientation, moving, turning))
@@ -93,7 +93,7 @@ def explained(
 
 
 def _rolling(contacts: Forces, steps: int) -> Flags:
-    """Return in which steps contact may have exerted a torque that is not reported."""
+    """Flag the steps in which contact may have exerted a torque that is not reported."""
     rolls = np.zeros(steps, np.bool_)
     rolls[contacts.step[contacts.rolling]] = True
     return rolls

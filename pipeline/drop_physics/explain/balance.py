@@ -38,7 +38,7 @@ body was 80 times as fast.
 
 @dataclass(frozen=True)
 class Pushes(Rowed):
-    """What a script applied to a body in the step that led to each sample, in world axes."""
+    """Forces and torques of a script on a body in the steps to samples, in world axes."""
 
     force_n: Float64
     """Sum of its forces, shape (samples, 3)."""
@@ -84,19 +84,19 @@ class Balance:
     """The same for the spin."""
 
     def closes(self, motion: Motion) -> Flags:
-        """Return in which samples the recorded velocities follow from law and impulses."""
+        """Flag the samples whose velocities follow from law and impulses."""
         angular = largest(motion.spin_rad_s - self.spin_rad_s)
         most = CLOSES * self.spin_scale_rad_s + self._rounding(self.tried_rad_s)
         return np.asarray(self.closes_linear(motion) & (angular <= most))
 
     def closes_linear(self, motion: Motion) -> Flags:
-        """Return in which samples the recorded velocity does, regardless of spin."""
+        """Flag the samples whose linear velocity follows from them, regardless of spin."""
         linear = largest(motion.velocity_m_s - self.velocity_m_s)
         most = CLOSES * self.velocity_scale_m_s + self._rounding(self.tried_m_s)
         return np.asarray(linear <= most)
 
     def _rounding(self, tried: Float64) -> Float64:
-        """Return the rounding that impulses may leave that the solver took back entirely."""
+        """Bound the rounding left by impulses that the solver added and took back."""
         return np.where(self.touched, 0.0, ULPS * ROUNDING * tried)
 
 
@@ -183,7 +183,7 @@ def _spun(law: Law, before: Motion, turned_n_m_s: Float64) -> Float64:
 def _tried(
     law: Law, before: Motion, motion: Motion, touches: Touches
 ) -> tuple[Flags, Float64, Float64]:
-    """Return which samples have contact points, and which changes the solver may have tried, (n,).
+    """Flag the samples with contact points; bound the changes that the solver may have tried, (n,).
 
     The solver adds impulses and takes them back. Their rounding stays, even in a velocity that ends
     at 0. An impulse changes the velocity of its point by v at most: enough to stop it, and to move
@@ -206,7 +206,7 @@ def _tried(
 
 
 def _limited(law: Law, *velocities: Float64) -> Flags:
-    """Return in which samples a velocity is beyond the engine's limit."""
+    """Flag the samples in which a velocity is beyond the engine's limit."""
     beyond = [np.isfinite(each) & (each != law.held(each)) for each in velocities]
     return any_of(np.hstack(beyond))
 

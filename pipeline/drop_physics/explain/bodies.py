@@ -115,9 +115,10 @@ class Record:
         return self.puts[at[0] : at[1]]
 
     def lives(self, steps: Int64) -> Int64:
-        """Return which of the bodies that had this number each sample belongs to, counted from 0.
+        """Return the index of the body that had this number at each sample, counted from 0.
 
-        The sample at the step at which a body appeared is its own, unless it was taken before.
+        A sample at the step at which a body appeared is its own, unless the sample was taken
+        before.
         """
         if len(self.came) == 1:
             return np.zeros(len(steps), np.int64)

@@ -17,7 +17,7 @@ from drop_physics.physics.tree import BASE, States
 
 @dataclass(frozen=True, eq=False)
 class Transitions:
-    """What leads from each of m + 1 states to the next: n steps, and calls that set a state."""
+    """Transitions between m + 1 successive states: n steps, and calls that set a state."""
 
     real: Flags
     """Whether a transition is a step, shape (m,)."""
@@ -73,7 +73,7 @@ def changes_of(
     added: Summed | None,
     parts: Sequence[tuple[slice, slice]],
 ) -> list[Changes]:
-    """Return how energy and momentum change in each part of the transitions.
+    """Return the changes of energy and momentum in each part of the transitions.
 
     Without a sum, all changes are the remainder's. `parts` has the transitions and the steps of
     each part; the transition from one part to the next is left out.

@@ -389,7 +389,7 @@ def _by_side(table: Rows, what: str, unit: str, swapped: Flags) -> NDArray[Any]:
 
 
 class _Sides:
-    """How both sides of k contact points move; arrays have the shapes (k, 2, …)."""
+    """Velocities of both sides of k contact points; arrays have the shapes (k, 2, …)."""
 
     def __init__(
         self, explained: ExplainedPiece, ends: Int64, bodies: Int64, at_m: Float64

@@ -12,10 +12,10 @@ from drop_physics.trace.events import Collision
 
 
 def outside(shape: Collision, local: Float64) -> tuple[Float64, Float64]:
-    """Return how far points are outside a shape [m], negative inside, and which way is out.
+    """Return the signed distance of points from a shape [m], negative inside, and its gradient.
 
     `local` has the points in the shape's own axes, shape (n, 3). The results have the shapes (n,)
-    and (n, 3); the way is the gradient of that distance.
+    and (n, 3).
     """
     return OUTSIDE[shape.kind](shape, local)
 

@@ -81,7 +81,7 @@ class CurveTable:
         return self._whole("joints", body)
 
     def energy(self, body: int) -> Curves | None:
-        """Return how its energy has changed since its first sample [J]: `whole`, and by cause."""
+        """Return the change of a body's energy from its first sample [J]: `whole`, and by cause."""
         return self._whole("energy", body, names=(*FORCES, "whole", "set"))
 
     def friction(self, body: int, other: int) -> Curves | None:

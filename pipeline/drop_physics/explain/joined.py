@@ -1,4 +1,4 @@
-"""Constraints between bodies: how calls set them, and the forces on each of their bodies."""
+"""Constraints between bodies, as set by calls, and the forces on their bodies."""
 
 from __future__ import annotations
 

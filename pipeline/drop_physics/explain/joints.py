@@ -108,7 +108,7 @@ class JointTelemetry:
 
 @dataclass(eq=False)
 class _Track:
-    """What is known of a body so far."""
+    """Facts known of a body so far."""
 
     body: Body
     greatest: Float64
@@ -160,7 +160,7 @@ class JointTable:
         return None if np.isnan(number) else self._sites.get(int(number))
 
     def holding(self, driven: JointTelemetry, row: int) -> PoseSupport:
-        """Return what holds a body's pose after a step of the latest piece."""
+        """Return the support of a body's pose after a step of the latest piece."""
         assert self._explained is not None
         return holding(
             self._explained,
@@ -281,7 +281,7 @@ def _coordinates(tree: Tree) -> list[int | None]:
 
 
 def _resting(rates: Float64, track: _Track) -> Flags:
-    """Return which entries of u are at rest after each step, shape (n, size)."""
+    """Flag the entries of u that are at rest after each step, shape (n, size)."""
     greatest = np.maximum(np.maximum.accumulate(rates, axis=0), track.greatest)
     slow = rates < np.clip(REST_SHARE * greatest, NEVER_MOVED, REST)
     number = np.arange(1, len(rates) + 1)[:, None]

@@ -51,7 +51,7 @@ class Load:
 
 @dataclass(frozen=True, eq=False)
 class PoseSupport:
-    """What holds a body in its pose after a step; shape (joint_rates,) unless stated otherwise."""
+    """The forces that hold a body in its pose after a step; shape (joint_rates,) unless noted."""
 
     needs: Float64
     """Static torques [N] or [N m]; nan where they are not determined."""
@@ -206,7 +206,7 @@ def _alone(
     *,
     resting: bool,
 ) -> Flags:
-    """Return which rates carry the loads on them alone, shape (size,)."""
+    """Flag the rates that carry the loads on them alone, shape (size,)."""
     sizes = [np.abs(each).max(initial=0.0) for each in (constraints, *contacts.values())]
     least = ACTS * max(float(max(sizes)), 1e-300)
     alone, pulled = np.ones(tree.size, np.bool_), np.abs(constraints) > least
@@ -239,7 +239,7 @@ def _touching(steps: Steps, row: int) -> tuple[Float64, Int64]:
 def _loads(
     explained: ExplainedPiece, bodies: Mapping[int, Body], number: int, sample: int
 ) -> tuple[list[Load], bool]:
-    """Return the loads of a body, and whether anything fixed touches it."""
+    """Return the loads of a body, and whether a fixed body touches it."""
     edges, fixed = _edges(explained, sample), False
     groups: dict[int, Load] = {}
     for (a, link_a), (b, link_b), kind in edges:
@@ -297,7 +297,7 @@ def _beyond(tree: Tree, rate: int) -> set[int]:
 
 
 def _rows_moved(tree: Tree, links: Iterable[int]) -> Flags:
-    """Return which rates move any of some links, shape (size,)."""
+    """Flag the rates that move any of the links, shape (size,)."""
     rows = np.zeros(tree.size, np.bool_)
     for link in links:
         rows[: tree.first_rate] = True

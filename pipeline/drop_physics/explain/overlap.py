@@ -1,4 +1,4 @@
-"""Whether two convex shapes overlap, from their poses alone, without an engine.
+"""A test for the overlap of two convex shapes, from their poses alone, without an engine.
 
 They overlap by a distance d if a ball of that diameter fits into both. Its centre is searched for
 by projecting a point onto both shapes in turn, each shrunk by d/2: this converges to a point of
@@ -58,9 +58,9 @@ class PlacedShape:
         return float(np.linalg.norm(corners, axis=1).max(initial=0.0))
 
     def outside(self, points_m: Float64) -> tuple[Float64, Float64]:
-        """Return how far points are outside, negative inside, and which way is out.
+        """Return the signed distance of points from it [m], negative inside, and its gradient.
 
-        The shapes are (n,) and (n, 3); the way is the gradient of that distance.
+        The results have the shapes (n,) and (n, 3).
         """
         local = rotate_inverse(self.orientation, points_m - self.position_m)
         distance_m, way = outside(self.shape, local)
@@ -73,7 +73,7 @@ def is_convex(shape: Collision) -> bool:
 
 
 def overlaps(one: PlacedShape, two: PlacedShape, by_m: float) -> Flags:
-    """Return in which samples two shapes overlap by at least `by_m`, shape (n,)."""
+    """Flag the samples in which two shapes overlap by at least `by_m`, shape (n,)."""
     found = np.zeros(len(one.position_m), np.bool_)
     apart_m = np.linalg.norm(one.position_m - two.position_m, axis=1)
     near = np.flatnonzero(apart_m < one.radius_m + two.radius_m)

@@ -29,7 +29,7 @@ def pushed(
     *,
     refreshed: Int64,
 ) -> Forces:
-    """Return what pushes do to a body in its steps.
+    """Return the forces of pushes on a body in its steps.
 
     PyBullet takes the pose of a link that it computed last (`PhysicsServerCommandProcessor.cpp`
     12609, `m_cachedWorldTransform`). It is the current one for the base; for a link that of one
@@ -86,7 +86,7 @@ def pushed(
 
 
 def _numbers(rows: Int64, link: Int64) -> Int64:
-    """Return the number of pushes of links before each in its step; `rows` ascend."""
+    """Count the earlier pushes of links in the step of each push; `rows` ascend."""
     before = np.cumsum(link != BASE) - (link != BASE)
     return np.asarray(before - before[np.searchsorted(rows, rows)])
 

@@ -86,10 +86,10 @@ class ExplainedPiece:
     def placed(
         self, number: int, link: int, samples: Int64, *, after: bool = True
     ) -> tuple[Float64, Float64]:
-        """Return where a link is at samples [m], and its axes; shapes (n, 3) and (n, 3, 3).
+        """Return the position of a link at samples [m], and its axes; shapes (n, 3) and (n, 3, 3).
 
-        With `after` not given, as the steps begin that lead to these. What no step moves is where
-        calls put it; nan stands for what is not known.
+        Without `after`, at the start of the steps that lead to the samples. A body that no step
+        moves is where calls put it; unknown values are nan.
         """
         place_m, axes = np.full((len(samples), 3), np.nan), np.full((len(samples), 3, 3), np.nan)
         if number not in self.bodies and link == BASE:

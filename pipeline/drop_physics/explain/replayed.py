@@ -160,7 +160,7 @@ class Replayed(Explanation):
         return batch, _verdicts(whole, status, strays)
 
     def _by_stages(self, client: int, ends: Int64) -> Flags:
-        """Return which steps RK4 made."""
+        """Flag the steps made by RK4."""
         settings = self._settings[client]
         which = np.searchsorted([each.at.step for each in settings], ends - 1, side="right") - 1
         by = np.array([each.values.get("integrator") == RUNGE_KUTTA for each in settings])
@@ -263,7 +263,7 @@ def _frame_turn(record: Record, before: States, after: States) -> Float64:
 
 
 def _strays(record: Record, steps: Steps) -> Flags:
-    """Return which steps end in a pose that their final velocities do not lead to, shape (n,).
+    """Flag the steps whose final velocities do not lead to their final pose, shape (n,).
 
     A free base is moved by the velocity of its frame's origin (`mj_integratePos`).
     """

@@ -48,7 +48,7 @@ class SampleRows:
     """
 
     def shown(self, *, per_s: float) -> SampleRows:
-        """Return at most so many rows a second, besides those where segment or flight change."""
+        """Thin the rows to `per_s` a second, but keep those where segment or flight change."""
         if np.isinf(per_s):
             return self
         due = np.floor(self.columns["time_s"] * per_s + 1e-9)

@@ -35,7 +35,7 @@ BLOCK = 1 << 14
 
 @dataclass(frozen=True)
 class Segments:
-    """What the samples of a body are, shape (samples,) each."""
+    """Segments of a body's samples; arrays have the shape (samples,)."""
 
     code: Int8
     """Indices into `SEGMENTS`."""
@@ -160,7 +160,7 @@ def _of_block(
 
 
 def _at_limit(law: Law, before: Motion, motion: Motion) -> Flags:
-    """Return which samples have a velocity newly at the engine's limit, (n,)."""
+    """Flag the samples with a velocity newly at the engine's limit, (n,)."""
     limited = np.zeros(len(motion), dtype=bool)
     for name in ("velocity_m_s", "spin_rad_s"):
         was, now = getattr(before, name), getattr(motion, name)

@@ -38,7 +38,7 @@ class Solid:
     """Radius of a ball around its centre that holds it; infinite for a half space."""
 
     def depth_m(self, points_m: Float64) -> Float64:
-        """Return how deep points are in it, at least; negative outside, shape (n,).
+        """Return a lower bound on the depth of points inside; negative outside, shape (n,).
 
         `points_m` are in the shape's own axes, shape (n, 3).
         """
@@ -49,7 +49,7 @@ class Solid:
         return -outside(self.collision, points_m)[0]
 
     def deepest_m(self, points_m: Float64) -> Float64:
-        """Return how deep the deepest of some points is in it; 0 where none is inside, shape (n,).
+        """Return a lower bound on the depth of the deepest point; 0 if none is inside, shape (n,).
 
         `points_m` are m points in n poses, in the shape's own axes, shape (n, m, 3).
         """
@@ -95,7 +95,7 @@ def solid_of(collision: Collision) -> Solid | None:
 def overlap_m(
     a: Solid, at_a: tuple[Float64, Float64], b: Solid, at_b: tuple[Float64, Float64]
 ) -> Float64:
-    """Return by how much two shapes overlap at least; 0 where no point is inside, shape (n,).
+    """Return a lower bound on the overlap of two shapes; 0 where no point is inside, shape (n,).
 
     `at_a`, `at_b`: poses of their links, positions (n, 3) and rotations (n, 3, 3).
     """
@@ -115,7 +115,7 @@ def overlap_m(
 
 
 def _deepest_m(points_m: Float64, faces: Float64) -> Float64:
-    """Return how deep the deepest of some points is in a convex hull; 0 where none is, shape (n,).
+    """Return the depth of the deepest point in a convex hull; 0 if none is inside, shape (n,).
 
     `points_m` are m points in n poses, shape (n, m, 3), `faces` normals and offsets, shape (f, 4).
     """

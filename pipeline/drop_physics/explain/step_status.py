@@ -127,7 +127,7 @@ def judged(
 
 
 def _kinds(steps: Steps) -> Int8:
-    """Return what acted in each step."""
+    """Classify steps by the causes that acted in them."""
     kinds = np.full(len(steps), FLIGHT if steps.law.tree.size else SET, np.int8)
     if steps.alone is not None and not steps.covered:
         for code, kind in ALONE.items():
@@ -150,7 +150,7 @@ def _kinds(steps: Steps) -> Int8:
 
 
 def stands(steps: Steps) -> Flags:
-    """Return in which steps nothing moved: the state is the same to the bit, without velocity."""
+    """Flag the steps in which nothing moved: equal states to the bit, without velocity."""
     before, after = steps.before, steps.after
     moved = before.velocity.any(axis=1) | after.velocity.any(axis=1)
     for name in ("position_m", "orientation", "joints"):
@@ -159,7 +159,7 @@ def stands(steps: Steps) -> Flags:
 
 
 def _whys(steps: Steps, law: StepLaw, *, before: bool, soft_there: bool) -> Int8:
-    """Return why each step is unexplained; -1 where it is explained."""
+    """Return the reason why each step is unexplained; -1 where it is explained."""
     why = np.full(len(steps), -1, np.int8)
     same, reasons = stands(steps), steps.config.reasons
     outright = next((each for each in reasons if each in WITHOUT_SUM), None)
@@ -208,7 +208,7 @@ def _whys(steps: Steps, law: StepLaw, *, before: bool, soft_there: bool) -> Int8
 
 
 def _followed(steps: Steps) -> Flags:
-    """Return which steps the law of a body alone explains."""
+    """Flag the steps that the law of a body alone explains."""
     if steps.alone is None:
         return np.zeros(len(steps), np.bool_)
     return np.isin(steps.alone, [*ALONE])

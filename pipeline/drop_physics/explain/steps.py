@@ -269,7 +269,7 @@ def _known_apart(interval: Interval, around: PieceContext) -> Iterator[Interval]
 
 
 def _closes(steps: Steps) -> Flags:
-    """Return which steps close; a body without links must follow its law of flight to the bit."""
+    """Flag the steps that close; a body without links must follow its law of flight to the bit."""
     if steps.alone is None:
         return steps.closes
     acting = ("applied", "contacts", "rolling", "constraints")
@@ -387,7 +387,7 @@ def _batch(group: Sequence[Interval], around: PieceContext) -> StepBatch:
 def _coasts(
     tree: Tree, begins: BodyHistory, ends: BodyHistory, timestep_s: Float64, most_turn_rad: float
 ) -> Flags:
-    """Return in which steps a base without mass keeps its velocity and moves with it."""
+    """Flag the steps in which a base without mass keeps its velocity and moves with it."""
     free = replace(tree, fixed=False)
     before, after = begins.states(free), ends.states(free)
     kept = (before.velocity == after.velocity).all(axis=1)

@@ -1,4 +1,4 @@
-"""Targets of the joints' position motors, each while it stood: where it left its joint.
+"""Targets of the joints' position motors, and the gaps that they left when they changed.
 
 A motor's law, off its limit, with e the position minus the target (`btMultiBodyJointMotor.cpp`):
 
@@ -120,7 +120,7 @@ class Targets:
         self._tail, self._tail_step = self._path[-SETTLED_STEPS:].copy(), int(steps.steps[-1])
 
     def _settled(self, stood: HeldTargets, end: int) -> Flags:
-        """Return whether each joint hardly moved before its target ended, in `end` steps."""
+        """Return whether each joint hardly moved in the last `end` steps of its target."""
         settled = stood.resting.copy()
         for i in np.flatnonzero(~settled & (stood.steps >= SETTLED_STEPS)).tolist():
             last = len(self._path) - end + int(stood.row[i]) + 1
@@ -239,7 +239,7 @@ def rings_with(kp: Float64, kd: Float64) -> Flags:
 
 
 def flips(driven: JointTelemetry) -> Flags:
-    """Return where the gains of a motor reverse its joint in every step, shape (n, joint_rates)."""
+    """Flag the steps in which a motor's gains reverse its joint, shape (n, joint_rates)."""
     kp, kd = driven.asked.kp, driven.asked.kd
     position = rings_with(kp, kd) & (driven.asked.mode == POSITION) & (kp + kd > 2)
     velocity = (driven.asked.mode == VELOCITY) | (driven.asked.mode == POSITION)

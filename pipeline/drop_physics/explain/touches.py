@@ -151,7 +151,7 @@ class TouchTable:
 
 
 def _hidden(explained: ExplainedPiece, pairs: Pairs) -> Flags:
-    """Return in which rows only a last substep's forces are known of either body, shape (m,)."""
+    """Flag the pairs of which only a last substep's forces are known, shape (m,)."""
     hidden = np.zeros(len(pairs.starts), np.bool_)
     if any(batch.whole.substeps > 1 for batch, _ in explained.batches):
         for side in (0, 1):
@@ -194,7 +194,7 @@ class _Needs:
 
     @staticmethod
     def of(explained: ExplainedPiece, pairs: Pairs, side: int) -> _Needs:
-        """Return these steps for the bodies on one side of each pair of a piece."""
+        """Return the steps that need most friction, for the bodies on one side of each pair."""
         needed = np.full(len(pairs.starts), -1.0)
         known = pairs.one_line & pairs.explained[:, side] & (pairs.normal_n > PRESSED)
         rows, sign = np.flatnonzero(known), -1.0 if side else 1.0

@@ -152,14 +152,14 @@ def touches_of(contacts: Rows, body: int, link: int = BASE) -> Touches:
 
 
 def among(numbers: Collection[int], bodies: Int64) -> Flags:
-    """Return which bodies are among some numbers."""
+    """Flag the bodies that are among the numbers."""
     are = np.zeros(max([*numbers, int(bodies.max(initial=0))]) + 1, np.bool_)
     are[[*numbers]] = True
     return np.asarray((bodies >= 0) & are[bodies])
 
 
 def _rolls(records: Records, step: Int64, body: Int64, link: Int64) -> Flags:
-    """Return which links have rolling or spinning friction in the steps to some samples."""
+    """Flag the links with rolling or spinning friction in the steps to samples."""
     rolls = np.zeros(len(step), np.bool_)
     for name in ("rolling_friction", "spinning_friction"):
         if records.any(name):
@@ -169,7 +169,7 @@ def _rolls(records: Records, step: Int64, body: Int64, link: Int64) -> Flags:
 
 
 def rows_of(steps: Sequence[int] | Int64, ends: Int64) -> tuple[NDArray[np.intp], Int64]:
-    """Return which of some samples are among `ends`, which ascends, and their rows there."""
+    """Flag the samples that are among `ends`, which ascends, and return their rows there."""
     asked = np.asarray(steps, np.int64)
     rows = np.minimum(np.searchsorted(ends, asked), len(ends) - 1)
     found = np.flatnonzero(ends[rows] == asked) if len(ends) else np.empty(0, np.intp)

@@ -49,7 +49,7 @@ class Motion(Rowed):
     spin_rad_s: Float64
 
     def at(self, samples: slice | NDArray[np.intp]) -> Motion:
-        """Return some of the samples."""
+        """Return the selected samples."""
         return Motion(*(getattr(self, field.name)[samples] for field in fields(Motion)))
 
     def before(self) -> Motion:
@@ -110,7 +110,7 @@ class FreeBody:
 class Law(FreeBody, ABC):
     """The discrete law of one rigid body in the air; arrays have one row per sample.
 
-    Where a method has no word of an engine's own, the engine has no limit of velocities.
+    Its defaults are those of an engine without a limit of velocities.
     """
 
     @property
@@ -156,7 +156,7 @@ class Law(FreeBody, ABC):
 
     @abstractmethod
     def bits(self, before: Motion) -> Flags:
-        """Return from which samples `step` has the engine's velocities to the last bit, (n,)."""
+        """Flag the samples from which `step` has the engine's velocities to the last bit, (n,)."""
 
     @abstractmethod
     def terms(self, before: Motion) -> tuple[Float64, Float64]:
@@ -166,7 +166,7 @@ class Law(FreeBody, ABC):
         """
 
     def limited(self, before: Motion) -> Flags:
-        """Return in which of these timesteps the engine clamped a velocity, shape (n,)."""
+        """Flag the timesteps in which the engine clamped a velocity, shape (n,)."""
         return np.zeros(len(before), np.bool_)
 
     @abstractmethod
@@ -186,5 +186,5 @@ class Law(FreeBody, ABC):
     ) -> Iterator[Sequence[Decimal]]:
         """Yield the positions of a flight from sample `first` on, for `exactly`.
 
-        Only z of a flight that is vertical.
+        For a vertical flight, only z.
         """

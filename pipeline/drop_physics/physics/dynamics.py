@@ -50,7 +50,7 @@ Composite = tuple[float, Float64, Float64]
 
 
 def _composites(kin: Kinematics) -> list[Composite]:
-    """Return mass, centre and inertia of base and links, each with all that hangs on it."""
+    """Return mass, centre and inertia of the branches that begin at the base and at the links."""
     tree = kin.tree
     found: list[Composite] = []
     for mass, inertia, turned, centre in zip(

@@ -89,7 +89,7 @@ def largest_per_step(
 ) -> Float64:
     """Return the largest impulse of a single force on a link that moves [N s], shape (n,).
 
-    Of its weight too; `gravity_m_s2` has the shape (n, 3).
+    Weights count, too; `gravity_m_s2` has the shape (n, 3).
     """
     free = [not tree.fixed]
     for link, parent in enumerate(tree.parents):
@@ -160,9 +160,9 @@ class Sum:
     def largest(self) -> Float64:
         """The largest entry of any term, or impulse of a single force, in each step, shape (n,).
 
-        A force may pass through all axes, or be balanced by another: then no term shows how large
-        the numbers are that were added. Nor where next to nothing acts: the momentum itself is
-        rounded, so that a share of it counts.
+        The scale of the numbers that were added. Terms alone do not show it: a force may pass
+        through all axes, or be balanced by another. Where next to nothing acts, a share of the
+        momentum counts, since the momentum itself is rounded.
         """
         momentum = ROUNDED * largest(_applied(self.matrices[1:], self.velocity[1:]))
         entries = [largest(term) for term in self.terms.values()]

@@ -45,7 +45,7 @@ class Kinematics:
         return int(self.centres[0].shape[1])
 
     def at(self, rows: slice | Int64) -> Kinematics:
-        """Return some of the states."""
+        """Return the selected states."""
         return Kinematics(
             self.tree,
             [one[:, :, rows] for one in self.rotations],
@@ -63,7 +63,7 @@ class Kinematics:
         return np.moveaxis(self.rotations[link + 1], -1, 0)
 
     def point_m(self, link: int, local_m: Sequence[float] | Float64) -> Float64:
-        """Return where a point of a link is [m], shape (n, 3); `local_m` in the link's axes."""
+        """Return the position of a link's point [m], shape (n, 3); `local_m` in the link's axes."""
         local = fixed_vector(self.rotations[link + 1], np.asarray(local_m, np.float64))
         return (self.centres[link + 1] + local).T
 
@@ -115,7 +115,7 @@ def _turned(matrix: Float64, axis: Float64, angle: Float64) -> Float64:
 
 
 def motion(kin: Kinematics, velocity: Float64) -> LinkVelocities:
-    """Return how the links move; `velocity` is u, shape (n, size)."""
+    """Return the velocities of the links; `velocity` is u, shape (n, size)."""
     tree, u = kin.tree, np.ascontiguousarray(velocity.T)
     still = np.zeros((3, len(kin)))
     spins = [still if tree.fixed else u[0:3]]

@@ -20,7 +20,7 @@ TURNED = 1e-12
 def moved(
     tree: Tree, before: States, velocity: Float64, timestep_s: Float64, most_rad: float
 ) -> States:
-    """Return the states that velocities lead to, shape (n, size), by turns of at most so much.
+    """Return the states that velocities lead to, shape (n, size); turns end at `most_rad`.
 
     Source: `btMultiBody::stepPositionsMultiDof`; MuJoCo's `mj_integratePos`, which has no limit.
     """
@@ -43,10 +43,9 @@ def moved(
 def moved_on(
     tree: Tree, before: States, after: States, timestep_s: Float64, most_rad: float
 ) -> Flags:
-    """Return whether the velocities after each step lead to its pose, shape (n,).
+    """Flag the steps whose final velocities lead to their final pose, shape (n,).
 
-    By turns of at most so much; spherical joints are not looked at. False where a state is not
-    finite.
+    Turns end at `most_rad`; spherical joints are ignored. False where a state is not finite.
     """
     reached = moved(tree, before, after.velocity, timestep_s, most_rad)
     held = np.ones(len(before), np.bool_)
@@ -86,7 +85,7 @@ def _near(before: Float64, reached: Float64, after: Float64) -> Flags:
 def _turn(vectors: Float64, most_rad: float) -> Float64:
     """Return rotations by these vectors [rad] as quaternions x, y, z, w, shape (n, 4).
 
-    The sine of half the angle is that of the most where it is more, the axis is not shortened.
+    Beyond the limit, the sine of half the angle is that of the limit; the axis is not shortened.
     """
     angle = np.linalg.norm(vectors, axis=1, keepdims=True)
     held = np.minimum(angle, most_rad)

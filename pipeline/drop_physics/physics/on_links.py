@@ -21,7 +21,7 @@ def contact_forces(
     force_n: Float64,
     rolling: Flags,
 ) -> Forces:
-    """Return contact points, each seen from one of its two bodies.
+    """Return contact points as forces on links of one of the two bodies that touch.
 
     A body that touches itself has two rows per point. `point_m` lies on the body; `force_n` is the
     force on a, (k, 3). `rolling`: whether either link has a coefficient of rolling or spinning

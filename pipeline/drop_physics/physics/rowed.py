@@ -19,16 +19,16 @@ class Rowed:
         return len(self._columns()[0])
 
     def at(self, rows: slice | NDArray[Any]) -> Self:
-        """Return some of the rows."""
+        """Return the selected rows."""
         return type(self)(*(column[rows] for column in self._columns()))
 
     def then(self, more: Self) -> Self:
-        """Return these rows and more."""
+        """Return these rows, followed by more."""
         return self.joined((self, more))
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Return the rows of several, one after the other; of one, itself."""
+        """Concatenate tables of rows; a single table is returned as it is."""
         if len(parts) == 1:
             return parts[0]
         columns = zip(*(part._columns() for part in parts), strict=True)

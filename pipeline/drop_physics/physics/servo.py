@@ -1,4 +1,4 @@
-"""Degrees of freedom on springs and dampers: what a step makes of them.
+"""Growth and decay of degrees of freedom on springs and dampers under an integrator's step.
 
 With a mass matrix M, stiffness k, damping d taken at the end of a step and e at its beginning, all
 diagonal, a timestep h makes of position x and rate v, by semi-implicit Euler with its dampers on
@@ -38,7 +38,7 @@ RANGE = 1e12
 
 @dataclass(frozen=True, eq=False)
 class Servos:
-    """Coupled degrees of freedom, each on a spring and dampers, and how they are stepped."""
+    """Coupled degrees of freedom on springs and dampers, and the integrator that steps them."""
 
     timestep_s: float
     inertia: Float64
@@ -72,7 +72,7 @@ class Servos:
         return self.growth > 1 + 1e-7
 
     def alone(self, place: int) -> Servos:
-        """Return one of the degrees of freedom, while no spring nor damper acts on the others."""
+        """Return one degree of freedom alone, without springs and dampers on the others."""
         inertia = 1 / np.linalg.inv(self.inertia)[place, place]
         return replace(
             self,
@@ -83,7 +83,7 @@ class Servos:
         )
 
     def calmed(self, name: str, place: int, factor: float) -> Servos:
-        """Return them with a number of one divided by a factor, or its inertia multiplied."""
+        """Return the servos with a number of one joint divided, or its inertia multiplied."""
         if name == "timestep_s":
             return replace(self, timestep_s=self.timestep_s / factor)
         values = np.array(getattr(self, name))
@@ -95,7 +95,7 @@ class Servos:
         return replace(self, **changed)
 
     def limit(self, name: str, place: int) -> float | None:
-        """Return the least factor of `calmed` with which nothing grows; None without any."""
+        """Return the least factor of `calmed` with which nothing grows; None if there is none."""
         return _first(lambda factor: not self.calmed(name, place, factor).grows)
 
 
@@ -118,7 +118,7 @@ def pd_effort(
 
 
 def _first(holds: Callable[[float], bool]) -> float | None:
-    """Return the least factor, at least 1, from which on something holds; None without any."""
+    """Return the least factor, at least 1, from which on something holds; None if there is none."""
     low, high = 1.0, 2.0
     while not holds(high):
         low, high = high, high * high

@@ -31,7 +31,7 @@ class DampedTree:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reported:
-    """Everything known of n steps besides the states; a row of Forces has its step's index."""
+    """Everything known of n steps besides the states; rows of Forces carry their step's index."""
 
     timestep_s: Float64
     """Shape (n,)."""
@@ -55,7 +55,7 @@ class Reported:
     """Rates that joint damping acts on, shape (n, joint_rates); None for those before each step."""
 
     def at(self, rows: slice) -> Reported:
-        """Return some of the steps in a row."""
+        """Return consecutive steps."""
         numbers: dict[str, Any] = {
             each.name: value.between(rows.start, rows.stop)
             if isinstance(value, Forces)
@@ -82,7 +82,7 @@ Reason = Literal[
 
 @dataclass(frozen=True, kw_only=True)
 class StepConditions:
-    """Facts of engine and body that decide whether a step is the sum."""
+    """Facts of engine and body that decide whether a step can be written as a sum."""
 
     other_engine: bool = False
     """Whether another engine steps the body, by a law of its own."""
@@ -98,7 +98,7 @@ class StepConditions:
 
 @dataclass(frozen=True, kw_only=True)
 class StepLaw:
-    """The law of an engine's steps, if it does not report itself what acted in them."""
+    """The law of an engine that does not itself report all causes of its steps."""
 
     damping: float
     """Default of linear and angular damping."""

@@ -81,7 +81,7 @@ def timestep_displacement(fall: TheoreticalFall, time_s: Float64, timestep_s: fl
 
 
 def impact_time_free(fall: TheoreticalFall, floor_height_m: float) -> float | None:
-    """Return when free fall reaches `floor_height_m` from above [s]; None if it never does.
+    """Return the time at which free fall reaches `floor_height_m` from above [s]; None if never.
 
     The first root of d + v0 t + g t²/2 = 0, in the form without cancellation. It is 0 for a body
     that starts lower.
@@ -123,7 +123,7 @@ def damped_fall_height(fall: TheoreticalFall, time_s: Float64) -> Float64:
 
 
 def impact_time_damped(fall: TheoreticalFall, floor_height_m: float) -> float | None:
-    """Return when the damped fall reaches `floor_height_m` from above [s]; None if never."""
+    """Return the time at which the damped fall reaches `floor_height_m` [s]; None if never."""
     free_s = impact_time_free(fall, floor_height_m)
     if not free_s or not any(fall.drag):
         return free_s  # with drag a body gets no further than in free fall
@@ -147,7 +147,7 @@ def impact_time_damped(fall: TheoreticalFall, floor_height_m: float) -> float | 
 
 
 def _time_of_quadratic_drag(b: float, fall: TheoreticalFall, floor_height_m: float) -> float:
-    """Return when a body without gravity arrives [s]: its path ln(1 + b v t)/b has no limit.
+    """Return the time of arrival of a body without gravity [s], from its path ln(1 + b v t)/b.
 
     The path is along its velocity, whose vertical share brings it down.
     """
@@ -157,7 +157,7 @@ def _time_of_quadratic_drag(b: float, fall: TheoreticalFall, floor_height_m: flo
 
 
 def _time_of_zero(function: Callable[[float], tuple[float, float]], latest: float) -> float:
-    """Return where `function`, which also returns its slope, falls through 0 before `latest`.
+    """Return the time at which `function`, given with its slope, falls through 0 before `latest`.
 
     Newton's method, with bisection where it would leave the bracket or the slope is 0.
     """
@@ -308,7 +308,7 @@ def _velocity_change(leg: _Leg, time: float) -> float:
 
 
 def _turning_time(leg: _Leg) -> float:
-    """Return when a motion against gravity stops [s]: where the numerator of v is 0.
+    """Return the time at which a motion against gravity stops [s]: the numerator of v is 0.
 
     tanh(ωt)/ω = -v0/(g - a v0/2), solved for t without cancellation for weak gravity.
     """

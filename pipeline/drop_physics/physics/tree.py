@@ -30,7 +30,7 @@ COORDINATES: dict[Joint, int] = RATES | {"spherical": 4}
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Tree:
-    """Links and the joints that hold them; row k of what describes links is about link k - 1.
+    """Links and the joints that connect them; row k of arrays about links describes link k - 1.
 
     The generalised velocity u of a tree is: spin and velocity of the base's centre of mass, in
     world axes, unless the base is fixed; then the rates of the joints, in the order of the links.

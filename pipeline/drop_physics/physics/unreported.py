@@ -22,7 +22,7 @@ DEPENDENT = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class Unreported:
-    """Directions in which unreported impulses may act, in n steps."""
+    """Directions of possible unreported impulses in n steps."""
 
     UP: ClassVar[int] = 1
     DOWN: ClassVar[int] = 2
@@ -38,7 +38,7 @@ class Unreported:
 
 
 class Shared(NamedTuple):
-    """A remainder, shared out; shape (n, size) each."""
+    """A remainder divided among unreported causes; arrays of shape (n, size)."""
 
     rolling: Float64
     stops: Float64
@@ -47,7 +47,7 @@ class Shared(NamedTuple):
 
 
 def shared_out(left: Float64, matrices: Float64, kin: Kinematics, may: Unreported) -> Shared:
-    """Return whose the rest of each step is; `left` (n, size), `matrices` M, (n, size, size)."""
+    """Divide the remainder among unreported causes; shapes (n, size), M (n, size, size)."""
     shared = Shared(*(np.zeros_like(left) for _ in range(4)))
     stops, touching = may.stops.copy(), _touching(may, len(left), kin.tree.links)
     # With stops alone each entry is its own.
@@ -67,13 +67,13 @@ def shared_out(left: Float64, matrices: Float64, kin: Kinematics, may: Unreporte
 
 
 def _outwards(pushed: Float64, stops: Int64) -> Flags:
-    """Return which entries push in a direction in which no stop pushes, shape (n, size)."""
+    """Flag the entries that push in a direction in which no stop can push, shape (n, size)."""
     up, down = stops & Unreported.UP != 0, stops & Unreported.DOWN != 0
     return np.asarray(((pushed > 0) & ~up) | ((pushed < 0) & ~down))
 
 
 def _touching(may: Unreported, steps: int, links: int) -> Flags:
-    """Return which links have rolling friction in each step, shape (steps, links + 1)."""
+    """Flag the links with rolling friction in each step, shape (steps, links + 1)."""
     touching = np.zeros((steps, links + 1), np.bool_)
     touching[may.step, may.link + 1] = True
     return touching

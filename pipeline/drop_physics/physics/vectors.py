@@ -36,7 +36,7 @@ def triple(vector: Float64) -> tuple[float, float, float]:
 
 
 def any_of(flags: Flags) -> Flags:
-    """Return in which rows any flag is set, shape (n,)."""
+    """Flag the rows in which any flag is set, shape (n,)."""
     return functools.reduce(np.logical_or, flags.T)
 
 
@@ -61,12 +61,12 @@ def distinct(numbers: Int64) -> tuple[Int64, Int64]:
 
 
 def distinct_rows(numbers: Int64) -> tuple[Int64, Int64, Int64]:
-    """Return the distinct rows of whole numbers, in their order, and where they are.
+    """Return the distinct rows of whole numbers, in their order, and their places.
 
-    `numbers` has the shape (n, k). Beside the rows, shape (d, k), the first of `numbers`
-    that is alike, shape (d,), and for each of `numbers` its distinct row, shape (n,). NumPy's
-    `unique` of rows compares them as records, which takes ten times as long. Raises `ValueError`
-    if the columns' ranges have a product beyond 2⁶³.
+    `numbers` has the shape (n, k). Beside the distinct rows, shape (d, k), the index of the first
+    equal row of `numbers`, shape (d,), and the distinct row of every row, shape (n,). NumPy's
+    `unique` of rows compares them as records, which takes ten times as long. Raises `ValueError` if
+    the columns' ranges have a product beyond 2⁶³.
     """
     least = numbers.min(axis=0, initial=0)
     ranges = tuple((numbers.max(axis=0, initial=0) - least + 1).tolist())

@@ -1,1 +1,1 @@
-"""MuJoCo: the world of a drop, and what watches and explains the steps of any script."""
+"""MuJoCo: the world of a drop, and the watching and explanation of any script's steps."""

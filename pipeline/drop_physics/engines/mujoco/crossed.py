@@ -1,4 +1,4 @@
-"""Two runs of MuJoCo: what corresponds, and single steps of one engine from the other's states."""
+"""Two runs of MuJoCo: their correspondence, and steps of one engine from the other's states."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class CrossedRuns:
     # -- what corresponds -------------------------------------------------------------------------
 
     def _places(self, name: str) -> tuple[Int64, Int64, list[str]]:
-        """Return columns of a part that correspond in both, and their elements."""
+        """Return the columns of a part that correspond in both runs, and their elements."""
         kind = ROWS_OF.get(name)
         if kind is None:
             width = self._width(self._a, name)
@@ -155,7 +155,7 @@ class CrossedRuns:
                 yield Paired(name, "hidden", labels, *starts, *ends)
 
     def _added(self) -> Iterator[Paired]:
-        """Yield what callbacks add to the passive forces, in either run."""
+        """Yield the additions of callbacks to the passive forces, in either run."""
         a, b, n = self._a.steps.acting, self._b.steps.acting, self._count
         if PASSIVE in a or PASSIVE in b:
             mine, theirs, labels = self._columns["qvel"]
@@ -215,7 +215,7 @@ class CrossedRuns:
         return found
 
     def _crossing(self, steps: Int64, kept: Mapping[str, Sequence[int]] = {}) -> Frames:
-        """Return frames of some steps of the first run, as the second's engine takes them."""
+        """Return frames of the first run's steps, for the second run's engine."""
         b = self._b.steps
         rows = {name: held[steps] for name, held in self._base.items()}
         for each in self.common.columns:
@@ -241,7 +241,7 @@ class CrossedRuns:
         return same
 
     def settled(self) -> Flags:
-        """Return in which steps nothing falls asleep or wakes, shape (n,)."""
+        """Flag the steps in which nothing falls asleep or wakes, shape (n,)."""
         a = self._a.steps
         if ASLEEP not in a.before:
             return np.ones(self._count, np.bool_)
@@ -276,7 +276,7 @@ class CrossedRuns:
         return same
 
     def sizes(self, steps: Int64, swapped: Sequence[int]) -> Float64:
-        """Return how far velocities are apart after such steps, the largest of each, shape (k,)."""
+        """Return the largest difference of velocities after each of these steps, shape (k,)."""
         states = self._b.swapper.states(self._crossing(steps), self._edits_of(swapped))
         return self._off(states["qvel"], steps)
 
@@ -297,7 +297,7 @@ class CrossedRuns:
         ]
 
     def _own(self, steps: Int64) -> Frames:
-        """Return frames of some steps of the first run, as its own engine takes them."""
+        """Return frames of the first run's steps, for its own engine."""
         a = self._a.steps
         rows = {name: held[steps] for name, held in {**a.before, **a.inputs}.items()}
         edits = [
@@ -347,7 +347,7 @@ class CrossedRuns:
         return None
 
     def nudged(self, step: int, size: float, count: int) -> tuple[bool, list[float]]:
-        """Run the first run on from a step, with its inputs, and nudges of its velocities."""
+        """Continue the first run from a step, with its inputs and nudged velocities."""
         a, draws = self._a.steps, np.random.default_rng(0)
         width = a.after["qvel"].shape[1]
         nudges = [np.zeros(width), *(size * draws.choice((-1.0, 1.0), width) for _ in range(count))]
@@ -358,7 +358,7 @@ class CrossedRuns:
         return bool(np.array_equal(ends[0], a.full.after["qpos"][-1])), sorted(off.tolist())
 
     def apart(self, step: int) -> EndApart:
-        """Return where both runs are the farthest apart after a step, and how far."""
+        """Return the place and size of the largest distance between the runs after a step."""
         found = EndApart(0.0, "m", "")
         for i, j in self._matched.pairs("jnt"):
             a, b = (
@@ -374,7 +374,7 @@ class CrossedRuns:
 
 
 def _distances(a: Float64, b: Float64, kind: int) -> Iterator[tuple[float, str]]:
-    """Yield how far two positions of a joint are apart, with units."""
+    """Yield the distances between two positions of a joint, with units."""
     if kind in (2, 3):
         yield float(abs(a[0] - b[0])), "m" if kind == 2 else "rad"
         return
@@ -448,13 +448,13 @@ def _frames(
 
 
 def _later(rows: Float64) -> Float64:
-    """Return rows such that each is what the step before has left."""
+    """Return the rows that steps left behind, from one step to the next."""
     later: Float64 = np.concatenate([rows[1:], rows[:1]])
     return later
 
 
 def _posed(whole: Frames, steps: Int64) -> dict[str, FrameColumn]:
-    """Return the parts of other states that positions were computed for, of some steps."""
+    """Return the parts of other states for which positions were computed, in some steps."""
     found = {}
     for name, column in whole.posed.items():
         rows = dict(zip(column.at.tolist(), column.rows, strict=True))

@@ -1,9 +1,9 @@
-"""A MuJoCo model as bodies of a recording: what each is, and its state from `qpos` and `qvel`.
+"""A MuJoCo model as bodies of a recording, and their states from `qpos` and `qvel`.
 
-A body of a recording is what hangs on a child of MuJoCo's world: its base is that child where it
-has a free joint or none, and else the world. A body with several joints is a row of links, of which
-all but the last have no mass (`physics.tree`). Positions are those of centres of mass, in the axes
-of inertia; a joint's position is the script's own number.
+A body of a recording is a child of MuJoCo's world with all that hangs on it: its base is that child
+if the child has a free joint or none, otherwise the world. A body with several joints becomes a row
+of links, of which only the last has mass (`physics.tree`). Positions are those of centres of mass,
+in the axes of inertia; a joint's position is the script's own number.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ NAMED = {"joint": "jnt", "tendon": "tendon", "site": "site", "body": "body"}
 
 @dataclass(frozen=True)
 class LinkOf:
-    """A link of a body of a recording."""
+    """A link of a recorded body."""
 
     of: int
     """MuJoCo's body; of a base that is the world, -1."""
@@ -78,7 +78,7 @@ class LinkOf:
 
 @dataclass(frozen=True)
 class DescribedBody:
-    """A body of a recording, and where its numbers are in a model's."""
+    """A recorded body, and the places of its numbers in a model's arrays."""
 
     body: Body
     links: tuple[LinkOf, ...]
@@ -94,13 +94,13 @@ class DescribedBody:
     """MuJoCo's joint that frees its base; -1 if it is not free."""
 
     def as_number(self, number: int, client: int) -> DescribedBody:
-        """Return the same as a body of another simulation of the model."""
+        """Return this body as one of another simulation of the model."""
         label = f"{number}_{_plain(self.body.name)}"
         return replace(self, body=replace(self.body, number=number, label=label, client=client))
 
     @property
     def root(self) -> int:
-        """MuJoCo's body that is the base, or hangs on it first."""
+        """MuJoCo's body that is the base, or the first that hangs on it."""
         return self.links[0].of if self.links[0].of >= 0 else self.links[1].of
 
 
@@ -186,7 +186,7 @@ def described(
 
 
 def _nodes(arrays: Arrays, names: list[str]) -> dict[int, str]:
-    """Return the name of the flexible body that each of MuJoCo's bodies is a node of."""
+    """Return the name of the flexible body to which each node belongs, by MuJoCo's body."""
     found: dict[int, str] = {}
     bodies = np.atleast_1d(arrays.get("flex_vertbodyid", ()))
     for flex, name in enumerate(names if len(bodies) else ()):
@@ -210,7 +210,7 @@ def _apart(
 
 
 def _top(parents: list[int], body: int) -> int:
-    """Return the child of the world that a body hangs on."""
+    """Return the child of the world on which a body hangs."""
     while parents[body]:
         body = parents[body]
     return body
@@ -264,7 +264,7 @@ def _inverse(quaternion: Float64) -> Float64:
 
 
 def _inertial(arrays: Arrays, body: int) -> Pose:
-    """Return where a body's centre of mass and its axes of inertia are in its frame."""
+    """Return the pose of a body's centre of mass and axes of inertia in its frame."""
     return np.asarray(arrays["body_ipos"][body], np.float64), xyzw(arrays["body_iquat"][body])
 
 
@@ -354,7 +354,7 @@ def _described(
 def _keyframes(
     arrays: Arrays, names: Mapping[str, list[str]], made: DescribedBody
 ) -> Iterator[Keyframe]:
-    """Yield the poses that a model has names for, of one body with joints."""
+    """Yield a model's named poses, of one body with joints."""
     if not len(made.positions) or "key_qpos" not in arrays:
         return
     qpos = np.asarray(arrays["key_qpos"], np.float64)[:MOST_KEYFRAMES]
@@ -425,10 +425,11 @@ def _joint(
 
 
 def reported_of(arrays: Arrays, made: DescribedBody) -> dict[str, Float64]:
-    """Return what a model says of base and links: masses, inertias, and where they are.
+    """Return a model's masses, inertias and their frames for base and links.
 
-    Inertias are those in MuJoCo's mass matrix, which takes them of simple bodies from `dof_M0`: as
-    they were compiled, until `mj_setConst`. What it has in place of an edited mass is `coupled`.
+    Inertias are those in MuJoCo's mass matrix. For simple bodies these come from `dof_M0`, which
+    keeps the compiled values until `mj_setConst`. The effect of an edited mass on the matrix is in
+    `coupled`.
     """
     count = len(made.links)
     masses, inertias, positions = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3))
@@ -471,7 +472,7 @@ def reported_of(arrays: Arrays, made: DescribedBody) -> dict[str, Float64]:
 
 
 def _edited_masses(arrays: Arrays, made: DescribedBody) -> Iterator[list[float]]:
-    """Yield, as inertia and motion by each rate, what the matrix lacks of edited masses."""
+    """Yield the part of edited masses that the matrix lacks, as inertia and motion by rate."""
     moves: list[tuple[int, int]] = []
     if made.free >= 0:
         first = int(arrays["jnt_dofadr"][made.free])
@@ -575,7 +576,7 @@ def _shapes(
     members: list[int],
     folder: Path,
 ) -> tuple[tuple[Shape, ...], tuple[Collision, ...]]:
-    """Return the shapes of a body that are drawn, and those that collide."""
+    """Return the drawn shapes of a body, and the colliding ones."""
     whole = {each.of: link for link, each in enumerate(links, BASE) if each.whole and each.of >= 0}
     shapes: list[Shape] = []
     collisions: list[Collision] = []
@@ -623,7 +624,7 @@ def _colour(arrays: Arrays, geom: int) -> tuple[float, ...]:
 
 
 def _mesh(arrays: Arrays, names: list[str], mesh: int, folder: Path) -> Path:
-    """Write a mesh, as MuJoCo holds it, as a file that the recorder can read."""
+    """Write a mesh of MuJoCo's as a file that the recorder can read."""
     path = folder / f"{_plain(names[mesh])}_{mesh}.obj"
     if not path.exists():
         corner, face = (int(arrays[f"mesh_{name}adr"][mesh]) for name in ("vert", "face"))
@@ -636,7 +637,7 @@ def _mesh(arrays: Arrays, names: list[str], mesh: int, folder: Path) -> Path:
 
 
 def _hull(arrays: Arrays, mesh: int) -> tuple[float, ...]:
-    """Return the corners of the convex hull that MuJoCo holds of a mesh (`mesh_graph`)."""
+    """Return the corners of MuJoCo's convex hull of a mesh (`mesh_graph`)."""
     at = int(arrays["mesh_graphadr"][mesh])
     if at < 0 or "mesh_graph" not in arrays:
         return ()
@@ -653,7 +654,7 @@ def _hull(arrays: Arrays, mesh: int) -> tuple[float, ...]:
 def _actuators(
     arrays: Arrays, names: Mapping[str, list[str]], mine: set[int]
 ) -> Iterator[Actuator]:
-    """Yield the actuators that act on a body's joints, or on what is its alone."""
+    """Yield the actuators that act on a body's joints, or on parts that are its alone."""
     for number in range(len(names["actuator"])):
         kind = TRANSMISSIONS.get(int(arrays["actuator_trntype"][number]), "other")
         target = int(arrays["actuator_trnid"][number, 0])
@@ -693,7 +694,7 @@ def _range(arrays: Arrays, what: str, number: int) -> tuple[float, float] | None
 
 
 def _kind(arrays: Arrays, number: int) -> str:
-    """Return how a script would write an actuator: by its gain and bias (`mjtGain`, `mjtBias`)."""
+    """Return the tag by which a script would write an actuator, from gain and bias (`mjtGain`)."""
     gain, bias = int(arrays["actuator_gaintype"][number]), int(arrays["actuator_biastype"][number])
     kp, biases = arrays["actuator_gainprm"][number][0], arrays["actuator_biasprm"][number]
     if int(arrays["actuator_dyntype"][number]) != 0 or gain != 0:

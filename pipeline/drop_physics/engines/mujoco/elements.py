@@ -1,4 +1,4 @@
-"""The elements of compiled models by name, and which of two models correspond."""
+"""The elements of compiled models by name, and their correspondence in two models."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class Elements:
         return keys
 
     def label(self, kind: str, index: int) -> str:
-        """Return what an element is called for a reader."""
+        """Return an element's name for a reader."""
         if kind == "dof":
             return self.label("jnt", self.dof_joints[index][0])
         name = self._names[kind][index]
@@ -102,7 +102,7 @@ class Elements:
         return f"{word} {index}"
 
     def body_label(self, kind: str, index: int) -> str:
-        """Return the name of an element's body; empty of the world, or where it is no part."""
+        """Return the name of an element's body; empty for the world, or outside of any body."""
         kind, index = ("jnt", self.dof_joints[index][0]) if kind == "dof" else (kind, index)
         if kind not in OF_BODIES:
             return ""
@@ -145,7 +145,7 @@ class Matched:
         return self._pairs[kind]
 
     def only(self, kinds: Sequence[str] = KINDS) -> dict[str, list[str]]:
-        """Return the elements of some kinds that only one model has, `a` and `b`."""
+        """Return the elements of given kinds that only one model has, `a` and `b`."""
         return {
             side: [
                 elements.label(kind, each)
@@ -168,7 +168,7 @@ class Matched:
 
     @property
     def is_reordered(self) -> bool:
-        """Whether bodies or joints that both have come in another order."""
+        """Whether bodies or joints of both models stand in another order."""
         return any(
             [theirs for _, theirs in self._pairs[kind]]
             != sorted(theirs for _, theirs in self._pairs[kind])

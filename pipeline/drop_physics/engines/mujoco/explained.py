@@ -1,4 +1,4 @@
-"""Steps that were explained in an interpreter that has their MuJoCo, as arrays."""
+"""Steps explained in an interpreter with their MuJoCo, as arrays."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class ImpulseTerm(NamedTuple):
 
 @dataclass
 class Vocabulary:
-    """What the pieces of one model refer to by number."""
+    """The terms, pairs and patterns to which the pieces of one model refer by number."""
 
     terms: list[ImpulseTerm] = field(default_factory=list)
     patterns: list[NDArray[np.int64]] = field(default_factory=list)
@@ -99,7 +99,7 @@ class ReplayedPiece:
 def piece_of(
     said: dict[str, Any], arrays: dict[str, NDArray[Any]], vocabulary: Vocabulary
 ) -> ReplayedPiece:
-    """Return a piece; what it says of its model's terms is added to the vocabulary."""
+    """Return a piece, and add the terms of its model to the vocabulary."""
     vocabulary.terms += [
         ImpulseTerm(kind, first, second, np.array(dofs, np.int64))
         for kind, first, second, dofs in said.get("terms", [])

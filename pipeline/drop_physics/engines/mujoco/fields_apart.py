@@ -1,4 +1,4 @@
-"""Fields of two compiled models that differ, by element, and the way to put one's values."""
+"""Fields that differ in two compiled models, by element, and edits that swap their values."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def _edit(name: str, indices: Int64, values: NDArray[Any]) -> ModelEdit:
 def elements_of_indices(
     elements: Elements, name: str, field: NDArray[Any], indices: Int64
 ) -> list[str]:
-    """Return the label of the element that each index into a flattened field is of."""
+    """Return the label of the element of each index into a flattened field."""
     kind = ROW_KINDS.match(name)
     if kind is None or not np.ndim(field) or len(field) != elements.count(kind[1]):
         return ["" for _ in indices]

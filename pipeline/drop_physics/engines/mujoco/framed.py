@@ -1,4 +1,4 @@
-"""The frames of a simulation, from the pieces of its stream: what its steps started from."""
+"""The frames of a simulation, from the pieces of its stream: the starting points of its steps."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FEW_STEPS = 5000
 
 
 class FramesOfSteps:
-    """Gathers what lies between the steps of one simulation, until a piece of them is complete.
+    """Gathers everything between the steps of one simulation, until a piece of them is complete.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class FramesOfSteps:
         self._edits: dict[int, list[Edited]] = {}
 
     def wrote(self, written: ReceivedWrite, held: Held, piece: StepPiece) -> None:
-        """Note what was written before a step; `held` is the state with that."""
+        """Note values written before a step; `held` is the state with them."""
         step, parts = written.step, {*written.parts}
         row = step - piece.first - 1
         left_s = piece.times_s[row] if row >= 0 else self.clock_s
@@ -68,21 +68,21 @@ class FramesOfSteps:
             self._inputs[name][step] = held[name]
 
     def posed(self, written: ReceivedWrite, held: Held) -> None:
-        """Note for which other state the positions were computed that a step takes."""
+        """Note the other state for which a step's positions were computed."""
         for name, (indices, values) in written.parts.items():
             row = np.array(values if indices is None else held[name], np.float64)
             row[slice(None) if indices is None else indices] = values
             self._posed.setdefault(name, {})[written.step] = row
 
     def edited(self, edits: Iterable[Edited]) -> None:
-        """Note what was changed in the model."""
+        """Note changes of the model."""
         for each in edits:
             self._edits.setdefault(each.step, []).append(each)
 
     def of_piece(
         self, piece: StepPiece, timestep_s: float, shared: Mapping[str, Sequence[SharedColumns]]
     ) -> Frames:
-        """Return the frames of a piece, once all that lies between its steps was noted.
+        """Return the frames of a piece, once everything between its steps was noted.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class FramesOfSteps:
         )
 
     def _asleep_after(self, before: FrameColumn, first: int, end: int) -> Float64:
-        """Return what sleeps after each step, shape (n, trees)."""
+        """Return the sleeping trees after each step, shape (n, trees)."""
         slept = {step - first: row for step, row in _until(self._asleep, end + 1).items()}
         changed = dict(zip(before.at.tolist(), before.rows, strict=True))
         row, rows = before.rows[0], np.empty((end - first, before.rows.shape[1]))
@@ -187,12 +187,12 @@ class KeptFrames:
 
 
 def _until(rows: dict[int, T], end: int) -> dict[int, T]:
-    """Take out and return the rows of steps before `end`."""
+    """Remove and return the rows of steps before `end`."""
     return {step: rows.pop(step) for step in sorted(rows) if step < end}
 
 
 def _of_width(row: NDArray[Any] | None, width: int) -> Float64:
-    """Return a row of a part; what was never sent is zero."""
+    """Return a row of a part; parts that were never sent are zero."""
     whole = np.zeros(width)
     if row is not None:
         whole[: len(row)] = row
@@ -211,7 +211,7 @@ def _edit(edit: Edited, first: int) -> ModelEdit:
 
 
 def shared_by(bodies: Iterable[DescribedBody]) -> dict[str, list[SharedColumns]]:
-    """Return where the samples of bodies' joints have the same numbers as `qpos` and `qvel`.
+    """Return the columns in which samples of joints equal numbers of `qpos` and `qvel`.
 
     Those of joints that turn about a point are rotated, and are not the same.
     """

@@ -122,7 +122,7 @@ def kind_of(name: str) -> np.dtype[Any]:
 
 
 def part_bytes(number: int, before: bytes | memoryview, now: bytes | memoryview) -> bytes:
-    """Return what has changed in a part of the state, as a frame has it."""
+    """Return the changed elements of a part of the state, as a frame has them."""
     dtype = kind_of(PARTS[number])
     new = np.frombuffer(now, dtype)
     if len(new) > LONG:
@@ -139,7 +139,7 @@ def part_bytes(number: int, before: bytes | memoryview, now: bytes | memoryview)
 
 
 def part_of(payload: bytes, at: int) -> tuple[str, Any, Any, int]:
-    """Return a part's name, indices of its elements or None, their values, and where it ends."""
+    """Return name, indices (or None) and values of a part, and the position after it."""
     number, sparse, _, count = PART_HEAD.unpack_from(payload, at)
     at += PART_HEAD.size
     indices = None

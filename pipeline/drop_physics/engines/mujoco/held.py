@@ -53,7 +53,7 @@ def equalities_of(described: DescribedModel, client: int) -> Iterator[Equality]:
 def _of_bodies(
     described: DescribedModel, number: int, ids: list[int], which: int, *, sites: bool
 ) -> dict[str, Any] | None:
-    """Return what two bodies, or their sites, are held by (`mj_instantiateEquality`)."""
+    """Return the constraint that holds two bodies, or their sites (`mj_instantiateEquality`)."""
     arrays, data = described.arrays, described.arrays["eq_data"][number]
     bodies = [int(arrays["site_bodyid"][each]) for each in ids] if sites else ids
     if not all(each in described.link_of for each in bodies):
@@ -78,7 +78,7 @@ def _of_bodies(
 
 
 def _of_joints(described: DescribedModel, number: int, ids: list[int]) -> dict[str, Any] | None:
-    """Return how a joint follows another; None of one that stands, or that is not known."""
+    """Return the coupling of a joint to another; None if it stands still, or is not known."""
     arrays = described.arrays
     places = {
         link.joint: (made.body.number, index)
@@ -101,7 +101,7 @@ def _of_joints(described: DescribedModel, number: int, ids: list[int]) -> dict[s
 
 
 def _from_centre(arrays: Arrays, body: int, point_m: NDArray[Any]) -> Numbers:
-    """Return a point of a body from its centre of mass, in the axes of its inertia."""
+    """Return a point of a body relative to its centre of mass, in its axes of inertia."""
     if body == 0:
         return _numbers(point_m)
     axes = xyzw(arrays["body_iquat"][body])
@@ -112,8 +112,8 @@ def _from_centre(arrays: Arrays, body: int, point_m: NDArray[Any]) -> Numbers:
 def softness_of(arrays: Arrays, first: int, second: int) -> tuple[Numbers, Numbers]:
     """Return `solref` and `solimp` of a contact of two geoms (`mj_contactParam`).
 
-    Those of a `<pair>` of both, or of the geom of higher priority, else both weighted by `solmix`;
-    of two `solref` of which one is a stiffness, the lower.
+    A `<pair>` of both comes first, then the geom of higher priority, else both are weighted by
+    `solmix`; of two `solref` of which one is a stiffness, the lower counts.
     """
     if int(np.ravel(arrays.get("opt.enableflags", 0))[0]) & OVERRIDES:
         return _numbers(arrays["opt.o_solref"]), _numbers(arrays["opt.o_solimp"])
@@ -139,7 +139,7 @@ def softness_of(arrays: Arrays, first: int, second: int) -> tuple[Numbers, Numbe
 def friction_of(arrays: Arrays, first: int, second: int) -> tuple[int, float]:
     """Return `condim` and the coefficient of rolling friction of two geoms (`mj_contactParam`).
 
-    Those of a `<pair>` of both, or of the geom of higher priority, else the larger of both.
+    A `<pair>` of both comes first, then the geom of higher priority, else the larger value.
     """
     for pair in _pairs_of(arrays, first, second):
         return int(arrays["pair_dim"][pair]), float(arrays["pair_friction"][pair, 3])

@@ -1,4 +1,4 @@
-"""Steps that were explained in the script's interpreter, as events of a recording.
+"""Explained steps from the script's interpreter, as events of a recording.
 
 MuJoCo has the velocity of a free body at its frame's origin and its spin in the body's axes. A
 recording has both of its centre of mass, in the world's axes; so have its impulses:
@@ -105,7 +105,7 @@ class ExplainedSteps:
         self._geoms = np.array(places, np.int64).reshape(-1, 2)
 
     def know(self, causes: Iterable[ImpulseCause]) -> None:
-        """Go on with causes that have a number already."""
+        """Continue with causes that already have a number."""
         self._causes |= {
             (each.kind, each.name, each.body, each.places): each
             for each in causes
@@ -115,7 +115,7 @@ class ExplainedSteps:
     def events(
         self, piece: ReplayedPiece, frames: Frames, times_s: Float64, numbers: Iterator[int]
     ) -> Events:
-        """Yield what became of the steps of a piece.
+        """Yield the events of a piece's steps.
 
         Parameters
         ----------
@@ -219,7 +219,7 @@ class ExplainedSteps:
         return parts
 
     def _named(self, term: ImpulseTerm, body: int) -> tuple[str, str]:
-        """Return a recording's name of a term on a body, and what causes it."""
+        """Return a term's name in a recording for a body, and its cause."""
         kind, names = KINDS.get(term.kind, term.kind), self.described.names
         if term.kind in ("push", "friction"):
             bodies = self._geoms[[term.first, term.second], 0].tolist()
@@ -234,7 +234,7 @@ class ExplainedSteps:
     # -- contact points ---------------------------------------------------------------------------
 
     def _contacts(self, piece: ReplayedPiece) -> Rows:
-        """Return contact points as a recording has them; the second geometry is its first body."""
+        """Return contact points in a recording's form; the second geometry is its first body."""
         touches = piece.touches
         rows = np.zeros(len(touches), CONTACT)
         rows["step"] = touches["step"] + 1
@@ -254,7 +254,7 @@ class ExplainedSteps:
         return rows
 
     def _pairs(self, piece: ReplayedPiece, contacts: Rows) -> Iterator[PairFriction]:
-        """Yield the coefficients of friction that are new."""
+        """Yield coefficients of friction not yet yielded."""
         names = ["body_a", "link_a", "body_b", "link_b"]
         if not len(contacts):
             return
@@ -285,12 +285,12 @@ def _centre(described: DescribedModel, made: DescribedBody) -> Float64:
 
 
 def _replay(reason: str) -> int:
-    """Return a recording's name of the reason why a step has no sum."""
+    """Return a recording's name for the reason why a step has no sum."""
     return REPLAYS.index(reason or "unknown")
 
 
 def _whole(made: DescribedBody, places: set[int]) -> tuple[int, ...]:
-    """Return places with all of a free base or a ball of which any is among them."""
+    """Complete places to all of a free base or a ball, if one of these is among them."""
     first = 6 * (made.free >= 0)
     blocks = [range(6)] if first else []
     blocks += [range(first + rates.start, first + rates.stop) for _, rates, _ in made.balls]
@@ -301,7 +301,7 @@ def _whole(made: DescribedBody, places: set[int]) -> tuple[int, ...]:
 
 
 def _by_term(piece: ReplayedPiece) -> Iterator[tuple[int, tuple[Int64, Float64]]]:
-    """Yield each term of a piece: the rows of the steps that it acts in, and its values."""
+    """Yield each term of a piece: the rows of its steps, and its values."""
     vocabulary, k = piece.vocabulary, len(piece.steps)
     if not k:
         return

@@ -1,4 +1,4 @@
-"""Steps of a recording, explained when they are asked for: windows of it, in any order."""
+"""Recorded steps explained on demand: windows of a recording, in any order."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ class RecordedFrames(Protocol):
         """Return the number of the model of a simulation."""
 
     def edits(self, client: int, end: int) -> list[ModelEdit]:
-        """Return what was changed in the model in the pieces before sample `end`."""
+        """Return the edits of the model in the pieces before sample `end`."""
 
     def pieces(self, client: int, first: int, end: int) -> Iterator[Frames]:
-        """Yield the frames of pieces that have any step from sample `first` to before `end`."""
+        """Yield the frames of the pieces with steps from sample `first` to before `end`."""
 
 
 def explained_later(
@@ -49,7 +49,7 @@ def explained_later(
     times_s: Times,
     folder: Path,
 ) -> Iterator[Event]:
-    """Yield what acted in the steps of windows, as `record` does of a short run.
+    """Yield the causes in the steps of windows, as `record` does for a short run.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""MuJoCo's own memory, looked at in place: what a step reads and writes, and what a script edits.
+"""MuJoCo's own memory, read in place: the state and model that a step uses and a script edits.
 
 A `memoryview` of it is compared and copied in tens of nanoseconds, where the functions that copy a
 state take a microsecond. Addresses are those of the arrays that MuJoCo itself hands out.
@@ -50,7 +50,7 @@ def view_of(address: int, size: int) -> memoryview:
 
 
 class StatePart:
-    """An array within a stretch of memory, and what it held when last looked at.
+    """An array within a stretch of memory, and its values when last compared.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class StatePart:
         self._head = PART_HEAD.pack(self.number, 0, 0, count) if count <= LONG else b""
 
     def frame(self) -> bytes:
-        """Return what has changed, as a frame has it."""
+        """Return the changed elements, as a frame has them."""
         if self._head:
             return self._head + self.view.tobytes()
         return part_bytes(self.number, self.saved, self.view)
@@ -102,7 +102,7 @@ class StateMemory:
         ]
 
     def changed(self) -> tuple[int, bytes]:
-        """Return the number of arrays that have changed, and these as a frame has them."""
+        """Return the number of changed arrays, and their frames."""
         found = []
         for part in self.parts:
             if part.saved.tobytes() != part.view.tobytes():
@@ -125,7 +125,7 @@ def user_of(d: Any) -> StateMemory:
 
 
 def asleep_of(d: Any) -> StateMemory:
-    """Return what an MjData knows of its sleeping trees: nothing before MuJoCo 3.4."""
+    """Return an MjData's memory of sleeping trees: nothing before MuJoCo 3.4."""
     return StateMemory({ASLEEP: getattr(d, ASLEEP, np.empty(0, np.int32))})
 
 
@@ -152,7 +152,7 @@ class Field:
 
 
 def fields_of(m: Any) -> list[Field]:
-    """Return what may be edited in a model, in the order of its memory."""
+    """Return the editable fields of a model, in the order of its memory."""
     found = options_of(m)
     for name in dir(m):
         if not EDITABLE.fullmatch(name):
@@ -196,7 +196,7 @@ def options_of(m: Any) -> list[Field]:
 
 
 def stretches_of(fields: list[Field]) -> list[tuple[bytearray, memoryview, int]]:
-    """Return what fields hold now, their memory, and its address, in few pieces."""
+    """Return current values, memory and address of fields, in few pieces."""
     found: list[list[int]] = []
     for field in fields:
         end = field.address + field.size
@@ -209,7 +209,7 @@ def stretches_of(fields: list[Field]) -> list[tuple[bytearray, memoryview, int]]
 
 
 def constants_of(m: Any) -> dict[str, Any]:
-    """Return what an analysis reads of a model: arrays, sizes, options, and the names of all."""
+    """Return the constants of a model for an analysis: arrays, sizes, options, and all names."""
     found: dict[str, Any] = {}
     for name in dir(m):
         if name.startswith("_") or LOOKS.fullmatch(name):

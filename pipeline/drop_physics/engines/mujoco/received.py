@@ -1,4 +1,4 @@
-"""Models, steps and writes that a MuJoCo script's process has sent, put together.
+"""Models, steps and writes of a MuJoCo script's process, assembled from its stream.
 
 The other end of `watch`; the stream is described in `frames`.
 """
@@ -35,7 +35,7 @@ STEP_HEAD = np.dtype(
 
 @dataclass
 class MujocoModel:
-    """A model, as it was when it was first stepped."""
+    """A model, at the time of its first step."""
 
     number: int
     digest: str
@@ -95,7 +95,7 @@ class Edited(NamedTuple):
 
 
 class EndedEpisode(NamedTuple):
-    """An episode that an environment of the script has ended."""
+    """An episode ended by an environment of the script."""
 
     first: int
     """Number of steps of the simulation before it."""
@@ -107,7 +107,7 @@ class EndedEpisode(NamedTuple):
 
 @dataclass(frozen=True)
 class StepPiece:
-    """Steps of one simulation, without a gap."""
+    """Consecutive steps of one simulation."""
 
     world: int
     model: int
@@ -163,7 +163,7 @@ class _World:
         """Number of steps that make a piece."""
 
     def piece(self) -> StepPiece:
-        """Return the gathered steps, and begin anew."""
+        """Return the gathered steps, and start a new piece."""
         n, begins = len(self.payloads), STEP_HEAD.itemsize
         raw = np.frombuffer(b"".join(self.payloads), np.uint8).reshape(n, begins + self.size)
         heads = np.ascontiguousarray(raw[:, :begins]).view(STEP_HEAD)[:, 0]
@@ -194,7 +194,7 @@ class _World:
 
 
 class Received:
-    """Takes payloads in order, and yields pieces.
+    """Assembles payloads, in order, into pieces of simulations.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ class Received:
         return sum(world.step for world in self._worlds.values())
 
     def take(self, payload: bytes) -> Iterable[StepPiece]:
-        """Read a payload; return the pieces that are complete now."""
+        """Read a payload; return the pieces that it completes."""
         kind = payload[:1]
         if kind == frames.STEP:
             return self._on_step(payload)

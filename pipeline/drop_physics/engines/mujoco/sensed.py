@@ -1,4 +1,4 @@
-"""The sensors of a MuJoCo model, with what they read."""
+"""The sensors of a MuJoCo model, with their readings."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ MOST = 256
 def sensors_of(
     described: DescribedModel, client: int, kept: NDArray[np.float64]
 ) -> Iterator[Sensor]:
-    """Yield the sensors of a model; `kept` has first, last, least and greatest of each number.
+    """Yield the sensors of a model, given first, last, least and greatest of each number.
 
-    Its shape is (4, numbers).
+    `kept` has the shape (4, numbers).
     """
     arrays = described.arrays
     for number, name in enumerate(described.names["sensor"][:MOST]):

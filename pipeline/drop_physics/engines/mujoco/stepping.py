@@ -1,7 +1,7 @@
-"""MuJoCo in another interpreter, which takes recorded steps again: from frames to states and sums.
+"""MuJoCo in another interpreter, which repeats recorded steps: from frames to states and sums.
 
-A step is taken from its own frame, so any can be asked for, in any order; those that follow each
-other are taken fastest.
+A step is taken from its own frame, so any can be asked for, in any order; consecutive steps are the
+fastest.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Answer = tuple[dict[str, Any], Arrays]
 
 @dataclass(frozen=True, eq=False)
 class StepsWanted:
-    """Steps of a simulation that are to be taken again."""
+    """Steps of a simulation to be taken again."""
 
     model: Path
     """The file of its compiled model."""
@@ -111,7 +111,7 @@ class Stepper:
     def explained(
         self, wanted: Iterable[StepsWanted]
     ) -> Iterator[tuple[StepsWanted, ReplayedPiece]]:
-        """Yield what became of steps: whether they lead to the recorded states, and their sums."""
+        """Yield the results of steps: agreement with the recorded states, and their sums."""
         before: list[tuple[StepsWanted, Answer]] = []
         for each in wanted:
             self._send_steps("steps", each)
@@ -120,7 +120,7 @@ class Stepper:
         yield from ((its, self._piece(answer)) for its, answer in before)
 
     def states(self, wanted: StepsWanted) -> dict[str, NDArray[np.float64]]:
-        """Return the states that steps lead to, each from its own frame: parts by name, (n, width).
+        """Return the states after steps from their own frames: parts by name, (n, width).
 
         The clock is one of them, as `clock_s`.
         """
@@ -129,7 +129,7 @@ class Stepper:
         return arrays
 
     def constants(self, model: Path) -> Arrays:
-        """Return what an analysis reads of a compiled model, by MuJoCo's names."""
+        """Return the constants of a compiled model for an analysis, by MuJoCo's names."""
         self._send(frames.arrays_bytes("constants", {}, path=str(model)))
         ((_, arrays),) = self._answers()
         return arrays
@@ -187,7 +187,7 @@ class Stepper:
 
 
 def request_of(what: str, wanted: StepsWanted, more: Mapping[str, NDArray[Any]] = {}) -> bytes:
-    """Return a request for steps, as `explain.asked` reads it; `more` are arrays besides."""
+    """Return a request for steps, as `explain.asked` reads it; `more` are further arrays."""
     its = wanted.frames
     arrays: Arrays = {"functions": its.functions, "clock_s": its.clock_s}
     arrays |= {f"after/{name}": rows for name, rows in its.after.items()}

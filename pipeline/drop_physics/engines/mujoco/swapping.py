@@ -55,7 +55,7 @@ class Swapper(Stepper):
     def states(
         self, wanted: StepsWanted | Frames, edits: Sequence[ModelEdit] = (), off: Sequence[str] = ()
     ) -> dict[str, Float64]:
-        """Return the states that steps lead to, each from its own frame: parts by name, (n, width).
+        """Return the states after steps from their own frames: parts by name, (n, width).
 
         Parameters
         ----------
@@ -71,12 +71,12 @@ class Swapper(Stepper):
         return self._asked("swapped", wanted, edits, off)
 
     def stages(self, wanted: Frames, edits: Sequence[ModelEdit] = ()) -> dict[str, list[Float64]]:
-        """Return what the stages of each step have computed: a flat array of each name."""
+        """Return the results of the stages of each step: a flat array for each name."""
         answer = self._asked("stages", wanted, edits)
         return {name: _apart(numbers) for name, numbers in answer.items()}
 
     def rolled(self, wanted: Frames, begin: int, nudges: Float64) -> Float64:
-        """Go on from a step to the end, with each nudge of the velocities in turn.
+        """Continue from a step to the end, with each nudge of the velocities in turn.
 
         Returns the last positions, shape (nudges, width).
         """
@@ -84,7 +84,7 @@ class Swapper(Stepper):
         return ends
 
     def trail(self, wanted: Frames, edits: Sequence[ModelEdit]) -> dict[str, Float64]:
-        """Go through all steps with other values of fields: `qpos` and `qvel` after each."""
+        """Run through all steps with other values of fields: `qpos` and `qvel` after each."""
         return self._asked("trail", wanted, edits)
 
     def _asked(
@@ -106,7 +106,7 @@ class Swapper(Stepper):
 
 
 def _apart(numbers: Float64) -> list[Float64]:
-    """Return arrays that were gathered: how many, their lengths in rows, then all numbers."""
+    """Split gathered numbers into arrays: their count, their lengths in rows, then all numbers."""
     count = int(numbers[0])
     lengths, flat = numbers[1 : count + 1].astype(np.int64), numbers[count + 1 :]
     width = len(flat) // max(int(lengths.sum()), 1)

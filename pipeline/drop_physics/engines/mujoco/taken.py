@@ -1,4 +1,4 @@
-"""A recorded run of MuJoCo as arrays over all steps: what each started from, and what it led to."""
+"""A recorded run of MuJoCo as arrays over all steps: states before and after them."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class TakenSteps:
         return self.whole.after
 
     def only(self, starts: Int64, ends: Int64) -> TakenSteps:
-        """Return some steps: what they start from, and what perhaps others lead to."""
+        """Return the selected steps: their starts, and perhaps the ends of others."""
         whole, row_of = self.whole, {step: row for row, step in enumerate(starts.tolist())}
         some = replace(
             whole,
@@ -97,8 +97,8 @@ def taken(pieces: Iterable[Frames], fields: Mapping[str, NDArray[Any]]) -> Taken
 def aligned(a: TakenSteps, b: TakenSteps) -> tuple[TakenSteps, TakenSteps, Int64]:
     """Return the steps of two runs that start and end at the same times.
 
-    Also returns the numbers of these steps in the first run. A step of the second may be several:
-    what it starts from is that of the first of them, what it leads to that of the last.
+    Also returns the numbers of these steps in the first run. A step of the second run may stand for
+    several: its start is that of the first, its end that of the last.
     """
     starts, ends = _places(b.starts_s), _places(b.whole.clock_s)
     rows = [
@@ -140,7 +140,7 @@ def _starts_s(whole: Frames) -> Float64:
 
 
 def _acting(whole: Frames, inputs: Rows) -> Rows:
-    """Return what acts in each step once callbacks have written within it."""
+    """Return the inputs that act in each step, after callbacks have written within it."""
     nv = whole.after["qvel"].shape[1]
     acting = {name: rows.copy() for name, rows in inputs.items()}
     acting[PASSIVE] = np.zeros((len(whole), nv))
@@ -153,7 +153,7 @@ def _acting(whole: Frames, inputs: Rows) -> Rows:
 
 
 def edited_of(whole: Frames, name: str, compiled: NDArray[Any]) -> tuple[Int64, Float64]:
-    """Return the elements of a field that are written, and their values in each step."""
+    """Return the written elements of a field, and their values in each step."""
     edits = [each for each in whole.edits if each.name == name]
     indices = np.unique(np.concatenate([each.indices for each in edits]))
     start = np.ravel(compiled).astype(np.float64)[indices]
@@ -208,7 +208,7 @@ def joined(pieces: list[Frames]) -> Frames:
 
 
 def _continues(pieces: list[Frames], starts: list[int], start: int) -> bool:
-    """Return whether a piece begins with the state that the one before has left."""
+    """Return whether a piece begins with the state that the piece before left behind."""
     number = starts.index(start)
     before, piece = pieces[number - 1], pieces[number]
     return all(
@@ -217,7 +217,7 @@ def _continues(pieces: list[Frames], starts: list[int], start: int) -> bool:
 
 
 def _held(column: FrameColumn, count: int) -> Float64:
-    """Return the row that holds in each step."""
+    """Return the row in effect in each step."""
     which = np.searchsorted(column.at, np.arange(count), side="right") - 1
     rows: Float64 = column.rows[np.maximum(which, 0)]
     return rows

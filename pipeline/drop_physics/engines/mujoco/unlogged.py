@@ -6,6 +6,6 @@ import mujoco
 
 
 def write_no_log() -> None:
-    """Keep MuJoCo from appending its warnings to MUJOCO_LOG.TXT, in whatever folder this is."""
+    """Keep MuJoCo from appending its warnings to MUJOCO_LOG.TXT in the working directory."""
     if mujoco.get_mju_user_warning() is None:
         mujoco.set_mju_user_warning(lambda _: None)

@@ -1,7 +1,7 @@
 """Messages of a MuJoCo script's process, as events of a recording.
 
-`received` puts a stream together. Here its pieces get the form that recordings have: bodies,
-samples, and what was set between two steps, by which line.
+`received` assembles a stream. Here its pieces get the form that recordings have: bodies, samples,
+and values set between two steps, by line.
 """
 
 from __future__ import annotations
@@ -139,11 +139,11 @@ class MujocoSimulation:
     """The changes of its timestep: step, and time and timestep from there on."""
 
     def times_s(self, steps: Int64) -> Float64:
-        """Return the times of some steps, the sums of the timesteps before [s]."""
+        """Return the times of steps, as sums of the timesteps before them [s]."""
         return self.since_s + (steps - self.since_step).astype(np.float64) * self.timestep_s
 
     def times_then_s(self, steps: Int64) -> Float64:
-        """Return the times of samples of which the timestep may have changed since [s]."""
+        """Return the times of samples after which the timestep may have changed [s]."""
         begin, since_s, timestep_s = map(np.array, zip(*self.since, strict=True))
         which = np.maximum(np.searchsorted(begin, steps - 1, side="right") - 1, 0)
         return np.asarray(since_s[which] + (steps - begin[which]) * timestep_s[which])
@@ -153,7 +153,7 @@ class MujocoSimulation:
         return self.since_s + (step - self.since_step) * self.timestep_s
 
     def take(self, written: ReceivedWrite) -> dict[str, Int64]:
-        """Apply what was written; return where that changed something, by part."""
+        """Apply written values; return the changed elements, by part."""
         changed = {}
         for name, (indices, values) in written.parts.items():
             old = self.held.get(name)
@@ -193,7 +193,7 @@ def _is_older(version: str) -> bool:
 class MujocoDecoder:
     """Interprets payloads of a stream as events, in order; `close` it.
 
-    What is replayed is kept in a folder of its own.
+    Files of replays are kept in a folder of its own.
     """
 
     def __init__(self) -> None:
@@ -240,7 +240,7 @@ class MujocoDecoder:
 
     @property
     def is_long(self) -> bool:
-        """Whether its steps are too many to be explained before they are asked for."""
+        """Whether its steps are too many to be explained before somebody asks for them."""
         return self._frames.is_full
 
     @property
@@ -250,7 +250,7 @@ class MujocoDecoder:
 
     @property
     def time_s(self) -> float:
-        """The simulated time so far of the simulation that is furthest [s]."""
+        """The simulated time so far of the simulation that has advanced farthest [s]."""
         return max((each.time_s(each.ends) for each in self._simulations.values()), default=0.0)
 
     def take(self, payload: bytes) -> Iterable[Event]:
@@ -265,7 +265,7 @@ class MujocoDecoder:
     def rest(self, answers: Float64) -> Iterator[Event]:
         """Yield the remaining events, at the end of the stream.
 
-        `answers` is what sensors read, as kept in the memory shared with the process.
+        `answers` holds the readings of sensors, from the memory shared with the process.
         """
         if self._received is not None:
             yield from self._on_pieces(self._received.rest())
@@ -280,7 +280,7 @@ class MujocoDecoder:
                 yield from sensors_of(its.described, its.client, kept)
 
     def explained(self, python: str) -> Iterator[Event]:
-        """Take all steps again and explain them, if they are few; yield what that says.
+        """Take all steps again and explain them, if they are few; yield the results as events.
 
         Parameters
         ----------
@@ -526,7 +526,7 @@ class MujocoDecoder:
         return Settings(at, its.client, values | options, f"MuJoCo {self._received.version}")
 
     def _changed(self, its: MujocoSimulation, edits: list[Edited], step: int) -> Iterator[Event]:
-        """Yield the settings and bodies that edits of the model have changed."""
+        """Yield the settings and bodies changed by edits of the model."""
         assert self._folder is not None
         at = At(step, its.time_s(step), self._calls)
         if any(edit.name.startswith("opt.") for edit in edits):
@@ -564,7 +564,7 @@ class MujocoDecoder:
     # -- states -----------------------------------------------------------------------------------
 
     def _controls(self, its: MujocoSimulation, first: int) -> Iterator[Controls]:
-        """Yield the controls of actuators, where they changed."""
+        """Yield the controls of actuators where they changed."""
         names = tuple(its.described.names["actuator"]) if its.apart_s is None else ()
         given, its.given = its.given, {}
         if first == its.first and names:
@@ -610,7 +610,7 @@ class MujocoDecoder:
         )
 
     def _put(self, its: MujocoSimulation, made: DescribedBody, at: At, *, counts: bool) -> Put:
-        """Return the state of a body as it is held."""
+        """Return the current state of a body as a `Put`."""
         nq, nv = (int(its.arrays[name].item()) for name in ("nq", "nv"))
         qpos = _of_size(its.held.get("qpos"), nq)[None]
         qvel = _of_size(its.held.get("qvel"), nv)[None]
@@ -635,7 +635,7 @@ class MujocoDecoder:
     def _on_written(
         self, its: MujocoSimulation, piece: StepPiece, written: ReceivedWrite, rows: _Rows
     ) -> Iterator[Put]:
-        """Apply what was written before a step; yield the bodies that it moved."""
+        """Apply values written before a step; yield the bodies that they moved."""
         step = written.step - its.first
         if written.cause == "picture":
             values = np.array([float(written.argument)])
@@ -683,7 +683,7 @@ class MujocoDecoder:
     def _moves(
         self, its: MujocoSimulation, made: DescribedBody, changed: Mapping[str, Int64]
     ) -> bool:
-        """Return whether what was written changed the state of a body."""
+        """Return whether written values changed the state of a body."""
         if made.links[0].of > 0 and (which := int(its.arrays["body_mocapid"][made.root])) >= 0:
             for name, width in (("mocap_pos", 3), ("mocap_quat", 4)):
                 if (changed.get(name, np.empty(0, np.int64)) // width == which).any():
@@ -764,7 +764,7 @@ class MujocoDecoder:
         self._calls += 1
 
     def _site(self, function: str, form: str, site: int, since: int, names: tuple[str, ...]) -> int:
-        """Return the number of the place between two calls where an act of some form is made."""
+        """Return the number of a place between two calls where an act of this form is made."""
         assert self._received is not None
         line, key = self._received.sites[site], (function, form, site, since)
         if since >= 0 and since != site:
@@ -794,7 +794,7 @@ class MujocoDecoder:
 
 @cache
 def _blanks(count: int) -> str:
-    """Return the form of an act that sets so many numbers."""
+    """Return the form of an act that sets `count` numbers."""
     return ", ".join("{}" for _ in range(count))
 
 
@@ -803,7 +803,7 @@ def _end(piece: StepPiece) -> int:
 
 
 def _of_size(held: NDArray[Any] | None, size: int) -> Float64:
-    """Return a part of a state; what was never sent is zero."""
+    """Return a part of a state; parts that were never sent are zero."""
     found = np.zeros(size)
     if held is not None:
         found[: len(held)] = held[:size]
@@ -826,7 +826,7 @@ def _edit(arrays: dict[str, NDArray[Any]], edit: Edited) -> None:
 
 
 def _edited_bodies(its: MujocoSimulation, edits: list[Edited]) -> set[int]:
-    """Return the numbers of the bodies that edits are about."""
+    """Return the numbers of the edited bodies."""
     arrays, link_of, found = its.arrays, its.described.link_of, set[int]()
     for edit in edits:
         kind = edit.name.partition("_")[0]

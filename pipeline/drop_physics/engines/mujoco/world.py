@@ -1,8 +1,8 @@
-"""A drop in MuJoCo: the model of a scenario, read as that of a watched script is.
+"""A drop in MuJoCo: the model of a scenario, read like that of a watched script.
 
 Bodies and states come from `described`, the softness of contact from `held`. Contact forces are
-MuJoCo's own, one point at a time: a recording of a drop has them to the last bit, along the two
-tangents, where the replay of a script adds up what acts on a pair.
+MuJoCo's own, point by point and to the last bit, along the two tangents; the replay of a script
+only has sums over a pair.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The half of `drop record` that runs in the script's own interpreter, whatever engine it steps.
+"""The half of `drop record` that runs in the script's own interpreter, for any engine.
 
 It needs Python 3.9 or later and the standard library. It imports nothing of drop but its
 neighbours, the folders `watch` of the engines, so it can record in an environment that cannot have

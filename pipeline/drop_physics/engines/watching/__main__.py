@@ -1,4 +1,4 @@
-"""Run a part of ours in a script's interpreter: `python PATH-OF-THIS-FOLDER MODULE ARGUMENT …`.
+"""Start of our modules in a script's interpreter: `python PATH-OF-THIS-FOLDER MODULE ARGUMENT …`.
 
 That interpreter may be old and need not have drop. The folder around this one becomes a package
 under a name that no script uses, and `main` of one of its modules is called with the arguments.

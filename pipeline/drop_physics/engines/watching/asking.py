@@ -1,4 +1,4 @@
-"""A script that asks its user: while it waits, the line that shows its progress is gone."""
+"""Input requests of a script, during which its line of progress is cleared."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CLEAR = "\x1b[K"
 
 
 def install(watch: ScriptWatch) -> None:
-    """Tell when the script begins to wait for a line, and when it goes on."""
+    """Report the beginning and the end of waiting for a line of input."""
     original = builtins.input
 
     def ask(*prompt: Any) -> str:

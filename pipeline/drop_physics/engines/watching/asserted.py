@@ -1,6 +1,6 @@
-"""An assertion of a script that has failed, found in its error: what it says is expected.
+"""A failed assertion of a script, taken from its error as an expectation.
 
-A test that pytest runs counts, too: pytest keeps the error, and says so where it calls the test.
+A test that pytest runs counts, too: pytest keeps the error, and reports it where it calls the test.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ class Assertion:
         self.text, self.file, self.line, self.frame = text, file, line, frame
 
     def told(self) -> dict[str, Any]:
-        """Return what is told of it."""
+        """Return the assertion as a note."""
         return {"text": self.text, "file": self.file, "line": self.line}
 
 
 def assertion_of(error: BaseException) -> Assertion | None:
-    """Return the `assert` of the script's own that has raised an error; None if none has."""
+    """Return the script's own `assert` that raised an error; None if there is none."""
     if not isinstance(error, AssertionError):
         return None
     found, trace = None, error.__traceback__
@@ -56,7 +56,7 @@ def assertion_of(error: BaseException) -> Assertion | None:
 
 
 def _test_at(file: str, line: int) -> str | None:
-    """Return what the `assert` in a line of a file says; None if there is none."""
+    """Return the condition of the `assert` in a line of a file; None if there is none."""
     try:
         tree = ast.parse("".join(linecache.getlines(file)))
     except (SyntaxError, ValueError):
@@ -68,7 +68,7 @@ def _test_at(file: str, line: int) -> str | None:
 
 
 def install(watch: ScriptWatch) -> None:
-    """Tell of the errors of tests that pytest runs."""
+    """Report the errors of tests that pytest runs."""
 
     def on_runner(module: ModuleType) -> None:
         info: Any = module.CallInfo

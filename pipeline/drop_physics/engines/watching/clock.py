@@ -1,8 +1,8 @@
-"""The script's clock: simulated time, or the time that it has slept if that is more.
+"""The script's clock: simulated time, or the time slept if that is more.
 
 Sleeping returns at once. A script that waits for a time, by sleeping or polling, finds that it has
-come; one that alternates steps and sleeps keeps the pace that it was written for. Every run of the
-script sees the same times.
+come; one that alternates steps and sleeps keeps its pace. Every run of the script sees the same
+times.
 
 Reading the clock takes time, too, but is not waiting: a compiler reads it a million times.
 
@@ -35,9 +35,9 @@ _OTHERS = LIBRARY + "site-packages" + os.sep
 
 
 class Clock:
-    """A virtual clock; with `real`, just the real one.
+    """A virtual clock; with `real`, the real one.
 
-    It starts at `begins_s`, or at what the real one shows then.
+    It starts at `begins_s`, or at the current time.
     """
 
     def __init__(self, *, real: bool, begins_s: float | None = None) -> None:
@@ -77,11 +77,11 @@ class Clock:
         self.passed()
 
     def ask(self) -> None:
-        """Let pass the time that asking for input takes."""
+        """Advance by the time that a request for input takes."""
         self.wait(self._asking_s())
 
     def read(self) -> None:
-        """Let pass the time that reading the clock takes; where it lags, it catches up first."""
+        """Advance by the time that reading the clock takes, or catch up with the real clock."""
         lag_s = self.simulated_s - self.waited_s
         self.waited_s += max(READ_S, min(self._asking_s(), lag_s))
         self.passed()
@@ -91,7 +91,7 @@ class Clock:
         return min(ASK_S * self._asks, LONGEST_ASK_S)
 
     def install(self) -> None:
-        """Put this clock in place of the one in the module `time`."""
+        """Replace the clock in the module `time`."""
         if self.real:
             return
         self._theirs = {name: getattr(time, name) for name in (*NAMES, "sleep")}
@@ -103,7 +103,7 @@ class Clock:
         time.sleep = self._sleeping(self._theirs["sleep"])
 
     def remove(self) -> None:
-        """Put the module `time` back as it was."""
+        """Restore the module `time`."""
         for name, function in self._theirs.items():
             setattr(time, name, function)
         self._theirs = {}
@@ -142,7 +142,7 @@ class Clock:
         return sleep
 
     def _is_real(self) -> bool:
-        """Return whether the caller of our caller keeps the real clock."""
+        """Return whether the caller of our caller uses the real clock."""
         if not self._theirs or get_ident() != _MAIN:
             return True
         name = _getframe(2).f_code.co_filename

@@ -43,7 +43,7 @@ KEPT_FLAGS = WRITES | os.O_APPEND
 
 
 def shared(ours: Collection[int], block: int) -> str:
-    """Return what forbids a fork of this process, in a few words; empty if nothing does.
+    """Return the reason that forbids a fork of this process; empty if there is none.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def shared(ours: Collection[int], block: int) -> str:
 
 
 def flush() -> None:
-    """Write what buffers of this process hold, Python's and those of C."""
+    """Flush the buffers of this process, Python's and those of C."""
     for each in gc.get_objects():
         if isinstance(each, (io.BufferedWriter, io.BufferedRandom, io.TextIOWrapper)):
             try:
@@ -74,7 +74,7 @@ def flush() -> None:
 
 
 def replace(ours: Collection[int], private: Private | None, printed: int) -> None:
-    """Give each regular file that is open for writing, in a child, a copy of its own.
+    """Give a child its own copies of the regular files that are open for writing.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def _reopened(number: int) -> int:
 def _copied(number: int, private: Private | None) -> int:
     """Return a descriptor of a child's own copy of a file.
 
-    Through a private view the path leads to it. A file that has no path any more is copied.
+    Through a private view, the path leads to the copy. A file without a path is copied.
     """
     path, flags = os.readlink(link(number)), _flags(number) & KEPT_FLAGS
     if private is not None and private.holds(path) and _is_at(path, os.fstat(number)):
@@ -135,7 +135,7 @@ def link(number: int) -> str:
 
 
 def numbers(ours: Collection[int]) -> list[int]:
-    """Return the open descriptors that are neither ours nor standard streams."""
+    """Return the open descriptors, except ours and the standard streams."""
     with os.scandir("/proc/self/fd") as listed:
         found = sorted(int(each.name) for each in listed)
     return [each for each in found if each not in (*ours, *STANDARD) and _is_open(each)]
@@ -160,7 +160,7 @@ def _flags(number: int) -> int:
 
 
 def _kind(number: int) -> str:
-    """Return what a descriptor is that a child must not share; empty if it may."""
+    """Return the kind of a descriptor that a child must not share; empty if it may."""
     mode, path = os.fstat(number).st_mode, os.readlink(link(number))
     if stat.S_ISREG(mode):
         return "a database" if _is_database(number) else ""
@@ -187,7 +187,7 @@ def _is_database(number: int) -> bool:
 
 
 def _mapping(block: int) -> str:
-    """Return which memory other processes may share and write to, but for the block."""
+    """Return the memory that other processes may share and write to, except for the block."""
     with open("/proc/self/maps", encoding="utf-8", errors="surrogateescape") as file:
         for line in file:
             _, how, _, _, inode, *path = line.split(maxsplit=5)
@@ -197,7 +197,7 @@ def _mapping(block: int) -> str:
 
 
 def _thread() -> str:
-    """Return which threads there are beside this one and those of known pools."""
+    """Return the threads beside this one and those of known pools."""
     if threading.active_count() > 1:
         return "a thread"
     here = _thread_name(str(os.getpid()))

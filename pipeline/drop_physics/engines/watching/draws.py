@@ -1,6 +1,6 @@
-"""Random numbers: seeded on request, otherwise the first that is drawn unseeded is reported.
+"""Random numbers: seeded on request, otherwise the first unseeded draw is reported.
 
-What a library draws while it is imported is its own: it tests itself, or makes examples for its
+Draws of a library during its import are ignored: it tests itself, or makes examples for its
 documentation.
 """
 
@@ -78,12 +78,12 @@ class Draws:
         self._undo.append(lambda: setattr(source, "randbits", original))
 
     def remove(self) -> None:
-        """Put everything back."""
+        """Restore the generators."""
         while self._undo:
             self._undo.pop()()
 
     def _seed_generators(self) -> None:
-        """Let `random.seed()` and `random.Random()` seed with numbers that are always the same."""
+        """Let `random.seed()` and `random.Random()` use the same seeds in every run."""
         original, entropy = random.Random.seed, self._entropy
 
         @functools.wraps(original)
@@ -135,7 +135,7 @@ class Draws:
 
 
 def is_imported(frame: Any) -> bool:
-    """Return whether a library's module is being imported: its own code called, however deep."""
+    """Return whether a library's module is being imported, at any depth of calls."""
     while frame is not None:
         code = frame.f_code
         if code.co_name == "<module>" and not code.co_filename.startswith("<"):
@@ -146,7 +146,7 @@ def is_imported(frame: Any) -> bool:
 
 
 def is_made(frame: Any) -> bool:
-    """Return whether a library makes an object of its own, which may be seeded before it draws."""
+    """Return whether a library is creating an object of its own, which may be seeded before use."""
     while frame is not None and is_library(frame.f_code.co_filename):
         if frame.f_code.co_name == "__init__":
             return True
@@ -155,6 +155,6 @@ def is_made(frame: Any) -> bool:
 
 
 def _gives_seed(frame: Any) -> bool:
-    """Return whether a generator gets its seed or another's state; numpy first draws its own."""
+    """Return whether a generator gets a seed or another's state; numpy first draws its own."""
     line = getline(frame.f_code.co_filename, frame.f_lineno)
     return frame.f_code.co_name == COPIES or SEEDED_STATE.search(line) is not None

@@ -1,4 +1,4 @@
-"""Ending of a script: as without a recorder, and reported to it."""
+"""End of a script: unchanged for the script, and reported to the recorder."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def run(watch: ScriptWatch, script: Callable[[], None]) -> None:
 
 
 def end(watch: ScriptWatch, how: str, error: str = "", site: tuple[str, int] = NOWHERE) -> None:
-    """Send the recorder what is left, and that the script is over: nothing follows."""
+    """Send the recorder all that is left, and the end of the script: nothing follows."""
     watch.finish()
     watch.lock.remove()
     watch.tell_answer()
@@ -57,9 +57,9 @@ def end(watch: ScriptWatch, how: str, error: str = "", site: tuple[str, int] = N
 
 
 def _tell(watch: ScriptWatch, how: str, error: str = "", site: tuple[str, int] = NOWHERE) -> None:
-    """Tell how the script has ended, and with an error, in which line of its own.
+    """Report the end of the script, and the line of its own in which an error arose.
 
-    What its threads, its functions of `atexit` and its finalizers still do is recorded.
+    Steps of its threads, its `atexit` functions and its finalizers are still recorded.
     """
     with watch.lock:
         watch.settle()
@@ -74,9 +74,9 @@ def _note_end(watch: ScriptWatch, how: str, error: str, site: tuple[str, int]) -
 
 
 def _end_last(watch: ScriptWatch) -> None:
-    """Send what is left when all else that was registered has run.
+    """Send what is left after all other registered functions have run.
 
-    Only finalizers follow, in this thread: what they do is left in the block. The turn is kept from
+    Only finalizers follow, in this thread: their events stay in the block. The turn is kept from
     other threads, which end wherever they are.
     """
     if watch.on:
@@ -86,7 +86,7 @@ def _end_last(watch: ScriptWatch) -> None:
 
 
 def place_of(error: BaseException, ours: str = "") -> tuple[str, int]:
-    """Return the last of the script's own files that an error came through, and the line.
+    """Return file and line of the script's innermost frame in an error.
 
     Frames of the file `ours` are not the script's.
     """

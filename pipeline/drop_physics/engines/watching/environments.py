@@ -1,6 +1,6 @@
-"""Episodes of gymnasium's environments, as the environments' `reset` and `step` tell them.
+"""Episodes of gymnasium's environments, reported by their `reset` and `step`.
 
-The two methods of each class of environments are replaced by ones that call them. Where they call
+The two methods of all classes of environments are replaced by ones that call them. Where they call
 each other, through wrappers, only the outermost counts: a time limit around an environment is part
 of it, and belongs to the same episode as the environment itself (`unwrapped`).
 """
@@ -43,7 +43,7 @@ class EpisodeReturns:
 
 
 class _Inside(threading.local):
-    """The methods that a thread is in, and the environments that a step has reset."""
+    """The methods that a thread is running, and the environments reset within a step."""
 
     def __init__(self) -> None:
         self.methods: list[Any] = []
@@ -68,14 +68,14 @@ class Environments:
         """All episodes, in the order of their first steps."""
 
     def listen(self) -> None:
-        """Replace the methods of environments, from their module's import on."""
+        """Replace the methods of environments once their module is imported."""
         for name in MODULES:
             self._host.on_import(name, self._install)
 
     def outcome(self) -> dict[str, Any]:
-        """Return what an expectation may name of the episodes that have ended; empty without any.
+        """Return the values of ended episodes that an expectation may name; empty without any.
 
-        Where none has, it is of the one that goes on.
+        If no episode has ended, the values are those of the current one.
         """
         ended = [each for each in self.episodes if each.how not in ("", "run")] or self.episodes
         if not ended:
@@ -87,7 +87,7 @@ class Environments:
         }
 
     def settle(self) -> None:
-        """Tell the episodes that the script's end leaves unfinished."""
+        """Report the episodes left unfinished at the script's end."""
         for episode in self.episodes:
             if not episode.how:
                 self._end(episode, "run")
@@ -116,7 +116,7 @@ class Environments:
                 self._host.on_removal(partial(setattr, cls, name, original))
 
     def call(self, original: Any, then: Any, args: Any, kwargs: Any) -> Any:
-        """Call a method of an environment; tell what the outermost returned."""
+        """Call a method of an environment; report the result of the outermost one."""
         inside = self._inside
         if not self._host.on or not args or then in inside.methods or self._reset in inside.methods:
             return original(*args, **kwargs)
@@ -198,7 +198,7 @@ class Environments:
 
 
 class _Method:
-    """Stands for a method of environments; pickled by value, it is the method alone."""
+    """A replacement for a method of environments; pickled by value, it is the method alone."""
 
     def __init__(self, environments: Environments, original: Any, then: Any) -> None:
         update_wrapper(self, original)
@@ -215,7 +215,7 @@ class _Method:
 
 
 def _success(info: Any) -> bool | None:
-    """Return whether an environment says that its goal is reached; None if it says nothing."""
+    """Return whether an environment reports its goal as reached; None if it reports nothing."""
     for name in ("is_success", "success"):
         if name in info:
             return bool(info[name])
@@ -223,7 +223,7 @@ def _success(info: Any) -> bool | None:
 
 
 def _why(environment: Any, info: Any) -> str:
-    """Return why an environment ended its episode, as far as its ranges and `info` say it."""
+    """Return the reason for an episode's end, as far as ranges and `info` show it."""
     said = [name for name, value in info.items() if _is_true(value)]
     with suppress(Exception):  # another kind of environment
         said += _unhealthy(environment)
@@ -256,6 +256,6 @@ def _unhealthy(environment: Any) -> list[str]:
 
 
 def _beyond(number: float, bound: float, sign: str) -> str:
-    """Return that a number is beyond a bound, in as many digits as tell them apart."""
+    """Describe a number beyond a bound, with enough digits to tell them apart."""
     digits = next((n for n in range(3, 18) if f"{number:.{n}g}" != f"{bound:.{n}g}"), 3)
     return f"{number:.{digits}g} {sign if number != bound else sign + '='} {bound:.{digits}g}"

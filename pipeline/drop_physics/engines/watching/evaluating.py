@@ -1,4 +1,4 @@
-"""Evaluation within a run, where the script's own names and its engine are at hand.
+"""Evaluation within a run, with access to the script's own names and its engine.
 
 An evaluator is a class of a module beside this one: it runs in the script's interpreter.
 """
@@ -15,21 +15,21 @@ if TYPE_CHECKING:
 
 
 class Evaluator(ABC):
-    """An evaluator of a run; its `answer` is what JSON can hold."""
+    """An evaluator of a run; its `answer` can be written as JSON."""
 
     @abstractmethod
     def step(self, engine: EngineWatch, frame: Any) -> None:
-        """See a step that an engine has just made, called from a frame of the script."""
+        """Observe a step of an engine, called from a frame of the script."""
 
     def failed(self, error: BaseException) -> None:  # noqa: B027
-        """See an error that ends the script, or a test of its."""
+        """Observe an error that ends the script or one of its tests."""
 
     def before_end(self) -> None:  # noqa: B027
-        """See that a simulation is about to end, whose names will mean nothing."""
+        """Observe the coming end of a simulation, after which its names mean nothing."""
 
     @abstractmethod
     def answer(self) -> Any:
-        """Return what was found, once the script has ended."""
+        """Return the result, after the end of the script."""
 
 
 def evaluator_of(given: Mapping[str, Any] | None) -> Evaluator | None:

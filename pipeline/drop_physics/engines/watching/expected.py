@@ -1,4 +1,4 @@
-"""Expectation of a run, evaluated in it, and the motion of all bodies, to compare runs."""
+"""Evaluation of an expectation within a run, and the motion of all bodies, to compare runs."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class ExpectationEvaluator(Evaluator):
         self._printed = printed() if reads_prints else None
 
     def step(self, engine: EngineWatch, frame: Any) -> None:
-        """See a step that an engine has just made, called from a frame of the script."""
+        """Observe a step of an engine, called from a frame of the script."""
         if frame is not self._frame:
             self._frame, self._frames = frame, _frames_of(frame)
         self._engines[id(engine)] = engine
@@ -82,7 +82,7 @@ class ExpectationEvaluator(Evaluator):
         track.step()
 
     def failed(self, error: BaseException) -> None:
-        """See an error that ends the script, or a test of its."""
+        """Observe an error that ends the script or one of its tests."""
         if self._assertion is None and self._asserted:
             self._assertion = assertion_of(error)
 
@@ -93,7 +93,7 @@ class ExpectationEvaluator(Evaluator):
             self._could = self._changes(self._rows)
 
     def answer(self) -> Any:
-        """Return what was found, once the script has ended."""
+        """Return the result, after the end of the script."""
         found = self._judged()
         if found["error"] is not None and self._before is not None:
             found = self._before
@@ -194,7 +194,7 @@ class ObservedSeries:
         self.is_finite = True
 
     def step(self) -> None:
-        """See a step."""
+        """Read the series after a step."""
         if self._waiting:
             self._find()
         self._times.append(self._observed.time_s)
@@ -221,7 +221,7 @@ class ObservedSeries:
         return series_of(self._reads[key][1], self._times[self._since[key] :])
 
     def motion(self) -> dict[str, Any]:
-        """Return how all bodies moved: positions [m] after every `stride` steps, by body."""
+        """Return the motion of all bodies: positions [m] after every `stride` steps, by body."""
         bodies = self._observed.bodies()
         width = NUMBERS * len(bodies)
         flat = array("d")
@@ -246,7 +246,7 @@ class ObservedSeries:
 
 
 def printed() -> list[str]:
-    """Return what is printed from now on, or since this was first called in this process."""
+    """Return the list of printed texts, which grows from the first call in this process on."""
     write = sys.stdout.write
     kept: list[str] | None = getattr(write, "drop_kept", None)
     if kept is not None:
@@ -263,7 +263,7 @@ def printed() -> list[str]:
 
 
 def _frames_of(frame: Any) -> list[Any]:
-    """Return the frames of the script that a call comes from, the innermost first."""
+    """Return the frames of the script from which a call comes, the innermost first."""
     frames = []
     while frame is not None:
         if not is_library(frame.f_code.co_filename):
@@ -275,7 +275,7 @@ def _frames_of(frame: Any) -> list[Any]:
 
 
 def _names_of(frames: Sequence[Any]) -> dict[str, Any]:
-    """Return the names that a script has in some frames, and in the modules of these."""
+    """Return the names that are visible in frames of a script, and in their modules."""
     names: dict[str, Any] = {}
     for frame in reversed(frames):
         names.update(frame.f_globals)

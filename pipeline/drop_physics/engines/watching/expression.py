@@ -1,7 +1,7 @@
-"""A sentence of what is expected of a run: a Python expression, and by how much it holds.
+"""An expectation of a run: a Python expression, and a measure of how well it holds.
 
 It is parsed before anything runs, and evaluated in the script's interpreter. Its names are the
-script's own; and series over the steps, with what is taken of them.
+script's own, and series over the steps.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Expression:
         self._tree = ast.parse(text.strip(), mode="eval")
 
     def reads(self) -> Iterator[tuple[str, tuple[Any, ...] | None]]:
-        """Yield the series that it calls for: a function and its arguments, None if they vary."""
+        """Yield the series that it names: a function and its arguments, None if they vary."""
         for node in ast.walk(self._tree):
             if isinstance(node, ast.Call) and _called(node) in SERIES:
                 given = [each.value for each in node.args if isinstance(each, ast.Constant)]
@@ -61,7 +61,7 @@ class Expression:
 
     @property
     def unit(self) -> str | None:
-        """The unit of what it compares, where all of that is of series of one unit; else None."""
+        """The unit of the compared quantities, if all are series of one unit; else None."""
         called = {_called(node) for node in ast.walk(self._tree) if isinstance(node, ast.Call)}
         names = {node.id for node in ast.walk(self._tree) if isinstance(node, ast.Name)}
         sums = all(
@@ -75,16 +75,16 @@ class Expression:
 
     @property
     def reads_prints(self) -> bool:
-        """Whether it is about what the script has printed."""
+        """Whether it refers to the script's printed output."""
         return any(getattr(node, "id", None) == PRINTED for node in ast.walk(self._tree))
 
     @property
     def reads_episodes(self) -> bool:
-        """Whether it is about what environments make known of their episodes."""
+        """Whether it refers to episodes of environments."""
         return any(getattr(node, "id", None) in EPISODE for node in ast.walk(self._tree))
 
     def judged(self, script: Mapping[str, Any], ours: Mapping[str, Any]) -> Judged:
-        """Return whether it holds, by how much, and the first quantity that it compares.
+        """Return whether it holds, its margin, and the first compared quantity.
 
         Parameters
         ----------
@@ -108,7 +108,7 @@ class Expression:
 
 
 class _Renamed(ast.NodeTransformer):
-    """Calls functions of ours where the script has a number of the same name."""
+    """Calls to our functions where the script has a number of the same name."""
 
     def __init__(self, covered: set[str]) -> None:
         self._covered = covered
@@ -121,7 +121,7 @@ class _Renamed(ast.NodeTransformer):
 
 
 def _judged(node: ast.expr, names: dict[str, Any]) -> Judged:
-    """Judge a part: `and` is as good as its worst part, `or` as its best."""
+    """Judge a part of the expression: `and` by its worst part, `or` by its best."""
     if isinstance(node, ast.BoolOp):
         parts = [_judged(each, names) for each in node.values]
         best = isinstance(node.op, ast.Or)
@@ -150,7 +150,7 @@ def _judged(node: ast.expr, names: dict[str, Any]) -> Judged:
 
 
 def _compared(op: ast.cmpop, left: ast.expr, right: ast.expr, names: dict[str, Any]) -> Judged:
-    """Judge a comparison of two sides; the quantity is the one that is no constant."""
+    """Judge a comparison of two sides; the quantity is the side that is not constant."""
     one, other = _value(left, names), _value(right, names)
     holds = bool(_COMPARES[type(op)](one, other))
     first, second = _number(one), _number(other)

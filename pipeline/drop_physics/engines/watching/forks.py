@@ -1,9 +1,9 @@
-"""Trials that part from a run: it stops before a call of its engine, and is forked for each.
+"""Trials that part from a run: it stops before a call of its engine, and forks for each.
 
 Interpreter, imports, generators, clock and inputs are the same memory in all of them, so nothing
 has to be repeated. The recorder asks for a trial through a socket, with a pipe and a block of
-memory for what it sends; what the run sent before, the recorder has. A trial shares no file with
-the run: what it writes is in a layer of its own (`private`), and its descriptors are its own
+memory for its stream; the recorder already has the run's earlier stream. A trial shares no file
+with the run: its writes go to a layer of its own (`private`), and its descriptors are its own
 (`descriptors`).
 """
 
@@ -56,7 +56,7 @@ class Forks:
         self._is_trial = False
 
     def stop(self, *, steps: bool) -> bool:
-        """Stop before a call of an engine, if this is the one; return whether this is a trial then.
+        """Stop before a call of an engine, if this is the one; return whether this is now a trial.
 
         Parameters
         ----------
@@ -76,13 +76,13 @@ class Forks:
                 return True
 
     def end(self) -> None:
-        """End a trial at once: what else Python would do is to free memory, which copies it."""
+        """End a trial at once: Python's own exit frees memory, which would copy it."""
         if self._is_trial:
             atexit._run_exitfuncs()
             os._exit(0)
 
     def _next(self) -> list[Any]:
-        """Return the next request, and the descriptors that came with it; end if nobody asks."""
+        """Return the next request and its descriptors; end if nobody asks."""
         while not select.select([self._socket], [], [], LOOKS_EVERY_S if self._children else None)[
             0
         ]:
@@ -99,7 +99,7 @@ class Forks:
         return [json.loads(text), *files]
 
     def _reap(self) -> None:
-        """Tell of the trials that have ended how they did."""
+        """Report the outcomes of ended trials."""
         for process in [*self._children]:
             ended, status, used = os.wait4(process, os.WNOHANG)
             if ended:
@@ -113,7 +113,7 @@ class Forks:
             self._watch.pipe.flush()
 
     def _forked(self, trial: dict[str, Any], pipe: int, block: int, printed: int) -> bool:
-        """Part from the run; return whether this is the trial."""
+        """Fork from the run; return whether this process is the trial."""
         watch, files = self._watch, (pipe, block, printed)
         begun, child = b"", -1
         if not self._shared(*files) and all(each.can_become(trial) for each in watch.engines):
@@ -149,7 +149,7 @@ class Forks:
         return False
 
     def _begin(self, trial: dict[str, Any], files: tuple[int, int, int], ready: int) -> None:
-        """Share nothing with the run that this process was forked from, which waits until then."""
+        """Give a new fork its own files and streams; the run waits until then."""
         limits.lead_a_group()
         if trial["limits"] is not None:
             limits.keep(trial["limits"])
@@ -164,14 +164,14 @@ class Forks:
         os.close(ready)
 
     def _shared(self, *files: int) -> str:
-        """Return what a trial would share with the run, which has got files for it."""
+        """Return the resources that a trial would share with the run."""
         ours = {self._watch.pipe.descriptor, self._socket.fileno(), *files}
         return descriptors.shared(ours, self._watch.pipe.inode_of_block)
 
 
 @contextlib.contextmanager
 def _ending_where_it_fails() -> Iterator[None]:
-    """End this process, which has just been forked, where something fails: its parent sees that."""
+    """End this new fork if an error occurs, so that its parent notices."""
     try:
         yield
     except BaseException:  # noqa: BLE001 - the script must not go on

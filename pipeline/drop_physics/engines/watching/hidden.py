@@ -1,4 +1,4 @@
-"""An error that passes through our wrappers looks as if it came from the function itself."""
+"""Errors without our frames, as if they came from the engine's function itself."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ WRAPPERS = (
 
 
 def hide(error: BaseException) -> None:
-    """Take our frames off the near end of an error's traceback; follow it with a bare `raise`.
+    """Remove our frames from the near end of an error's traceback; follow it with a bare `raise`.
 
     Such a `raise` adds no frame: Python notes one where an error arises and where a call returns
     with it, but not where it is raised again. So a script that catches the error, prints it or
-    hands it to a logger finds the frames that it would find without us.
+    hands it to a logger finds the same frames as without us.
     """
     trace: TracebackType | None = error.__traceback__
     while trace is not None and trace.tb_frame.f_code.co_filename.startswith(WRAPPERS):
@@ -31,7 +31,7 @@ def hide(error: BaseException) -> None:
 
 
 def hiding(call: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a wrapper whose frames are in no traceback of the script's."""
+    """Return a wrapper whose frames appear in no traceback of the script's."""
 
     def called(*args: Any, **kwargs: Any) -> Any:
         try:

@@ -1,7 +1,7 @@
-"""A running script that is watched: what is the same whatever engine it steps.
+"""A watched script: everything that is the same for all engines.
 
-What is an engine's own (`EngineWatch`) is in the engine's folder: it replaces its functions, sends
-what they do, and counts each step here.
+An engine's own part (`EngineWatch`) is in the engine's folder: it replaces its functions, sends
+their effects, and counts steps here.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ TOLD_EVERY = 8
 
 
 class Stop(SystemExit):
-    """The script has reached its limit; few scripts catch this, and threads end silently."""
+    """The end of a script at its limit; few scripts catch this, and threads end silently."""
 
 
 class EngineWatch(ABC):
-    """What watches the functions of an engine: what it has no need of does nothing.
+    """The watch over an engine's functions; methods that an engine does not need do nothing.
 
     Parameters
     ----------
@@ -61,9 +61,9 @@ class EngineWatch(ABC):
         host.engines.append(self)
 
     def guarded(self, world: Any, do: Callable[..., object], *arguments: Any) -> None:
-        """Do something of ours; if it fails, a simulation is followed no longer.
+        """Run code of ours; if it fails, its simulation is not followed any more.
 
-        The script goes on: our errors must not reach it.
+        The script continues: our errors must not reach it.
         """
         try:
             do(*arguments)
@@ -72,41 +72,41 @@ class EngineWatch(ABC):
 
     @abstractmethod
     def lose(self, world: Any, error: Exception) -> None:
-        """Follow a simulation no longer, and tell why."""
+        """Stop following a simulation, and report why."""
 
     @abstractmethod
     def become(self, trial: dict[str, Any]) -> None:
-        """Go on as a trial, in a process that has just been forked."""
+        """Continue as a trial, in a new fork."""
 
     def can_become(self, trial: dict[str, Any]) -> bool:
-        """Return whether a trial differs only in what is still to come."""
+        """Return whether a trial differs only in steps still to come."""
         del trial
         return True
 
     def possible(self, rows: Sequence[dict[str, Any]]) -> list[Change]:
-        """Return the single changes of rows of the table, in a run that was seen for them."""
+        """Return the single changes of table rows that are possible in an observed run."""
         del rows
         return []
 
     def tell_episode(self, **what: Any) -> None:
-        """Tell that an episode begins or ends in a simulation, given its number as `world`."""
+        """Report the beginning or end of an episode in the simulation numbered `world`."""
         self.host.tell("episode", **what)
 
     def observed(self) -> Observed | None:
-        """Return the simulation that was stepped last, as an expectation reads it."""
+        """Return the simulation that was stepped last, in the form that expectations read."""
         return None
 
     def catch_up(self) -> None:  # noqa: B027
-        """Make the steps that simulations in real time owe; the caller holds the turn."""
+        """Make the steps that real-time simulations owe; the caller holds the turn."""
 
     def stop(self) -> None:  # noqa: B027
-        """Note that the script ends at its next call."""
+        """Let the script end at its next call."""
 
     def settle(self) -> None:  # noqa: B027
-        """Send what is left of all simulations; the caller holds the turn."""
+        """Send the rest of all simulations; the caller holds the turn."""
 
     def finish(self) -> None:  # noqa: B027
-        """Follow no simulation any longer."""
+        """Stop following all simulations."""
 
 
 class ScriptWatch:
@@ -187,7 +187,7 @@ class ScriptWatch:
             os.register_at_fork(after_in_child=partial(_leave, ref(self)))
 
     def become(self, trial: dict[str, Any], pipe: int, block: int) -> None:
-        """Go on as a trial, in a process that has just been forked.
+        """Continue as a trial, in a new fork.
 
         Parameters
         ----------
@@ -207,7 +207,7 @@ class ScriptWatch:
             engine.become(trial)
 
     def on_removal(self, undo: Callable[[], None]) -> None:
-        """Register a function that undoes something when this watch ends."""
+        """Register a function to be called when this watch ends."""
         self._undo.append(undo)
 
     def on_import(self, name: str, then: Then, *, once: bool = True) -> None:
@@ -219,7 +219,7 @@ class ScriptWatch:
         self.on_removal(on_extension(name, then))
 
     def remove(self) -> None:
-        """Put all functions back; those that a script has kept just call the engine."""
+        """Restore all functions; copies kept by the script then just call the engine."""
         self.on = False
         while self._undo:
             self._undo.pop()()
@@ -227,7 +227,7 @@ class ScriptWatch:
         self.lock.remove()
 
     def leave(self) -> None:
-        """Watch no further, in a forked child; only that it makes a step is noted."""
+        """Stop watching, in a forked child; only the fact that it steps is noted."""
         self.remove()
         self._left = self.pipe.counters
         self.pipe.leave()
@@ -235,12 +235,12 @@ class ScriptWatch:
             setattr(owner, name, hook)
 
     def step_apart(self) -> None:
-        """Note that a step is not watched, where it is a forked child's."""
+        """Note a step that is not watched, in a forked child."""
         if self._left is not None:
             self._left[APART] = 1
 
     def standing(self, original: Call, call: Call) -> Call:
-        """Return what stands before a function: `call`, as long as the script is watched.
+        """Return the replacement of a function: `call`, as long as the script is watched.
 
         Its frames are in no traceback of the script's.
         """
@@ -267,21 +267,21 @@ class ScriptWatch:
         self.tell(what, file=file, line=line, **values)
 
     def tell_draw(self, called: str, frame: Any) -> None:
-        """Report an unseeded random number, at the line of the script that has it drawn."""
+        """Report an unseeded random number, at the script's line that causes the draw."""
         self.tell_place("unseeded", self.sites.outside(frame), called=called)
 
     def tell_intervention(self, number: int) -> None:
-        """Report that an intervention has changed something, once."""
+        """Report, once, that an intervention has changed something."""
         if number not in self._intervened:
             self._intervened.add(number)
             self.tell("intervened", number=number)
 
     def _tell_timing(self, frame: Any) -> None:
-        """Report where the script reads a time between steps."""
+        """Report the script's line that reads a time between steps."""
         self.tell_place("timing", frame)
 
     def listen_outside(self) -> None:
-        """Tell what the script reaches beside its simulation; for good, in this interpreter."""
+        """Report what the script reaches beside its simulation, until this interpreter ends."""
         self._outside = Outside(self._tell_outside, lambda: {self.pipe.descriptor})
         self._outside.listen()
 
@@ -296,7 +296,7 @@ class ScriptWatch:
     # -- steps and time ---------------------------------------------------------------------------
 
     def count(self, time_s: float, engine: EngineWatch) -> None:
-        """Count a step that leads to a time [s]; end the script where that is its limit."""
+        """Count a step that leads to a time [s]; end the script at its limit."""
         self.steps_made += 1
         self.engine = engine
         if engine is not self._first:
@@ -325,7 +325,7 @@ class ScriptWatch:
             self.tell("answer", value=None, error=f"{type(error).__name__}: {error}")
 
     def tell_answer(self) -> None:
-        """Tell what was evaluated in the run, which is over."""
+        """Report the evaluator's result after the run."""
         if self.evaluator is None:
             return
         try:
@@ -336,18 +336,18 @@ class ScriptWatch:
         self.tell("answer", value=value, error=error)
 
     def failed(self, error: BaseException) -> None:
-        """Tell what is evaluated in the run of an error that ends the script, or a test of its."""
+        """Pass an error that ends the script, or one of its tests, to the evaluator."""
         if self.evaluator is not None:
             evaluator = self.evaluator
             self._apart(lambda: evaluator.failed(error))
 
     def before_end(self) -> None:
-        """Evaluate what is evaluated in the run before a simulation ends."""
+        """Evaluate before a simulation ends."""
         if self.evaluator is not None:
             self._apart(self.evaluator.before_end)
 
     def _apart(self, evaluate: Callable[[], Any]) -> Any:
-        """Evaluate with the engines' own functions, which nobody watches or changes."""
+        """Evaluate with the engines' own functions, unwatched and unchanged."""
         on, self.on = self.on, False
         try:
             return evaluate()
@@ -380,14 +380,14 @@ class ScriptWatch:
         raise Stop(0)
 
     def check(self) -> None:
-        """Raise again if the script has caught the end; without a recorder it ends too."""
+        """Raise again if the script has caught the end; end also without a recorder."""
         if self.stopped or self.pipe.gone:
             raise Stop(0)
 
     # -- the end ----------------------------------------------------------------------------------
 
     def settle(self) -> None:
-        """Send what is left of all simulations, as far as the script has come."""
+        """Send the rest of all simulations so far."""
         with self.lock:
             self._look_outside()
             self.environments.settle()
@@ -396,7 +396,7 @@ class ScriptWatch:
             self.pipe.flush()
 
     def finish(self) -> None:
-        """Send what is left, and watch no further: what follows is not recorded."""
+        """Send the rest, and stop watching: nothing further is recorded."""
         with self.lock:
             self.settle()
             here = current_thread()
@@ -408,7 +408,7 @@ class ScriptWatch:
 
 
 def _leave(kept: ref[ScriptWatch]) -> None:
-    """Watch no further, in a forked child: its parent is watched."""
+    """Stop watching in a forked child, whose parent is watched."""
     watch = kept()
     if watch is None or watch.is_parting:
         return

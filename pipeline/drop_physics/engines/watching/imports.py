@@ -1,4 +1,4 @@
-"""Modules are watched from the moment they are imported."""
+"""Watching of modules from their import on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Limits of a run: a group of processes that ends with us, processor time, and memory."""
+"""Limits of a run: a process group that ends with us, processor time, and memory."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ MOST_WANTED = "1000"
 
 
 def end_with_parent() -> None:
-    """Have the system end this process when its parent is killed: nothing else could stop it."""
+    """Have the system end this process when its parent is killed, since nothing else could."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, SIGKILL)
 
 
 def keep(limits: dict[str, Any]) -> None:
-    """Keep this process, and each that it forks, within limits.
+    """Keep this process and its forks within limits.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def keep(limits: dict[str, Any]) -> None:
 
 
 def lead_a_group() -> None:
-    """Let this process, just forked, lead a group of its own, which is ended as one."""
+    """Make this new fork the leader of a process group, which is ended as one."""
     os.setpgid(0, 0)
     end_with_parent()
     signal.signal(signal.SIGXCPU, signal.SIG_DFL)

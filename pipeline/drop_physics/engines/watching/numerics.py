@@ -1,4 +1,4 @@
-"""Dependences of a script's numbers besides its text: numpy, its BLAS, threads, hashes."""
+"""Dependences of a script's numbers beside its text: numpy, its BLAS, threads, hashes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PREFIXES, SUFFIXES = ("scipy_openblas_", "openblas_"), ("64_", "")
 
 
 def hashes() -> str:
-    """Return the seed of the order of sets: `random` where none is set."""
+    """Return the seed of the order of sets: `random` if none is set."""
     return os.environ.get("PYTHONHASHSEED") or "random"
 
 

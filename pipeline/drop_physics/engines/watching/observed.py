@@ -1,4 +1,4 @@
-"""A simulation as an expectation reads it: what engines have in common."""
+"""A simulation in the form that expectations read: the common part of all engines."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ NEAREST = 5
 
 
 class UnknownNameError(Exception):
-    """A name that nothing has, and the known ones that are nearest to it."""
+    """An unknown name, and the nearest known ones."""
 
     def __init__(self, name: str, known: Iterable[object]) -> None:
         super().__init__(name)
@@ -38,7 +38,7 @@ class Observed(ABC):
 
     @abstractmethod
     def reader(self, kind: str, *names: Any) -> Callable[[], Any]:
-        """Return a function that reads a number, or a vector, as it is now.
+        """Return a function that reads the current value of a number or a vector.
 
         Parameters
         ----------
@@ -57,23 +57,23 @@ class Observed(ABC):
 
     @abstractmethod
     def positions(self) -> list[float]:
-        """Return where three points of each body are [m], the bodies in the same order always.
+        """Return the positions of three points of each body [m], in a constant order of bodies.
 
-        They are its centre of mass, and two at its radius of gyration from there along axes of its
-        own: so that a body that turns on the spot moves, too.
+        They are its centre of mass, and two points at its radius of gyration along axes of its own,
+        so that a body that turns on the spot moves, too.
         """
 
     @abstractmethod
     def bodies(self) -> list[str]:
-        """Return the names of these bodies."""
+        """Return the names of the bodies of `positions`."""
 
     @abstractmethod
     def astray(self) -> dict[str, float]:
-        """Return how far each joint is from what the script commands now, by the command's name.
+        """Return the distance of joints from the script's current commands, by the command's name.
 
         Of a position [rad, m], or of a velocity [rad/s, m/s].
         """
 
     @abstractmethod
     def is_finite(self) -> bool:
-        """Return whether all numbers of the state are finite, and the engine has not reset it."""
+        """Return whether the state is finite, and the engine has not reset it."""

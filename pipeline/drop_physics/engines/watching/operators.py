@@ -22,7 +22,7 @@ clear bits, and set a least and a largest value."""
 
 
 def becoming(held: Any, how: Sequence[Any]) -> Any:
-    """Return what a value becomes, each element of a list by itself."""
+    """Return a value after an operator, applied to each element of a list."""
     name, given = how
     if name != "=" and isinstance(held, (list, tuple)):
         each = given if isinstance(given, (list, tuple)) else [given] * len(held)

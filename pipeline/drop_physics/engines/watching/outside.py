@@ -1,4 +1,4 @@
-"""Resources that a script reaches beside its simulation, so that it can be run again without harm.
+"""Resources that a script reaches beside its simulation, to know whether it may be run again.
 
 Sockets, other programs, devices, and files that it writes elsewhere than in its working directory
 or in the system's folder for temporary ones; of the files there, those that another run of it would
@@ -39,7 +39,7 @@ MOST_MADE = 1000
 
 
 class Outside:
-    """Tells what a script reaches outside, each thing once.
+    """Reports resources that a script reaches outside, each once.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Outside:
         sys.addaudithook(self._hear)
 
     def look(self) -> None:
-        """Tell what is open now, whoever has opened it."""
+        """Report all open resources, whoever has opened them."""
         if not sys.platform.startswith("linux"):
             return
         networks = _network_sockets()

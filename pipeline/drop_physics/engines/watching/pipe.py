@@ -1,4 +1,4 @@
-"""Frames that the script's process sends to the recorder, through a pipe.
+"""Frames from the script's process to the recorder, through a pipe.
 
 A stream begins with `MAGIC`. Each frame is a kind (one letter), the length of its payload (uint32,
 little-endian), and the payload. A stream may end at any byte: an incomplete frame is dropped.
@@ -75,7 +75,7 @@ MMAP: Any = [ctypes.c_void_p, ctypes.c_size_t, *[ctypes.c_int] * 3, ctypes.c_lon
 
 
 class Pipe:
-    """The sending end. Not for two threads at once: the sender holds `Watch.lock`.
+    """The sending end. Two threads must not use it at once: the sender holds `Watch.lock`.
 
     What is sent at every call is packed into `memory` at `end`, and then counted as in `sent`;
     `make_room` comes first where `end` is beyond `limit`. With `again` another program of the same
@@ -121,7 +121,7 @@ class Pipe:
             self.send(NOTE, payload)
 
     def mute(self) -> None:
-        """Send notes only from now on: what else is put into the block goes nowhere."""
+        """Send only notes from now on; other contents of the block are dropped."""
         self.flush()
         self.muted, self.counts = True, [0, 0]
 
@@ -131,7 +131,7 @@ class Pipe:
         self.tick()
 
     def write(self, data: bytes) -> None:
-        """Put bytes into the block, which is sent when there is enough in it."""
+        """Put bytes into the block, which is sent when it is full enough."""
         at, size = self.end, len(data)
         if at > self.limit or at + size > BLOCK_BYTES:
             at = self.make_room(size)
@@ -144,12 +144,12 @@ class Pipe:
                 self.make_room(size)
 
     def sent(self, end: int) -> None:
-        """Note up to where there is something in the block."""
+        """Note the end of the block's contents."""
         self.end = end
         self.counts[1] = end - BLOCK.size
 
     def make_room(self, size: int = SHORT_BYTES) -> int:
-        """Send what is in the block; return where in it the next bytes go."""
+        """Send the contents of the block; return the place of the next bytes in it."""
         self.flush()
         if self._closed and self.open and self.end + size > BLOCK_BYTES - CUT_BYTES:
             end = self.end + len(_CUT)
@@ -159,12 +159,12 @@ class Pipe:
         return self.end
 
     def tick(self) -> None:
-        """Send what has waited for long enough."""
+        """Send bytes that have waited long enough."""
         if _now() - self._flushed_at > FLUSH_S:
             self.flush()
 
     def flush(self) -> None:
-        """Send what is in the block."""
+        """Send the contents of the block."""
         if not self.open or self.muted:
             self.end = BLOCK.size
         elif self.end > BLOCK.size and not self._closed:
@@ -181,7 +181,7 @@ class Pipe:
         return self._before
 
     def become(self, pipe: int, block: int) -> None:
-        """Send into another pipe and block from now on, in a forked child; nothing is unsent."""
+        """Send into another pipe and block from now on, in a new fork with nothing unsent."""
         os.pwrite(block, bytes(self.memory), 0)
         # In place: what is sent at every call keeps the memory's address.
         address = ctypes.addressof(ctypes.c_char.from_buffer(self.memory))
@@ -197,7 +197,7 @@ class Pipe:
         self._before = self.counts[0] = self.counts[1] = 0
 
     def close(self) -> None:
-        """Send what is left, and close the pipe: nothing is sent after that."""
+        """Send the rest, and close the pipe: nothing is sent after that."""
         self.flush()
         self.leave()
 
@@ -209,7 +209,7 @@ class Pipe:
                 close(self._pipe)
 
     def _forget(self) -> None:
-        """Let everything that is still sent go nowhere."""
+        """Drop everything that is still sent."""
         self.open = False
         self.memory, self.counts = bytearray(BLOCK_BYTES), [0, 0]
         self.counters = [0] * (APART + 1)

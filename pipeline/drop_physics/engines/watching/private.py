@@ -88,7 +88,7 @@ class Private:
         _keep_capabilities(on=False)
 
     def part(self, name: str) -> None:
-        """Go on with layers of its own, in a child that has just been forked; its parent waits."""
+        """Continue with layers of its own, in a new fork; its parent waits."""
         here, before = os.getcwd(), self._name
         _keep_capabilities(on=True)
         _unshare(CLONE_NEWNS)
@@ -106,7 +106,7 @@ class Private:
         _keep_capabilities(on=False)
 
     def holds(self, path: str) -> bool:
-        """Return whether a path lies in one of its layers."""
+        """Return whether a path lies in one of the layers."""
         return any(_is_in(path, each) for each in self._layers)
 
     def file(self, name: str) -> str:
@@ -116,7 +116,7 @@ class Private:
         return os.path.join(folder, name)
 
     def _unshare(self) -> None:
-        """Leave the mounts of others: by right, or else as a user in a namespace of its own."""
+        """Leave the mounts of others, by right or as a user in a new namespace."""
         network = 0 if self._network else CLONE_NEWNET
         user, group = os.geteuid(), os.getegid()
         try:
@@ -134,14 +134,14 @@ class Private:
         _mount("none", "/", flags=MS_REC | MS_PRIVATE)
 
     def _keep_displays(self) -> None:
-        """Let windows be opened: a socket in a layer is another one, to which nobody listens."""
+        """Keep the sockets of displays reachable, since a socket in a layer has no listener."""
         for number, folder in enumerate(self._layers):
             if _is_in(DISPLAYS, folder) and os.path.isdir(DISPLAYS):
                 there = os.path.join(_below(number), os.path.relpath(DISPLAYS, folder))
                 _mount(there, DISPLAYS, flags=MS_BIND)
 
     def _overlay(self, number: int, folder: str) -> None:
-        """Put a layer over a folder; paths are relative, so that no letter has to be escaped."""
+        """Put a layer over a folder; paths are relative, so that nothing has to be escaped."""
         upper, work = (os.path.join(self._name, str(number), each) for each in ("upper", "work"))
         for each in (upper, work):
             os.makedirs(each, exist_ok=True)
@@ -158,9 +158,9 @@ def private_of(given: dict[str, Any] | None) -> Private | None:
 
 
 def _apart(folders: list[str]) -> Iterator[str]:
-    """Yield folders that are in no other one, and hold no mount, which a layer would hide.
+    """Yield folders that lie in no other one, and hold no mount, which a layer would hide.
 
-    The outermost come first: what one of them holds needs no layer of its own.
+    The outermost come first: folders within one need no layer of their own.
     """
     with open("/proc/self/mountinfo", encoding="utf-8", errors="surrogateescape") as file:
         points = [line.split()[MOUNTED].encode().decode("unicode_escape") for line in file]
@@ -177,12 +177,12 @@ def _is_in(path: str, folder: str) -> bool:
 
 
 def _below(number: int) -> str:
-    """Return where the folder itself is bound that a layer covers."""
+    """Return the place at which the folder below a layer is bound."""
     return os.path.join("below", str(number))
 
 
 def _remove(path: str) -> None:
-    """Remove a file, or a folder with all that it holds, from the layer."""
+    """Remove a file, or a folder with all its contents, from the layer."""
     if not os.path.lexists(path):
         return
     if not os.path.isdir(path) or os.path.islink(path):
@@ -198,7 +198,7 @@ def _remove(path: str) -> None:
 
 
 def _copy(source: str, target: str) -> None:
-    """Copy a layer: files, links, folders, and what marks that something was removed."""
+    """Copy a layer: files, links, folders, and marks of removed files."""
     of_source = os.lstat(source)
     mode = of_source.st_mode
     if stat.S_ISDIR(mode):
@@ -226,7 +226,7 @@ def _copy(source: str, target: str) -> None:
 
 
 class _Attributes(ctypes.Structure):
-    """What `mount_setattr` sets and clears (`linux/mount.h`)."""
+    """Attributes that `mount_setattr` sets and clears (`linux/mount.h`)."""
 
     _fields_ = [
         ("set", ctypes.c_uint64),
@@ -279,7 +279,7 @@ def _set_attributes(path: str, attributes: _Attributes, flags: int) -> None:
 
 
 def _keep_capabilities(*, on: bool) -> None:
-    """Use the capabilities that a namespace of our own has given, or use none.
+    """Use the capabilities given by our own namespace, or none.
 
     With them a user could read and write files whose modes forbid it. The system's own
     administrator keeps all.
@@ -295,5 +295,5 @@ def _keep_capabilities(*, on: bool) -> None:
 
 
 def main(options: str) -> None:
-    """Enter a view, to see whether the kernel offers it."""
+    """Enter a view, to find out whether the kernel offers it."""
     Private(**json.loads(options)).enter()

@@ -1,7 +1,7 @@
-"""A script that replaces its program (`os.exec…`), as some do to set variables before an import.
+"""Scripts that replace their program (`os.exec…`), as some do to set variables before an import.
 
-If the new program is Python that runs a file or a module, and nothing was stepped yet, that is
-watched in its place. Otherwise it is told that its steps are missing.
+If the new program is Python that runs a file or a module, and no step was made yet, the new program
+is watched instead. Otherwise its steps are reported as missing.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Programs:
         self._watch, self._options, self._process = watch, options, getpid()
 
     def install(self) -> None:
-        """Stand before the functions that replace a program."""
+        """Replace the functions that replace a program."""
         for name in FUNCTIONS:
             original = getattr(os, name)
             setattr(os, name, hiding(partial(self._exec, original)))
@@ -74,7 +74,7 @@ class Programs:
             watch.on = True
 
     def _watched(self, arguments: Sequence[str]) -> list[str] | None:
-        """Return a command line of Python so that it is watched; None if it runs no file."""
+        """Return a command line of Python with watching added; None if it runs no file."""
         if list(arguments[1:3]) == [WATCHING, MODULE]:  # as `sys.orig_argv` has it
             return self._command(arguments[:1], self._options["is_module"], arguments[4:])
         at = 1

@@ -1,4 +1,4 @@
-"""Run and watch a script as Python would run it."""
+"""A script, run as Python would run it, and watched."""
 
 from __future__ import annotations
 

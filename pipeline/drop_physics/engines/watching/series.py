@@ -1,4 +1,4 @@
-"""Series over the steps of a run, and what an expression takes of them.
+"""Series over the steps of a run, and the operations of an expression on them.
 
 A bare series stands for its end. This needs numpy, which the script's interpreter has to have.
 """
@@ -15,7 +15,8 @@ import numpy as np
 class Series(np.ndarray):
     """Numbers, or vectors, after each step; shape (n,) or (n, size).
 
-    As a truth and as a number it is its end. Attribute `times_s` has the times [s], shape (n,).
+    As a truth value and as a number, a series is its end. Attribute `times_s` has the times [s],
+    shape (n,).
     """
 
     times_s: Any = None
@@ -30,7 +31,7 @@ class Series(np.ndarray):
         return float(np.asarray(self)[-1]) if self.ndim else float(np.asarray(self))
 
     def at(self, time_s: float) -> Any:
-        """Return what it was at a time [s]."""
+        """Return the value at a time [s]."""
         return at(self, time_s)
 
 
@@ -46,7 +47,7 @@ def _plain(values: Any) -> Any:
 
 
 def end(values: Any) -> Any:
-    """Return the last one."""
+    """Return the last value."""
     return np.asarray(values)[-1]
 
 
@@ -56,18 +57,18 @@ def peak(values: Any) -> float:
 
 
 def low(values: Any) -> float:
-    """Return the least one."""
+    """Return the least value."""
     return float(np.min(_plain(values)))
 
 
 def drift(values: Any) -> float:
-    """Return how far the end is from the beginning."""
+    """Return the distance of the end from the beginning."""
     plain = _plain(values)
     return float(np.linalg.norm(plain[-1] - plain[0]))
 
 
 def norm(values: Any) -> Any:
-    """Return the length of a vector; of a series of vectors, that of each."""
+    """Return the length of a vector; for a series of vectors, a series of lengths."""
     if isinstance(values, Series):
         length = np.abs(values) if values.ndim < 2 else np.linalg.norm(_plain(values), axis=1)
         made = np.asarray(length).view(Series)
@@ -77,19 +78,19 @@ def norm(values: Any) -> Any:
 
 
 def at(values: Any, time_s: float) -> Any:
-    """Return what a series was at a time [s]: after the first step that reaches it."""
+    """Return the value of a series at a time [s]: after the first step that reaches it."""
     times = values.times_s
     place = min(int(np.searchsorted(times, time_s * (1 - 1e-12))), len(times) - 1)
     return np.asarray(values)[place]
 
 
 def always(values: Any) -> bool:
-    """Return whether something held after every step."""
+    """Return whether a condition held after every step."""
     return bool(np.all(np.asarray(values)))
 
 
 def ever(values: Any) -> bool:
-    """Return whether something held after any step."""
+    """Return whether a condition held after any step."""
     return bool(np.any(np.asarray(values)))
 
 

@@ -1,7 +1,7 @@
-"""A single change of a run: what the causal search tries, whatever the engine.
+"""A single change of a run, as tried by the causal search, for any engine.
 
-The rows of the table say which there are. `single_changes` of an engine's `watch` returns those
-that would change something in a run, and what each does otherwise there.
+The rows of the table define the changes. `single_changes` of an engine's `watch` returns those that
+would change something in a run, and their effects there.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ class Change:
 
     @property
     def target(self) -> tuple[str, ...]:
-        """The names of what is changed: of too many elements, those of their bodies."""
+        """The names of the changed elements: if there are too many, those of their bodies."""
         names = self.bodies if self.bodies and len(self.of) > MOST_NAMES else self.of
         return tuple(dict.fromkeys(each for each in names if each))
 
     def of_some(self, places: Sequence[int]) -> Change:
-        """Return the same change of some of its elements, by their places."""
+        """Return the same change restricted to some of its elements, by their places."""
         ids, of = (tuple(held[place] for place in places) for held in (self.ids, self.of))
         return replace(
             self, ids=ids, of=of, bodies=self.bodies if len(ids) == len(self.ids) else ()
@@ -69,7 +69,7 @@ class Change:
 
 
 def change_of(told: Mapping[str, Any]) -> Change:
-    """Return a change as a run has told it."""
+    """Return a change from a run's report."""
     lists = ("how", "ids", "of", "site", "model", "bodies")
     pairs = {name: told[name] if told[name] is None else tuple(told[name]) for name in lists}
     return Change(**{**told, **pairs})

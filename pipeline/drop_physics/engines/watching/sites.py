@@ -1,4 +1,4 @@
-"""Sites of a script's calls: file and line, the file without folders of this machine."""
+"""Sites of a script's calls: file and line, without folders of this machine."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ INSTALLED = re.compile(r"[/\\](site|dist)-packages[/\\]")
 
 
 class Sites:
-    """Names the lines that frames are at; tells the digest of the file that runs as a script."""
+    """Names for the lines of frames; reports the digest of the file that runs as a script."""
 
     def __init__(self, pipe: Pipe) -> None:
         self._pipe = pipe
@@ -63,14 +63,14 @@ class Sites:
 
 
 def caller_of(frame: Any) -> Any:
-    """Return the frame of the script that called: another recording may be within this one."""
+    """Return the frame of the script that called; another recording may be within this one."""
     while frame.f_back is not None and frame.f_code.co_filename.startswith(WRAPPERS):
         frame = frame.f_back
     return frame
 
 
 def caller() -> Any:
-    """Return the frame of the script that has called a function that stands before another."""
+    """Return the script's frame that called a replaced function."""
     return caller_of(_getframe(1))
 
 

@@ -39,7 +39,7 @@ class Turn:
             self.give_back()
 
     def give_back(self) -> None:
-        """Call what was kept, unless an outer turn goes on."""
+        """Call the delayed handlers, unless an outer turn continues."""
         while self.kept and not self._is_owned():
             self.kept.pop(0)()
 
@@ -52,7 +52,7 @@ class Turn:
             self._set(signal.SIGINT, signal.default_int_handler)
 
     def remove(self) -> None:
-        """Put handlers and functions back as they were."""
+        """Restore handlers and functions."""
         if signal.signal == self._set:
             signal.signal, signal.getsignal = self._signal, self._getsignal
             for number, handler in self._handlers.items():

@@ -1,1 +1,1 @@
-"""The laws of engines: what each adds to a step, reports of it, or steps otherwise."""
+"""The laws by which engines step bodies."""

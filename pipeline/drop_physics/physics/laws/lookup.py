@@ -19,7 +19,7 @@ STEP_LAWS = {"PyBullet": BULLET}
 
 
 def step_law(engine: str) -> StepLaw | None:
-    """Return how an engine steps a tree; None where it says itself what acted in each step."""
+    """Return the law of an engine's steps of a tree; None if the engine reports all causes."""
     return STEP_LAWS.get(engine.partition(" ")[0])
 
 

@@ -1,4 +1,4 @@
-"""A MuJoCo script's steps, taken again from a recording, and each explained as a sum of impulses.
+"""Steps of a MuJoCo script, taken again from a recording and explained as sums of impulses.
 
     M (u' - u) = h (gravity + bias + springs + … + push of each pair + friction of each pair)
                  + what the integrator adds + what the solver left

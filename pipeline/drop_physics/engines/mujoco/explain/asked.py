@@ -1,4 +1,4 @@
-"""The steps that are to be taken again, as a request has them, which `stepping` sends."""
+"""Steps to be taken again, in the form of a request from `stepping`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Edit(NamedTuple):
 
 
 class StepsAsked:
-    """A piece of a simulation's steps; all are counted from the first of the piece.
+    """A piece of a simulation's steps, counted from the first of the piece.
 
     Parameters
     ----------
@@ -72,14 +72,14 @@ class StepsAsked:
             done += size
 
     def left(self, step: int) -> Rows:
-        """Return the state that the step before has left, with the clock; of the first, its own."""
+        """Return the state left by the step before, with the clock; for the first step, its own."""
         if not step:
             return {name: rows[0] for name, rows in self._before.items()}
         left = {name: rows[step - 1] for name, rows in self._after.items()}
         return {**left, CLOCK: self.clock_s[step - 1 : step]}
 
     def written(self, step: int) -> Rows:
-        """Return the state before a step, with the clock, where it was written; else nothing."""
+        """Return the state written before a step, with the clock; empty if nothing was written."""
         if step not in self._before[CLOCK]:
             return {}
         return {name: rows[step] for name, rows in self._before.items()}
@@ -92,15 +92,15 @@ class StepsAsked:
         }
 
     def changed(self, step: int) -> Rows:
-        """Return the inputs that are given anew before a step."""
+        """Return the inputs that change before a step."""
         return {name: rows[step] for name, rows in self._changed.items() if step in rows}
 
     def posed(self, step: int) -> Rows:
-        """Return the parts of another state that positions were computed for."""
+        """Return the parts of another state for which positions were computed."""
         return {name: rows[step] for name, rows in self._posed.items() if step in rows}
 
     def reached(self, name: str, step: int) -> Any:
-        """Return a part of the state that a step has led to."""
+        """Return a part of the state after a step."""
         return self._after[name][step]
 
     def cores(self, core: StateMemory) -> Any:
@@ -112,7 +112,7 @@ class StepsAsked:
         return whole
 
     def answers(self, step: int, nv: int) -> list[Answer]:
-        """Return what callbacks did within a step; `nv` is the number of degrees of freedom."""
+        """Return callbacks' writes within a step; `nv` is the number of degrees of freedom."""
         payload = self._answers.get(step)
         return [] if payload is None else answers_in(payload, nv)
 
@@ -140,7 +140,7 @@ def _by_step(arrays: dict[str, Any], group: str, name: str) -> dict[int, Any]:
 
 
 def answers_in(payload: bytes, nv: int) -> list[Answer]:
-    """Return what callbacks did, as a `frames.CALLBACK` says it."""
+    """Return the writes of callbacks in a `frames.CALLBACK`."""
     *_, count = frames.CALLBACK_HEAD.unpack_from(payload)
     at, found = frames.CALLBACK_HEAD.size, list[Answer]()
     for _ in range(count):

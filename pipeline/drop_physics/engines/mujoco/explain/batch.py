@@ -29,7 +29,7 @@ class ExplainedBatch(NamedTuple):
 
 
 class WaitingSteps:
-    """Gathers steps that one integrator has taken.
+    """Gathers steps of one integrator.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class WaitingSteps:
         self.copies.copy(sparse)
 
     def after(self, step: int, qpos: Any, qvel: Any, h: float, gap: Any = None) -> None:
-        """Count a step; `gap` is what another program's velocities are beyond those."""
+        """Count a step; `gap` is the excess of another program's velocities over these."""
         self._reached[len(self.steps)], self._after[len(self.steps)] = qpos, qvel
         if gap is not None:
             self._gaps[len(self.steps)] = gap
@@ -105,7 +105,7 @@ class WaitingSteps:
         self._h.append(h)
 
     def explain(self, *, sparse: bool) -> ExplainedBatch:
-        """Return the steps as sums, and begin anew."""
+        """Return the steps as sums, and start a new batch."""
         m, layout, copies = self._m, self._layout, self.copies
         copies.contacts.check(self._d)
         n, h = len(self.steps), np.array(self._h)
@@ -159,7 +159,7 @@ class WaitingSteps:
 
 
 def _filled(rows: dict[int, Any], count: int, shape: tuple[int, ...]) -> Any:
-    """Return arrays of some rows as one, zero elsewhere."""
+    """Return arrays of some rows as one array, zero elsewhere."""
     full = np.zeros((count, *shape))
     for row, values in rows.items():
         full[row] = values

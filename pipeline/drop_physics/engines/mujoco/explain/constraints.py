@@ -35,7 +35,7 @@ more."""
 
 
 class PairTable:
-    """The pairs of geoms, with the friction between them, that were met so far, by number."""
+    """The pairs of geoms so far, with the friction between them, by number."""
 
     def __init__(self) -> None:
         self._known: dict[bytes, int] = {}
@@ -82,7 +82,7 @@ class Groups(NamedTuple):
 
 
 class Constrained(NamedTuple):
-    """All that constraints do in some evaluations."""
+    """Forces of all constraints in some evaluations."""
 
     groups: Groups | None
     points: Any
@@ -91,7 +91,7 @@ class Constrained(NamedTuple):
 def constrained(
     copies: Any, pairs: PairTable, joint_of: Any, nv: int, *, sparse: bool
 ) -> Constrained:
-    """Return the forces of constraints in all evaluations that were copied.
+    """Return the forces of constraints in all copied evaluations.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ class _OfContacts(NamedTuple):
 def _points(
     copies: Any, pairs: PairTable, ncon: Any, base: Any, types: Any, forces: Any
 ) -> tuple[Any, _OfContacts]:
-    """Return the contacts with their forces, and what of each row is push and friction."""
+    """Return the contacts with their forces, and the shares of push and friction in each row."""
     empty = np.empty(0, np.int64)
     none = _OfContacts(empty, np.empty(0), np.empty(0), empty, empty)
     if not ncon.any():

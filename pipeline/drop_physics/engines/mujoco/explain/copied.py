@@ -1,4 +1,4 @@
-"""Results of MuJoCo for some steps, copied while they were taken."""
+"""Results of MuJoCo for some steps, copied while the steps were taken."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def spans_of(arrays: dict[str, Any]) -> list[MemorySpan]:
 
 
 class Contacts:
-    """Where an MjData keeps its contacts: at the start of its arena, one behind the other."""
+    """The place of an MjData's contacts: the start of its arena, one behind the other."""
 
     def __init__(self) -> None:
         self.size = 0
@@ -129,7 +129,7 @@ class Copies:
         self.begin()
 
     def begin(self) -> None:
-        """Forget what was copied."""
+        """Forget all copies."""
         self.count = self.bytes = 0
         self.nefc: list[int] = []
         self.ncon: list[int] = []
@@ -143,11 +143,11 @@ class Copies:
 
     @property
     def is_full(self) -> bool:
-        """Return whether enough was copied."""
+        """Return whether the copies are full."""
         return self.count >= self.room or self.bytes > BATCH_BYTES
 
     def copy(self, sparse: bool) -> None:
-        """Copy what the last evaluation has left; `sparse` is the form of its Jacobian."""
+        """Copy the results of the last evaluation; `sparse` is the form of its Jacobian."""
         d, at = self._d, self.count
         for rows, view in self._pairs:
             rows[at] = view

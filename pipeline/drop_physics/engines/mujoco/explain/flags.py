@@ -1,4 +1,4 @@
-"""The bits with which a model switches something off or on: their places differ by version."""
+"""The bits that switch a model's features off or on; their places differ by version."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import mujoco
 
 
 def _bits(kind: Any, *names: str) -> int:
-    """Return the bits of those names that this version has."""
+    """Return the bits of the names that this version knows."""
     return sum(int(getattr(kind, name)) for name in names if hasattr(kind, name))
 
 

@@ -1,6 +1,6 @@
-"""The forces of some evaluations, but those of constraints: by cause, on each degree of freedom.
+"""The forces of some evaluations, except constraints: by cause, on each degree of freedom.
 
-Each is a `Force`: what MuJoCo itself has computed, or a part of it by the formula that is cited.
+A `Force` is MuJoCo's own result, or a part of it by the formula that is cited.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def term(kind: str, values: Any, first: int = -1, dofs: Any = None) -> Force:
 
 
 def smooth(m: Any, layout: Layout, held: dict[str, Any], qfrc: Any, xfrc: Any) -> list[Force]:
-    """Return all forces of some evaluations but those of constraints.
+    """Return all forces of some evaluations, except those of constraints.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def gravity_of(m: Any, layout: Layout, held: dict[str, Any]) -> Any:
 
 
 def _passive(m: Any, layout: Layout, held: dict[str, Any]) -> list[Force]:
-    """Return springs, dampers, fluid, gravity compensation, adhesion, and what callbacks add."""
+    """Return springs, dampers, fluid, gravity compensation, adhesion, and callbacks' additions."""
     rest, found = held["qfrc_passive"], []
     springs, dampers = held["qfrc_spring"], held["qfrc_damper"]
     for each in _tendons(m, held):
@@ -113,7 +113,7 @@ class Stretched(NamedTuple):
 
 
 def _tendons(m: Any, held: dict[str, Any]) -> list[Stretched]:
-    """Return what the spring and damper of each tendon do (`mj_springdamper`)."""
+    """Return the spring and damper forces of tendons (`mj_springdamper`)."""
     found: list[Stretched] = []
     if not m.ntendon:
         return found
@@ -138,7 +138,7 @@ def _tendons(m: Any, held: dict[str, Any]) -> list[Stretched]:
 
 
 def _actuators(m: Any, layout: Layout, held: dict[str, Any]) -> list[Force]:
-    """Return what each actuator does, and what the force ranges of joints take from it."""
+    """Return the forces of actuators, and their reductions by the force ranges of joints."""
     found: list[Force] = []
     if not m.nu:
         return found
@@ -161,7 +161,7 @@ def _actuators(m: Any, layout: Layout, held: dict[str, Any]) -> list[Force]:
 
 
 def _pushes(m: Any, layout: Layout, held: dict[str, Any], xfrc: Any) -> list[Force]:
-    """Return what is applied to each body at its centre of mass (`mj_xfrcAccumulate`)."""
+    """Return the forces applied to bodies at their centres of mass (`mj_xfrcAccumulate`)."""
     r, found = len(xfrc), []
     motions = held["cdof"].reshape(r, -1, 6)
     origins = held["subtree_com"].reshape(r, -1, 3)
@@ -188,13 +188,13 @@ def polynomial(coefficients: Any, x: Any) -> Any:
 
 
 def _coefficients(m: Any, name: str) -> Any:
-    """Return linear coefficients, and those of higher powers where this version has any."""
+    """Return linear coefficients, and those of higher powers if this version has any."""
     higher = getattr(m, f"{name}poly", np.zeros((len(getattr(m, name)), 0)))
     return np.column_stack([getattr(m, name), higher])
 
 
 def _of_actuators(m: Any, types: tuple[int, ...]) -> list[tuple[int, Any]]:
-    """Return what actuators add to the damping of what they drive (`mj_actuatorDamping`).
+    """Return the damping that actuators add to their joints or tendons (`mj_actuatorDamping`).
 
     Pairs of the number of a joint or tendon, and coefficients.
     """
@@ -211,7 +211,7 @@ def _of_actuators(m: Any, types: tuple[int, ...]) -> list[tuple[int, Any]]:
 
 
 def damping_of(m: Any) -> Any:
-    """Return the coefficients of each dof's damping, linear first, shape (nv, powers)."""
+    """Return damping coefficients per degree of freedom, linear first, shape (nv, powers)."""
     damping = _coefficients(m, "dof_damping")
     for joint, coefficients in _of_actuators(m, JOINTS):
         damping[m.dof_jntid == joint] += coefficients
@@ -245,7 +245,7 @@ def _sparse_row(held: dict[str, Any], m: Any, name: str, i: int, numbers: str = 
 
 
 def _less(values: Any, dofs: Any, part: Any) -> Any:
-    """Return values less what a part of the dofs has."""
+    """Return values minus those of a part of the degrees of freedom."""
     values = values.copy()
     values[:, dofs] -= part
     return values

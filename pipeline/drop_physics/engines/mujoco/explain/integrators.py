@@ -1,4 +1,4 @@
-"""Terms of MuJoCo's integrators beside the forces of a state, and residuals of solvers.
+"""Terms of MuJoCo's integrators beyond the forces of a state, and residuals of solvers.
 
 Each integrator solves for the acceleration a = (u' - u)/h:
 
@@ -35,7 +35,7 @@ GYROSCOPIC_SINCE = (3, 11)
 
 
 def left_by_solver(layout: Layout, held: dict[str, Any]) -> Any:
-    """Return M qacc less all forces, shape (r, nv): 0 but for what the solver left."""
+    """Return M qacc minus all forces, shape (r, nv): the solver's residual."""
     forces = held["qfrc_smooth"] + held["qfrc_constraint"]
     return layout.mass.times(held[layout.mass_name], held["qacc"]) - forces
 
@@ -50,7 +50,7 @@ def added(
     change: Any,
     version: tuple[int, ...],
 ) -> Force:
-    """Return the impulse that an integrator adds to those of forces.
+    """Return the impulse of an integrator beyond those of forces.
 
     Parameters
     ----------
@@ -89,15 +89,15 @@ def added(
 
 
 def averaged(values: Any) -> Any:
-    """Return the mean of what four stages have, weighted as RK4 does: (4 n, k) becomes (n, k)."""
+    """Return the mean over four stages with RK4's weights: (4 n, k) becomes (n, k)."""
     stages = values.reshape(len(values) // STAGES, STAGES, *values.shape[1:])
     return np.tensordot(np.array(WEIGHTS), stages, (0, 1))
 
 
 def added_by_stages(layout: Layout, held: dict[str, Any]) -> list[Force]:
-    """Return what RK4 adds to the mean of the forces of its stages, as forces, shape (n, nv).
+    """Return RK4's addition to the mean of its stages' forces, as forces, shape (n, nv).
 
-    u' - u = h sum of b_i a_i, and M_i a_i = forces + what the solver left. So with the mass matrix
+    u' - u = h sum of b_i a_i, and M_i a_i = forces + the solver's residual. So with the mass matrix
     of the first stage, M_1 (u' - u) is h sum of b_i (forces + solver + (M_1 - M_i) a_i).
     """
     numbers, accelerations = held[layout.mass_name], held["qacc"]
@@ -111,7 +111,7 @@ def added_by_stages(layout: Layout, held: dict[str, Any]) -> list[Force]:
 def strays_by_stages(
     m: Any, rates: Any, h: Any, before: Any, after: Any, version: tuple[int, ...]
 ) -> Any:
-    """Return how far RK4's poses are from where the velocities of its stages lead [m, rad], (n,).
+    """Return the distance of RK4's poses from those its stages' velocities lead to [m, rad], (n,).
 
     `rates` has the shape (n, 4, nv), poses (n, nq). Turns of the stages are first taken back to the
     axes of the first, where that is done (`MUNTHE_KAAS`).
@@ -148,7 +148,7 @@ def _turn(vectors: Any) -> Any:
 
 
 def _taken_back(turn: Any, spin: Any) -> Any:
-    """Return the inverse derivative of the exponential map, applied to a spin after a turn, (n, 3).
+    """Return the inverse derivative of the exponential map for a spin after a turn, (n, 3).
 
     k + u × k / 2 + (1 - θ/2 cot θ/2)/θ² u × (u × k), with θ = |u| (Munthe-Kaas).
     """
@@ -161,7 +161,7 @@ def _taken_back(turn: Any, spin: Any) -> Any:
 
 
 def _rows(layout: Layout, slopes: Any, dof: int) -> Any:
-    """Return the block of a body that moves freely, shape (n, 6, 6)."""
+    """Return the block of a free body, shape (n, 6, 6)."""
     mine = np.flatnonzero((layout.d_rows >= dof) & (layout.d_rows < dof + 6))
     block = np.zeros((len(slopes), 6, 6))
     block[:, layout.d_rows[mine] - dof, layout.d_columns[mine] - dof] = slopes[:, mine]
@@ -171,7 +171,7 @@ def _rows(layout: Layout, slopes: Any, dof: int) -> Any:
 def _bias_slope(
     m: Any, layout: Layout, held: dict[str, Any], before: dict[str, Any], at: int, dof: int
 ) -> Any:
-    """Return the slope of the bias of a body that moves freely, shape (n, 6, 6).
+    """Return the slope of the bias of a free body, shape (n, 6, 6).
 
     With mass m, centre of mass c and inertia I about the joint, all in the body's axes R, it is
     m R (ω × (ω × c)) and ω × I ω. M holds m, -m R c×, and I with the armature.

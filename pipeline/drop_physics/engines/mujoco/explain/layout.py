@@ -15,12 +15,12 @@ TINY = 1e-15
 
 
 def either(m: Any, d: Any, name: str) -> Any:
-    """Return an array that lies in the model or in the data, depending on the version."""
+    """Return an array from the model or from the data, depending on the version."""
     return getattr(m, name) if hasattr(m, name) else getattr(d, name)
 
 
 class Symmetric:
-    """The entries of a symmetric matrix of which MuJoCo keeps one half.
+    """The entries of a symmetric matrix of which MuJoCo stores one half.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Symmetric:
         return np.add.reduceat(products, self._starts, axis=1)
 
     def block(self, numbers: Any, dofs: Any) -> Any:
-        """Return the block of some rows and columns in full, shape (r, len(dofs), len(dofs))."""
+        """Return a block of rows and columns in full, shape (r, len(dofs), len(dofs))."""
         place = np.full(self.n, -1)
         place[dofs] = np.arange(len(dofs))
         mine = np.flatnonzero((place[self.rows] >= 0) & (place[self.columns] >= 0))
@@ -60,7 +60,7 @@ class Symmetric:
 
 
 class Layout:
-    """Constants of a model while it is stepped.
+    """Constants of a model during its steps.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class Layout:
         return Symmetric(np.array(rows, int), np.array(columns, int), m.nv)
 
     def _slopes(self, m: Any) -> tuple[Any, Symmetric]:
-        """Return which slopes `implicitfast` takes, and the symmetric matrix that it makes of them.
+        """Return the slopes that `implicitfast` takes, and the symmetric matrix made of them.
 
         It has their lower half, where the mass matrix may have entries. Those of a simple body are
         on the diagonal; of old versions' `qM` only that part is used.
@@ -131,7 +131,7 @@ class Layout:
         return np.array(sorted(found), int)
 
     def subtree_masses(self, m: Any) -> Any:
-        """Return the mass of each body with what it carries [kg], shape (nbody,)."""
+        """Return the mass of bodies with everything that they carry [kg], shape (nbody,)."""
         masses = np.array(m.body_mass)
         for body in range(m.nbody - 1, 0, -1):
             masses[m.body_parentid[body]] += masses[body]

@@ -1,4 +1,4 @@
-"""Data (MjData) in the state that a frame has, as if the steps before it had been made.
+"""Data (MjData) in the state of a frame, as if the steps before it had been made.
 
 A step computes everything anew but for what sleeps: the positions of sleeping bodies are those of
 the step in which they fell asleep, and lists of what is awake come from the end of the step before
@@ -17,7 +17,7 @@ from ..frames import ASLEEP, kind_of
 
 
 def load(m: Any, d: Any, state: Mapping[str, Any]) -> None:
-    """Write parts of a state into data, by name; the clock apart."""
+    """Write parts of a state into data, by name, except for the clock."""
     asleep = state.get(ASLEEP, ())
     if not len(asleep):
         _write(d, state)
@@ -38,7 +38,7 @@ def _write(d: Any, state: Mapping[str, Any]) -> None:
 
 
 def _tell_awake(m: Any, d: Any) -> None:
-    """Make the lists of what is awake from `tree_asleep`."""
+    """Rebuild the lists of awake trees from `tree_asleep`."""
     trees = d.tree_asleep < 0
     tree_of = m.body_treeid
     moves = tree_of >= 0

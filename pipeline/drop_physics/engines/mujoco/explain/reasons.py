@@ -1,4 +1,4 @@
-"""Outcomes of a step that is taken again, and reasons why it may have no sum."""
+"""Outcomes of a repeated step, and reasons for a missing sum."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A script's steps, taken again from their frames.
+"""Steps of a script, taken again from their frames.
 
 A step is replayed if it leads to the recorded state to the last bit. Only such a step is explained:
 the sum of one that leads elsewhere would close, too, and say nothing of the script's.
@@ -61,7 +61,7 @@ SPARE = 1 << 16
 
 
 class ReplayedModel:
-    """A model as the script had it.
+    """A model in the script's own state.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class ReplayedModel:
         self._look()
 
     def _look(self) -> None:
-        """Read what each step asks of the model."""
+        """Read the features of the model that steps depend on."""
         m = self.m
         self.timestep = float(m.opt.timestep)
         self.sparse = bool(mujoco.mj_isSparse(m))
@@ -98,7 +98,7 @@ class ReplayedModel:
         self._look()
 
     def _integrator(self, which: int) -> int:
-        """Return the integrator that a function uses."""
+        """Return the integrator used by a function."""
         chosen = int(self.m.opt.integrator)
         if which == 0:
             return chosen
@@ -109,7 +109,7 @@ class ReplayedModel:
         return RK4 if which == 4 else EULER
 
     def _uncovered(self, integrator: int) -> str:
-        """Return why steps with an integrator have no sum, or nothing."""
+        """Return the reason why steps of an integrator have no sum; empty if they have one."""
         m = self.m
         if integrator not in (EULER, RK4, IMPLICIT, IMPLICITFAST):
             return "integrator"
@@ -162,11 +162,11 @@ class ReplayedData:
         """Status and reason of the steps since the last result."""
 
     def state(self) -> tuple[float, bytes, bytes]:
-        """Return the state as it is."""
+        """Return the current state."""
         return self.d.time, bytes(self.core.view), bytes(self.user.view)
 
     def restore(self, state: tuple[float, bytes, bytes]) -> None:
-        """Set the state as it was."""
+        """Restore a state."""
         self.d.time, core, user = state
         for stretch, held in ((self.core, core), (self.user, user)):
             if held:
@@ -190,7 +190,7 @@ class ReplayedData:
         load(self.model.m, self.d, {name: row for name, row in state.items() if name != CLOCK})
 
     def reach(self, asked: StepsAsked, step: int) -> None:
-        """Come into the state that a step of a piece starts from."""
+        """Reach the starting state of a step of a piece."""
         if self.reached != asked.first + step:
             self.load(asked.left(step) | asked.given(step))
             given = asked.given(step)
@@ -209,7 +209,7 @@ class ReplayedData:
 
 
 class Replay:
-    """Takes requests, and yields payloads that answer; it has one simulation at a time."""
+    """Takes requests and yields answers; holds one simulation at a time."""
 
     def __init__(self) -> None:
         self._loaded = 0
@@ -235,7 +235,7 @@ class Replay:
     # -- requests ---------------------------------------------------------------------------------
 
     def _on_constants(self, _: dict[str, Any], path: str) -> Iterator[bytes]:
-        """Answer what an analysis reads of the model in a file."""
+        """Answer with the constants of a model file for an analysis."""
         m = mujoco.MjModel.from_binary_path(path)
         yield frames.arrays_bytes("constants", memory.constants_of(m))
         yield TAKEN
@@ -243,7 +243,7 @@ class Replay:
     def _on_simulation(
         self, arrays: dict[str, Any], world: int, version: str | None, path: str, edits: list[Any]
     ) -> Iterator[bytes]:
-        """Begin a simulation of the model in a file, and of what was edited in it before."""
+        """Begin a simulation of a model file, with earlier edits."""
         if version not in (None, mujoco.__version__):
             raise SystemExit(f"the script ran with mujoco {version}, this is {mujoco.__version__}")
         if self._model is None or path != self._path or self._model.is_edited:
@@ -277,7 +277,7 @@ class Replay:
         yield TAKEN
 
     def _on_states(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
-        """Take each step from its own frame, and answer with the states that they lead to."""
+        """Take steps from their own frames; answer with the resulting states."""
         state, asked = self._data, StepsAsked(arrays, **head)
         assert state is not None
         m, d = state.model.m, state.d
@@ -307,14 +307,14 @@ class Replay:
     # -- callbacks --------------------------------------------------------------------------------
 
     def _set_callbacks(self, which: frozenset[int]) -> None:
-        """Have callbacks do again what they did."""
+        """Let callbacks repeat their writes."""
         for number in which ^ self._set:
             answer = (lambda *_, number=number: self._answer(number)) if number in which else None
             getattr(mujoco, f"set_mjcb_{CALLBACKS[number]}")(answer)
         self._set = which
 
     def _answer(self, which: int) -> Any:
-        """Do again what a callback of the script did."""
+        """Repeat the writes of a callback of the script."""
         state = self._now
         if state is None:
             return 0.0
@@ -335,7 +335,7 @@ class Replay:
     def _step(
         self, state: ReplayedData, asked: StepsAsked, step: int, core: bytes
     ) -> Iterator[bytes]:
-        """Take a step, compare, and keep what it takes to explain it."""
+        """Take a step, compare it, and keep the data for its explanation."""
         model, d = state.model, state.d
         m, time_s = model.m, float(asked.clock_s[step])
         function, answers = int(asked.functions[step]), asked.answers(step, model.m.nv)
@@ -424,7 +424,7 @@ class Replay:
         stages: list[bytes],
         answers: list[Answer],
     ) -> None:
-        """Compute again what a step of RK4 has computed in its stages."""
+        """Repeat the evaluations of RK4's stages in a step."""
         m, other = state.model.m, state.other
         core, user = memory.core_of(other), memory.user_of(other)
         sparse = state.model.sparse
@@ -440,7 +440,7 @@ class Replay:
             batch.evaluated(sparse, state.is_applied, state.is_pushed)
 
     def _finish(self, state: ReplayedData) -> Iterator[bytes]:
-        """Explain what waits, and send it with what became of the steps since."""
+        """Explain the waiting steps, and send them with the outcomes of the steps since."""
         arrays: dict[str, Any] = {}
         said: dict[str, Any] = {}
         if state.statuses:
@@ -461,7 +461,7 @@ class Replay:
         state.first, state.statuses = state.step, []
 
     def _packed(self, state: ReplayedData, answer: Any, statuses: Any) -> dict[str, Any]:
-        """Return an answer's arrays; steps whose sum leaves something are not explained."""
+        """Return an answer's arrays; steps with a remaining difference are not explained."""
         summed = answer.summed
         open_ = answer.steps[~(summed.remainder <= CLOSES)] - state.first
         statuses[open_, 0], statuses[open_, 1] = REPLAYED, REASONS.index("remainder")
@@ -494,13 +494,13 @@ class Replay:
 
 
 def _goes_on(asked: StepsAsked, step: int) -> bool:
-    """Return whether MuJoCo goes on from the state that a step has led to."""
+    """Return whether MuJoCo continues from the state after a step."""
     moving = (asked.reached(name, step) for name in ("qpos", "qvel"))
     return all(bool((np.abs(rows) <= LARGEST).all()) for rows in moving)
 
 
 class _Elsewhere:
-    """Writes what a callback wrote into other data."""
+    """Redirects a callback's writes into other data."""
 
     def __init__(self, d: Any) -> None:
         self.d, self.core = d, memory.core_of(d)
@@ -537,7 +537,7 @@ def take(m: Any, state: ReplayedData, which: int) -> None:
 def take_stale(
     state: ReplayedData, before: tuple[float, bytes, bytes], posed: dict[str, Any], which: int
 ) -> None:
-    """Take the second half of a step from a state, with positions computed for another one."""
+    """Take the second half of a step from a state, with positions of another state."""
     m, d = state.model.m, state.d
     state.restore(before)
     for name, row in posed.items():
@@ -556,16 +556,16 @@ def _finish_step(m: Any, d: Any, which: int) -> None:
 
 
 def _equal(reached: memory.StateMemory, core: bytes) -> bool:
-    """Return whether a step led to a recorded core; what lies between its parts does not count."""
+    """Return whether a step led to a recorded core; gaps between its parts do not count."""
     if reached.view.tobytes() == core:
         return True
     return all(part.view.tobytes() == core[part.begin : part.end] for part in reached.parts)
 
 
 def _has_warned(before: bytes, now: memoryview) -> bool:
-    """Return whether a warning with which MuJoCo resets itself has become more frequent.
+    """Return whether a warning with which MuJoCo resets itself became more frequent.
 
-    Where it has reset itself before, it has not, but the time has gone back.
+    If MuJoCo has reset itself before, the counter stays, but the time goes back.
     """
     if before == now:
         return False

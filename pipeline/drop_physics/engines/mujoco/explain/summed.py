@@ -1,4 +1,4 @@
-"""The sum of a batch of steps: which terms each has, their values, and what is left."""
+"""The sum of a batch of steps: terms, their values, and the remainder."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ROUNDED = 1e-4
 
 
 class Named(NamedTuple):
-    """A term that was met."""
+    """A numbered term."""
 
     number: int
     dofs: Any
@@ -27,7 +27,7 @@ class Named(NamedTuple):
 
 
 class TermTable:
-    """The terms of a model that were met so far, by number."""
+    """The terms of a model so far, by number."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[str, int, int], Named] = {}
@@ -41,7 +41,7 @@ class TermTable:
         self.patterns_told = 0
 
     def of(self, kind: str, first: int, second: int, dofs: Any) -> Named:
-        """Return the term of a cause that acts on these dofs, and perhaps on more."""
+        """Return the term of a cause that acts at least on these degrees of freedom."""
         key = kind, first, second
         known = self._known.get(key)
         if known is not None:
@@ -174,9 +174,9 @@ class _Flat(NamedTuple):
 
 
 def _flat(terms: TermTable, groups: Groups, impulses: Any, acting: Any) -> _Flat | None:
-    """Return groups with the numbers of their terms, and the impulses that act with their places.
+    """Return groups with the numbers of their terms, and the acting impulses with their places.
 
-    None if none acts.
+    None if no impulse acts.
     """
     width = np.diff(groups.starts)
     group = np.repeat(np.arange(len(groups.rows)), width)[acting]
@@ -204,7 +204,7 @@ def _flat(terms: TermTable, groups: Groups, impulses: Any, acting: Any) -> _Flat
 def _laid_out(
     terms: TermTable, n: int, blocks: list[_Block], flat: _Flat | None, remainder: Any, largest: Any
 ) -> TermSums:
-    """Return values step by step, and within a step term by term, in the order of their numbers."""
+    """Order values by step, and within a step by the numbers of their terms."""
     numbers = [block.number for block in blocks]
     if flat is not None:
         numbers += np.unique(flat.numbers).tolist()

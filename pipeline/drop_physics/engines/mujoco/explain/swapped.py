@@ -1,4 +1,4 @@
-"""Single steps of this MuJoCo from states of another run, with fields of its model swapped."""
+"""Single steps of this MuJoCo from states of another run, with swapped fields of its model."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def main() -> None:
 
 
 class SwappedModel(ReplayedModel):
-    """A model some of whose fields have other values, until it is `restore`d."""
+    """A model with changed values of some fields, until it is `restore`d."""
 
     def __init__(self, number: int, path: str) -> None:
         super().__init__(number, path)
@@ -62,7 +62,7 @@ class SwappedModel(ReplayedModel):
         self.put(f"opt.{kind}flags", slice(None), [now])
 
     def restore(self) -> None:
-        """Give all fields the values that they were loaded with."""
+        """Give all fields the values with which they were loaded."""
         for name, held in self._before.items():
             owner, last = owner_of(self.m, name)
             if isinstance(held, np.ndarray):
@@ -73,23 +73,23 @@ class SwappedModel(ReplayedModel):
 
 
 def owner_of(m: Any, name: str) -> tuple[Any, str]:
-    """Return the object that has a field, and its name there: `opt.timestep`, `geom_size`."""
+    """Return the object that owns a field, and its name there: `opt.timestep`, `geom_size`."""
     first, _, last = name.rpartition(".")
     return (getattr(m, first) if first else m), last
 
 
 class Swaps(Replay):
-    """Takes requests of steps with fields swapped; it has one model at a time."""
+    """Takes requests for steps with swapped fields; holds one model at a time."""
 
     _swapped: SwappedModel | None = None
 
     def _on_version(self, _: dict[str, Any]) -> Iterator[bytes]:
-        """Answer which version of MuJoCo this is."""
+        """Answer with the version of this MuJoCo."""
         yield frames.arrays_bytes("version", {}, version=mujoco.__version__)
         yield TAKEN
 
     def _on_fields(self, _: dict[str, Any], path: str) -> Iterator[bytes]:
-        """Answer all fields of the model in a file, and the features of this version."""
+        """Answer with all fields of a model file, and the features of this version."""
         m, found = mujoco.MjModel.from_binary_path(path), dict[str, Any]()
         for name in dir(m):
             value = None if name.startswith("_") else getattr(m, name)
@@ -121,7 +121,7 @@ class Swaps(Replay):
         yield from ()
 
     def _on_stages(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
-        """Take each step from its own frame; answer with what its stages have computed."""
+        """Take steps from their own frames; answer with the results of their stages."""
         asked = StepsAsked(arrays, **head)
         rows: dict[str, list[Any]] = {}
         for step in range(asked.begin, asked.end):
@@ -132,7 +132,7 @@ class Swaps(Replay):
         yield TAKEN
 
     def _on_swapped(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
-        """Take each step from its own frame; answer with the states that they lead to."""
+        """Take steps from their own frames; answer with the resulting states."""
         asked = StepsAsked(arrays, **head)
         rows: dict[str, list[Any]] = {}
         for step in range(asked.begin, asked.end):
@@ -144,7 +144,7 @@ class Swaps(Replay):
         yield TAKEN
 
     def _on_rolled(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
-        """Go on from the first step, its velocities nudged; answer with the last positions."""
+        """Continue from the first step with nudged velocities; answer with the last positions."""
         nudges, asked, state = arrays.pop("nudges"), StepsAsked(arrays, **head), self._data
         assert state is not None
         ends = []
@@ -162,7 +162,7 @@ class Swaps(Replay):
         yield TAKEN
 
     def _on_trail(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
-        """Go on from the first step; answer with positions and velocities after each."""
+        """Continue from the first step; answer with positions and velocities after every step."""
         asked, state = StepsAsked(arrays, **head), self._data
         assert state is not None
         rows: dict[str, list[Any]] = {"qpos": [], "qvel": []}
@@ -201,7 +201,7 @@ class Swaps(Replay):
         self._now = None
 
     def _computed(self) -> dict[str, Any]:
-        """Return what the stages of the last step have computed."""
+        """Return the results of the stages of the last step."""
         assert self._data is not None
         d = self._data.d
         contact = d.contact
@@ -217,7 +217,7 @@ class Swaps(Replay):
 
 
 def _gathered(rows: list[Any]) -> Any:
-    """Return rows of any lengths as one array: how many, their lengths, then all numbers."""
+    """Join rows of any lengths into one array: their count, their lengths, then all numbers."""
     lengths = [len(row) for row in rows]
     numbers = [row.ravel() for row in rows]
     return np.concatenate([np.array([len(rows), *lengths], np.float64), *numbers])

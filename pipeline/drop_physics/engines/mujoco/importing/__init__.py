@@ -1,1 +1,1 @@
-"""States that another program has left on disk, held against MuJoCo's own steps."""
+"""States that another program has left on disk, compared with MuJoCo's own steps."""

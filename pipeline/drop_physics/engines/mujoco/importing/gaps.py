@@ -1,4 +1,4 @@
-"""Terms by which the steps of another engine are off MuJoCo's.
+"""Terms by which the steps of another engine differ from MuJoCo's.
 
 A term is named where the gap of velocities lies in what it can do: along its own force, or in the
 rows of the contacts of two bodies. What a force does is measured, by steps with a small one more,
@@ -45,7 +45,7 @@ FIRST, EVERY = 200, 50
 
 
 class GapTerm(NamedTuple):
-    """A term that may be off."""
+    """A term that may differ."""
 
     kind: str
     """The kind, as a `Gap` has it."""
@@ -63,7 +63,7 @@ class Fit(NamedTuple):
 
 @dataclass(frozen=True)
 class Gap:
-    """The steps that are off by one term."""
+    """The steps that differ by one term."""
 
     kind: str
     """The term's kind: `contacts`, `limit`, `equality`, `friction loss`, `tendon`, `actuator`,
@@ -83,7 +83,7 @@ class Gap:
 
 
 class _Looked(NamedTuple):
-    """A step that was looked at."""
+    """An examined step."""
 
     number: int
     apart: float
@@ -95,7 +95,7 @@ EVERYTHING, POSITIONS = GapTerm("everything"), GapTerm("positions")
 
 
 class Gaps:
-    """Gathers what the steps of another engine are off by.
+    """Gathers the terms by which another engine's steps differ from MuJoCo's.
 
     Parameters
     ----------
@@ -116,11 +116,11 @@ class Gaps:
 
     @property
     def looked_at(self) -> int:
-        """Number of steps that were looked at."""
+        """Number of examined steps."""
         return len(self._looked)
 
     def add(self, step: ImportedStep) -> None:
-        """Look at a step if it is off."""
+        """Examine a step if it differs."""
         if step.near:
             self._before = step
             return
@@ -160,7 +160,7 @@ class Gaps:
         return smooth | _constraints(self._m, d).keys()
 
     def _fits(self, step: ImportedStep) -> dict[GapTerm, Fit]:
-        """Return how well each term accounts for the gap of a step."""
+        """Return the quality with which each term accounts for the gap of a step."""
         m, d = self._m, self._of.evaluated(step)
         if step.moved:
             return {POSITIONS: Fit(0.0, np.nan)}
@@ -173,7 +173,7 @@ class Gaps:
         gap = root @ step.gap
 
         def left(rest: Float64) -> float:
-            """Return the share of the gap's energy that is left; rounding is nothing."""
+            """Return the remaining share of the gap's energy; rounding counts as nothing."""
             rates = np.abs(np.linalg.solve(root, rest))
             return float(rest @ rest) / float(gap @ gap) if (rates > step.allowed).any() else 0.0
 
@@ -205,7 +205,7 @@ class Gaps:
         return found
 
     def _answer(self, step: ImportedStep, force: float, *, constrained: bool) -> Float64:
-        """Return what forces do to the velocities after a step, shape (nv, nv)."""
+        """Return the change of velocities after a step by forces, shape (nv, nv)."""
         m, flags = self._m, int(self._m.opt.disableflags)
         if not constrained:
             m.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
@@ -230,9 +230,9 @@ def _good(looked: _Looked) -> set[GapTerm]:
 
 
 def _named_by_most(left: list[_Looked], cleared: Set[GapTerm]) -> GapTerm | None:
-    """Return the term that accounts for most steps; of several, one that does so alike in all.
+    """Return the term that accounts for most steps; of several, the one that is most uniform.
 
-    A term that acts in steps that are not off, too, is meant only if no other is.
+    A term that also acts in steps without a gap is chosen only if there is no other.
     """
     terms = {term for each in left for term in _good(each)}
     named = {term: [each for each in left if term in _good(each)] for term in terms}
@@ -262,7 +262,7 @@ def _is_meant(term: GapTerm, its: list[_Looked], left: int) -> bool:
 
 
 def _factor(term: GapTerm, its: list[_Looked]) -> tuple[float, float]:
-    """Return the factor of a term in most steps, and the share of them that have it."""
+    """Return the most frequent factor of a term, and its share of the steps."""
     factors = np.array([each.fits[term].factor for each in its if term in each.fits])
     if not len(factors) or not np.isfinite(factors).all():
         return np.nan, 0.0
@@ -283,7 +283,7 @@ def _gap(term: GapTerm, its: list[_Looked]) -> Gap:
 
 
 def _constraints(m: Any, d: Any) -> dict[GapTerm, Float64]:  # noqa: ANN401
-    """Return the Jacobian's rows of all that is active, by what they are of."""
+    """Return the rows of the Jacobian of all active constraints, by term."""
     of, found = mujoco.mjtConstraint, dict[GapTerm, list[int]]()
     for row, (kind, number) in enumerate(zip(d.efc_type.tolist(), d.efc_id.tolist(), strict=True)):
         if kind == of.mjCNSTR_EQUALITY:
@@ -309,7 +309,7 @@ def _constraints(m: Any, d: Any) -> dict[GapTerm, Float64]:  # noqa: ANN401
 
 
 def depths(m: Any, d: Any) -> Iterator[tuple[GapTerm, float]]:  # noqa: ANN401
-    """Yield how deep two bodies are in each other [m]."""
+    """Yield the depth of overlap of two bodies [m]."""
     deepest: dict[GapTerm, float] = {}
     for contact in d.contact:
         term = GapTerm("contacts", names_of(m, contact.geom))
@@ -354,7 +354,7 @@ def forces_of(m: Any, d: Any) -> Iterator[tuple[GapTerm, Float64]]:  # noqa: ANN
 
 
 def _smooth(m: Any, d: Any, layout: Layout) -> Iterator[tuple[GapTerm, Float64]]:  # noqa: ANN401
-    """Yield the forces that may be another engine's, each and all of a kind, shape (nv,)."""
+    """Yield candidate forces of another engine, one by one and all of a kind, shape (nv,)."""
     together: dict[str, list[Float64]] = {}
     for term, force in forces_of(m, d):
         together.setdefault(term.kind, []).append(force)

@@ -1,4 +1,4 @@
-"""Why states grow without bound: the step multiplies what is off, by which term.
+"""Causes of unbounded growth of states: the step multiplies a deviation, by some term.
 
 The derivative of a step by its state has an eigenvalue above 1 where a small difference grows. Its
 mode says in which joint, and the change of each term's force along it says by which: the one that
@@ -39,7 +39,7 @@ MOST_DOFS = 100
 
 
 class GrowingStates(NamedTuple):
-    """Why states grow from one on."""
+    """The cause of growth of the states from one on."""
 
     state: int
     term: GapTerm
@@ -64,7 +64,7 @@ class GrowingStates(NamedTuple):
 
 
 def growth_of(steps: ImportedSteps, last: Sequence[ImportedStep]) -> GrowingStates | None:
-    """Return why the states grow in the last steps of a run; None where that is not seen."""
+    """Return the cause of growth in the last steps of a run; None if there is none."""
     m = steps.m
     if not last or not 0 < m.nv <= MOST_DOFS:
         return None
@@ -90,7 +90,7 @@ def growth_of(steps: ImportedSteps, last: Sequence[ImportedStep]) -> GrowingStat
 
 
 def _mode(steps: ImportedSteps, step: ImportedStep) -> GrowingStates | None:
-    """Return the mode in which a step multiplies what is off most; None if it grows little."""
+    """Return the mode in which a step multiplies a deviation most; None if it grows little."""
     m, d = steps.m, steps.evaluated(step)
     slope = _slope(steps, step)
     if not np.isfinite(slope).all():
@@ -145,7 +145,7 @@ def _mode(steps: ImportedSteps, step: ImportedStep) -> GrowingStates | None:
 
 
 def _slope(steps: ImportedSteps, step: ImportedStep) -> Float64:
-    """Return the derivative of a step by the position and the velocity it begins with, (2n, 2n)."""
+    """Return the derivative of a step by its initial position and velocity, (2n, 2n)."""
     m = steps.m
     way, base, ends = np.zeros(m.nv), np.zeros(m.nq), []
     for number in range(-1, 2 * m.nv):
@@ -165,7 +165,7 @@ def _slope(steps: ImportedSteps, step: ImportedStep) -> Float64:
 
 
 def _forces(m: Any, d: Any) -> Iterator[tuple[GapTerm, Float64]]:  # noqa: ANN401
-    """Yield forces by their term, shape (nv,)."""
+    """Yield forces with their terms, shape (nv,)."""
     yield from forces_of(m, d)
     yield GapTerm("Coriolis and gyroscopic forces"), -np.array(d.qfrc_bias)
     pairs: dict[GapTerm, Float64] = {}

@@ -1,4 +1,4 @@
-"""The states of a simulation among the arrays of a file: by common names, or as the user says."""
+"""The states of a simulation among the arrays of a file, by common names or by `--map`."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class FoundStates:
 
 
 def asked_names(maps: Sequence[str], archive: Archive) -> dict[str, str]:
-    """Return what `--map` says: keys of the file, by what is read.
+    """Return the names from `--map`: keys of the file, by part of the state.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def states_in(
 
 
 def _names(archive: Archive) -> dict[str, str]:
-    """Return the keys of what is read, by common names."""
+    """Return the keys of the file by common names."""
     found: dict[str, str] = {}
     by_name: dict[str, str] = {}
     for key in archive.arrays:
@@ -178,7 +178,7 @@ def _divided(
     *,
     is_physics: bool,
 ) -> dict[str, NDArray[Any]]:
-    """Return the parts of whole states, told apart by how many numbers there are."""
+    """Return the parts of whole states, told apart by their number of columns."""
     width = states.shape[-1] if states.ndim else 0
     moving = [("qpos", m.nq), ("qvel", m.nv)]
     act, mocap = [("act", m.na)], [("mocap_pos", 3 * m.nmocap), ("mocap_quat", 4 * m.nmocap)]
@@ -208,7 +208,7 @@ def _divided(
 
 
 def _shaped(what: str, held: NDArray[Any], m: Any, archive: Archive) -> NDArray[Any]:  # noqa: ANN401
-    """Return an array as worlds × steps × numbers, after checking that these are the model's."""
+    """Return an array as worlds × steps × numbers, after checking that it fits the model."""
     if what == "time":
         held = held[..., 0] if held.ndim > 1 and held.shape[-1] == 1 else held
         return held.reshape(-1, held.shape[-1]) if held.ndim else held.reshape(1, 1)
@@ -232,7 +232,7 @@ def _shaped(what: str, held: NDArray[Any], m: Any, archive: Archive) -> NDArray[
 
 
 def _chosen(arrays: Mapping[str, NDArray[Any]]) -> int:
-    """Return the first world that becomes no number, or the one that is apart, or the first."""
+    """Return the first world with non-finite numbers, or the one that differs, or the first."""
     bad = ~(_is_number(arrays["qpos"]) & _is_number(arrays["qvel"])).all(axis=1)
     if bad.any():
         return int(np.argmax(bad))
@@ -243,7 +243,7 @@ def _chosen(arrays: Mapping[str, NDArray[Any]]) -> int:
 
 
 def _is_number(rows: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return where all numbers of a state are finite, and none is larger than MuJoCo allows."""
+    """Flag the states whose numbers are all finite, and no larger than MuJoCo allows."""
     with np.errstate(invalid="ignore"):
         return np.asarray((np.abs(rows) <= LARGEST).all(axis=-1))
 
@@ -331,7 +331,7 @@ def _found(
 
 
 def _no_number(parts: Mapping[str, NDArray[Any]], at: int, m: Any) -> Message:  # noqa: ANN401
-    """Say which number of a state is the first that is not finite."""
+    """Name the first number of a state that is not finite."""
     for what, adr in (("qvel", m.jnt_dofadr), ("qpos", m.jnt_qposadr)):
         bad = np.flatnonzero(~(np.abs(parts[what][at]) <= LARGEST))
         if len(bad):
@@ -353,7 +353,7 @@ def _bad_input(
     count: int,
     m: Any,  # noqa: ANN401
 ) -> tuple[int, Message] | None:
-    """Return how many states come before an input is no number, and which; None if none is."""
+    """Return the number of states before a non-finite input, and its name; None if none is."""
     found: list[tuple[int, Message]] = []
     for what in (*INPUTS, "act"):
         held = parts.get(what, np.zeros((1, 0)))[:count]
@@ -375,7 +375,7 @@ def _bad_input(
 
 
 def _rounding(parts: Mapping[str, NDArray[Any]]) -> float:
-    """Return the largest relative error of the type that the numbers were computed in.
+    """Return the largest relative error of the type in which the numbers were computed.
 
     A file may hold single precision as doubles, which then have no more digits.
     """
@@ -392,7 +392,7 @@ def _rounding(parts: Mapping[str, NDArray[Any]]) -> float:
 
 
 def _missing(parts: Mapping[str, Any], m: Any, archive: Archive) -> list[Message]:  # noqa: ANN401
-    """Say what the file does not have, and what follows."""
+    """Name the missing parts of the file, and the consequences."""
     notes = []
     if m.nu and "ctrl" not in parts:
         notes.append(

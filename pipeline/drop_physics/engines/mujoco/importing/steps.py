@@ -1,9 +1,9 @@
-"""States that another program has recorded, and MuJoCo's own step from each of them.
+"""States recorded by another program, and MuJoCo's own step from each of them.
 
-A step is near where MuJoCo leads to the recorded state within what the numbers allow: that is how
-far steps spread out of states that are nudged by one rounding of the stored type. Where no controls
-were recorded, a step is taken with those of the step before, or else with those that lead closest
-to the next state: what of another engine looks like an actuator's force cannot be told from one.
+A step is near if MuJoCo leads to the recorded state within the tolerance of the numbers: the spread
+of steps from states nudged by one rounding of the stored type. If no controls were recorded, a step
+is taken with those of the step before, or else with those that lead closest to the next state: then
+a difference of engines that looks like an actuator's force cannot be told from one.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class ImportedStep(NamedTuple):
 
 
 def loaded(path: Path | None, text: str | None = None) -> Any:  # noqa: ANN401 - an MjModel
-    """Return a model, of a file in MuJoCo's XML or binary form, or of XML as text.
+    """Return a model from a file in MuJoCo's XML or binary form, or from XML as text.
 
     Raises
     ------
@@ -152,7 +152,7 @@ class ImportedSteps:
             yield self._step(number)
 
     def goes_on(self) -> bool:
-        """Return whether MuJoCo's own step from the last state leads to one that it goes on from.
+        """Return whether MuJoCo's step from the last state leads to one from which it can continue.
 
         Its controls are those of the step before.
         """
@@ -165,14 +165,14 @@ class ImportedSteps:
         return bool((np.abs(reached) <= LARGEST).all())
 
     def evaluated(self, step: ImportedStep) -> Any:  # noqa: ANN401 - an MjData
-        """Return data in which MuJoCo has computed the state that a step begins in."""
+        """Return data with MuJoCo's results for the state before a step."""
         self._load(self._other, step.number)
         self._other.ctrl[:] = step.ctrl
         mujoco.mj_forward(self.m, self._other)
         return self._other
 
     def reached(self, step: ImportedStep, force: Float64) -> Float64:
-        """Return the velocities that a step leads to with a force more, shape (nv,)."""
+        """Return the velocities after a step with an additional force, shape (nv,)."""
         o = self._other
         self._load(o, step.number)
         o.ctrl[:] = step.ctrl
@@ -195,7 +195,7 @@ class ImportedSteps:
         return step
 
     def _tried(self, number: int, ctrl: Float64) -> ImportedStep:
-        """Return a step that is taken with some controls."""
+        """Return a step taken with given controls."""
         self._load(self.d, number)
         self.d.ctrl[:] = ctrl
         mujoco.mj_step(self.m, self.d)
@@ -252,7 +252,7 @@ class ImportedSteps:
         return ctrl
 
     def _inverse(self, number: int) -> Float64:
-        """Return the controls that a step asks for by inverse dynamics, shape (nu,)."""
+        """Return the controls of a step by inverse dynamics, shape (nu,)."""
         m, o, flags = self.m, self._other, int(self.m.opt.enableflags)
         if m.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
             return self._held
@@ -294,7 +294,7 @@ class ImportedSteps:
             d.qacc_warmstart[:] = self._chain
 
     def _gaps(self, number: int) -> tuple[list[Float64], list[Float64]]:
-        """Return how far the recorded parts are from MuJoCo's, and what their rounding alone is."""
+        """Return the distances of the recorded parts from MuJoCo's, and their rounding."""
         gaps, floors = [], []
         for name in self._judged:
             before, after = (self._row(name, at).astype(np.float64) for at in (number, number + 1))
@@ -309,7 +309,7 @@ class ImportedSteps:
         ctrl: Float64,
         floors: list[Float64],
     ) -> list[Float64]:
-        """Return how far a step may be off: by what states nudged by a rounding lead to."""
+        """Return the allowed distances of a step: the spread of states nudged by a rounding."""
         m, d, o = self.m, self.d, self._other
         spreads = [np.zeros_like(floor) for floor in floors]
         for which in range(NUDGES):
@@ -331,7 +331,7 @@ class ImportedSteps:
         ]
 
     def _aligned(self) -> int:
-        """Return whether the controls of a step stand in the row that it ends in: 1, else 0."""
+        """Return 1 if the controls of a step stand in the row of its end, else 0."""
         last = len(self.states) - 1
         if len(self.states.parts["ctrl"]) <= last:
             return 0
@@ -350,7 +350,7 @@ class ImportedSteps:
 
 
 def _within(gaps: list[Float64], allowed: list[Float64]) -> list[bool]:
-    """Return whether each part is off by rounding at most."""
+    """Return whether each part differs by rounding at most."""
     both = zip(gaps, allowed, strict=True)
     return [bool((np.abs(gap) <= most).all()) for gap, most in both]
 

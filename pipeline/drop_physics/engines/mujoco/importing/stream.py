@@ -1,4 +1,4 @@
-"""Imported states as the stream of a watched script, so that they are recorded as its steps are."""
+"""Imported states as the stream of a watched script, to be recorded like its steps."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ FIRST, IMPORTED = CAUSES.index("first"), CAUSES.index("imported")
 def stream_of(
     steps: ImportedSteps, tell: Callable[[ImportedStep], None], *, stepped: bool
 ) -> Iterator[bytes]:
-    """Yield what a script's process would send of a simulation with these states.
+    """Yield the stream of a script's process for a simulation with these states.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def _model(m: Any) -> Iterator[bytes]:  # noqa: ANN401 - an MjModel
 
 
 def _inputs(steps: ImportedSteps, step: ImportedStep, sent: dict[str, bytes]) -> Iterator[bytes]:
-    """Yield the inputs that a step is taken with, where they are others than before."""
+    """Yield the inputs of a step that differ from those before."""
     parts = b""
     count = 0
     for name in USER:

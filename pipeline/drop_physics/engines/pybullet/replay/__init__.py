@@ -1,1 +1,1 @@
-"""Replay of a recorded script's calls, in the script's interpreter."""
+"""Repetition of a recorded script's calls, in the script's interpreter."""

@@ -1,4 +1,4 @@
-"""Make logs of calls again, bare, and answer with the states after each step.
+"""Repeat logs of calls, unwatched, and answer with the states after each step.
 
 A request is a line of JSON: the calls, each with its function, its arguments by name, what it makes
 and how many steps precede it; and the number of steps. `["body", 3]` in an argument stands for what
@@ -75,7 +75,7 @@ def _call(client: int, call: list[Any], made: dict[tuple[Any, ...], int]) -> Non
 
 
 def _filled(value: Any, made: dict[tuple[Any, ...], int]) -> Any:  # noqa: ANN401
-    """Return an argument with what was made in place of its name."""
+    """Return an argument with created objects in place of their names."""
     if isinstance(value, list):
         if len(value) == 2 and isinstance(value[0], str) and tuple(value) in made:
             return made[tuple(value)]
@@ -84,7 +84,7 @@ def _filled(value: Any, made: dict[tuple[Any, ...], int]) -> Any:  # noqa: ANN40
 
 
 def _state(client: int, made: dict[tuple[Any, ...], int], numbers: array[float]) -> list[Any]:
-    """Add the states of all bodies; return whose they are, and how many numbers each has."""
+    """Add the states of all bodies; return their owners, and their counts of numbers."""
     there = {
         p.getBodyUniqueId(n, physicsClientId=client)
         for n in range(p.getNumBodies(physicsClientId=client))

@@ -1,1 +1,1 @@
-"""Bullet's step: what it adds to the sum, what it reports, and the flight of one body."""
+"""Bullet's step: the terms of its sum, the forces that it reports, and the flight of one body."""

@@ -95,7 +95,7 @@ def velocity_law(
 def vertical_velocity_law(
     body: BulletBody, number: Callable[[float], Number]
 ) -> Callable[[Number], Number]:
-    """Return the same for a body that moves straight up or down: from velocity to next velocity."""
+    """Return the velocity part of a step straight up or down: from velocity to next velocity."""
     after, (_, _, weight) = velocity_law(body, number)
     zero, epsilon = number(0.0), number(EPSILON)
     return lambda v: after(v, abs(v) if v * v > epsilon else zero, weight)
@@ -132,7 +132,7 @@ def _vertical(
 def _in_space(
     body: BulletBody, position_m: Vector, velocity_m_s: Vector
 ) -> Iterator[tuple[Decimal, Decimal, Decimal]]:
-    """Yield x, y, z: the same in space, coupled by the speed."""
+    """Yield x, y, z before each step: semi-implicit Euler, coupled by the speed."""
     after, (fx, fy, fz) = velocity_law(body, Decimal)
     dt, zero, epsilon = Decimal(body.step_s), Decimal(0), Decimal(EPSILON)
     (x, y, z), (vx, vy, vz) = map(Decimal, position_m), map(Decimal, velocity_m_s)

@@ -70,7 +70,7 @@ class BulletLaw(BulletBody, Law):
         return _in_blocks(stepped, before)
 
     def bits(self, before: Motion) -> Flags:
-        """Return from which samples `step` has the engine's velocities to the last bit, (n,).
+        """Flag the samples from which `step` gives the engine's velocities to the last bit, (n,).
 
         On x86-64. All substeps but the first begin with an orientation computed here.
         """
@@ -97,7 +97,7 @@ class BulletLaw(BulletBody, Law):
             return replace(self, velocity_limit=math.inf).step(before)
 
     def limited(self, before: Motion) -> Flags:
-        """Return in which of these timesteps a velocity was clamped to the limit, shape (n,)."""
+        """Flag the timesteps in which a velocity was clamped to the limit, shape (n,)."""
         if self.coordinates == "maximal":
             return np.zeros(len(before), dtype=bool)
         with_it = self.step(before)
@@ -152,7 +152,7 @@ class BulletLaw(BulletBody, Law):
     ) -> Iterator[Sequence[Decimal]]:
         """Yield the positions of a flight from sample `first` on, for `exactly`.
 
-        Only z of a flight that is vertical. Spin is left out: it changes a flight only by rounding.
+        For a vertical flight, only z. Spin is left out: it changes a flight only by rounding.
         """
         path = bullet_air.exact_path(self, position_m, velocity_m_s)
         return itertools.islice(path, first * self.substeps, None, self.substeps)

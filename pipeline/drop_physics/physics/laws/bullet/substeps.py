@@ -75,7 +75,7 @@ def _substeps(
     substeps: int,
     servos: Callable[[States], Float64],
 ) -> tuple[list[States], list[Reported]]:
-    """Return the states that the substeps of each step begin with, and what is known of them."""
+    """Return the states before the substeps of each step, and the known facts of the substeps."""
     tree = body.tree
     one = replace(
         reported,
@@ -121,13 +121,13 @@ def _carried(forces: Forces, first: Kinematics, now: Kinematics) -> Forces:
 
 
 def _in_turn(begins: Sequence[States]) -> States:
-    """Return the states of the substeps, those of one step after the other."""
+    """Return the states of all substeps, in the order of the steps."""
     names = [column.name for column in fields(States)]
     return States(*(_woven([getattr(each, name) for each in begins]) for name in names))
 
 
 def _reports_in_turn(given: Sequence[Reported]) -> Reported:
-    """Return what is known of the substeps, those of one step after the other."""
+    """Return the known facts of all substeps, in the order of the steps."""
     joined: dict[str, Any] = {}
     for name in [column.name for column in fields(Reported)]:
         columns = [getattr(each, name) for each in given]

@@ -1,4 +1,4 @@
-"""Bullet's step of a btMultiBody: what it adds to a tree's dynamics, and what it reports of it.
+"""Bullet's step of a btMultiBody: its terms beyond a tree's dynamics, and its reports.
 
 Of what is `Reported`, motors are `appliedJointMotorTorque` after each step, `commanded` the sum of
 TORQUE_CONTROL's efforts, `pd` PD_CONTROL's, which `getJointState` reports as 0; contacts are those
@@ -76,7 +76,7 @@ def _sum_of(body: DampedTree, states: States, reported: Reported) -> Sum:
 def known_terms(
     body: DampedTree, kin: Kinematics, matrices: Float64, velocity: Float64, reported: Reported
 ) -> dict[str, Float64]:
-    """Return the impulses of all that is known or reported, by cause, shape (n, size) each."""
+    """Return the impulses of all causes that are known or reported, shape (n, size) each."""
     tree, dt = body.tree, reported.timestep_s
     terms = _free_terms(body, kin, velocity, reported)
     pd = _on_joints(tree, reported.pd * dt[:, None])
@@ -92,7 +92,7 @@ def known_terms(
 def _free_terms(
     body: DampedTree, kin: Kinematics, velocity: Float64, reported: Reported
 ) -> dict[str, Float64]:
-    """Return what acts before the solver, but for PD_CONTROL."""
+    """Return the terms that act before the solver, except for PD_CONTROL."""
     tree, dt = body.tree, reported.timestep_s[:, None]
     moved = motion(kin, velocity)
     damped = velocity[:, tree.first_rate :] if reported.damped is None else reported.damped
@@ -162,7 +162,7 @@ def _on_joints(tree: Tree, efforts: Float64) -> Float64:
 
 
 def _unreported(body: DampedTree, states: States, reported: Reported) -> Unreported:
-    """Return where Bullet reports nothing of an impulse: stops, the second clamp, rolling."""
+    """Return the directions of impulses that Bullet never reports: stops, second clamp, rolling."""
     tree = body.tree
     pushes = np.zeros((len(states) - 1, tree.size), np.int64)
     for link, joint in enumerate(tree.joints):
@@ -186,7 +186,7 @@ def _unreported(body: DampedTree, states: States, reported: Reported) -> Unrepor
 
 
 def not_covered(settings: StepConditions, tree: Tree | None = None) -> tuple[Reason, ...]:
-    """Return why a body's step need not be the sum; empty where it is, as far as settings say.
+    """Return the reasons, as far as settings tell, why a body's step need not be the sum.
 
     - engine: another engine's step is not this sum; its law of one body in flight may be known.
     - substeps (`numSubSteps`): only the last substep's motors and contacts are reported.

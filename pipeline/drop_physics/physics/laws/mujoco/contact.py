@@ -1,4 +1,4 @@
-"""How deep a body at rest lies in the floor in MuJoCo, whose contacts are springs.
+"""The depth of a body at rest in the floor in MuJoCo, whose contacts are springs.
 
 A contact point of depth p supports the body with the acceleration d k p / (1 - d), where the
 impedance d grows with p, and k follows from `solref` (documentation, "Solver parameters"). At rest
@@ -20,7 +20,7 @@ def rest_depth_m(
 ) -> float | None:
     """Return the depth [m] at which this many points carry a body.
 
-    None for the other form of `solref`: two negative numbers, stiffness and damping.
+    None if `solref` has the form of two negative numbers, stiffness and damping.
     """
     from scipy.optimize import brentq  # slow to import, and needed here only
 

@@ -145,7 +145,7 @@ class MujocoLaw(Law):
         )
 
     def bits(self, before: Motion) -> Flags:
-        """Return from which samples `step` has the engine's velocities to the last bit, (n,)."""
+        """Flag the samples from which `step` has the engine's velocities to the last bit, (n,)."""
         straight = ~before.velocity_m_s[:, :2].any(axis=1) & (not any(self.gravity_m_s2[:2]))
         turned = (before.orientation != UPRIGHT).any(axis=1) | before.spin_rad_s.any(axis=1)
         return np.asarray(straight & ~turned & (self.integrator != "rk4"))
