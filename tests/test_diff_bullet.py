@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pybullet  # noqa: F401 - what the scripts need
 import pytest
+from drop_physics.experiments.swap import calls
 from drop_physics.experiments.swap.calls import units_of, with_units
 from drop_physics.report.diff import json_of, report_of
 from drop_physics.stages.diff import diff
@@ -120,6 +121,25 @@ def test_a_call_of_one_run_is_told_with_its_arguments_and_a_second_cause_beside_
     (second,) = printed["also"]
     assert (second["field"], second["step"]) == ("changeDynamics", 30)
     assert "changeDynamics(linkIndex=-1, lateralFriction=0.1)" in printed["cause_text"][1]
+
+
+def test_a_command_of_each_step_is_one_cause(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(calls, "MOST_UNITS", 10)  # fewer than there are differences
+    motor = """
+for k in range(60):
+    p.setJointMotorControl2(rod, 0, p.POSITION_CONTROL, 0.3, force=3)
+    p.stepSimulation()
+"""
+    scene = HEAD + ROD + motor
+    printed, _ = answer(tmp_path, scene, scene.replace("force=3", "force=4"))
+    (cause,) = printed["because"]
+    assert (cause["field"], cause["a"], cause["b"]) == ("setJointMotorControl2(force)", 3, 4)
+    assert cause["element"].startswith("hinge (")
+    assert printed["proved"]["steps"] == printed["proved"]["of"] == 60
+    assert not printed["also"]
+    assert not printed["no_effect"]
 
 
 def test_a_file_that_is_gone_is_compared_by_its_content(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from drop_physics.experiments.swap.answer import DifferenceCause, End, Value
@@ -260,11 +260,7 @@ def _called(cause: DifferenceCause, value: Value) -> str:
     """Return a call, with the value of the argument that differs or with all of them."""
     call = str(cause.field)
     call = f"{call[:-1]}={value})" if call.endswith(")") else str(value)
-    return (
-        Message("{field} of {element}", field=call, element=cause.element)
-        if cause.element
-        else call
-    )
+    return _named(replace(cause, field=call)) if cause.element else call
 
 
 def _named(cause: DifferenceCause) -> Message:

@@ -65,7 +65,7 @@ class CallUnit:
     @property
     def kind(self) -> object:
         """The same for differences of the same calls of the script, at whatever step."""
-        calls = [[(e.function, e.about, e.site) for e in s] for s in (self.removed, self.added)]
+        calls = [[(e.function, e.site) for e in s] for s in (self.removed, self.added)]
         return str(calls), self.argument
 
 
@@ -130,34 +130,40 @@ class WhyCalls:
         return replace(
             answer,
             cls=_class_of(least),
-            because=[*_told(least)][:MOST_CAUSES],
+            because=[*_told(least, swapped)][:MOST_CAUSES],
             also=[*_told(second)][:MOST_CAUSES],
             proved=SwapProof("calls", until, count, not self.tolerance),
-            no_effect=self._names([each for each in before if each not in (*least, *second)]),
+            no_effect=self._without_effect(before, [*least, *second]),
         )
 
     def _with_later(self, least: Sequence[CallUnit], count: int) -> tuple[list[CallUnit], int]:
         """Return a cause with the later differences of the same calls, and how long it holds."""
         kinds = {each.kind for each in least}
-        swapped = [each for each in self._units if each in least or each.kind in kinds]
-        if len(swapped) <= MOST_UNITS:
-            until = self._same_until(self.states(with_units(self.a, swapped), count), count)
-            if until > max(each.step for each in least):
-                return swapped, until
+        swapped = [each for each in self._units if each.kind in kinds]
+        until = self._same_until(self.states(with_units(self.a, swapped), count), count)
+        if until > max(each.step for each in least):
+            return swapped, until
         states = self.states(with_units(self.a, least), count)
         return [*least], self._same_until(states, count)
 
     def _second(self, swapped: Sequence[CallUnit], until: int) -> list[CallUnit]:
         """Return what makes both part again though the first cause is swapped."""
-        others = [each for each in self._units if each not in swapped and each.step <= until]
+        first = {*map(id, swapped)}
+        others = [each for each in self._units if id(each) not in first and each.step <= until]
         if not others or len(others) > MOST_UNITS:
             return []
 
         def holds(some: Sequence[CallUnit]) -> bool:
-            both = {*map(id, swapped), *map(id, some)}  # in the order of the log
+            both = first | {*map(id, some)}  # in the order of the log
             return self._holds([each for each in self._units if id(each) in both], until + 1)
 
         return minimal(others, holds) if holds(others) else []
+
+    def _without_effect(self, before: Sequence[CallUnit], acting: Sequence[CallUnit]) -> list[str]:
+        """Return the names of differences that are of other calls than those that act."""
+        kinds = {each.kind for each in acting}
+        names = self._names([each for each in before if each.kind not in kinds])
+        return [each for each in names if each not in self._names(acting)]
 
     def _names(self, units: Sequence[CallUnit]) -> list[str]:
         return [*dict.fromkeys(each.field or "" for each in _told(units))]
@@ -278,7 +284,8 @@ def _class_of(units: Sequence[CallUnit]) -> Class:
     return "start" if sets == {"state"} else "model"
 
 
-def _told(units: Sequence[CallUnit]) -> Iterator[DifferenceCause]:
+def _told(units: Sequence[CallUnit], acting: Sequence[CallUnit] = ()) -> Iterator[DifferenceCause]:
+    """Yield causes: units of one difference are one, with the elements of all that act with it."""
     removed, added = (
         [call for unit in units for call in (unit.added if which else unit.removed)]
         for which in (0, 1)
@@ -289,8 +296,22 @@ def _told(units: Sequence[CallUnit]) -> Iterator[DifferenceCause]:
         yield DifferenceCause("order", element=_names_of(made or removed), site_a=removed[0].site,
                     site_b=added[0].site, step=removed[0].step or None)  # fmt: skip
         return
-    for unit in units:
-        yield _told_unit(unit)
+    first: dict[DifferenceCause, DifferenceCause] = {}
+    elements: dict[DifferenceCause, dict[str, None]] = {}
+    for cause in map(_told_unit, units):
+        first.setdefault(_of_any(cause), cause)
+    for cause in map(_told_unit, (*units, *acting)):
+        if cause.element:
+            elements.setdefault(_of_any(cause), {})[cause.element] = None
+    for same, cause in first.items():
+        of = [*elements.get(same, ())]
+        shown = ", ".join(of[:MOST_CAUSES]) or None
+        yield replace(cause, element=shown, others=len(of) - MOST_CAUSES)
+
+
+def _of_any(cause: DifferenceCause) -> DifferenceCause:
+    """Return a cause without its element and its step."""
+    return replace(cause, element=None, step=None)
 
 
 def _told_unit(unit: CallUnit) -> DifferenceCause:

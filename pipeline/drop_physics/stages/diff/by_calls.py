@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -41,9 +41,10 @@ def answered_by_calls(
         logs = first, second
         theirs, twin = renumbered(logs[0], logs[1], theirs)
         bodies, both = _bodies(a, b, logs[0], logs[1], twin)
-        moves = moving_alone(a.recording.seen, b.recording.seen, both)
-        names = {("body", number): body.name for number, body in bodies}
-        mine, theirs = (_told(log, names) for log in (mine, theirs))
+        moves = moving_alone(a.recording.seen, b.recording.seen, [*both.values()])
+        joints = {number: [each.name for each in x.joints] for number, (x, _) in both.items()}
+        names = {number: body.name for number, body in bodies}
+        mine, theirs = (_told(log, names, joints) for log in (mine, theirs))
         lengths = steps_of(a), steps_of(b)
         times = StepTimes(a.recording.seen, 0)
         times_s = times.of_all(np.arange(1, lengths[0] + 1))
@@ -98,7 +99,7 @@ def steps_of(side: RunSide) -> int:
 
 def _bodies(
     a: RunSide, b: RunSide, mine: LogOf, theirs: LogOf, twin: dict[Made, Made]
-) -> tuple[list[tuple[int, PairedBody]], list[tuple[Body, Body]]]:
+) -> tuple[list[tuple[int, PairedBody]], dict[int, tuple[Body, Body]]]:
     """Return the bodies that both have, with their numbers in the logs, and these as pairs."""
     of_a, of_b = (
         {made: _body_of(side, call) for made, call in log.made if made[0] == BODY}
@@ -114,7 +115,7 @@ def _bodies(
     found = []
     for number, x, y in sorted(pairs, key=lambda each: each[0]):
         found += [(number, each) for each in paired_bodies(*seen, [(x, y)], steps)]
-    return found, [(x, y) for _, x, y in pairs]
+    return found, {number: (x, y) for number, x, y in pairs}
 
 
 def _body_of(side: RunSide, call: Call) -> Body | None:
@@ -141,8 +142,10 @@ def placed(log: Sequence[LoggedCall], folder: Path) -> list[LoggedCall]:
     return found
 
 
-def _told(log: Sequence[LoggedCall], names: dict[Made, str]) -> list[LoggedCall]:
-    """Return a log whose calls say in words which body they are about."""
+def _told(
+    log: Sequence[LoggedCall], names: Mapping[int, str], joints: Mapping[int, Sequence[str]]
+) -> list[LoggedCall]:
+    """Return a log whose calls say in words which body or joint they are about."""
     found = []
     for each in log:
         made = each.makes or next(
@@ -153,5 +156,9 @@ def _told(log: Sequence[LoggedCall], names: dict[Made, str]) -> list[LoggedCall]
             ),
             None,
         )
-        found.append(replace(each, about=names.get(made, "") if made else ""))
+        about = names.get(made[1], "") if made and made[0] == BODY else ""
+        joint = each.given.get("jointIndex")
+        if made and isinstance(joint, int) and 0 <= joint < len(joints.get(made[1], ())):
+            about = f"{joints[made[1]][joint]} ({about})"
+        found.append(replace(each, about=about))
     return found
