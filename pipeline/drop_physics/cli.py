@@ -43,21 +43,21 @@ app = App(
 
 
 def _recording(named: Path | None) -> Path:
-    """Return the recording that is meant."""
+    """Return the recording that the arguments mean."""
     from drop_physics.stages.found import recording_of
 
     return recording_of(named, output.note)
 
 
 def _choice(*given: str | None) -> Any:  # noqa: ANN401 - handed on
-    """Return which findings are reported, by options as typed and by the project."""
+    """Return the choice of reported findings, by typed options and by the project."""
     from drop_physics.stages.settings import settings
 
     return settings().choice(*given)
 
 
 def _page(given: TypedLine, *inputs: Path) -> Callable[..., None]:
-    """Return what writes a result as a page; that it can be written is checked before any work."""
+    """Return a function that writes a result as a page, whose target is checked first."""
     html, force = given["html"], given["force"]
     if html is None:
         return lambda *_, **__: None
@@ -82,7 +82,7 @@ def _verb(
     name: str | None = None,
     **how: Any,  # noqa: ANN401 - handed on
 ) -> Callable[[Callable[[TypedLine], None]], Callable[[TypedLine], None]]:
-    """Return a decorator: a function of what was typed becomes a command."""
+    """Return a decorator that makes a command of a function of typed arguments."""
     if "target" in parameters_of(kinds[-1]):  # all after a script is its own
         how["context_settings"] = {"allow_interspersed_args": False}
 
@@ -155,10 +155,10 @@ def _analyzer(
     read: Path,
     **instead: Any,  # noqa: ANN401 - handed on
 ) -> Callable[[Path, Path | None], tuple[Any, int]]:
-    """Return what analyzes a recording of a script and prints what is found, unless as JSON.
+    """Return a function that analyzes a script's recording and prints the result, unless as JSON.
 
-    That all can be done is checked before any work; `read` is the file that is read, and `instead`
-    has what was not typed for the analysis.
+    All outputs are checked before any work; `read` is the file that is read, and `instead` replaces
+    values that were not typed.
     """
     choice = _choice(given["select"], given["ignore"], given["fail_on"])
     from drop_physics.files.outputs import check_table
@@ -400,7 +400,7 @@ def script(given: TypedLine) -> None:
 
 
 def _note_ours(given: TypedLine) -> None:
-    """Say which of a script's arguments are options of ours, too: perhaps they were meant so."""
+    """Note script arguments that are options of ours, too: perhaps they were meant so."""
     ours = {name for each in given.context.command.params for name in each.opts}
     names = dict.fromkeys(argument.partition("=")[0] for argument in given["arguments"])
     both = [name for name in names if name.startswith("-") and name in ours]
@@ -465,7 +465,7 @@ def trust(given: TypedLine) -> None:
 
 
 def _told() -> dict[str, Any]:
-    """Return where a verb that runs a script again says what it does."""
+    """Return the functions by which a verb that runs a script again reports its progress."""
     return {"stdout": output.descriptor(sys.stderr), "note": output.note}
 
 

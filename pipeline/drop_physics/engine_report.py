@@ -1,11 +1,11 @@
-"""What the engine reports about itself and both bodies, read back after set-up.
+"""The engine's report about itself and both bodies, read back after set-up.
 
-What an engine does not report is None. Damping, contact ERP and the solver's residual are missing:
-PyBullet has no call that returns them. For a btRigidBody, `getDynamicsInfo` fills in mass, inertia,
-frictions and margin, and leaves restitution, inertial frame and contact stiffness uninitialised
-(`processGetDynamicsInfoCommand` of `PhysicsServerCommandProcessor.cpp`). These are taken from the
-same URDF in reduced coordinates, and so are mass and inertia: a btRigidBody keeps their inverses,
-and 1 / (1 / m) is not always m.
+Values that an engine does not report are None. Damping, contact ERP and the solver's residual are
+missing: PyBullet has no call that returns them. For a btRigidBody, `getDynamicsInfo` fills in mass,
+inertia, frictions and margin, and leaves restitution, inertial frame and contact stiffness
+uninitialised (`processGetDynamicsInfoCommand` of `PhysicsServerCommandProcessor.cpp`). These are
+taken from the same URDF in reduced coordinates, and so are mass and inertia: a btRigidBody keeps
+their inverses, and 1 / (1 / m) is not always m.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def _reported(description: str, *, default: Any = ...) -> Any:  # noqa: ANN401 -
 
 @dataclass(frozen=True, kw_only=True)
 class EngineReport:
-    """Values that the engine reports; SI units, world axes, None where it reports nothing."""
+    """Values reported by the engine; SI units, world axes, None where it reports nothing."""
 
     timestep_s: float = _reported("as the engine has it")
     substeps: int = _reported("steps that the engine makes of each; 0 means one")

@@ -1,4 +1,4 @@
-"""The errors `drop` raises on purpose, one line each: the rule, the value and what to try."""
+"""Errors that `drop` raises on purpose, in one line: the rule, the value, the next step."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def in_parameters(message: str) -> str:
 
 
 class Stopped(BaseException):
-    """A signal ended the process. Typer does not catch it, as it does KeyboardInterrupt."""
+    """The end of the process by a signal. Typer catches KeyboardInterrupt, but not this."""
 
 
 signals: list[int] = []
@@ -52,7 +52,7 @@ signals: list[int] = []
 
 
 def check_signals() -> None:
-    """Raise `Stopped` if a signal came: a library may have lost what the handler raised."""
+    """Raise `Stopped` if a signal came: a library may have swallowed the handler's exception."""
     if signals:
         raise Stopped
 
@@ -61,7 +61,7 @@ NO_MEMORY = Message("there is not enough memory; free some, or see: ulimit -v")
 
 
 class DropError(Exception):
-    """Something failed; the message says what, and what to try.
+    """A failure, with a message that says the reason and the next step.
 
     The message is a template with values. It names options, as the command line prints it; `str`
     returns it in English, with the names of Python's parameters instead.

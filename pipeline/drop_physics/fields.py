@@ -1,4 +1,4 @@
-"""A field that knows its command-line option: how its values are written, which are allowed.
+"""A field that knows its command-line option: its written form, and its allowed values.
 
 One declaration serves the command line, the recording and sweeps.
 """
@@ -129,7 +129,7 @@ class Option:
             ) from None
 
     def written(self, value: object) -> str:
-        """Write a value to be read; as a fraction only where the default is one, as 1/240."""
+        """Write a value in readable form; as a fraction only if the default is one, as 1/240."""
         if value is None:
             return "default"
         if isinstance(value, list | tuple):
@@ -154,7 +154,7 @@ class Option:
         return values
 
     def domain(self) -> Message:
-        """Return which values are allowed."""
+        """Return the allowed values."""
         low, high = self.low, self.high
         if math.isinf(low) and math.isinf(high):
             return Message("finite")

@@ -24,7 +24,7 @@ def is_installed(module: str) -> bool:
 
 
 def next_step() -> Message:
-    """Return how to get PyBullet: by pip, or in a Python that has a wheel of it."""
+    """Return the way to get PyBullet: by pip, or in a Python that has a wheel of it."""
     if has_wheel():
         return Message("install it with: pip install pybullet=={version}", version=VERSION)
     return Message(
@@ -42,7 +42,7 @@ def has_wheel() -> bool:
 
 
 def why_missing() -> Message:
-    """Return why PyBullet is not here."""
+    """Return the reason why PyBullet is missing."""
     if has_wheel():
         return Message("PyBullet is not installed")
     return Message(
@@ -54,7 +54,7 @@ def why_missing() -> Message:
 
 
 def needs_pybullet(what: str) -> ScenarioError:
-    """Return the error of a request that only PyBullet can serve, where it is not installed."""
+    """Return the error for a request that only PyBullet can serve, if it is not installed."""
     return ScenarioError(
         "{what} cannot be used: {why}; {next}", what=what, why=why_missing(), next=next_step()
     )

@@ -1,8 +1,8 @@
-"""What our own processes leave out of libraries: half of the time to start was theirs.
+"""Lazy imports of libraries in our own processes, which halve the time to start.
 
 A package's `__init__` loads all modules that it takes names from, and a command needs some of them:
 of Rerun 80 of 500, of SciPy's 180 for a convex hull 15. Here such a package gets a name from its
-module when the name is first asked for. Other programs, as a notebook or a script that is recorded,
+module when the name is first asked for. Other programs, such as a notebook or a recorded script,
 import whole packages.
 """
 
@@ -32,10 +32,10 @@ LAZY: Mapping[str, Mapping[str, str]] = {
 
 
 class LazyLoader(SourceFileLoader):
-    """Loads a package without what its `__init__` imports from the package's own modules."""
+    """Loads a package without the imports of its `__init__` from the package's own modules."""
 
     def exec_module(self, package: ModuleType) -> None:
-        """Run the rest of the `__init__`; a name of those is imported when it is asked for."""
+        """Run the rest of the `__init__`; a name from a module is imported on first use."""
         tree, name = ast.parse(self.get_data(self.path)), package.__name__
         own = [each for each in tree.body if isinstance(each, ast.ImportFrom) and each.level]
         homes = {each: (home, each) for each, home in LAZY[name].items()}
@@ -65,10 +65,10 @@ class LazyLoader(SourceFileLoader):
 
 
 class LazyFinder:
-    """Finds these packages, and pandas nowhere, as a finder (`sys.meta_path`)."""
+    """Finder of these packages, and of no pandas, for `sys.meta_path`."""
 
     def find_spec(self, name: str, path: Sequence[str] | None = None, *_: object) -> Any:  # noqa: ANN401
-        """Return how a package is loaded; None where it is loaded as any other."""
+        """Return the specification of a lazily loaded package; None for any other."""
         if name == "pandas":
             raise ModuleNotFoundError(name, name=name)
         spec = PathFinder.find_spec(name, path) if name in LAZY else None
@@ -78,7 +78,7 @@ class LazyFinder:
 
 
 def load_less() -> None:
-    """Let libraries of this process, which is ours, load what is used.
+    """Let libraries of this process, which is ours, load only what is used.
 
     Nothing here needs pandas, which pyarrow else imports for its first list, if it is installed.
     """

@@ -1,7 +1,7 @@
 """Messages to the reader: English text that remembers its template, so that it can be translated.
 
-JSON and recordings hold the English text, whatever the reader's language; what a terminal shows
-goes through `translated`.
+JSON and recordings hold the English text, whatever the reader's language; terminals show the result
+of `translated`.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ _NOTHING = ""  # not written below, where it would be taken for a message
 
 
 class Message(str):
-    """English text, made of a template and the values it names, as `str.format` does.
+    """English text, made of a template and named values, as by `str.format`.
 
-    Without values a template is the text itself, braces and all. Values may be messages too.
-    Whatever is added to a message, before or after it, makes a longer message.
+    Without values a template is the text itself, braces and all. Values may be messages too. Text
+    added before or after a message makes a longer message.
     """
 
     __slots__ = ("template", "values")
@@ -54,7 +54,7 @@ class Message(str):
 
 
 def _restored(text: str, template: str, values: dict[str, object]) -> Message:
-    """Return a message that was copied or pickled: a plural's template is its singular."""
+    """Return a copied or unpickled message: a plural's template is its singular."""
     message = str.__new__(Message, text)
     message.template, message.values = template, values
     return message
@@ -68,7 +68,7 @@ def joined(separator: str, parts: Iterable[str]) -> Message:
 
 
 def translated(text: str) -> str:
-    """Return a message in the reader's language; English where there is no translation."""
+    """Return a message in the reader's language; English if there is no translation."""
     catalog = _catalog(*map(os.environ.get, VARIABLES))
     if not isinstance(text, Message) or type(catalog) is gettext.NullTranslations:
         return text
@@ -82,12 +82,12 @@ def translated(text: str) -> str:
 
 
 def localized(template: str, /, **values: object) -> str:
-    """Return a message in the reader's language at once, for what is only ever shown."""
+    """Return a message in the reader's language at once, for text that is only shown."""
     return translated(Message(template, **values))
 
 
 def columns_of(text: str) -> int:
-    """Return how many columns a text takes: Chinese and Japanese characters take two."""
+    """Return the number of columns of a text: Chinese and Japanese characters take two."""
     if text.isascii():
         return len(text)
     from rich.cells import cell_len  # takes a tenth of the time of `drop --help`
@@ -134,7 +134,7 @@ def wrapped(words: str, columns: int, indent: str = "") -> list[str]:
 
 
 def harmless(text: str) -> str:
-    """Escape, as in JSON, what a terminal would interpret or not show.
+    """Escape, as in JSON, characters that a terminal would interpret or hide.
 
     Names and texts may come from someone else's recording: control characters, escape sequences,
     marks that reverse the reading direction.
@@ -153,10 +153,11 @@ def _units(character: str) -> str:
 
 
 def shell_command(*words: str | Path) -> str:
-    """Return a command as it can be pasted into a shell, bash or zsh.
+    """Return a command in a form that can be pasted into a shell, bash or zsh.
 
-    A file whose name begins with a dash is given as `./-NAME`, so that it is no option. What a line
-    of ours does not keep, such as a newline or two spaces, is written in the escapes of `$'…'`.
+    A file whose name begins with a dash is given as `./-NAME`, so that it is no option. Characters
+    that a line of ours does not keep, such as a newline or two spaces, are written in the escapes
+    of `$'…'`.
     """
     texts = [
         f"./{word}" if isinstance(word, Path) and str(word).startswith("-") else str(word)

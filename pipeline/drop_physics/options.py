@@ -1,4 +1,4 @@
-"""What verbs take, as Typer takes it: their own options, and those of scenario and camera."""
+"""Parameters of the verbs in Typer's form: their own options, scenario and camera."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def an_integer(given: Any) -> Any:  # noqa: ANN401
 
 
 class TypedLine:
-    """What was typed for a verb, or for several of one line.
+    """The typed values of a verb, or of several of one line.
 
     Parameters
     ----------
@@ -53,13 +53,13 @@ class TypedLine:
         return self._values[name]
 
     def of(self, verb: type) -> dict[str, Any]:
-        """Return the arguments of a verb's function that were typed."""
+        """Return the typed arguments of a verb's function."""
         taken = (name for name, each in parameters_of(verb).items() if each.in_python)
         return {name: self._values[name] for name in taken if name in self._values}
 
 
 def command_of(do: Callable[[TypedLine], None], *verbs: type) -> Callable[..., None]:
-    """Return a command that takes what some verbs take, and does something with it.
+    """Return a command with the parameters of some verbs, which calls a function.
 
     Of equal names the last verb's counts; the arguments are those of the last verb.
     """
@@ -95,7 +95,7 @@ PARSERS = {float: a_number, int: an_integer}
 
 
 def _taken(each: VerbParameter) -> inspect.Parameter:
-    """Return a parameter as Typer takes it."""
+    """Return a parameter in Typer's form."""
     option = each.option
     how: dict[str, Any] = {"help": option.help, "metavar": option.metavar or None}
     several = each.several or each.name == "target"
@@ -118,7 +118,7 @@ def _taken(each: VerbParameter) -> inspect.Parameter:
 
 
 def _read(each: VerbParameter, given: Any) -> Any:  # noqa: ANN401
-    """Return the value of a parameter, as Python takes it."""
+    """Return the value of a parameter in Python's form."""
     if each.is_inverse:
         return not given
     if each.option.read is not None:

@@ -1,4 +1,4 @@
-"""A result prints as the terminal shows it, and in a notebook with its plot.
+"""Printing of results as on the terminal, and in a notebook with their plot.
 
 It names the module that reports it: in a room above, so loaded on demand.
 """
@@ -24,16 +24,16 @@ class Printable:
         cls._repr_pretty_ = Printable._repr_pretty_  # type: ignore[method-assign]  # before a dataclass's __repr__
 
     def report(self, **how: object) -> Any:  # noqa: ANN401 - a Report, of a room above
-        """Return what there is to say, for any renderer; `how` are options of the report."""
+        """Return the report, for any renderer; `how` are options of the report."""
         return importlib.import_module(self.reported_by).report_of(self, **how)
 
     def as_json(self) -> dict[str, Any]:
-        """Return what `--json` prints: the fields of the result, unless its module has another."""
+        """Return the JSON object of `--json`: the fields of the result, or its module's own."""
         plain = importlib.import_module(PLAIN).jsonable
         return dict(getattr(importlib.import_module(self.reported_by), "json_of", plain)(self))
 
     def markdown(self, **how: object) -> str:
-        """Return the report as Markdown, in English: what is kept in files."""
+        """Return the report as Markdown, in English, for files."""
         markdown_of = importlib.import_module(MARKDOWN).markdown_of
         return str(markdown_of(self.report(**how), say=str))
 

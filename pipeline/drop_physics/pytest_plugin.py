@@ -117,7 +117,7 @@ def _named(folder: Path, name: str) -> Path:
 
 
 def _length(tolerance: float | str | None, standard_m: float) -> float:
-    """Return a tolerance in metres, the standard one of None; `check` says which are allowed."""
+    """Return a tolerance in metres, the standard one for None; `check` limits its values."""
     try:
         return standard_m if tolerance is None else float(tolerance)
     except (TypeError, ValueError):

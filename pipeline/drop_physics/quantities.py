@@ -1,4 +1,4 @@
-"""Numbers with their units as readers see them: three digits, small lengths in millimetres."""
+"""Numbers with their units for readers: three digits, small lengths in millimetres."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ KINDS: Mapping[str, Callable[[float, str, str], str]] = {
 
 
 class Written(str):
-    """A number that is written already, whatever form a template asks for."""
+    """A number already written as text, whatever form a template asks for."""
 
     __slots__ = ()
 

@@ -1,4 +1,4 @@
-"""What to drop, and how: the two inputs of every run, validated, in SI units.
+"""The body and conditions of a drop: the two inputs of every run, validated, in SI units.
 
 Each field of `Scenario` and `Camera` carries its command-line option, help and parser, so that the
 command line, the recording and sweeps agree. This is the bottom room: it imports only how a field
@@ -303,7 +303,7 @@ class Scenario(Optioned):
             self._check_substeps(self.substeps)
 
     def _check_engine(self) -> None:
-        """Check that the engine has the options that are given."""
+        """Check that the engine has the given options."""
         name = ENGINES[self.engine]
         for field, engines in ENGINES_WITH.items():
             spec = self.options()[field]
@@ -383,7 +383,7 @@ def _unit(quaternion: Quaternion) -> Quaternion:
 
 
 def _substeps_taken(timestep_s: float, substeps: int) -> set[int]:
-    """Return the numbers of substeps that the engine takes in timesteps when asked for that many.
+    """Return the possible numbers of substeps that the engine takes when asked for `substeps`.
 
     It accumulates the time not stepped yet, and takes as many whole substeps as fit into it
     (`btDiscreteDynamicsWorld::stepSimulation`): one fewer where dt / (dt/N) rounds below N.
@@ -446,7 +446,7 @@ class Camera(Optioned):
         return replace(self, target_m=position_m) if self.view == "follow" else self
 
     def frames_of(self, steps: int) -> int:
-        """Return how many frames are taken of a fall of that many steps, the release included."""
+        """Return the number of frames of a fall with that many steps, the release included."""
         return steps // self.capture_every + 1
 
     @property

@@ -1,4 +1,4 @@
-"""Folders of our own for a while; those of processes that were killed are removed by the next one.
+"""Temporary folders of our own; those of killed processes are removed by the next one.
 
 A folder's name has the process that made it: its number, and when it started. As long as that
 process lives it also holds a lock on the folder, which another machine or container sees, too.
@@ -41,7 +41,7 @@ class TemporaryFolder:
         self._lock = _locked(self.path)
 
     def close(self) -> None:
-        """Remove the folder with all that is in it."""
+        """Remove the folder with its contents."""
         _remove(self.path)
         if self._lock is not None:
             os.close(self._lock)
@@ -59,7 +59,7 @@ def temporary_folder() -> Iterator[Path]:
 
 
 def remove_leftovers() -> None:
-    """Remove the folders of processes of ours that were killed; where `/proc` is, on Linux."""
+    """Remove the folders of killed processes of ours; where `/proc` is, on Linux."""
     if _started(os.getpid()) is None:
         return
     with contextlib.suppress(OSError), os.scandir(tempfile.gettempdir()) as entries:
@@ -77,7 +77,7 @@ def remove_leftovers() -> None:
 
 
 def _started(number: int) -> int | None:
-    """Return when a process started, in ticks since the system did; None if there is none."""
+    """Return the start time of a process, in ticks since the system's start; None if it is gone."""
     try:
         stat = Path(f"/proc/{number}/stat").read_text(errors="replace")
         return int(stat.rpartition(")")[2].split()[STARTED])

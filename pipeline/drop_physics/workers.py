@@ -54,13 +54,13 @@ _changed: dict[str, tuple[str | None, str | None]] = {}
 
 
 def note_changes(before: Mapping[str, str]) -> None:
-    """Note how imports have changed the environment, where Polars sets up an allocator."""
+    """Note changes of the environment by imports, where Polars sets up an allocator."""
     for name in {name for name, _ in before.items() ^ os.environ.items()}:
         _changed[name] = before.get(name), os.environ.get(name)
 
 
 def users_environment() -> dict[str, str]:
-    """Return the environment for somebody else's program: without what we and libraries set."""
+    """Return the environment for somebody else's program, without settings of ours or libraries."""
     if given:
         return given
     theirs = dict(os.environ)
@@ -72,7 +72,7 @@ def users_environment() -> dict[str, str]:
 
 
 def check_limits() -> None:
-    """Make sure that our libraries can open files: where they cannot, some abort.
+    """Make sure that our libraries can open files, since some abort otherwise.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def end_with_parent() -> None:
 
 
 def silence() -> None:
-    """Let Matplotlib not say that it has no folder for its settings: then it uses another."""
+    """Silence Matplotlib's remark on a missing folder for settings: then it uses another."""
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
@@ -111,7 +111,7 @@ def our_environment() -> dict[str, str]:
 
 
 def cores() -> int:
-    """Return how many processors this process may use."""
+    """Return the number of processors that this process may use."""
     try:
         return len(os.sched_getaffinity(0))
     except AttributeError:  # only Linux knows
@@ -119,7 +119,7 @@ def cores() -> int:
 
 
 def under_load(seconds: float) -> float:
-    """Return how long may take, by the machine's load, what may take so many seconds without it."""
+    """Scale a time limit by the machine's load."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     return seconds * max(1.0, load / cores())
 
@@ -169,7 +169,7 @@ class Worker:
 
     @property
     def idle(self) -> bool:
-        """Whether it is there and owes no answer; of functions that return one answer."""
+        """Whether it runs and owes no answer, for functions that return one answer."""
         return self._answered and self._process.poll() is None
 
     def close(self) -> None:
@@ -205,7 +205,7 @@ class Worker:
             raise self._died() from None
 
     def answer(self) -> Any:  # noqa: ANN401
-        """Return the next answer, or raise what the function raised.
+        """Return the next answer, or raise the function's exception.
 
         Raises
         ------
@@ -230,7 +230,7 @@ class Worker:
 
 
 class WorkerDiedError(DropError):
-    """A worker process ended before it answered."""
+    """A worker process that ended before it answered."""
 
     def __init__(self, exit_code: int) -> None:
         self.signal = -exit_code
@@ -239,7 +239,7 @@ class WorkerDiedError(DropError):
 
 
 def how_it_ended(exit_code: int) -> Message:
-    """Return the words for the exit code of a process: below 0 it is a signal's."""
+    """Return the words for the exit code of a process; below 0 it is a signal's."""
     if -exit_code in (ALARM, CPU_USED_UP):
         return Message("signal {signal}, which ends what is too slow", signal=-exit_code)
     if exit_code < 0:
@@ -251,8 +251,8 @@ def module_path() -> list[str]:
     """Return the module search path, without the working directory.
 
     That holds data: a `random.py` in it must not be run. It is kept only if this package itself is
-    in it, as in a checkout. A folder of somebody's own modules, as pytest adds that of the tests,
-    comes last: a `random.py` in it is not the one that our libraries mean.
+    in it, as in a checkout. A folder of somebody's own modules, such as that of the tests under
+    pytest, comes last: a `random.py` in it is not the one that our libraries mean.
     """
     home, library = Path(__file__).parents[1], Path(os.__file__).parent
     ranked = []
@@ -323,7 +323,7 @@ def _work() -> None:
 
 
 def _listen(questions: queue.SimpleQueue[tuple[str, bytes] | None]) -> None:
-    """Queue the questions; when the parent is gone, end at once or, if we finish, behind them."""
+    """Queue the questions; when the parent is gone, end at once or, with `finishes`, after them."""
     with contextlib.suppress(EOFError, pickle.UnpicklingError):
         while True:
             questions.put(pickle.load(sys.stdin.buffer))

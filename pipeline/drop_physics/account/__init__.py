@@ -1,1 +1,1 @@
-"""The account: what was asked of each body, what came, and which terms of the sum took it."""
+"""The account: requests to each body, their outcome, and the terms of the sum behind it."""

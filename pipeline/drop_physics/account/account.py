@@ -42,7 +42,7 @@ from drop_physics.trace.history import Seen
 
 
 class Account:
-    """Gathers a recording piece by piece, and tells it in rows."""
+    """Gathers a recording piece by piece, and describes it in rows."""
 
     def __init__(self, seen: Seen, times: Mapping[int, StepTimes]) -> None:
         freedoms = sum(
@@ -248,7 +248,7 @@ class Account:
 
 
 def _not_finite(subject: MeasuredBody, step: int, words: RowWords) -> AccountRow:
-    """Return the row of a body whose state stops being a number."""
+    """Return the row of a body whose state is no longer finite."""
     return AccountRow(
         kind="moved",
         body=subject.body.label,

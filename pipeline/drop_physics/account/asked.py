@@ -1,4 +1,4 @@
-"""Rows of joints that were asked for something: a position, a rate, a torque."""
+"""Rows of joints with a request: a position, a rate, a torque."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def position_row(
 def rate_row(
     subject: MeasuredBody, axis: Axis, series: JointSeries, words: RowWords
 ) -> AccountRow | None:
-    """Return the row of a joint that a velocity motor turns: its rate, and the way in all."""
+    """Return the row of a joint with a velocity motor: its rate, and its total path."""
     k, steps = axis.joint_rate, series.steps
     asked, rate = series.asked_rate[:, k], series.rate[:, k]
     known = np.isfinite(asked)
@@ -208,7 +208,7 @@ def torque_row(
     words: RowWords,
     actuators: Mapping[Actuator, Float64],
 ) -> AccountRow | None:
-    """Return the row of a joint that was given a torque: as it begins, or as its balance breaks.
+    """Return the row of a joint with a given torque: at its start, or where its balance breaks.
 
     `actuators` has the motors on the joint with their controls, shape (n,) each.
     """
@@ -275,21 +275,21 @@ def torque_row(
 
 
 def _most_mean(impulse: Float64, seconds: Float64, bins: int) -> float:
-    """Return the largest mean force over so many bins [N] or [N m]; shape (n,) each."""
+    """Return the largest mean force over a number of bins [N] or [N m]; shape (n,) each."""
     sums, times = (np.convolve(each, np.ones(bins), "valid") for each in (impulse, seconds))
     known = times > 0
     return float(np.max(np.abs(sums[known]) / times[known], initial=0.0))
 
 
 def given_j(subject: MeasuredBody, axis: Axis, words: RowWords) -> float:
-    """Return the energy that the drives of a joint gave in all explained steps [J]."""
+    """Return the energy given by the drives of a joint in all explained steps [J]."""
     works = subject.ledger.work
     driven = (works[term][:, axis.rate] for term in works if words.drives(term, DRIVES))
     return sum((float(work[work > 0].sum()) for work in driven), start=0.0)
 
 
 def _controls(actuators: Mapping[Actuator, Float64]) -> Message:
-    """Return what the script gave each motor on a joint, and what its range and gear make of it."""
+    """Return the script's controls of the motors on a joint, and the effect of range and gear."""
     told = Message("")
     for actuator, given in actuators.items():
         if not np.isfinite(given).any():
@@ -309,7 +309,7 @@ def _controls(actuators: Mapping[Actuator, Float64]) -> Message:
 def clamped_rows(
     subject: MeasuredBody, controls: Mapping[Actuator, Float64], steps: Int64, words: RowWords
 ) -> Iterator[AccountRow]:
-    """Yield a row for each actuator whose control is clamped by its range, in some steps."""
+    """Yield a row for each actuator whose control was clamped by its range in some steps."""
     for actuator, given in controls.items():
         if actuator.ctrl_range is None or not np.isfinite(given).any():
             continue
@@ -346,7 +346,7 @@ def clamped_rows(
 
 
 def _counting(before: Float64, target: Float64, gap: Float64) -> Flags:
-    """Return the steps whose gap counts, not those in which a joint is on its way to a new target.
+    """Flag the steps whose gap counts, without those on the way to a new target.
 
     After a jump of the target, steps count while the gap is larger than at the jump, and in the
     last part of the hold; with a target that moves all the time, all count from the first step on
@@ -369,7 +369,7 @@ def _counting(before: Float64, target: Float64, gap: Float64) -> Flags:
 
 
 def _worst(gap: Float64, counts: Flags) -> int:
-    """Return the step with the largest gap; where that is a spike, the first of the usual large."""
+    """Return the step with the largest gap; if that is a spike, the first of the usual large."""
     limit = float(np.percentile(gap[counts], 98))
     large = np.flatnonzero(counts & (gap >= limit * 0.999))
     at = int(large[np.argmax(gap[large])])
@@ -379,7 +379,7 @@ def _worst(gap: Float64, counts: Flags) -> int:
 def _telling(gap: Float64, counts: Flags, worst: int, last: int) -> int:
     """Return the moment of a row: the end, if the gap there is steady and nearly the largest.
 
-    A hold is told by its steady part, not by the bounce that precedes it.
+    A hold is described by its steady part, not by the bounce that precedes it.
     """
     tail = slice(max(0, last - max(10, len(gap) // 10)), last + 1)
     steady = float(np.ptp(gap[tail])) < 0.1 * float(gap[last]) + ROUND
@@ -420,11 +420,11 @@ def turned_axis(subject: MeasuredBody, axis: Axis) -> Message:
 
 
 def magnitude(salience: float) -> int:
-    """Return the power of ten of a salience; alike rows share it."""
+    """Return the power of ten of a salience, which similar rows share."""
     return int(np.floor(np.log10(np.clip(np.nan_to_num(salience, nan=1.0), 1e-12, 1e12)) + 0.5))
 
 
 def main_axis(direction: Float64) -> str:
-    """Return the world axis that a direction is nearest to: `x`, `-z`."""
+    """Return the world axis nearest to a direction: `x`, `-z`."""
     most = int(np.argmax(np.abs(direction)))
     return ("-" if direction[most] < 0 else "") + "xyz"[most]

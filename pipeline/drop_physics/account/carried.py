@@ -56,7 +56,7 @@ class Carried:
     def row(
         self, subject: MeasuredBody, gravity_m_s2: Float64, words: RowWords
     ) -> AccountRow | None:
-        """Return the row of what the base carries; None where it is not known.
+        """Return the row of the base's load; None if it is not known.
 
         The mean force of the base is the change of momentum without gravity's and contacts'; where
         other forces act from outside, or that change counts, there is no row.

@@ -1,4 +1,4 @@
-"""Rows of constraints: whether their ends meet, what they pull with, and gears and equalities."""
+"""Rows of constraints: the gap of their ends and their forces, gears and equalities."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class Held:
             self._look(held, explained)
 
     def _look(self, held: HeldEquality, explained: ExplainedPiece) -> None:
-        """Add a piece to an equality: where it is active, and how far its ends are apart."""
+        """Add a piece to an equality: its active steps, and the distance of its ends."""
         equality, first, end = held.equality, explained.piece.first, explained.piece.end
         last = self._seen.samples.get(equality.client, 0)
         samples = np.arange(max(first, 1), min(end, last))
@@ -112,7 +112,7 @@ class Held:
             held.end = float(off[np.flatnonzero(active)[-1]])
 
     def _active(self, equality: Equality, explained: ExplainedPiece, samples: Int64) -> Flags:
-        """Return in which steps to samples an equality is active, by what calls have written."""
+        """Flag the steps to samples in which an equality is active, by the writes of calls."""
         key = equality.client, equality.at.call
         active = np.full(len(samples), self._on[key])
         for call in explained.piece.calls.of(Act.SET_ACTIVE, Act.RESET_STATE):
@@ -201,7 +201,7 @@ def _anchor_m(equality: Equality, side: int, explained: ExplainedPiece, samples:
 
 
 def _off_joints(equality: Equality, explained: ExplainedPiece, samples: Int64) -> Float64:
-    """Return how far the first joint is from where the second leads it, shape (n,)."""
+    """Return the distance of the first joint from the position given by the second, shape (n,)."""
     at = [
         _joint_at(explained, body, link, samples)
         for body, link in ((equality.body_a, equality.link_a), (equality.body_b, equality.link_b))
@@ -223,7 +223,7 @@ def _joint_at(explained: ExplainedPiece, body: int, link: int, samples: Int64) -
 def _equality_row(
     held: HeldEquality, subjects: Mapping[int, MeasuredBody], words: RowWords
 ) -> AccountRow | None:
-    """Return how well an equality holds; None if its bodies have no steps."""
+    """Return the row of an equality's gap; None if its bodies have no steps."""
     equality = held.equality
     sides = ((equality.body_a, equality.link_a), (equality.body_b, equality.link_b))
     its = [subjects[body] for body in dict.fromkeys(body for body, _ in sides) if body in subjects]
@@ -317,7 +317,7 @@ def _gap_row(held: HeldConstraint, its: list[MeasuredBody], words: RowWords) -> 
 def _gear_row(
     gear: ConstraintVersion, subjects: Mapping[int, MeasuredBody], words: RowWords
 ) -> AccountRow | None:
-    """Return how far the two joints of a gear moved, None where that is not known."""
+    """Return the row of the motions of a gear's two joints; None if these are not known."""
     moved: list[tuple[str, float]] = []
     for body, link in zip(gear.bodies, gear.links, strict=True):
         subject = subjects.get(body)

@@ -1,4 +1,4 @@
-"""The episodes of a run, one row each: how it ended, what was at its limit, and what touched."""
+"""The episodes of a run, one row each: the end, the joints at limits, and the contacts."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PairKey = tuple[int, int, int, int]
 
 @dataclass(frozen=True, kw_only=True)
 class AtEnd:
-    """A joint that is at a limit as an episode ends, and has been for a while."""
+    """A joint at a limit at the end of an episode, and for some time before it."""
 
     body: str
     """The label of its body."""
@@ -119,7 +119,7 @@ class _Counts:
 
 @dataclass(eq=False)
 class _Held:
-    """A joint's limit and stop in the steps of the episode that is looked at."""
+    """A joint's limit and stop in the steps of the examined episode."""
 
     steps: list[Int64] = field(default_factory=list)
     at_limit: list[Flags] = field(default_factory=list)
@@ -172,7 +172,7 @@ class EpisodeTable:
         return [*map(self._row, self._episodes, self._counts)]
 
     def _within(self, client: int, steps: Int64) -> Iterator[tuple[int, slice]]:
-        """Yield the episodes that steps are of, by index, and which steps."""
+        """Yield the episodes of steps, by index, with their steps."""
         for k in self._of_client.get(client, ()):
             episode = self._episodes[k]
             if episode.first < steps[-1] and steps[0] <= episode.last:
@@ -255,7 +255,7 @@ class EpisodeTable:
         return FirstContact(links=links, step=step, time_s=self._times[episode.client].of(step))
 
     def _at_end(self, episode: Episode) -> Iterator[AtEnd]:
-        """Yield the joints that are at a limit to the end of the episode that is looked at."""
+        """Yield the joints at a limit up to the end of the examined episode."""
         times, least = self._times[episode.client], LASTING * (episode.last - episode.first)
         for (number, rate), held in self._held.items():
             body, steps = self._seen.bodies[number], np.concatenate(held.steps)
@@ -278,7 +278,7 @@ class EpisodeTable:
 
 
 def _since(flags: Flags) -> int:
-    """Return the first row from which on a flag is set mostly, up to the end; else the length."""
+    """Return the first row from which on a flag is mostly set, up to the end; else the length."""
     n = len(flags)
     after = np.cumsum(flags[::-1])[::-1] >= MOSTLY * np.arange(n, 0, -1)
     found = np.flatnonzero(after & flags)
@@ -286,7 +286,7 @@ def _since(flags: Flags) -> int:
 
 
 def _limited(driven: JointTelemetry, explained: ExplainedPiece) -> tuple[Flags, Float64]:
-    """Return where drives of joints are at their limits, and the largest torque of each.
+    """Flag the drives of joints at their limits, and return the largest torque of each.
 
     A drive is a motor, or an actuator whose control or force is at an end of its range.
     """

@@ -1,9 +1,9 @@
-"""Rows of controls that a script computes from states: of which joint, how late, and towards what.
+"""Rows of controls computed by a script from states: the joint, the delay, and the aim.
 
-A controller of a joint gives u = -K q(t - l) - D v(t - l) + s(t), where s is smooth: its aim.
-Which joint's q and v these are, and how late (l), is found by least squares: a controller is exact,
-so the right ones leave nothing over, and all others do. A policy that is not of this form leaves
-something over in any case, and nothing is said of it.
+A controller of a joint gives u = -K q(t - l) - D v(t - l) + s(t), where s is smooth: its aim. The
+joint of q and v, and the delay (l), are found by least squares: a controller is exact, so the right
+ones leave no residual, and all others do. A policy that is not of this form leaves a residual in
+any case, and nothing is said of it.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Feedback:
 
 
 def feedback_of(control: Float64, position: Float64, rate: Float64) -> Feedback | None:
-    """Return what a control is computed from; None where no joint alone leaves nothing over.
+    """Return the state from which a control is computed; None if no single joint explains it.
 
     `control` has the shape (n,), `position` and `rate` the shape (n, joints): the states with which
     the steps of n equally spaced controls begin.
@@ -100,9 +100,9 @@ def _fitted(
 
 
 def _aim(kept: Flags, latest: int, share: float) -> tuple[Float64, Int64]:
-    """Return what an aim is made of, as orthonormal columns, in the rows of the controls to fit.
+    """Return the basis of a smooth aim, as orthonormal columns, in the rows of the controls to fit.
 
-    These are those from `latest` on, so that they have a state however late it is.
+    These are those from `latest` on, so that they have a state with any delay.
     """
     rows = np.flatnonzero(kept[latest:]) + latest
     degree = int(share * len(rows))
@@ -113,12 +113,12 @@ def _aim(kept: Flags, latest: int, share: float) -> tuple[Float64, Int64]:
 
 
 def _without(aim: Float64, values: Float64) -> Float64:
-    """Return what a smooth aim does not account for; `aim` has orthonormal columns."""
+    """Return the residual of a smooth aim; `aim` has orthonormal columns."""
     return np.asarray(values - aim @ (aim.T @ values))
 
 
 def _left(y: Float64, q: Float64, v: Float64) -> Float64:
-    """Return what q and v of each joint leave of y: the length of the residual, shape (joints,)."""
+    """Return the residual of y after a fit of q and v of each joint, shape (joints,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         one = q / np.linalg.norm(q, axis=0)
         other = v - one * (one * v).sum(axis=0)
@@ -129,7 +129,7 @@ def _left(y: Float64, q: Float64, v: Float64) -> Float64:
 
 
 def _extreme(control: Float64) -> Flags:
-    """Return which controls are at the largest or the least one, where several are."""
+    """Flag the controls at the largest or the least value, if several share it."""
     extreme = np.zeros(len(control), np.bool_)
     for bound in (control.max(), control.min()):
         its = control == bound
@@ -140,7 +140,7 @@ def _extreme(control: Float64) -> Flags:
 
 @dataclass(frozen=True)
 class Aim:
-    """The position that a control drives a joint towards."""
+    """The position towards which a control drives a joint."""
 
     target: Float64
     """Position in each step, shape (n,) [rad] or [m]."""
@@ -178,7 +178,7 @@ class GivenControls:
         """The rows of controls that are of another joint, late, drive away, or stay in bounds."""
 
     def stiffness(self, rate: int) -> float | None:
-        """Return the stiffness with which a joint is driven to an aim; None where none is known."""
+        """Return the stiffness with which a joint is driven to an aim; None if unknown."""
         return self.aims[rate].stiffness if rate in self.aims else None
 
     def _rows(self, controls: Mapping[Actuator, Float64]) -> Iterator[AccountRow]:
@@ -216,7 +216,7 @@ class GivenControls:
                 self.aims[own] = self._aim(actuator, own, control, found, at)
 
     def _limit(self, controls: Mapping[Actuator, Float64], rates: Mapping[str, int]) -> None:
-        """Note where a motor is at its limit because its control is at an end of its range."""
+        """Note the motors at their limit whose control is at an end of its range."""
         series = self._series
         for actuator, given in controls.items():
             own = rates.get(actuator.target) if actuator.acts_on == "joint" else None
@@ -230,7 +230,7 @@ class GivenControls:
     def _aim(
         self, actuator: Actuator, own: int, control: Float64, found: Feedback, at: Int64
     ) -> Aim:
-        """Return q + (u + D v) / K, in between and where the control is at a bound as around."""
+        """Return q + (u + D v) / K; between updates and at bounds, the values around."""
         q, v = self._series.before[at, own], self._series.rate[at - 1, own]
         target = q + (control + found.damping * v) / found.stiffness
         kept = ~_extreme(control)
@@ -267,7 +267,7 @@ class GivenControls:
         at: Int64,
         period: int,
     ) -> AccountRow | None:
-        """Return the row of a control that is of another joint, is late, or drives away."""
+        """Return the row of a control that follows another joint, is late, or drives away."""
         names, body = self._words.names, self._subject.body
         steps = self._series.steps[at[:1]]
         late_s = found.late * period * float(self._words.timesteps_s(self._subject, steps)[0])

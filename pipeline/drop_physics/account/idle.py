@@ -1,4 +1,4 @@
-"""Rows of what could have acted and did not: shapes that overlap without force, idle actuators."""
+"""Rows of idle causes: shapes that overlap without force, actuators without effect."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class Overlaps:
         touched: Collection[frozenset[int]],
         words: RowWords,
     ) -> Iterator[AccountRow]:
-        """Yield a row for each pair of links that got into each other with no contact to push."""
+        """Yield a row for each pair of links that overlapped without a contact to part them."""
         deepest: dict[frozenset[Place], Overlap] = {}
         for pair in self.pairs:
             key = frozenset(pair.places)
@@ -130,7 +130,7 @@ class Overlaps:
 
 
 def _pairs_without_contact(seen: Seen) -> Iterator[Overlap]:
-    """Yield the pairs of shapes that could meet, and that make no contact, with the reason."""
+    """Yield the pairs of shapes that could meet but make no contact, with the reason."""
     held = [
         (body, shape, solid, touchable)
         for body in seen.bodies.values()
@@ -163,7 +163,7 @@ def _pairs_without_contact(seen: Seen) -> Iterator[Overlap]:
 
 
 def _pairs_filtered(seen: Seen, line: str, bodies: Collection[int]) -> Iterator[Overlap]:
-    """Yield the pairs of shapes of bodies whose contacts a call filters; of one with all others."""
+    """Yield the pairs of shapes with filtered contacts; of one body with all others."""
     held = {
         body.number: [
             (shape.link, solid)
@@ -181,7 +181,7 @@ def _pairs_filtered(seen: Seen, line: str, bodies: Collection[int]) -> Iterator[
 
 
 def _shapes(body: Body) -> Iterator[tuple[Collision, bool]]:
-    """Yield the shapes of a body, and whether anything can touch them; the seen ones of a ghost."""
+    """Yield the shapes of a body, and whether anything can touch them; visible ones of a ghost."""
     for shape in body.collisions:
         yield shape, shape.bits is None or any(shape.bits)
     if not body.collisions:
@@ -198,7 +198,7 @@ def _why(
     *,
     excluded: bool,
 ) -> Message | None:
-    """Return why two shapes make no contact; None if they may."""
+    """Return the reason why two shapes make no contact; None if they may."""
     (shape_a, can_a), (shape_b, can_b) = one, other
     if not (can_a or can_b):
         return None
@@ -248,14 +248,14 @@ def _is_parent(body: Body, one: int, other: int) -> bool:
 
 
 def _root(body: Body, link: int) -> int:
-    """Return the first link that a chain of fixed joints leads to."""
+    """Return the first link of a chain of fixed joints."""
     while link > BASE and not body.joints[link].widths[1]:
         link = body.joints[link].parent
     return link
 
 
 class PushedSoft:
-    """The forces and torques that calls gave to soft bodies; grows piece by piece."""
+    """The forces and torques of calls on soft bodies; grows piece by piece."""
 
     def __init__(self) -> None:
         self._most: dict[int, tuple[Push, int]] = {}
@@ -270,7 +270,7 @@ class PushedSoft:
                 self._most[push.body.number] = push if stronger else most, calls + 1
 
     def rows(self) -> Iterator[AccountRow]:
-        """Yield a row for each body that calls push, and that no such force reaches."""
+        """Yield a row for each body that calls push without effect."""
         for push, calls in self._most.values():
             unit = "N m" if push.torque else "N"
             most = float(np.linalg.norm(push.vector))
@@ -325,9 +325,9 @@ def weightless_row(
 
 
 def coasting_row(subject: MeasuredBody, seen: Seen, words: RowWords) -> AccountRow | None:
-    """Return the row of a free body that keeps moving at the end, as no force acts on it.
+    """Return the row of a free body that keeps moving at the end without any force.
 
-    None if any does in the last tenth of its steps, or these are not explained.
+    None if a force acts in the last tenth of its steps, or these are not explained.
     """
     ledger = subject.ledger
     known = np.flatnonzero(ledger.counts)
@@ -375,9 +375,9 @@ def _speed_m_s(ledger: Ledger, bins: Int64) -> float:
 def idle_actuator_rows(
     subject: MeasuredBody, seen: Seen, controls: Mapping[Actuator, Float64]
 ) -> Iterator[AccountRow]:
-    """Yield a row for each actuator that was given a control and never gave a force.
+    """Yield a row for each actuator with a control that never gave a force.
 
-    A servo that stands where it was sent has none to give.
+    A servo that stands at its target has none to give.
     """
     for actuator, given in controls.items():
         if actuator.kind == "position" or not np.isfinite(given).any():

@@ -1,7 +1,7 @@
 """The ledger of a body: impulse and work of each term over a recording, in bins of steps.
 
-A bin is one step while the recording is short; when there are more bins than fit, each two become
-one. So memory does not grow with a recording, and any window has its mean forces.
+A bin is one step while the recording is short; when the bins no longer fit, pairs are merged. So
+memory does not grow with a recording, and any window has its mean forces.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ OTHERS = Term(DRAG, "others")
 
 
 def bins_for(freedoms: int) -> int:
-    """Return how many bins each ledger has, where all bodies together have so many freedoms."""
+    """Return the number of bins of each ledger, given the freedoms of all bodies together."""
     most = NUMBERS // max(1, 2 * TERMS * freedoms)
     return max(64, min(MOST_BINS, 1 << max(0, most.bit_length() - 1)))
 
@@ -80,7 +80,7 @@ class Ledger:
         )
 
     def add(self, steps: BodySteps, impulses: Impulses) -> None:
-        """Add the explained ones of some steps.
+        """Add the explained steps among some.
 
         `impulses` are those of all by term, shape (n, size) each.
         """
@@ -108,7 +108,7 @@ class Ledger:
                 np.add.at(kept[term], at, values)
 
     def _widen(self) -> None:
-        """Make one bin of each two."""
+        """Merge pairs of bins."""
         half, rest = self.bins // 2, self.bins - self.bins // 2
 
         def summed(values: Float64) -> Float64:
@@ -132,7 +132,7 @@ class Ledger:
         return slice(low, max(low, (last - self.first) // self.width) + 1)
 
     def covers(self, window: slice, share: float = 1.0) -> bool:
-        """Return whether at least this share of the steps of a window is explained."""
+        """Return whether at least this share of a window's steps is explained."""
         steps = self.last - self.first + 1
         low, high = window.start * self.width, min(window.stop * self.width, steps)
         return low < high and bool(self.counts[window].sum() >= share * (high - low))
@@ -175,7 +175,7 @@ class Ledger:
         return {term: values for term, values in found.items() if values.any()}
 
     def _gained_j(self, rates: Sequence[int], window: slice) -> Float64:
-        """Return what the kinetic energy of some rates alone gains in the bins of a window [J].
+        """Return the gain of kinetic energy of some rates alone in the bins of a window [J].
 
         With u the rates after a bin, and M their block of the mass matrix there, it is
         ½ u·M u - ½ (u - Δu)·M (u - Δu).
@@ -204,7 +204,7 @@ class Ledger:
 
 
 def given_and_taken(works: Mapping[Term, Float64]) -> tuple[dict[Term, float], dict[Term, float]]:
-    """Return which terms gave energy and which took it [J]; both where one went to and fro.
+    """Return the terms that gave energy and those that took it [J]; both for alternating ones.
 
     A term whose net work is below a tenth of its gross work has both: its net would hide it.
     """

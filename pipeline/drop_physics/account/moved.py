@@ -1,4 +1,4 @@
-"""Rows of what moved though nothing commanded it, and of what was pushed and did not move."""
+"""Rows of motion without a command, and of bodies that were pushed and did not move."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ FALL = 5.0
 def joint_row(
     subject: MeasuredBody, axis: Axis, series: JointSeries, words: RowWords
 ) -> AccountRow | None:
-    """Return the row of a joint that nothing asks for a position, a rate or a torque."""
+    """Return the row of a joint without any request for a position, a rate or a torque."""
     k, ledger = axis.joint_rate, subject.ledger
     after = series.after[:, k]
     start = float(series.before[0, k])
@@ -103,7 +103,7 @@ def joint_row(
 
 
 def _mimicked(subject: MeasuredBody, axis: Axis) -> Message:
-    """Return which joint the file of a body says that a joint follows, or nothing."""
+    """Return the joint that the body's file makes a joint follow, or nothing."""
     for each in subject.body.asked.mimics:
         if each.joint == axis.joint.name:
             return Message(
@@ -115,7 +115,7 @@ def _mimicked(subject: MeasuredBody, axis: Axis) -> Message:
 
 
 def _undamped(subject: MeasuredBody, axis: Axis) -> Message:
-    """Return the damping of a joint that its file gives and no step has, or nothing."""
+    """Return the damping of a joint that is in its file and in no step, or nothing."""
     works = subject.ledger.work.get(Term("joint damping"))
     if works is not None and works[:, axis.rate].any():
         return Message("")
@@ -130,7 +130,7 @@ def _undamped(subject: MeasuredBody, axis: Axis) -> Message:
 
 
 def _reached(subject: MeasuredBody, axis: Axis) -> Message:
-    """Return what of a push reaches a joint at first and at last, where that changes."""
+    """Return the share of a push that reaches a joint at first and at last, if it changes."""
     ledger, pushed = subject.ledger, Term("applied")
     if pushed not in ledger.impulse:
         return Message("")
@@ -191,7 +191,7 @@ def base_rows(
     written: WrittenStates,
     words: RowWords,
 ) -> Iterator[AccountRow]:
-    """Yield how far a free base came and who gave it that, and how far it turned.
+    """Yield the path of a free base with the terms that drove it, and its rotation.
 
     `written` are its states that the script wrote.
     """
@@ -235,7 +235,7 @@ def _way(
     written: WrittenStates,
     words: RowWords,
 ) -> AccountRow:
-    """Return the row of a way, told and explained along some of the world's axes."""
+    """Return the row of a path, described and explained along some of the world's axes."""
     ledger, step, main = subject.ledger, track.farthest_step, way * axes
     window = ledger.window(ledger.first, step)
     rates = [3 + int(k) for k in np.flatnonzero(axes)]
@@ -268,7 +268,7 @@ def _way(
 
 
 def _along_axes(way: Float64, far: float) -> str:
-    """Return a way by its parts along the world axes that are not small."""
+    """Return the parts of a path along the world axes that are not small."""
     large = [k for k in range(3) if abs(way[k]) > 0.1 * far]
     return ", ".join(f"{'xyz'[k]} {quantity(float(way[k]), 'm', '+')}" for k in large)
 
@@ -312,7 +312,7 @@ def _turn(
 def _works(
     subject: MeasuredBody, gave: Mapping[Term, float], took: Mapping[Term, float], words: RowWords
 ) -> tuple[RowTerm, ...]:
-    """Return what gave and what took energy as terms; what is small beside all is left out."""
+    """Return the causes that gave and took energy as terms, without small ones."""
     most = max(map(abs, (*gave.values(), *took.values())), default=0.0)
     sides = (words.terms(subject, side, "J", beside=most)[:3] for side in (gave, took))
     return tuple(term for side in sides for term in side)

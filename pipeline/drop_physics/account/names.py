@@ -34,7 +34,7 @@ class Names:
         self._counts = Counter(_short(body) for body in bodies.values())
 
     def body(self, number: int) -> str:
-        """Return the name of a body, with its number where several have it; `world` of none."""
+        """Return the name of a body, with its number if the name is shared; `world` for none."""
         body = self._bodies.get(number)
         if body is None:
             return Message("world")

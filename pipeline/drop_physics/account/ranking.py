@@ -1,4 +1,4 @@
-"""The order of an account's rows: one measure for all kinds, alike rows as one."""
+"""The order of an account's rows: one measure for all kinds, similar rows as one."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def is_about(row: AccountRow, about: str | None) -> bool:
 
 
 def _raised(rows: Sequence[AccountRow]) -> Iterator[AccountRow]:
-    """Yield rows, those of joints raised by their share in what drives gave a body that moves."""
+    """Yield rows, with those of joints raised by their share in driving a moving body."""
     moves: dict[str | None, float] = {}
     gave_j: dict[str | None, float] = {}
     for row in rows:

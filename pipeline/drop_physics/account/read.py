@@ -1,4 +1,4 @@
-"""Rows of what the script read of contacts and joints, with what the sum has behind it."""
+"""Rows of the script's readings of contacts and joints, beside the sum's values."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def reading_rows(
     filtered: Mapping[frozenset[int], str],
     words: RowWords,
 ) -> Iterator[AccountRow]:
-    """Yield the rows of the places that read contacts or the reaction of a joint.
+    """Yield the rows of places that read contacts or the reaction of a joint.
 
     `filtered` has the line that filters the contacts of bodies, by their numbers.
     """
@@ -162,7 +162,7 @@ class Sensed:
 
 
 def _whom(reading: Reading, words: RowWords) -> str:
-    """Return whose contacts a place reads."""
+    """Return the names of the bodies whose contacts a place reads."""
     for target in reading.targets[:1]:
         one = words.names.link(target.body, BASE if target.link is None else target.link)
         if target.other is None:
@@ -194,7 +194,7 @@ def _count(points: float) -> Message:
 
 
 def _range(answer: Answer) -> Message:
-    """Return the least and the greatest value of an answer, or nothing where both are one."""
+    """Return the least and the greatest value of an answer; empty if both are equal."""
     if answer.greatest - answer.least <= 1e-3 * max(abs(answer.greatest), abs(answer.least)):
         return Message("")
     return Message(
@@ -207,7 +207,7 @@ def _range(answer: Answer) -> Message:
 def _pressing(
     reading: Reading, pairs: Mapping[PairKey, Touched], filtered: Mapping[frozenset[int], str]
 ) -> Message:
-    """Return the force of all contacts between those that are read."""
+    """Return the force of all contacts between the subjects of a reading."""
     its = [
         touched
         for key, touched in pairs.items()
@@ -227,7 +227,7 @@ def _pressing(
 
 
 def _meant(target: Target, key: PairKey) -> bool:
-    """Return whether two links that touch are those that are read."""
+    """Return whether two touching links are the subjects of a reading."""
     sides = ((key[0], key[2]), (key[1], key[3]))
     for one, other in (sides, sides[::-1]):
         here = one[0] == target.body and target.link in (None, one[1])
@@ -255,7 +255,7 @@ def _reaction(answers: Mapping[str, Answer]) -> Message:
 
 
 def _beyond(subject: MeasuredBody, link: int) -> Message:
-    """Return the weight of what hangs on a joint."""
+    """Return the weight that hangs on a joint."""
     mass_kg = mass_beyond_kg(subject, {link})
     pull = subject.weight_n / subject.mass_kg if subject.mass_kg else 0.0
     return Message(

@@ -1,4 +1,4 @@
-"""The rows of an account: one thing asked, given, moved or held, with the terms that made it so."""
+"""The rows of an account: one thing asked, given, moved or held, with the terms behind it."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class AccountRow:
 
     @property
     def who(self) -> str:
-        """The name of what the row is about."""
+        """The name of the row's subject."""
         if self.pair is not None:
             return " × ".join(self.pair)
         if self.site is not None:
@@ -112,14 +112,14 @@ class AccountRow:
 
     @property
     def numbers(self) -> tuple[tuple[float, str], ...]:
-        """The numbers that it tells, with their units."""
+        """The numbers of the row, with their units."""
         pushed = self.asked if self.kind == "held" else None
         told = [(value, self.unit or "") for value in (self.got, self.gap, pushed)]
         return tuple((value, unit) for value, unit in (*told, *self.besides) if value)
 
     @property
     def towards(self) -> tuple[RowTerm, ...]:
-        """The terms that act towards what was asked, or gave."""
+        """The terms that act towards the target, or gave."""
         return tuple(each for each in self.terms if each.towards)
 
     @property

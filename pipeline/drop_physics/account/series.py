@@ -14,7 +14,7 @@ from drop_physics.trace.motors import VELOCITY
 
 @dataclass(frozen=True, eq=False)
 class JointSeries:
-    """The joints of a body in n steps; arrays have the shape (n, joint_rates) but for `steps`."""
+    """The joints of a body in n steps; arrays have the shape (n, joint_rates) except `steps`."""
 
     steps: Int64
     """The sample that each step led to, shape (n,)."""

@@ -20,7 +20,7 @@ OFF = 0.01
 
 
 def off_axle(subject: MeasuredBody, joint: Joint) -> Message:
-    """Return how far the round shape of a link is off the axle that it turns about, or nothing."""
+    """Return the distance of a link's round shape from its axle of rotation, or nothing."""
     if joint.kind != "revolute":
         return Message("")
     axis, place = np.array(joint.axis), subject.tree.centres_m[joint.link]
@@ -44,7 +44,7 @@ def off_axle(subject: MeasuredBody, joint: Joint) -> Message:
 
 
 def mass_outside(subject: MeasuredBody) -> Message:
-    """Return how far the centre of mass of a body of one link is outside its shapes, or nothing."""
+    """Return the distance of a one-link body's centre of mass from its shapes, or nothing."""
     shapes = subject.body.collisions
     if subject.tree.links or not shapes or any(each.kind in UNBOUNDED for each in shapes):
         return Message("")

@@ -1,4 +1,4 @@
-"""Scales of the rows: size and weight of a body, and which bodies are equal."""
+"""Scales of the rows: size and weight of a body, and a key of equal bodies."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def subject_of(body: Body, ledger: Ledger, gravity_m_s2: Float64) -> MeasuredBod
 
 
 def turning_rad_s(subject: MeasuredBody, *, before: bool = False) -> float:
-    """Return how fast a free base turns in the last tenth of its steps, in the mean [rad/s].
+    """Return the mean rotation rate of a free base in the last tenth of its steps [rad/s].
 
     With `before`, in the tenth before that one.
     """

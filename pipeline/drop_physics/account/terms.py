@@ -1,4 +1,4 @@
-"""The terms of a body's sum by partner: which link presses which, which part of a servo acts."""
+"""The terms of a body's sum by partner: the links that press, and the parts of servos."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MOST_PARTNERS = 24
 
 @dataclass(frozen=True)
 class Term:
-    """A cause that acts on a body, with its partner where it has one."""
+    """A cause that acts on a body, with its partner if it has one."""
 
     cause: str
     """A cause of the sum, or one of the parts above."""
@@ -98,7 +98,7 @@ def _servo(
 
 
 def _applied(steps: BodySteps, impulse: Float64) -> Impulses:
-    """Return the impulses that calls apply, joint torques of commands apart from pushes."""
+    """Return the impulses applied by calls, joint torques of commands apart from pushes."""
     commanded = np.zeros_like(impulse)
     first = steps.law.tree.first_rate
     commanded[:, first:] = steps.reported.commanded * steps.reported.timestep_s[:, None]

@@ -1,4 +1,4 @@
-"""Rows of links that touch: what presses, what slips, and what overlaps without any force."""
+"""Rows of links that touch: pressing, slipping, and overlap without any force."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ class TouchedPairs:
         seen: Seen,
         words: RowWords,
     ) -> AccountRow | None:
-        """Return the row of a body of one link that turns for ever on what does not move."""
+        """Return the row of a one-link body that turns for ever on something fixed."""
         number, ledger = subject.body.number, subject.ledger
         late = ledger.last - max(1, (ledger.last - ledger.first) // 10)
         keys = [key for key in self.pairs if number in key[:2] and self.pairs[key].last_step > late]

@@ -23,7 +23,7 @@ LEAST_SHARE = 0.05
 
 
 class RowWords:
-    """Facts about a recording that rows are worded with."""
+    """Facts about a recording for the wording of rows."""
 
     def __init__(self, names: Names, times: Mapping[int, StepTimes]) -> None:
         self.names, self._times = names, times
@@ -33,7 +33,7 @@ class RowWords:
         return self._times[subject.body.client].of(step)
 
     def time(self, subject: MeasuredBody, step: int) -> Message:
-        """Return the time of a sample as readers see it."""
+        """Return the time of a sample in readers' form."""
         return Message("{time} s", time=number(self.seconds(subject, step)))
 
     def timesteps_s(self, subject: MeasuredBody, steps: Int64) -> Float64:
@@ -41,16 +41,16 @@ class RowWords:
         return self._times[subject.body.client].of_steps(steps)[0]
 
     def around(self, subject: MeasuredBody, step: int, steps: int) -> slice:
-        """Return the bins around a sample of a recording of so many steps: a hundredth each way."""
+        """Return the bins around a sample of a recording of `steps` steps: a hundredth each way."""
         half = max(2, steps // 100)
         return subject.ledger.window(step - half, step + half)
 
     def drives(self, term: Term, drives: Collection[str]) -> bool:
-        """Return whether a term is what the joint was commanded."""
+        """Return whether a term is the joint's command."""
         return term.cause in drives or term.cause.startswith("actuator ")
 
     def opposing(self, forces: Mapping[Term, float]) -> object:
-        """Return the strongest term against the motion, as rows of equal groups share it."""
+        """Return the strongest term against the motion, as a key for grouping equal rows."""
         against = {t: f for t, f in forces.items() if f < 0 and t != OWN}
         if not against:
             return None
@@ -67,7 +67,8 @@ class RowWords:
     ) -> tuple[RowTerm, ...]:
         """Return the terms of a row, drives first, then by size; without the rate's own inertia.
 
-        What is small beside the largest, or beside a value that they stand next to, is left out.
+        Terms that are small beside the largest, or beside a value that they stand next to, are left
+        out.
         """
         told = {term: value for term, value in values.items() if term != OWN and value}
         most = max(map(abs, told.values()), default=0.0)

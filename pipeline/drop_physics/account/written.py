@@ -70,7 +70,7 @@ class WrittenStates:
         self.velocity += float(np.abs(begin.velocity - end.velocity).sum())
 
     def row(self, subject: MeasuredBody, words: RowWords) -> AccountRow | None:
-        """Return the row of a body whose state was written, None if nothing changed by it."""
+        """Return the row of a body with written states, None if the writes changed nothing."""
         way = self.way / subject.size_m
         if not self.written or (way <= 0.01 and self.velocity <= 0.01):
             return None
@@ -110,7 +110,7 @@ def energy_row(
     end_j: float,
     words: RowWords,
 ) -> AccountRow | None:
-    """Return who gave a body energy and who took it; contacts by partner."""
+    """Return the row of the sources and sinks of a body's energy; contacts by partner."""
     values = {Term(cause): value for cause, value in by_cause_j.items() if value}
     contacts = {
         term: float(work.sum())
@@ -156,5 +156,5 @@ def energy_row(
 
 
 def _rounded(energy_j: float, turnover_j: float) -> float:
-    """Return an energy, 0 where it is rounding beside what was given and taken."""
+    """Return an energy, or 0 if it is rounding beside the turnover."""
     return energy_j if abs(energy_j) > ROUNDING * turnover_j else 0.0

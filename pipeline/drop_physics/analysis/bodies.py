@@ -31,7 +31,7 @@ KEPT = ("set", "integrator", "remainder")
 
 
 class BodyStory:
-    """One body; `add` takes its pieces, `result` tells what it did.
+    """One body; `add` takes its pieces, `result` returns its motion.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class BodyStory:
         return rows_of(judged, history.base[rows, :3], errors_m, self._times, detailed=detailed)
 
     def explained(self, totals: Totals | None) -> Explained:
-        """Return how much of the body is explained."""
+        """Return the explained share of the body."""
         if totals is None:
             return Explained(0, 0, 0.0, None, None)
         left = totals.unexplained
@@ -98,7 +98,7 @@ class BodyStory:
         return Explained(totals.explained, totals.samples, totals.remainder, until_s, why)
 
     def result(self, totals: Totals | None) -> BodyAnalysis:
-        """Return what the body did, after the last piece."""
+        """Return the motion of the body, after the last piece."""
         body, scene = self._body, self._scene
         reported = [each for each in scene.seen.dynamics if each.body.number == body.number]
         return BodyAnalysis(
@@ -136,7 +136,7 @@ class BodyStory:
         return counts
 
     def _there(self, last: int) -> int:
-        """Return at how many samples of its simulation a body without own samples existed."""
+        """Return the number of samples at which a body without samples of its own existed."""
         there = 0
         mine = [
             each for each in self._scene.seen.appearances if each.body.number == self._body.number
@@ -150,7 +150,7 @@ class BodyStory:
         return there
 
     def _moves(self, last: int) -> int:
-        """Return after how many steps calls moved it, once it was there."""
+        """Return the number of steps after which calls moved it."""
         came = {
             order(each.at)
             for each in self._scene.seen.appearances

@@ -14,7 +14,7 @@ takes it at its worst moment and a finding in the mean, if they differ by this f
 
 
 def citing(findings: Iterable[Finding], account: Sequence[AccountRow]) -> Iterator[Finding]:
-    """Yield findings with the row of the account that tells the same of the same subject."""
+    """Yield findings with the row of the account that has the same subject and content."""
     for finding in findings:
         rows = [row for row in account if _tells(row, finding)]
         rows.sort(key=lambda row: row.who in (row.body, ""))  # of a joint or a pair first
@@ -22,7 +22,7 @@ def citing(findings: Iterable[Finding], account: Sequence[AccountRow]) -> Iterat
 
 
 def _tells(row: AccountRow, finding: Finding) -> bool:
-    """Return whether a row is about what a finding is about, and tells its number."""
+    """Return whether a row has the subject and the number of a finding."""
     effect = finding.effect
     if effect is None or finding.body is None or finding.body not in (row.body, row.other):
         return False

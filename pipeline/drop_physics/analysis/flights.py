@@ -1,4 +1,4 @@
-"""The flights of a body: each is a fall of its own, with a theory that starts at its beginning."""
+"""The flights of a body: falls of their own, with a theory from their beginning on."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from drop_physics.physics.base import Law, Motion
 
 @dataclass(eq=False)
 class _OpenFlight:
-    """A flight that may go on."""
+    """A flight that may continue."""
 
     law: Law
     start: Motion
@@ -46,7 +46,7 @@ class Flights:
         self._done: list[BodyFlight] = []
 
     def add(self, judged: SampleStatus) -> dict[int, Float64]:
-        """Take a piece; return how far each sample in flight is off free fall [m], (3,), by row."""
+        """Take a piece; return the distance of samples in flight from free fall [m], by row."""
         errors_m: dict[int, Float64] = {}
         for steps in judged.intervals:
             if steps.law.tree.links or steps.law.tree.fixed:
@@ -124,7 +124,7 @@ class Flights:
 
 
 def _breaks(steps: Steps) -> Flags:
-    """Return which steps begin anew: from a state that a call set, or under another law."""
+    """Flag the steps that begin anew: from a state that a call set, or under another law."""
     reported = steps.reported
     breaks = steps.put.copy()
     breaks[1:] |= (np.diff(steps.steps) != 1) | (np.diff(reported.timestep_s) != 0)

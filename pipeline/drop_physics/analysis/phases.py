@@ -1,4 +1,4 @@
-"""The contacts of a body: consecutive samples that contact led to, and who pushed it."""
+"""The contacts of a body: consecutive samples that contact led to, and the bodies that pushed."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ContactRun:
     """Impulse and energy of each link of each other body."""
 
     def add(self, run: ContactRun) -> None:
-        """Add the steps that follow."""
+        """Add the following steps."""
         self.last_step = run.last_step
         self.impulse_n_s = self.impulse_n_s + run.impulse_n_s
         self.largest_force_n = max(self.largest_force_n, run.largest_force_n)
@@ -59,7 +59,7 @@ def runs_of(explained: ExplainedPiece) -> dict[int, list[ContactRun]]:
 
 
 def _runs(batch: StepBatch, verdict: StepVerdicts) -> Iterator[tuple[int, ContactRun]]:
-    """Yield the runs of steps in contact of a batch, each with the number of its body."""
+    """Yield the runs of steps in contact of a batch, with the number of their body."""
     steps = batch.whole
     touched = verdict.segment == CONTACT
     rows = np.flatnonzero(touched)
@@ -139,7 +139,7 @@ class BodyContacts:
         self._done: list[BodyContact] = []
 
     def add(self, runs: Sequence[ContactRun]) -> None:
-        """Take those of a piece."""
+        """Take the contacts of a piece."""
         for run in runs:
             contact = self._open
             if contact is None or contact.last_step + 1 != run.first_step:
@@ -176,7 +176,7 @@ class BodyContacts:
 def pushers(
     by: Mapping[tuple[int, int], tuple[Float64, float]], bodies: Mapping[int, Body]
 ) -> list[Pusher]:
-    """Return who pushed a body, in the order of their numbers."""
+    """Return the links that pushed a body, in the order of their bodies' numbers."""
     return [
         Pusher(
             bodies[body].label if body in bodies else str(body),

@@ -112,7 +112,7 @@ class BodyContact:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """Samples that the law does not lead to, for one reason."""
+    """Samples to which the law does not lead, for one reason."""
 
     reason: str
     """What the law does not cover, or `remainder`."""
@@ -224,7 +224,7 @@ class Explained:
 
 @dataclass(frozen=True, kw_only=True)
 class Analysis(Printable, reported_by=REPORT):
-    """Everything that the analysis of a recording found."""
+    """All results of the analysis of a recording."""
 
     origin: dict[str, Any] | None
     """The script, its arguments, and how it ended; None of a drop."""
@@ -275,7 +275,7 @@ class Analysis(Printable, reported_by=REPORT):
         return table_of(self.rows)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the documented JSON object; what does not exist is null."""
+        """Return the documented JSON object; missing values are null."""
         values = {name: value for name, value in vars(self).items() if name not in HIDDEN}
         return dict(renamed(jsonable(values)))
 
@@ -294,7 +294,7 @@ class Analysis(Printable, reported_by=REPORT):
 
 
 def renamed(value: Any) -> Any:  # noqa: ANN401
-    """Return a JSON value with the names that it has in JSON."""
+    """Return a JSON value with its documented names."""
     if isinstance(value, dict):
         return {JSON_NAMES.get(name, name): renamed(item) for name, item in value.items()}
     return [*map(renamed, value)] if isinstance(value, list) else value

@@ -1,4 +1,4 @@
-"""Go from a recording to the verdict: explain every body, ask every rule."""
+"""The way from a recording to the verdict: every body explained, every rule asked."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ class Story:
         self.scene.forget()
 
     def _is_told(self, piece: Piece) -> bool:
-        """Return whether the account is of a piece: all of it is, or nothing."""
+        """Return whether the account covers a piece: all of it is covered, or nothing."""
         if self._window is None:
             return True
         _, first, last = self._window
@@ -154,7 +154,7 @@ class Story:
 
     @np.errstate(all="ignore")  # of states that are not finite: reported
     def analysis(self) -> Analysis:
-        """Go through all pieces, each freed before the next is made; return what was found."""
+        """Go through all pieces, each freed before the next is made; return the results."""
         for _ in map(self.see, self.explanation.pieces()):
             pass
         totals = self.explanation.totals
@@ -183,7 +183,7 @@ class Story:
         )
 
     def findings(self, *, reported: bool = True) -> list[Finding]:
-        """Return what rules found, or what of it is left out, the gravest first.
+        """Return the findings of rules, or those left out, the gravest first.
 
         After the last piece.
         """
@@ -191,7 +191,7 @@ class Story:
         return [*self._placed(told_apart(found, self._seen.bodies.values()))]
 
     def _placed(self, findings: Iterable[Finding]) -> Iterator[Finding]:
-        """Yield findings with the episode that their steps are of, where there are several."""
+        """Yield findings with the episode of their steps, if there are several."""
         episodes = self.scene.episodes
         clients = {body.label: body.client for body in self._seen.bodies.values()}
         for finding in findings:

@@ -1,4 +1,4 @@
-"""Compare the calls of two scripts in the order in which they were made."""
+"""Comparison of the calls of two scripts in their order."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class CallComparison:
                     theirs.clear()
 
     def first(self) -> OtherCall | None:
-        """Return the first call that differs, of all that were added."""
+        """Return the first call that differs, of all calls so far."""
         found = [*self._found.values()]
         for mine, theirs in self._waiting.values():
             if mine or theirs:
@@ -72,7 +72,7 @@ class CallComparison:
         return min(found, key=_when, default=None)
 
     def _does(self, call: Call) -> tuple[object, ...]:
-        """Return what a call does, whatever line makes it, and whatever the folder of its files."""
+        """Return the effect of a call, without its line and the folders of its files."""
         if call.site not in self._said:
             self._said[call.site] = call.function, FOLDER.sub("", call.site.form)
         return *self._said[call.site], _comparable(call.numbers), bool(call.raised)

@@ -1,8 +1,9 @@
-"""Are two recordings the same physics? If not: what differs first, and by how much.
+"""A test of two recordings for the same physics: the first difference, and its size.
 
 Inputs count until a sample differs: from there on they may be a reaction to the difference, in a
-script that controls by what it measures. Calls are reported, but only their effects count. What is
-not recorded, such as how soft bodies move, is not compared: nothing with such a body is the same.
+script that controls by its measurements. Calls are reported, but only their effects count. Motion
+that is not recorded, such as that of soft bodies, is not compared: nothing with such a body is the
+same.
 """
 
 from __future__ import annotations
@@ -77,7 +78,7 @@ class Comparison:
 
     @property
     def same(self) -> bool:
-        """Whether it is the same physics: of nothing that could be compared nothing is the same."""
+        """Whether it is the same physics; never, if nothing could be compared."""
         alike = self.first is None and not self.not_compared
         alike &= not (self.of_drop and self.differences)
         return alike and self.largest_difference_m is not None
@@ -153,7 +154,7 @@ def _pieces(run: Seen, golden: Seen) -> Iterator[tuple[Piece, Piece]]:
 
 
 def _not_seen(seen: Seen) -> Iterator[str]:
-    """Yield the labels of bodies whose motion is not recorded, or not that of all links."""
+    """Yield the labels of bodies whose motion is not recorded, or not for all links."""
     for body in seen.bodies.values():
         if body.soft or body.hides_links:
             yield body.label

@@ -88,7 +88,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Largest:
-    """The largest difference of a body in one quantity, over all samples that both have."""
+    """The largest difference of a body in one quantity, over all common samples."""
 
     body: str
     """Label of the body."""
@@ -122,7 +122,7 @@ LED, INPUT, FIRST = range(3)
 
 
 class Dated(NamedTuple):
-    """A difference, and its simulation."""
+    """A difference with its simulation."""
 
     when: When
     client: int
@@ -131,7 +131,7 @@ class Dated(NamedTuple):
 
 
 def earliest(*differences: Dated | None) -> Dated | None:
-    """Return the first of some differences; if several are simultaneous, the one given first."""
+    """Return the first of some differences; if several are simultaneous, the one listed first."""
     return min(filter(None, differences), key=lambda dated: dated.when, default=None)
 
 
@@ -141,7 +141,7 @@ def differs(value: Value, other: Value) -> bool:
 
 
 def off(mine: Float64, golden: Float64, allowed: Float64 | float = 0.0) -> Flags:
-    """Return which numbers differ by more than allowed; nan equals nan."""
+    """Flag the numbers that differ by more than allowed; nan equals nan."""
     with np.errstate(invalid="ignore"):  # of infinite numbers
         near = np.abs(mine - golden) <= allowed
     differ: Flags = ~((mine == golden) | near | (np.isnan(mine) & np.isnan(golden)))

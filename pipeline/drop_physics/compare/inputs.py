@@ -1,4 +1,4 @@
-"""Compare the inputs of two scripts: bodies, their dynamics, the engine's settings."""
+"""Comparison of the inputs of two scripts: bodies, their dynamics, the engine's settings."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ THERE: Column = (None, "there")
 
 
 def input_differences(run: Seen, golden: Seen, pairs: Pairing) -> Iterator[Dated]:
-    """Yield the first difference in the inputs of each body and each simulation.
+    """Yield the first difference in the inputs of bodies and simulations.
 
-    Inputs are compared as they were at each step, until the first of both simulations ends.
+    Inputs are compared at each step, until the first of both simulations ends.
     """
     numbers = {number: number for number in run.bodies}
     clients = {client: client for client in pairs.clients.values()}
@@ -71,7 +71,7 @@ def _keep_shared(
     mine: Mapping[Key, Mapping[int, tuple[int, Values]]],
     theirs: Mapping[Key, Mapping[int, tuple[int, Values]]],
 ) -> None:
-    """Leave out what only one of the two engines, or of two versions of one, reports at all."""
+    """Drop values that only one of two engines, or of two versions, reports at all."""
     sides = (
         [
             values
@@ -93,7 +93,7 @@ def _keep_shared(
 
 
 def _reported(name: str) -> str | None:
-    """Return the name of a value that the engine reports; None of one that a call has set."""
+    """Return the name of a value that the engine reports; None for one set by a call."""
     return None if name.startswith(SET) else name.partition(".")[0]
 
 
@@ -104,7 +104,7 @@ def _first(
     theirs: Mapping[int, tuple[int, Values]],
     end: float,
 ) -> Iterator[Dated]:
-    """Yield the columns of one entity that differ at the first step where any does."""
+    """Yield the columns of one entity that differ at the first differing step."""
     absent: Values = {THERE: 0.0} if key[0] == "bodies" else {}
     now, then = absent, absent
     for step in sorted(mine.keys() | theirs.keys()):
@@ -129,7 +129,7 @@ def _first(
 def _inputs(
     seen: Seen, numbers: Mapping[int, int], clients: Mapping[int, int], common: Set[int]
 ) -> dict[Key, dict[int, tuple[int, Values]]]:
-    """Return the values of each input after each change, by step, and the calls before it."""
+    """Return the values of inputs after their changes, by step, and the calls before them."""
     inputs: dict[Key, dict[int, tuple[int, Values]]] = {}
     for came in seen.appearances:
         key = "bodies", clients.get(came.body.client, -1), numbers[came.body.number]
@@ -158,7 +158,7 @@ def _inputs(
 
 
 def _flat(values: Mapping[str, Any], link: int | None = None) -> Iterator[tuple[Column, Value]]:
-    """Yield numbers, texts and flags by name; each element of a vector, numbered from 0."""
+    """Yield numbers, texts and flags by name; elements of vectors are numbered from 0."""
     for name, value in values.items():
         if is_dataclass(value):
             inner = {part.name: getattr(value, part.name) for part in fields(value)}

@@ -20,7 +20,7 @@ class BodySamples:
     joints: Joints | None
 
     def at(self, rows: Flags) -> BodySamples:
-        """Return some of the samples."""
+        """Return the selected samples."""
         base = None if self.base is None else self.base[rows]
         joints = None if self.joints is None else self.joints.at(rows)
         return BodySamples(self.steps[rows], base, joints)
@@ -38,7 +38,7 @@ NOTHING = BodySamples(np.empty(0, np.int64), None, None)
 
 
 def motions(bases: Rows, joints: Mapping[int, Joints]) -> dict[int, BodySamples]:
-    """Return the samples of each body, by its number."""
+    """Return the samples of bodies, by number."""
     found = {
         number: BodySamples(rows["step"], rows, None) for number, rows in by_body(bases).items()
     }
@@ -56,7 +56,7 @@ def motions(bases: Rows, joints: Mapping[int, Joints]) -> dict[int, BodySamples]
 def together(
     mine: BodySamples, theirs: BodySamples, *, finer: int = 1
 ) -> tuple[BodySamples, BodySamples]:
-    """Return the samples that both have; `theirs` makes `finer` steps for each of these."""
+    """Return the common samples; `theirs` makes `finer` steps for each of `mine`."""
     due = mine.steps * finer
     if np.array_equal(due, theirs.steps):
         return mine, theirs

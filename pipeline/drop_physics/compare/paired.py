@@ -36,7 +36,7 @@ class PairedBody:
 def paired_bodies(
     a: Seen, b: Seen, bodies: Sequence[tuple[Body, Body]], steps: int
 ) -> list[PairedBody]:
-    """Return bodies in both runs with their samples, as far as both have the same joints."""
+    """Return bodies in both runs with their samples, if they have the same joints."""
     mine, theirs = (_motions(each) for each in (a, b))
     found = []
     for x, y in bodies:
@@ -53,7 +53,7 @@ def paired_bodies(
 
 
 def moving_alone(a: Seen, b: Seen, bodies: Sequence[tuple[Body, Body]]) -> dict[str, list[str]]:
-    """Return the bodies that move and have no counterpart, of both runs: `a` and `b`."""
+    """Return the moving bodies without a counterpart, of both runs: `a` and `b`."""
     found = {}
     for which, (side, seen) in enumerate((("a", a), ("b", b))):
         known = {pair[which].number for pair in bodies}
@@ -74,7 +74,7 @@ def columns_of(bodies: Sequence[PairedBody]) -> list[Paired]:
 
 
 def farthest(bodies: Sequence[PairedBody], step: int) -> EndApart:
-    """Return where both runs are the farthest apart after a step, and how far."""
+    """Return the place and size of the largest distance between the runs after a step."""
     found = EndApart(0.0, "m", bodies[0].name if bodies else "")
     for each in bodies:
         a, b = each.a[step + 1], each.b[step + 1]
@@ -126,7 +126,7 @@ def _columns(body: Body, held: BodySamples) -> tuple[list[str], list[str], list[
 
 
 def _rows(body: Body, held: BodySamples, steps: int) -> Float64:
-    """Return a body's numbers in each sample, shape (steps + 1, k)."""
+    """Return a body's numbers in its samples, shape (steps + 1, k)."""
     parts: list[Float64] = []
     if held.base is not None:
         parts.append(motion_of(held.base))

@@ -1,7 +1,8 @@
-"""Find the simulations and bodies of two recordings that correspond.
+"""Matching of simulations and bodies in two recordings.
 
-Numbers say nothing of what is simulated: another connection before, even an unused one, shifts
-those of clients; and bodies are numbered as they come, which depends on how threads take turns.
+Numbers say nothing about contents: an earlier connection, even an unused one, shifts those of
+clients; and bodies are numbered in the order of their appearance, which depends on how threads take
+turns.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from drop_physics.trace.states import Rows
 
 @dataclass(frozen=True)
 class Pairing:
-    """The numbers in the checked recording of what is in the golden one."""
+    """The checked recording's numbers for the golden one's simulations and bodies."""
 
     clients: Mapping[int, int]
     """The checked recording's clients, by golden's number; clients that only golden has get unused
@@ -31,7 +32,7 @@ class Pairing:
 
     @cached_property
     def numbers(self) -> dict[int, int]:
-        """The number that the checked recording has for each of golden's bodies."""
+        """The checked recording's number for each of golden's bodies."""
         return {body.number: number for number, body in self.bodies.items()}
 
     def label(self, number: int) -> str:
@@ -50,10 +51,10 @@ class Pairing:
 
 
 def pairing(run: Seen, golden: Seen) -> Pairing:
-    """Return which simulations and bodies correspond.
+    """Return the matching simulations and bodies.
 
-    Simulations correspond in the order of their connections, without those that are not used; of
-    two such simulations bodies correspond that have the same name, in the order in which they came.
+    Simulations correspond in the order of their connections, without unused ones; in two such
+    simulations bodies of the same name correspond, in the order of their appearance.
     """
     clients = _clients(run, golden)
     mine = _named(run, {client: client for client in _used(run)})
@@ -73,7 +74,7 @@ def pairing(run: Seen, golden: Seen) -> Pairing:
 
 
 def lengths(run: Seen, golden: Seen, pairs: Pairing) -> dict[int, tuple[int, int]]:
-    """Return how many samples each has of a simulation, by client, if the numbers differ."""
+    """Return the numbers of samples of simulations in both, by client, where they differ."""
     counts = {
         mine: (run.samples[mine], golden.samples[theirs])
         for theirs, mine in pairs.clients.items()
@@ -105,7 +106,7 @@ def _name(body: Body) -> str:
 
 
 def _clients(run: Seen, golden: Seen) -> dict[int, int]:
-    """Return the number in the checked recording of each client of the golden one."""
+    """Map the golden recording's clients to the checked recording's."""
     mine, theirs = sorted(_used(run)), sorted(_used(golden))
     unused = itertools.count(max(mine, default=-1) + 1)
     return dict(zip(theirs, itertools.chain(mine, unused), strict=False))

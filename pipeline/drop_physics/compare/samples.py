@@ -1,4 +1,4 @@
-"""Compare the samples of two simulations, piece by piece: bases, joints, constraint forces."""
+"""Comparison of the samples of two simulations, piece by piece: bases, joints, constraints."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ class SampleComparison:
         return When(step, FIRST if step == 0 or (number, step) in self._fresh else LED)
 
     def _lacking(self, number: int, mine: Int64, theirs: Int64) -> Dated | None:
-        """Return the first step of which only one has a sample."""
+        """Return the first step that only one of both has as a sample."""
         for step in np.setxor1d(mine, theirs).tolist():
             if (number, step) not in self._began:
                 self._part(self._when(number, step))
@@ -231,7 +231,7 @@ class SampleComparison:
 
 
 def _columns(body: Body, track: BodySamples) -> list[tuple[str, int]]:
-    """Return name and link of each number of a body."""
+    """Return name and link of a body's numbers."""
     columns = [] if track.base is None else [(name, BASE) for name in MOTION_COLUMNS]
     return columns + ([] if track.joints is None else [*_joint_columns(body)])
 
@@ -252,7 +252,7 @@ def _worst(differ: Flags, base: Flags | None, track: BodySamples) -> int:
 
 
 def _beyond(mine: Float64, golden: Float64, allowed: Float64) -> Flags:
-    """Return which numbers of base and links differ by more than allowed, shape (n, links, 13)."""
+    """Flag the numbers of base and links that differ by more than allowed, shape (n, links, 13)."""
     x, y, most = (each.reshape(-1, 13) for each in (mine, golden.copy(), allowed))
     turns = VECTORS[1]  # a quaternion of the other sign is the same orientation
     y[:, turns] = same_way(y[:, turns], x[:, turns])
@@ -260,7 +260,7 @@ def _beyond(mine: Float64, golden: Float64, allowed: Float64) -> Flags:
 
 
 def _states_off(mine: Float64, golden: Float64, allowed: Float64) -> Flags:
-    """Return which numbers of states differ by more than allowed, all of shape (rows, 13).
+    """Flag the numbers of states that differ by more than allowed, shape (rows, 13).
 
     A tolerance holds for a whole vector: if a difference is too long, but none of its components is
     too large, its largest component counts as different.

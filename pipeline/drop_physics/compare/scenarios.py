@@ -1,4 +1,4 @@
-"""The settings of two drops compared: what was asked for, and what the engines report."""
+"""Comparison of the settings of two drops: the options, and the engines' reports."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ OF_EVERY_ENGINE = ("timestep_s", "gravity_m_s2", "mass_kg", "inertia_kg_m2", "bo
 def scenario_differences(run: DropInputs, golden: DropInputs) -> list[Difference]:
     """Return the settings that make it another experiment.
 
-    What differing scenarios say is not repeated from the engines. Where they agree, the name says
-    that it is the engine's: a default of the engine has changed, or a report was altered.
+    Differences already listed for the scenarios are not repeated for the engines. Where the
+    scenarios agree, the name says that the difference is the engine's: a default of the engine has
+    changed, or a report was altered.
     """
     found, names = _scenario_differences(run, golden), asdict(run.scenario).keys()
     of_engines = [each for each in _engine_settings(run, golden) if not _is_version(each.column)]
@@ -52,7 +53,7 @@ def _scenario_differences(run: DropInputs, golden: DropInputs) -> list[Differenc
 
 
 def _alike(run: DropInputs, golden: DropInputs, name: str) -> bool:
-    """Return whether the default of one engine is what the other was given."""
+    """Return whether the default of one engine equals the other's given value."""
     if run.scenario.engine == golden.scenario.engine:
         return False
     mine, theirs = (_in_effect(side, name) for side in (run, golden))
@@ -62,7 +63,7 @@ def _alike(run: DropInputs, golden: DropInputs, name: str) -> bool:
 
 
 def _in_effect(side: DropInputs, name: str) -> tuple[Any, ...]:
-    """Return what an engine makes of an option, numbers or, where that is not known, None."""
+    """Return an engine's values for an option; None where they are not known."""
     if name == "friction":
         return (side.engine.lateral_friction, side.engine.floor_lateral_friction)
     return (None,)
@@ -77,7 +78,7 @@ def _not_shared(run: DropInputs, golden: DropInputs) -> set[str]:
 
 
 def _engine_settings(run: DropInputs, golden: DropInputs) -> list[Difference]:
-    """Return what the two engines report differently, of what both report."""
+    """Return the differences in values that both engines report."""
     mine, theirs = asdict(run.engine), asdict(golden.engine)
     same_engine = run.scenario.engine == golden.scenario.engine
     return [

@@ -1,4 +1,4 @@
-"""The allowed differences: none, or what moves a body by less than a length.
+"""The allowed differences: none, or those that move a body by less than a length.
 
 Before the first contact a drop's law uses only + - × ÷ √, so two runs of one engine agree to the
 last bit. In contact the solver stops at a residual, which is a discrete branch, and a nanometre is
@@ -25,7 +25,7 @@ UNKNOWN_LENGTH_M = 1.0
 
 @dataclass(frozen=True)
 class Tolerance:
-    """The differences that are allowed between two recordings."""
+    """The allowed differences between two recordings."""
 
     air_m: float
     contact_m: float
@@ -80,7 +80,7 @@ class Tolerance:
         return allowed | dict.fromkeys(forces, self.contact_m * self.mass_kg / step_s**2)
 
     def _per_metre(self, body: Body, part: int, client: int) -> Float64:
-        """Return what a metre allows in each column of a part's state, in that column's unit."""
+        """Return the allowance of a metre in the columns of a part's state, in their units."""
         step_s, length_m = self.timesteps_s[client], self.length_m
         if length_m is None:
             length_m = _half_diagonal_m(body, part)

@@ -1,7 +1,7 @@
 """Help as plain text, options in groups; the reference in docs/ has the same text.
 
-Typer draws boxes around it by default, and loading what draws them would take longer than
-everything else that `drop --help` does.
+Typer draws boxes around it by default, and loading the library for these takes longer than
+everything else in `drop --help`.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class App(typer.Typer):
         return super().command(name, cls=cls or HelpedCommand, **how)
 
     def __call__(self, *args: Any, **how: Any) -> Any:  # noqa: ANN401 - handed on
-        """Run what was typed, without making the other commands."""
+        """Run the typed command, without creating the others."""
         first = "".join(sys.argv[1:2])
         wanted = RECORDED if _is_of_script(first) else (first,)
         few = copy.copy(self)
@@ -64,10 +64,10 @@ class App(typer.Typer):
 
 
 class Plain(RuntimeParam):
-    """Takes a text or a path as it is typed; Typer loads pydantic for it, as long as all else."""
+    """A parameter taken as typed; for texts and paths, Typer would load pydantic."""
 
     def coerce(self, value: Any, param: Any, ctx: Any) -> Any:  # noqa: ANN401 - of any type
-        """Return the value of a parameter, of which Typer checks what is more than a text."""
+        """Return the value of a parameter; Typer checks types other than texts."""
         kind, several = self.annotation, param.multiple or param.nargs == -1
         if value is None:
             return () if several else None
@@ -92,7 +92,7 @@ def _is_unreadable(path: str) -> bool:
 
 
 class TakesPlainly(Command):
-    """A command, or a list of commands, whose parameters are taken as `Plain`."""
+    """A command, or a list of commands, with parameters that are `Plain`."""
 
     def get_params(self, ctx: Any) -> Any:  # noqa: ANN401 - Typer's
         """Return its parameters."""
@@ -107,7 +107,7 @@ class HelpedCommand(TakesPlainly, TyperCommand):
     """A command whose help lists arguments, its own options, then each `rich_help_panel`."""
 
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - Typer's
-        """Run it; its errors are JSON, too, if its result would be."""
+        """Run it; with `--json`, its errors are JSON, too."""
         asked = ctx.params.get("json") or ctx.params.get("output_format") == "json"
         output.errors_as_json = bool(asked)
         return super().invoke(ctx)
@@ -130,7 +130,7 @@ class HelpedCommands(TakesPlainly, TyperGroup):
     """The list of commands, by groups; a script in place of a command is recorded and analyzed."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401, ARG002
-        """Write a section for each group, which a command names as its `rich_help_panel`."""
+        """Write a section for each group, which commands name as their `rich_help_panel`."""
         sections: dict[str, list[tuple[str, str]]] = {title: [] for title in GROUPS}
         for name, command in sorted(self.commands.items(), key=lambda each: each[0] != SCRIPT):
             title = getattr(command, "rich_help_panel")  # noqa: B009 - of Typer's commands only
@@ -140,7 +140,7 @@ class HelpedCommands(TakesPlainly, TyperGroup):
                 formatter.write_dl(records)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401
-        """Return the command, and its arguments: of a script the whole line."""
+        """Return the command and its arguments; for a script, the whole line."""
         if _is_of_script(args[0]):
             return SCRIPT, self.commands[SCRIPT], args
         if args[0] not in self.commands and Path(args[0]).is_file():
@@ -171,7 +171,7 @@ class HelpedCommands(TakesPlainly, TyperGroup):
 
 
 def _is_of_script(word: str) -> bool:
-    """Return whether a line that begins with this word is of a script: its name, or an option."""
+    """Return whether a line that begins with this word is about a script."""
     is_option = word.startswith("-") and word not in (*OURS, *_COMPLETION)
     return is_option or word.endswith(".py")
 

@@ -21,7 +21,7 @@ NARROWEST, WIDEST = 50, 100
 
 
 def width(stream: TextIO | None = None) -> int:
-    """Return how many columns a line may take: the terminal's, within these limits.
+    """Return the number of columns of a line: the terminal's, within these limits.
 
     Not `shutil.get_terminal_size`, which asks descriptor 1: here that is /dev/null, see
     `running`.
@@ -80,12 +80,12 @@ def descriptor(stream: TextIO) -> int:
 
 
 def note(sentence: str) -> None:
-    """Print something worth knowing that is not an error, to standard error."""
+    """Print a remark that is not an error to standard error."""
     print(one_line(f"drop: {translated(sentence)}"), file=sys.stderr)
 
 
 def error(sentence: str) -> None:
-    """Print what went wrong to standard error; on a terminal it begins in red."""
+    """Print an error to standard error; on a terminal it begins in red."""
     line = one_line(f"drop: {translated(sentence)}")
     if wants_colour(sys.stderr):
         line = f"\x1b[1;31mdrop:\x1b[0m{line.removeprefix('drop:')}"

@@ -1,6 +1,6 @@
-"""Progress bars on a terminal: how much is done, how fast it goes, how long it will take.
+"""Progress bars on a terminal: share done, speed, time left.
 
-How long a script will take is unknown: a line shows how far it is.
+The duration of a script is unknown: a line shows its progress.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ LINE_AFTER_S = 1.0
 
 @contextlib.contextmanager
 def progress() -> Iterator[Callable[[str, int, int], None]]:
-    """Yield the function that stages call: what is being done, how much of it, out of how much."""
+    """Yield the function that stages call with an activity, the amount done, and the total."""
     with _bars() as show:
         yield lambda what, done, total: show(what, what, done, total)
 
 
 @contextlib.contextmanager
 def sweep_progress() -> Iterator[Callable[[int, int, int], None]]:
-    """Yield the function that a sweep calls: runs done, runs failed, out of how many."""
+    """Yield the function that a sweep calls with the runs done, failed, and in total."""
     with _bars() as show:
         yield lambda done, failed, total: show(
             "runs", Message("runs, {failed:,} failed", failed=failed), done, total
@@ -36,7 +36,7 @@ def sweep_progress() -> Iterator[Callable[[int, int, int], None]]:
 
 @contextlib.contextmanager
 def search_progress() -> Iterator[Callable[..., None]]:
-    """Yield the function that a search calls: changes tried, those that do it, and their kinds.
+    """Yield the function that a search calls with changes tried, successful ones, and kinds.
 
     Elements of kinds are tried, too, so that there may be more than kinds.
     """
@@ -51,9 +51,9 @@ def search_progress() -> Iterator[Callable[..., None]]:
 
 @contextlib.contextmanager
 def _bars() -> Iterator[Callable[[str, str, int, int], None]]:
-    """Yield a function that moves a bar, by its name; in a pipe it does nothing.
+    """Yield a function that moves a named bar; in a pipe it does nothing.
 
-    It takes the name, the words before the bar, how much is done, and out of how much.
+    It takes the name, the words before the bar, the amount done, and the total.
     """
     if not sys.stderr.isatty():
         yield lambda *_: None
@@ -139,7 +139,7 @@ def script_progress() -> Iterator[
 
 @contextlib.contextmanager
 def swap_progress() -> Iterator[Callable[[int], None]]:
-    """Yield a function that shows how often steps were made again; in a pipe it does nothing."""
+    """Yield a function that shows the number of repeated steps; in a pipe it does nothing."""
     if not sys.stderr.isatty():
         yield lambda _: None
         return

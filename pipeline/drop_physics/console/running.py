@@ -1,4 +1,4 @@
-"""Run the command line: every error becomes one line and an exit code."""
+"""The command line as a process: every error becomes one line and an exit code."""
 
 from __future__ import annotations
 
@@ -115,9 +115,9 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
 
 
 def _open_closed_streams() -> None:
-    """Open standard streams that are closed (`>&-`): else a recording would get their numbers.
+    """Open closed standard streams (`>&-`), whose numbers a recording would get otherwise.
 
-    What the encoding cannot express is written as an escape, which is valid in JSON too.
+    Characters outside of the encoding are written as escapes, which is valid in JSON too.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
@@ -144,7 +144,7 @@ def _keep_standard_output() -> None:
 
 
 def _give_up_standard_output() -> None:
-    """Discard what cannot be flushed, so that Python does not complain at exit."""
+    """Discard output that cannot be flushed, so that Python does not complain at exit."""
     try:
         sys.stdout.flush()
     except OSError:

@@ -1,1 +1,1 @@
-"""Runs of a script with something changed, compared with its own run."""
+"""Runs of a script with changes, compared with its own run."""

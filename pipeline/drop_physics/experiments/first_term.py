@@ -1,9 +1,9 @@
-"""Find the term of the sum that first made two runs differ.
+"""Search for the term of the sum that first made two runs differ.
 
-From the state where both begin, a position is the sum of what its velocity moved it in each step
-and what the step itself added; and the velocity is the sum of what each term gave it, M^-1 P. So
-the distance between two runs is, without a remainder, a sum over the terms: what a term gave in one
-run and not in the other, times the time since.
+From a common state on, a position is the sum of its velocity's displacements and the steps' own
+additions; and the velocity is the sum of the terms' contributions, M^-1 P. So the distance between
+two runs is, without a remainder, a sum over the terms: the difference of a term's contribution,
+times the time since.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class _Way:
 
 
 class _TermPart:
-    """Place of a position in a body's states."""
+    """The place of a position in a body's states."""
 
     def __init__(self, body: Body, joint: str | None, unit: str) -> None:
         self._joint, self._unit = joint, unit
@@ -71,9 +71,9 @@ class _TermPart:
 
 
 def first_term(base: Seen, other: Seen, found: Apart, *, finer: int = 1) -> str | None:
-    """Return the term that has done most of it when two runs are first apart.
+    """Return the term with the largest share in the first difference of two runs.
 
-    None where they are not apart, the steps until then are not explained, or it is no single one.
+    None if they do not differ, if earlier steps are not explained, or if no single term has it.
     """
     track = found.first
     if track is None or track.from_step is None:
@@ -91,7 +91,7 @@ def first_term(base: Seen, other: Seen, found: Apart, *, finer: int = 1) -> str 
 
 
 def _way(seen: Seen, number: int, track: Track, end: int, times: StepTimes, *, finer: int) -> _Way:
-    """Return how a position came about until a step of the script, which has so many here."""
+    """Return the sources of a position up to a step of the script, which has `finer` steps here."""
     part, way = _TermPart(seen.bodies[number], track.joint, track.unit), _Way()
     whole = Explanation(seen) if seen.engine == PYBULLET else Replayed(seen)
     for explained in whole.pieces(min(MOST, max(LEAST, end + 2))):
@@ -134,7 +134,7 @@ def _follow(
 
 
 def _shares(mine: _Way, theirs: _Way, times: StepTimes, end: int) -> Mapping[str, float]:
-    """Return how far each term has moved two runs apart."""
+    """Return the distance between two runs caused by each term."""
     if mine.start is None or theirs.start is None or mine.end is None or theirs.end is None:
         return {}
     if mine.began != theirs.began:
@@ -154,7 +154,7 @@ def _shares(mine: _Way, theirs: _Way, times: StepTimes, end: int) -> Mapping[str
 
 
 def _between(mine: Float64, theirs: Float64) -> Float64:
-    """Return a difference of positions; of quaternions, the turn between in world axes [rad]."""
+    """Return a difference of positions; for quaternions, the rotation in world axes [rad]."""
     if len(mine) != 4:
         return np.asarray(theirs - mine)
     theirs = same_way(theirs[None], mine[None])[0]

@@ -1,4 +1,4 @@
-"""An intervention as a value: a cure, and what it is made on.
+"""An intervention as a value: a cure, and its target.
 
 How it is written, and how a run with it is made, the table says (`engines/…/interventions`).
 """
@@ -16,7 +16,7 @@ WITHIN = re.compile(r"[\w.]+\(…, (.*)\)")
 
 @dataclass(frozen=True)
 class Intervention:
-    """One thing that is changed in a run: a cure, and what it is made on."""
+    """One change of a run: a cure, and its target."""
 
     cure: Cure
     bodies: tuple[int, ...] | None = None
@@ -34,7 +34,7 @@ class Intervention:
 
     @property
     def value(self) -> float | None:
-        """Value that is given; None where it has no number."""
+        """The given value; None if it has no number."""
         return self.cure.value
 
     @property
@@ -49,13 +49,13 @@ class Intervention:
 
     @property
     def short(self) -> str:
-        """Its call for a table: `force=70`, `timestep/2`."""
+        """Its call, shortened for a table: `force=70`, `timestep/2`."""
         if self.name == "timestep":
             return f"timestep/{self.value:g}"
         return short(self.call)
 
 
 def short(call: str) -> str:
-    """Return what a call is given, where its other arguments are left open: `force=70`."""
+    """Return the given arguments of a call, leaving out the open ones: `force=70`."""
     within = WITHIN.fullmatch(call)
     return call if within is None else within[1]

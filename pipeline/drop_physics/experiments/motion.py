@@ -32,7 +32,7 @@ class RunMotion:
 
 
 def motion_of(told: Mapping[str, Any]) -> RunMotion:
-    """Return a motion as a run has told it."""
+    """Return a motion from a run's report."""
     bodies = tuple(told["bodies"])
     flat = np.frombuffer(base64.b64decode(told["positions"]))
     return RunMotion(
@@ -45,9 +45,9 @@ def motion_of(told: Mapping[str, Any]) -> RunMotion:
 
 
 def apart_m(one: Sequence[RunMotion], other: Sequence[RunMotion]) -> dict[str, float]:
-    """Return the RMS distance of each body in two runs [m], over the steps that both have made.
+    """Return the RMS distance of bodies in two runs [m], over their common steps.
 
-    Infinite where a body is there in only one of them.
+    Infinite for a body that is in only one of them.
     """
     far: dict[str, float] = {}
     for first, second in zip(one, other, strict=False):
@@ -70,7 +70,7 @@ def apart_m(one: Sequence[RunMotion], other: Sequence[RunMotion]) -> dict[str, f
 
 
 def worse(one: Sequence[RunMotion], other: Sequence[RunMotion]) -> list[str]:
-    """Return the commands that are followed worse in another run, by their names."""
+    """Return the commands that another run follows less well, by their names."""
     return [
         name
         for first, second in zip(one, other, strict=False)
@@ -80,13 +80,13 @@ def worse(one: Sequence[RunMotion], other: Sequence[RunMotion]) -> list[str]:
 
 
 def side_m(far: Mapping[str, float], besides: Sequence[str] = ()) -> float:
-    """Return the RMS change of all motion but that of some bodies [m]."""
+    """Return the RMS change of all motion except that of some bodies [m]."""
     others = [value for name, value in far.items() if name not in besides]
     return math.sqrt(sum(value * value for value in others))
 
 
 def same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
-    """Return whether two runs are as far from a third in each body: the same motion, to 1 %."""
+    """Return whether two runs have equal distances from a third in all bodies, to 1 %."""
     if one.keys() != other.keys():
         return False
     return all(math.isclose(one[name], other[name], rel_tol=SAME, abs_tol=SAME_M) for name in one)

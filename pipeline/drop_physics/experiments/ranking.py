@@ -1,8 +1,9 @@
-"""The order in which changes are said that make true what was expected.
+"""The order of reported changes that make an expectation true.
 
-Measured on 75 questions: what takes nothing away first, then what changes least of all other
-motion; in between, after what follows commands as before, what follows one much worse. Changes with
-the same motion are one outcome, said once; so are those of one field of the same elements.
+Measured on 75 questions: changes that remove nothing come first, then those that change other
+motion least; in between, changes that follow commands as before precede those that follow one much
+worse. Changes with the same motion are one outcome, reported once; so are those of one field of the
+same elements.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ ADDED = 0.8
 
 @dataclass(frozen=True)
 class SaidChange:
-    """An outcome that makes it true, by the change that is said of it."""
+    """An outcome that makes it true, represented by one change."""
 
     tried: TriedChange
     alike: Sequence[TriedChange]
@@ -37,7 +38,7 @@ class SaidChange:
 
 
 def ranked(tried: Iterable[TriedChange], besides: Sequence[str] = ()) -> list[SaidChange]:
-    """Return what makes it true, each outcome once, in the order in which it is said.
+    """Return the outcomes that make it true, each once, in the order of the report.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def ranked(tried: Iterable[TriedChange], besides: Sequence[str] = ()) -> list[Sa
 
 
 def _by_field(said: Sequence[SaidChange]) -> Iterator[SaidChange]:
-    """Yield outcomes, those of one field of the same elements as one: the first of them."""
+    """Yield outcomes, keeping only the first of those with one field of the same elements."""
     of_field: dict[tuple[Any, ...], list[SaidChange]] = {}
     for each in said:
         change = each.tried.change
@@ -97,14 +98,14 @@ def _are_alike(one: TriedChange, other: TriedChange) -> bool:
 
 
 def _plainness(each: TriedChange) -> tuple[Any, ...]:
-    """Order outcomes with one motion: nothing taken away, few named elements, a small change."""
+    """Order outcomes with one motion: nothing removed, few named elements, a small change."""
     change = each.change
     size = change.is_geometry, size_of(change), each.number
     return change.breaks, not any(change.of), len(change.ids), *size
 
 
 def size_of(change: Change) -> float:
-    """Return how large a change is by its operator."""
+    """Return the size of a change, from its operator."""
     if isinstance(change.how[1], Mapping):  # a call that is often left out
         return ADDED
     return SIZES.get(change.op, 1.0 if change.op[0] in "*/" else 1.2)

@@ -103,7 +103,7 @@ class Converging:
 
 
 def converging(timesteps_s: Sequence[float], runs: Sequence[Apart | None]) -> list[Converging]:
-    """Return how each end position converges, the one that changes most first.
+    """Return the convergence of end positions, the one that changes most first.
 
     Parameters
     ----------

@@ -145,7 +145,7 @@ class Apart:
 
 
 def apart(base: Seen, other: Seen, *, finer: int = 1) -> Apart:
-    """Return how far a run is from another, which makes so many steps for each of its own.
+    """Return the distances of a run from another, which makes `finer` steps for each of its own.
 
     Both are read in pieces.
     """
@@ -185,10 +185,10 @@ def apart(base: Seen, other: Seen, *, finer: int = 1) -> Apart:
 
 
 def paired(base: Seen, other: Seen) -> dict[int, int]:
-    """Return the number that each body of a run has in another run of the same script.
+    """Map the bodies of a run to those of another run of the same script.
 
-    Bodies correspond by name. What is left, as of a temporary file that has another name in each
-    run, corresponds in the order in which it came, where links and joints are the same.
+    Bodies correspond by name. The rest, such as bodies of temporary files with changing names,
+    correspond in the order of their appearance, if links and joints are the same.
     """
     pairs = pairing(other, base)
     found = {body: twin for body, twin in pairs.numbers.items() if twin in pairs.common}
@@ -210,7 +210,7 @@ def _order(item: tuple[tuple[int, str | None, str], Track]) -> tuple[int, bool, 
 
 
 def _thinned(times_s: Float64, off: Float64) -> tuple[Float64, Float64]:
-    """Return a curve in a bounded number of points, of several the largest."""
+    """Return a curve with a bounded number of points, keeping the largest of several."""
     edges = np.arange(0, len(off), -(-len(off) // MOST_POINTS))
     return np.maximum.reduceat(times_s, edges), np.maximum.reduceat(off, edges)
 
@@ -237,7 +237,7 @@ def _greatest(rates: Float64) -> float:
 
 
 def joints_of(body: Body) -> Iterator[tuple[str, str, slice, slice]]:
-    """Yield name and unit of each joint that moves, and where its position and its rate are."""
+    """Yield name and unit of each joint that moves, and the places of its position and rate."""
     for joint, at, rate in zip(body.joints, body.coordinates, body.rates, strict=True):
         if joint.widths[0]:
             yield joint.name, "m" if joint.kind == "prismatic" else "rad", at, rate

@@ -1,7 +1,7 @@
-"""A causal search: which single change makes true what was expected of a run.
+"""A causal search: single changes that make an expectation of a run true.
 
-A kind of change is tried on all elements at once, then on each of them, then by the least factor
-that does it. A change of which a part makes it true is not said.
+A kind of change is tried on all elements at once, then on each of them, then with the least factor
+that suffices. A change of which a part makes it true is not reported.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MOST_MOVERS = 12
 
 @dataclass(frozen=True)
 class ChangeOutcome:
-    """The outcome of a run: whether what was expected came."""
+    """The outcome of a run: whether the expectation held, and its margin."""
 
     holds: bool
     """Whether it did, in a run that ended as the script's own, in finite numbers."""
@@ -66,7 +66,7 @@ It asks for another change whenever it has room, also after there was none."""
 
 @dataclass
 class Search:
-    """A search for changes that make true what is expected.
+    """A search for changes that make an expectation true.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class Search:
     """Whether nothing was left out for want of time."""
 
     def all_of(self, changes: Sequence[Change]) -> None:
-        """Try changes in this order, each on all of its elements first."""
+        """Try changes in this order, first on all of their elements."""
         queue = self._queue
         for change in changes:
             queue.put(change, 1)
@@ -103,7 +103,7 @@ class Search:
         self._drain(queue)
 
     def least_of(self, each: TriedChange) -> float | None:
-        """Return the least factor that makes it true; None where the change is no factor."""
+        """Return the least factor that makes it true; None if the change is no factor."""
         operator, factor = each.change.how
         if operator != "*" or factor <= 0:
             return None
@@ -123,7 +123,7 @@ class Search:
         return math.isfinite(far) and far > NOISE * self.noise + 1e-12
 
     def movers(self) -> list[TriedChange]:
-        """Return what moves the quantity towards what is expected, the farthest first."""
+        """Return the changes that move the quantity the expected way, the farthest first."""
         near = [each for each in self.tried if self.moves(each) and not each.outcome.holds]
         near = [each for each in near if each.outcome.margin > self.base.margin]
         return sorted(near, key=lambda each: -each.outcome.margin)
@@ -169,7 +169,7 @@ class _Queue(Iterator[Change]):
 
 
 def _parts(change: Change) -> list[Change]:
-    """Return a change of its elements one by one, or of halves of them; none of a single one."""
+    """Split a change into its elements, or into halves of them; nothing for a single one."""
     number = len(change.ids)
     if number < 2:
         return []

@@ -1,9 +1,9 @@
 """Shares of several causes in an outcome, from runs without them.
 
-A part is the outcome less what it is with that cause alone switched off; the total is the outcome
-less what it is with all of them off; what the parts do not add up to is their interaction. The
-timestep is switched off by halving it twice and Richardson's extrapolation, where the outcome is
-seen to converge with an order.
+A part is the outcome minus its value with that cause alone switched off; the total is the outcome
+minus its value with all of them off; the difference between total and parts is their interaction.
+The timestep is switched off by halving it twice and Richardson's extrapolation, if the outcome
+converges with an order.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ TIMESTEP = "timestep"
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One number of an outcome: where a joint ends, or a base along an axis."""
+    """One number of an outcome: the end position of a joint, or of a base along an axis."""
 
     body: str
     joint: str | None
@@ -42,7 +42,7 @@ class Coordinate:
         return self.joint or f"{self.body} {'xyz'[self.axis]}"
 
     def of(self, run: Apart) -> tuple[float, float, float] | None:
-        """Return where it ends in a run and in the script's own, and when; None if nowhere."""
+        """Return its final value in a run and in the script's own, and the time; None without."""
         track = next((each for each in run.tracks if self._is_of(each)), None)
         if track is None:
             return None
@@ -97,7 +97,7 @@ def shares_of(
     together: Mapping[int, Apart],
     finer: Mapping[int, Apart],
 ) -> Shares | None:
-    """Return the shares of causes; None where fewer than two have one that is theirs alone.
+    """Return the shares of causes; None if fewer than two have a share of their own.
 
     Or where a run is lacking, or ends elsewhere in time.
 
@@ -140,7 +140,7 @@ def shares_of(
 
 
 def _limit(ends: Mapping[int, float]) -> float | None:
-    """Return where an outcome would end with a timestep of 0; None where it shows no order."""
+    """Return the limit of an outcome for a timestep of 0; None if it shows no order."""
     if any(by not in ends for by in FINER):
         return None
     values = [ends[by] for by in FINER]

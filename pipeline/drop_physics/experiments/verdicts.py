@@ -1,7 +1,7 @@
 """Verdicts of trials on findings: a cause, an idle call, or nothing.
 
 A trial is a run with one intervention. It is compared with the script's own run, and with one whose
-bodies were moved by 1e-9 before their first step: what is not clearly beyond that is no result.
+bodies were moved by 1e-9 before their first step: a change that is not clearly larger is no result.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class Outcome:
 
     @property
     def is_same(self) -> bool:
-        """Whether every position is that of the script's own run, to the bit."""
+        """Whether every position equals that of the script's own run, to the bit."""
         return self.apart.same and self.began is None
 
 
@@ -115,11 +115,11 @@ class TrialVerdict:
 
 
 def moved(trial: Apart, nudge: Apart | None, about: Finding | None = None) -> Distance | None:
-    """Return how far an outcome has moved; None where a nudge moves it as much.
+    """Return the change of an outcome; None if a nudge moves it as much.
 
-    At the end, where that is more than `APART` and ten times what the nudge moves; else on the
-    way, while it is, and if the nudge never moves as much. Of the joint or the body that a finding
-    is about, if that has moved.
+    At the end, if it exceeds `APART` and ten times the nudge's change; else on the way, while it
+    does, and if the nudge never moves as much. For the joint or body of a finding, if that has
+    moved.
     """
     noise = {} if nudge is None else {each.unit: each.value for each in nudge.end}
     ends = [
@@ -149,9 +149,9 @@ def moved(trial: Apart, nudge: Apart | None, about: Finding | None = None) -> Di
 
 
 def _matters(far: Distance | None, trial: Apart) -> bool:
-    """Return whether an outcome has moved by more than what counts as the same, and not a trifle.
+    """Return whether an outcome has moved by more than equality allows, and not by a trifle.
 
-    A trifle is less than a thousandth of what moves most in the script's own run.
+    A trifle is less than a thousandth of the largest motion in the script's own run.
     """
     if far is None:
         return False
@@ -191,7 +191,7 @@ def judged(
     base: Outcome,
     nudge: Outcome | None,
 ) -> TrialVerdict:
-    """Return what a trial shows of a finding of the script's own run."""
+    """Return the verdict of a trial on a finding of the script's own run."""
     before = None if finding.effect is None else finding.effect.value
     unit = None if finding.effect is None else finding.effect.unit
     unseen = not trial.apart.tracks and trial.began is None
@@ -219,10 +219,10 @@ def judged(
 
 
 def _goes(finding: Finding, trial: Outcome) -> bool:
-    """Return whether a trial moves what a finding is about.
+    """Return whether a trial moves the subject of a finding.
 
-    Where that is off by a distance, by a share of this distance: what stays where it was is off
-    as before, whether or not it is found so.
+    If the finding states a distance, by a share of this distance: a subject that stays in place is
+    off as before, whether or not it is found so.
     """
     mine = [
         track
@@ -237,7 +237,7 @@ def _goes(finding: Finding, trial: Outcome) -> bool:
 
 
 def _still_as_fast(finding: Finding, trial: Apart) -> float:
-    """Return the share of the rate of an instability that its joint or body still has; else 0."""
+    """Return the remaining share of the rate of an instability's joint or body; else 0."""
     if finding.code != GROWS or finding.effect is None:
         return 0.0
     rates = [
@@ -263,7 +263,7 @@ def _throws(trial: Apart) -> bool:
 
 
 def _left(finding: Finding, other: Finding | None) -> float:
-    """Return the share of a finding's effect that is left."""
+    """Return the remaining share of a finding's effect."""
     if other is None:
         return 0.0
     if finding.effect is None or other.effect is None or not finding.effect.value:
@@ -272,9 +272,10 @@ def _left(finding: Finding, other: Finding | None) -> float:
 
 
 def _as_long(trial: Outcome, base: Outcome) -> bool:
-    """Return whether a run ended as another, after as many steps.
+    """Return whether a run ended like another, after as many steps.
 
-    One that ends at a time may make one more or less: a sum of finer timesteps is rounded.
+    A run that ends at a time may make one step more or less, since finer timesteps are added with
+    rounding.
     """
     return trial.ended == base.ended and abs(trial.steps - base.steps) <= 1
 

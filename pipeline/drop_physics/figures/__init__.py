@@ -1,5 +1,5 @@
 """Plots and films for people, made from curves and pictures alone.
 
-`plot` says what a plot shows, `panel_plot` draws it; `animation` writes films. Only modules
-that draw plots load matplotlib.
+`plot` holds a plot's contents, `panel_plot` draws it; `animation` writes films. Only modules that
+draw plots load matplotlib.
 """

@@ -1,4 +1,4 @@
-"""Write pictures as an animation, in the format that a file's suffix names."""
+"""Writing of pictures as an animation, in the format that a file's suffix names."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def check_animation(path: Path, fps: float | None) -> None:
 
 
 def decoded(pngs: Iterable[bytes]) -> Iterator[Image.Image]:
-    """Yield PNGs as RGB pictures; the same object again where a PNG equals the one before.
+    """Yield PNGs as RGB pictures; the same object again if a PNG equals the one before.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def _decoded(png: bytes, number: int) -> Image.Image:
 def write_animation(
     images: Iterable[Image.Image], stream: BinaryIO, *, suffix: str, fps: float
 ) -> int:
-    """Write RGB pictures of one size; one that loops for ever, except as .mp4.
+    """Write RGB pictures of one size as an animation, which loops except as .mp4.
 
     A .gif and an .mp4 are written picture by picture; for .webp and .apng Pillow holds all of them.
 

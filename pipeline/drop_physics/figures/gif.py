@@ -35,7 +35,7 @@ MIN_FPS = 100 / 0xFFFF
 
 
 def delay_cs(frame: int, *, fps: float) -> int:
-    """Return how long a frame is shown [0.01 s], so that none starts over 0.005 s off its time.
+    """Return the delay of a frame [0.01 s], so that none starts over 0.005 s off its time.
 
     Delays are whole hundredths: at 30 frames per second they are 3, 4, 3, 3, 4, …
 
@@ -96,7 +96,7 @@ def write_gif(images: Iterable[Image.Image], stream: BinaryIO, *, fps: float) ->
 
 
 def _changes(images: Iterable[Image.Image]) -> Iterator[tuple[Image.Image, Box]]:
-    """Yield each picture with the smallest box that differs from the one before.
+    """Yield pictures with the smallest box that differs from the one before.
 
     The first differs everywhere; one that does not differ at all gives its first pixel, because a
     frame must have one.
@@ -125,7 +125,7 @@ def _changes(images: Iterable[Image.Image]) -> Iterator[tuple[Image.Image, Box]]
 
 
 def _colours(patch: Image.Image) -> Colours | None:
-    """Return a patch's colours, or None where they are more than a table can hold."""
+    """Return a patch's colours, or None if they are more than a table can hold."""
     found = patch.getcolors(MOST_COLOURS)
     if found is None:
         return None

@@ -59,7 +59,7 @@ class GrowingPlot:
         ]
 
     def at(self, time_s: float) -> Image.Image:
-        """Return the plot as it is at a time [s]: a picture of the size asked for."""
+        """Return the plot up to a time [s], as a picture of the requested size."""
         now = round(float(self._to_px.transform((time_s * self._time.per_si, 0.0))[0]))
         picture = self._bare.copy()
         picture.paste(self._whole.crop((0, 0, min(now + 1, self._end), picture.height)))

@@ -1,4 +1,4 @@
-"""Plot what happened: a title, its meaning, and below a few panels on one time axis."""
+"""A plot of a run: a title, its meaning, and a few panels on one time axis."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ LEAST_SHARE = 1e-5
 
 @dataclass(frozen=True)
 class Letters:
-    """Sizes of letters [points], and how long a curve's name may be."""
+    """Sizes of letters [points], and the longest name of a curve."""
 
     title: float
     label: float
@@ -144,7 +144,7 @@ def _draw(axes: Axes, panel: Panel, time: Unit, theme: Theme, letters: Letters) 
 
 
 def _enlarge(axes: Axes, panel: Panel, inset: Inset, time: Unit, theme: Theme) -> None:
-    """Draw a short time of a panel once more, in its corner, with each sample as a point."""
+    """Enlarge a short time of a panel in its corner, with samples as points."""
     inner = axes.inset_axes(INSET)
     shown = []
     for curve in panel.curves:
@@ -167,7 +167,7 @@ def _enlarge(axes: Axes, panel: Panel, inset: Inset, time: Unit, theme: Theme) -
 
 
 def _stack(axes: Axes, curves: Sequence[Curve], time: Unit) -> None:
-    """Draw curves over the same samples as areas: what is negative down from zero, the rest up."""
+    """Stack curves over the same samples as areas: negative ones down from zero, the rest up."""
     for edges in _edges(curves):
         inner = np.zeros(edges.shape[1])
         for curve, edge in zip(curves, edges, strict=True):
@@ -202,7 +202,7 @@ def _colour(curve: Curve, theme: Theme) -> str:
 
 
 def _limit(axes: Axes, panel: Panel, theme: Theme) -> None:
-    """Fit the panel to its curves; peaks far above all else are cut off, and this is said."""
+    """Fit the panel to its curves; peaks far above the rest are cut off, with a remark."""
     stacked = [edges[-1] for edges in _edges(panel.curves[1:])] if panel.stacked else []
     values = np.concatenate([*(curve.values for curve in panel.curves), *stacked])
     values = values[np.isfinite(values)]

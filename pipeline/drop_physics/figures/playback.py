@@ -1,4 +1,4 @@
-"""How an animation plays: which frames it shows, when, and what is beside them."""
+"""Playback of an animation: its frames, their times, and its additions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ STANDARD_FPS = 20.0
 
 @dataclass(frozen=True, kw_only=True)
 class Animation:
-    """How frames become an animation.
+    """Options by which frames become an animation.
 
     Raises
     ------
@@ -43,7 +43,7 @@ EVERY_FRAME = Animation()
 
 @dataclass(frozen=True)
 class Playback:
-    """How recorded frames are played."""
+    """The frames that are played, and their times."""
 
     fps: float
     """Pictures per second."""
@@ -58,7 +58,7 @@ MOST_PICTURES = 100_000
 
 
 def playback(animation: Animation, count: int, interval_s: float, *, most_fps: float) -> Playback:
-    """Return which frames are shown, and when.
+    """Return the frames that are shown, and their times.
 
     Parameters
     ----------

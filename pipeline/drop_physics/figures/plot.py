@@ -31,7 +31,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Inset:
-    """A short time that a panel shows once more, enlarged, with a point for each sample."""
+    """A short time that a panel shows enlarged, with a point for each sample."""
 
     title: str
     first_s: float
@@ -62,7 +62,7 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """A title, what it means, and the panels that show it."""
+    """A title, its meaning, and the panels that show it."""
 
     title: str
     lines: Sequence[str]

@@ -67,7 +67,7 @@ def _first_japanese(fonts: Iterable[font_manager.FontEntry]) -> str | None:
 
 
 def _installed_since(manager: font_manager.FontManager) -> list[font_manager.FontEntry]:
-    """Return the fonts that were installed after matplotlib had made its list, and add them."""
+    """Return the fonts installed after matplotlib had made its list, and add them to it."""
     known = {font.fname for font in manager.ttflist}
     for path in font_manager.findSystemFonts():
         if path not in known:
@@ -85,7 +85,7 @@ def label(template: str, /, **values: object) -> str:
 
 
 def lines_of(texts: Sequence[str], columns: int, most: int) -> str:
-    """Return texts in the reader's language, wrapped; `most` is how many lines there may be."""
+    """Return texts in the reader's language, wrapped to at most `most` lines."""
     lines = [line for each in texts for line in wrapped(label(each), columns)]
     if len(lines) > most:
         lines = [*lines[: most - 1], f"{lines[most - 1]} …"]
@@ -104,7 +104,7 @@ def families() -> list[str]:
 
 @contextlib.contextmanager
 def themed(theme: Theme) -> Iterator[None]:
-    """Set matplotlib up for one figure, and leave its settings as they were."""
+    """Set matplotlib up for one figure, and restore its settings afterwards."""
     fonts = logging.getLogger("matplotlib.font_manager")
     level = fonts.level
     with matplotlib.rc_context(), warnings.catch_warnings(), contextlib.ExitStack() as after:
@@ -231,7 +231,7 @@ def rendered(build: Build, format: str, *, dark: bool) -> bytes:  # noqa: A002
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit to show SI values in: shown = value * per_si."""
+    """A unit for displayed SI values: shown = value * per_si."""
 
     name: str
     per_si: float

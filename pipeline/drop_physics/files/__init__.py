@@ -1,1 +1,1 @@
-"""Where outputs may go, and how they are written whole or not at all."""
+"""Places of outputs, and writing them whole or not at all."""

@@ -1,4 +1,4 @@
-"""MCAP files, which Foxglove and PlotJuggler open: messages as JSON, each topic with its schema.
+"""MCAP files, which Foxglove and PlotJuggler open: messages as JSON, with topics' schemas.
 
 Poses and joints have the schemas that Foxglove knows by name (docs.foxglove.dev, "Message
 schemas"): frame transforms and joint states.
@@ -85,12 +85,12 @@ SCHEMAS = {
 
 
 def nanoseconds(time_s: float) -> int:
-    """Return a time as MCAP counts it; what is before the start is at the start."""
+    """Return a time in MCAP's nanoseconds; negative times become 0."""
     return max(0, round(time_s * NANOSECONDS))
 
 
 def stamp(time_s: float) -> dict[str, int]:
-    """Return a time as Foxglove's schemas have it."""
+    """Return a time in the form of Foxglove's schemas."""
     seconds, rest = divmod(nanoseconds(time_s), NANOSECONDS)
     return {"sec": seconds, "nsec": rest}
 
@@ -129,7 +129,7 @@ def written_mcap(path: Path, *, force: bool) -> Iterator[Write]:
 
 
 def _finite(value: Any) -> Any:  # noqa: ANN401 - JSON
-    """Return a value of JSON, which has no nan and no infinities: null in their place."""
+    """Replace nan and infinities, which JSON lacks, by null."""
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""Where outputs may go: checked before any work is done for them.
+"""Places of outputs, checked before any work is done for them.
 
 An output is never an input, is never written through a link, and replaces only what it may. The
 same holds for its temporary name: a file that already has that name is kept, and the next free name
@@ -284,7 +284,7 @@ def check_room(path: Path, needed_bytes: int) -> None:
 
 
 def written(error: OSError) -> str | None:
-    """Return the file that could not be written: of a copy or a rename, the second."""
+    """Return the file that could not be written: for a copy or a rename, the second."""
     name: str | None = error.filename2 or error.filename
     return name
 

@@ -1,4 +1,4 @@
-"""The recording: its schema, how it is written, how it is read back, how the viewer shows it."""
+"""The recording: its schema, writing, reading back, and layout in the viewer."""
 
 import os
 

@@ -88,7 +88,7 @@ def _vector(vector: tuple[float, float, float], unit: str) -> str:
 
 
 def _made_with(made: Mapping[str, Any]) -> str:
-    """Return the versions and what else of the machine its numbers may depend on."""
+    """Return the versions, and the properties of the machine on which its numbers may depend."""
     named = {
         "Python": made.get("version"),
         "PyBullet": made.get("pybullet"),

@@ -68,7 +68,7 @@ def rows(chunk: Chunk, table: Table, path: Path) -> Rows:
 
 
 def told(chunk: Chunk, path: Path) -> Iterator[tuple[At, str]]:
-    """Yield the rows of an entity of JSON: when, and the text.
+    """Yield the rows of an entity of JSON: moment and text.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def calls(chunk: Chunk, path: Path) -> Calls:
 
 
 def impulses(chunk: Chunk, path: Path) -> Impulses:
-    """Return what acted in the steps of a chunk.
+    """Return the impulses in the steps of a chunk.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def steps(chunk: Chunk, path: Path) -> Iterator[PackedFrames]:
 def _rows_of(
     chunk: Chunk, kinds: Mapping[str, Callable[[Any], bool]], path: Path
 ) -> Iterator[list[pa.Array]]:
-    """Yield the lists of each column of a chunk, row by row."""
+    """Yield the lists of a chunk's columns, row by row."""
     for name, is_right in kinds.items():
         lists = _column(chunk, name, _is_list_of(is_right), path)
         offsets = lists.offsets.to_numpy()
@@ -224,7 +224,7 @@ _OF_STEPS = {
 def _lists(
     chunk: Chunk, kinds: Mapping[str, Callable[[Any], bool]], path: Path
 ) -> tuple[Int64, Float64, dict[str, NDArray[Any]], dict[str, Int64]]:
-    """Return steps and times [s] of a chunk, the elements of its lists, and how many each has."""
+    """Return steps and times [s] of a chunk, the elements of its lists, and their lengths."""
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
     times = _column(chunk, schema.TIME_TIMELINE, pa.types.is_duration, path)
     held: dict[str, NDArray[Any]] = {}

@@ -64,7 +64,7 @@ def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
 
 
 def is_script(path: Path) -> bool:
-    """Return whether a file is the recording of a script, finished or not, as its first chunk says.
+    """Return whether a file is the recording of a script, finished or not, by its first chunk.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def is_script(path: Path) -> bool:
 
 
 def beginning_of(path: Path) -> tuple[str, Properties] | None:
-    """Return the name and the values of the property that a recording begins with; None of a layer.
+    """Return name and values of the property at a recording's start; None for a layer.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def gather(properties: dict[str, Properties], chunk: rrd.Chunk, path: Path) -> N
 
 
 def closing_of(properties: Mapping[str, Properties], path: Path) -> Properties | None:
-    """Return the property that is written last; None where a recording may lack it.
+    """Return the property that is written last; None if a recording may lack it.
 
     Raises
     ------

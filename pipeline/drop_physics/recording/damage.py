@@ -1,4 +1,4 @@
-"""The errors of a recording that cannot be used, and what to try."""
+"""Errors of unusable recordings, with the next step."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from drop_physics.recording import rrd, schema
 
 
 def damaged(path: Path, what: str) -> RecordingError:
-    """Return the error for a recording that is not what was written."""
+    """Return the error for a recording that differs from what was written."""
     return RecordingError(
         "{path} is damaged: {what}; {again}", path=path, what=what, again=again(path)
     )
 
 
 def twice(entity: str) -> Message:
-    """Return what is wrong with a table that has a step twice."""
+    """Return the problem of a table that has a step twice."""
     return Message("its {entity} has a step twice", entity=entity)
 
 
 def wrong_count(entity: str, count: int, name: str) -> Message:
-    """Return what is wrong with rows that have another number of values."""
+    """Return the problem of rows with another number of values."""
     return Message(
         "{entity} must hold {count} numbers for each {name}", entity=entity, count=count, name=name
     )
 
 
 def again(path: Path) -> Message:
-    """Return what to try if a recording is unusable: the command that makes one of its kind."""
+    """Return the next step for an unusable recording: the command that makes one of its kind."""
     first = None
     with contextlib.suppress(rrd.DamagedError, OSError):
         first = next(rrd.chunks(path, unfinished=True), None)

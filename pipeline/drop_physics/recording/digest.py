@@ -1,4 +1,4 @@
-"""Digests of everything that a number or a picture is computed from.
+"""Digests of everything from which a number or a picture is computed.
 
 They are written last, into the recording's closing property, and checked before anything is used:
 a bit that flipped on the disk is damage, not a result.
@@ -79,7 +79,7 @@ class CallsDigest:
         self.add(np.hstack((heads.view(np.float64), seen.results[:, None])), seen.numbers)
 
     def add(self, heads: Float64, numbers: Float64) -> None:
-        """Add rows of numbers, and what they hold."""
+        """Add rows of numbers, and their heads."""
         self._heads.update(heads)
         self._numbers.update(numbers)
 
@@ -108,7 +108,7 @@ class Digests:
         self._series.setdefault(entity, RowsDigest()).update(numbers)
 
     def add_holders(self, entity: str, steps: Int64, ids: Int64) -> None:
-        """Add which constraints have an entity's rows, where that is not the one in its name."""
+        """Add the constraints of an entity's rows, if they differ from the one in its name."""
         others = ids != int(entity.rpartition("_")[2])
         if others.any():
             self.add_series(f"{entity}_", steps[others], ids[others])
@@ -118,7 +118,7 @@ class Digests:
         self._calls.setdefault(seen.client, CallsDigest()).update(seen, widths_of(seen, sites))
 
     def add_impulses(self, seen: Impulses) -> None:
-        """Add what acted in steps of one simulation."""
+        """Add the impulses in steps of one simulation."""
         heads = np.column_stack((seen.steps, seen.status, seen.counts, seen.widths))
         digest = self._impulses.setdefault(seen.client, CallsDigest())
         digest.add(np.hstack((heads.view(np.float64), seen.remainder[:, None])), seen.values)
@@ -145,7 +145,7 @@ class Digests:
 
     @property
     def impulses(self) -> list[str] | None:
-        """The digests of what acted, in the order of the clients; None without any."""
+        """The digests of impulses, in the order of the clients; None without any."""
         return [each.hexdigest() for _, each in sorted(self._impulses.items())] or None
 
     @property
@@ -186,7 +186,7 @@ def closing_digest(closing: Mapping[str, Any]) -> str:
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values as they are read back: without None, and a list of one as its element."""
+    """Return values in their form after reading: without None, and a list of one as its element."""
     return {
         key: value[0] if isinstance(value, list | tuple) and len(value) == 1 else value
         for key, value in values.items()

@@ -60,7 +60,7 @@ MOST_LINES = 20
 
 
 class Drawing:
-    """What is drawn of the bodies of a recording, which are known by number."""
+    """The drawn parts of a recording's bodies, by number."""
 
     def __init__(self, bodies: Mapping[int, Body], *, of_drop: bool = False) -> None:
         self._bodies, self._of_drop = bodies, of_drop
@@ -96,17 +96,17 @@ class Drawing:
         """How many calls of a site are listed."""
 
     def scene(self) -> Iterator[Chunk]:
-        """Yield what never changes."""
+        """Yield the constant parts."""
         yield pictures.scene()
 
     def flush(self) -> Iterator[Chunk]:
-        """Yield everything that is held."""
+        """Yield everything that waits."""
         yield from self._clear()
         for gathered in (self._log, self._poses, self._trails, self._curves, self._images):
             yield from gathered.flush()
 
     def notes(self) -> Iterator[Message]:
-        """Yield what is not drawn."""
+        """Yield remarks on parts that are not drawn."""
         for body in self._bodies.values():
             if body.soft:
                 yield Message(
@@ -126,7 +126,7 @@ class Drawing:
             )
 
     def on(self, event: Event) -> Iterator[Chunk]:
-        """Yield what an event besides samples, calls and images shows."""
+        """Yield the display of an event other than samples, calls and images."""
         match event:
             case Appearance():
                 yield from self.on_appearance(event)
@@ -144,7 +144,7 @@ class Drawing:
     # -- bodies -----------------------------------------------------------------------------------
 
     def on_appearance(self, seen: Appearance) -> Iterator[Chunk]:
-        """Yield the shapes of a body that came, or what removes them."""
+        """Yield the shapes of a new body, or their removal."""
         at, body = writer.times_of(seen.at), seen.body
         if not seen.there:
             self._gone[body.number] = at, body
@@ -174,7 +174,7 @@ class Drawing:
             yield from drawn
 
     def _clear(self) -> Iterator[Chunk]:
-        """Yield what removes the bodies that are gone."""
+        """Yield the removal of bodies that are gone."""
         gone, self._gone = self._gone, {}
         if gone:
             # Of rows at the same time the last counts, so their last poses must come before this.
@@ -271,7 +271,7 @@ class Drawing:
             self.high_m = np.maximum(self.high_m, near_m.max(axis=0))
 
     def _trail(self, body: Body, at: Times, places_m: Float64) -> Iterator[Chunk]:
-        """Yield where a body's base was, or the end of the chain of one that stands fast."""
+        """Yield the path of a body's base, or of the end of a fixed one's chain."""
         entity = f"{schema.WORLD}/{body.label}/trail"
         if body.number not in self._ways:
             yield pictures.trail_style(entity)
@@ -353,7 +353,7 @@ class Drawing:
     # -- pictures and calls -----------------------------------------------------------------------
 
     def on_image(self, number: int, image: Image, png: bytes) -> Iterator[Chunk]:
-        """Yield a picture of a camera, and the camera where it moved."""
+        """Yield a picture of a camera, and the camera if it moved."""
         lens = (image.view, image.projection, image.rgba.shape)
         if self._lenses.get(number) != lens:
             self._lenses[number] = lens
@@ -379,14 +379,14 @@ class Drawing:
             yield from self._log.add(schema.LOG, at, (line, False))
 
     def on_raised(self, seen: Raised) -> Iterator[Chunk]:
-        """Yield what a call raised."""
+        """Yield the error that a call raised."""
         yield from self._log.add(
             schema.LOG, writer.times_of(seen.at), (f"raised {seen.error}", True)
         )
 
 
 def _same_shapes(gone: Body, came: Body) -> bool:
-    """Return whether what is drawn of a body is drawn of another, at the same places."""
+    """Return whether two bodies are drawn alike, at the same places."""
     return (gone.label, gone.shapes, gone.collisions) == (
         came.label,
         came.shapes,
@@ -395,7 +395,7 @@ def _same_shapes(gone: Body, came: Body) -> bool:
 
 
 def _looks_alike(shape: Shape, touched: Collision) -> bool:
-    """Return whether what is touched is what is drawn."""
+    """Return whether a collision shape equals the visible one."""
     if (shape.link, shape.kind) != (touched.link, touched.kind) or shape.kind == "mesh":
         return False
     return all(
@@ -414,7 +414,7 @@ def part_path(body: Body, link: int) -> str:
 
 
 def _line_to(body: Body, link: int) -> list[int]:
-    """Return the links below which one is drawn, which is the last of them; none for the base.
+    """Return the chain of links above a drawn link, which is its last; none for the base.
 
     Beyond `DEEPEST` a link is drawn below the base: a name has no room for longer chains.
     """
@@ -433,7 +433,7 @@ def _plain(name: str) -> str:
 
 
 def poses_in_tree(body: Body, parts: Float64) -> Iterator[tuple[str, Float64]]:
-    """Yield the entity of base and links each, and its poses, shape (n, 7), in its parent's frame.
+    """Yield the entities of base and links, with poses, shape (n, 7), in their parents' frames.
 
     `parts` are poses in the world, shape (n, links + 1, 7 or more).
     """
@@ -446,7 +446,7 @@ def poses_in_tree(body: Body, parts: Float64) -> Iterator[tuple[str, Float64]]:
 
 
 def _end_of(body: Body) -> int:
-    """Return whose way is drawn: 0 for the base; of one that stands fast, the end of its chain."""
+    """Return the link whose path is drawn: 0 for the base; for a fixed one, its chain's end."""
     depths = [0]
     for joint in body.joints:
         depths.append(depths[joint.parent + 1] + 1)

@@ -36,7 +36,7 @@ class Photography:
 
 @dataclass(frozen=True)
 class Falling:
-    """Yields what is shown of a drop's samples; the camera's frames are also its `pictures`."""
+    """Yields the display of a drop's samples; the camera's frames are also its `pictures`."""
 
     scenario: Scenario
     theory_m: Callable[[Float64], tuple[Float64, Float64]]
@@ -46,7 +46,7 @@ class Falling:
     progress: Progress
 
     def begin(self) -> Iterator[Chunk]:
-        """Yield what is constant: the camera's lens, and the curves' names and colours."""
+        """Yield the constant parts: the camera's lens, and the curves' names and colours."""
         if self.photography is not None:
             camera, timestep_s = self.photography.camera, self.scenario.timestep_s
             yield writer.lens_chunk(camera)
@@ -82,7 +82,7 @@ class Falling:
             yield pictures.trail(schema.TRAIL, at, [base[trail, :3]])
 
     def frames(self, seen: Samples) -> Iterator[tuple[int, bytes, list[Chunk]]]:
-        """Yield the frames due among these samples: step, PNG, and what shows it."""
+        """Yield the frames due among these samples: step, PNG, and their chunks."""
         if self.photography is None:
             return
         camera, timestep_s = self.photography.camera, self.scenario.timestep_s

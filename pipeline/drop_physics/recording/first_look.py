@@ -1,4 +1,4 @@
-"""Whether a file can be a recording, and which a folder holds: nothing heavy is loaded for that."""
+"""Quick checks of files that may be recordings, without loading anything heavy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LAYER = ".analysis.rrd"
 
 
 def check_file(path: Path) -> None:
-    """Make sure that there is such a file, and that it begins like one of Rerun's.
+    """Make sure that a file exists, and begins like one of Rerun's.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from drop_physics.recording.writer import Times
 
 
 class Gathering:
-    """Rows that are held until there are enough for chunks.
+    """Rows that wait until there are enough for chunks.
 
     Parameters
     ----------
@@ -46,11 +46,11 @@ class Gathering:
         self._rows += len(at.steps)
 
     def __len__(self) -> int:
-        """Return the number of rows that are held."""
+        """Return the number of waiting rows."""
         return self._rows
 
     def flush(self) -> Iterator[Chunk]:
-        """Yield everything that is held."""
+        """Yield everything that waits."""
         held, self._held, self._rows = self._held, {}, 0
         for (entity, _), rows in held.items():
             yield self._make(

@@ -25,7 +25,7 @@ class Drop:
 
 
 def check_inputs(properties: Mapping[str, Properties], path: Path) -> None:
-    """Check that a recording says what was recorded."""
+    """Check that a recording names its subject."""
     if schema.ORIGIN_PROPERTY not in properties:
         for name in (schema.SCENARIO_PROPERTY, schema.ENGINE_PROPERTY):
             if name not in properties:
@@ -33,7 +33,7 @@ def check_inputs(properties: Mapping[str, Properties], path: Path) -> None:
 
 
 def drop_of(properties: Mapping[str, Properties], path: Path) -> Drop:
-    """Return what was dropped.
+    """Return the subject of a drop.
 
     Raises
     ------

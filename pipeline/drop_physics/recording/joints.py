@@ -48,7 +48,7 @@ class Commands:
         """Step and time of the last sample, by client."""
 
     def on_appearance(self, seen: Appearance) -> Iterator[Chunk]:
-        """Note a body that came or went."""
+        """Note a body that was added or removed."""
         key = seen.body.client, seen.body.engine_id
         if seen.came:
             self._asked[key] = JointRequests(seen.body, seen.at)
@@ -58,7 +58,7 @@ class Commands:
                 yield from self._end(key)
 
     def on_samples(self, seen: Samples) -> None:
-        """Note how far a simulation is."""
+        """Note the progress of a simulation."""
         self._last[seen.client] = Times(seen.steps[-1:], seen.times_s[-1:])
 
     def on_calls(self, seen: Calls, sites: Mapping[int, Site], widths: Int64) -> Iterator[Chunk]:
@@ -72,7 +72,7 @@ class Commands:
         self._raised.add(seen.at.call)
 
     def end(self) -> Iterator[Chunk]:
-        """Yield what is left."""
+        """Yield the rest."""
         yield from self.flush()
         for key in [*self._asked]:
             yield from self._end(key)
@@ -83,7 +83,7 @@ class Commands:
             yield from asked.end(self._last[key[0]])
 
     def flush(self) -> Iterator[Chunk]:
-        """Yield what is held, but for bodies that are not listed yet."""
+        """Yield everything that waits, except for bodies that are not listed yet."""
         held, self._held = self._held, []
         found: dict[tuple[int, int], list[Cells]] = {}
         for command in held:
@@ -139,7 +139,7 @@ class JointRequests:
         self._named = False
 
     def cells(self, joint: int, asked: Command) -> Iterator[Cells]:
-        """Yield what calls set for a joint."""
+        """Yield the settings of a joint by calls."""
         places, mode = self.places[joint], asked.values["controlMode"][:, 0]
         width = places["force"].stop - places["force"].start
         if not width:
@@ -201,7 +201,7 @@ class JointRequests:
                 yield self._chunk(what, at, rows[new + 1])
 
     def end(self, at: Times) -> Iterator[Chunk]:
-        """Yield what is asked at last, for a line up to there."""
+        """Yield the last commands, for a line up to the end."""
         if self._named:
             for what in ROWS:
                 yield self._chunk(what, at, self._now[None])

@@ -1,8 +1,8 @@
 """Events besides samples, as rows of JSON: into a recording, and back.
 
-A row is what changed at a moment: a body, what the engine reports, a place that calls it. JSON,
-because Rerun's index of a file grows with each column of each entity. It holds the event's fields
-by name, an array as lists, and of a body that another row describes its number.
+A row is a change at a moment: a body, a report of the engine, a place that calls it. JSON, because
+Rerun's index of a file grows with each column of each entity. It holds the event's fields by name,
+an array as lists, and a body described by another row as its number.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ PLAIN: Mapping[Any, CoreSchema] = {
 
 
 def row_of(event: Event) -> tuple[str, At, Values]:
-    """Return an event's entity, moment and values, which JSON can hold."""
+    """Return an event's entity, moment and values in JSON's types."""
     values = _plain_values(event)
     # A place has no time of its own: a recording may know it before the first step.
     at: At = values.pop("at", None) or At(0, 0.0, values["number"])
@@ -114,7 +114,7 @@ def packed(values: Values) -> str:
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever an event holds
-    """Return what JSON holds in place of a value; `asdict` would copy each number."""
+    """Return the JSON form of a value; `asdict` would copy each number."""
     if isinstance(value, Body):
         return value.number
     if is_dataclass(value) and not isinstance(value, At):
@@ -182,7 +182,7 @@ def surfaces(told: Told) -> list[Surface]:
 
 @cache
 def _reader(kind: type[T]) -> Callable[[Values, Mapping[int, Body]], T]:
-    """Return what makes an event from a row."""
+    """Return a function that makes an event from a row."""
     validator = SchemaValidator(_of_class(kind, nested=kind is not Appearance))
     return lambda row, bodies: validator.validate_python(row, context=bodies)
 
@@ -237,5 +237,5 @@ def _body(number: Any, info: core_schema.ValidationInfo) -> Any:  # noqa: ANN401
 
 
 def bodies_of(appearances: Iterable[Appearance]) -> dict[int, Body]:
-    """Return the bodies by number, each as last seen."""
+    """Return the bodies by number, in their latest form."""
     return {appearance.body.number: appearance.body for appearance in appearances}

@@ -1,4 +1,4 @@
-"""The analysis layer: what `analyze` adds to a recording, in a file beside it.
+"""The analysis layer: additions of `analyze` to a recording, in a file beside it.
 
 It carries the recording's own id, so that the viewer shows both files as one recording.
 """
@@ -224,7 +224,7 @@ def _of_panels(shown: Shown) -> Iterator[Chunk]:
 
 
 def _errors(body: ShownBody) -> Iterator[Chunk]:
-    """Yield how far off free fall a body is, with the ends of each flight, and the gap after it."""
+    """Yield the distance of a body from free fall, with ends of flights, and gaps between."""
     entity = f"{schema.ERROR_MM}/{body.label}"
     yield writer.series_chunk(entity, [f"{body.label} {axis}" for axis in "xyz"])
     flies = ~np.isnan(body.errors_m[:, 2])

@@ -1,7 +1,7 @@
 """Sums explained after a recording was made, in its layer: from events, and back.
 
-The entities are those that a recording has of a short run, so that a viewer shows them alike. A
-digest covers them: what fails it is explained again.
+The entities are those of a short run's recording, so that a viewer shows them alike. A digest
+covers them: sums that fail it are explained again.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ TOLD = {schema.CAUSES: ImpulseCause, schema.PAIRS: PairFriction}
 
 
 def sums_chunks(sums: LaterSums) -> Iterator[Chunk]:
-    """Yield the chunks of what was explained."""
+    """Yield the chunks of later explanations."""
     made, told = Digests(), ToldDigest()
     events: list[Event] = [*sums.causes.values(), *sums.pairs]
     for event in events:
@@ -53,7 +53,7 @@ def _digests(made: Digests, told: ToldDigest) -> dict[str, object]:
 
 
 def sums_in(layer: Path, recording_id: str) -> LaterSums | None:
-    """Return what a layer holds of what was explained; None where it is nothing, or not whole."""
+    """Return a layer's later explanations; None without any, or if they are not whole."""
     sums, made, told = LaterSums(), Digests(), ToldDigest()
     digests: dict[str, object] | None = None
     rows: dict[str, list[tuple[At, str]]] = {entity: [] for entity in TOLD}

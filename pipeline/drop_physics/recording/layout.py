@@ -1,4 +1,4 @@
-"""The viewer's layout of a recording, alone or with its analysis: a panel for all that it holds."""
+"""The viewer's layout of a recording, alone or with its analysis: panels for all its contents."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ EYE = np.array([1.6, -1.6, 1.0])
 
 
 class Eye(NamedTuple):
-    """Where the world is seen from."""
+    """The viewpoint of the world."""
 
     position_m: tuple[float, float, float]
     target_m: tuple[float, float, float]
@@ -73,7 +73,7 @@ class Look:
 
 
 def look_of_drop(height_m: float, camera: View | None, entities: Iterable[str] = ()) -> Look:
-    """Return how a drop is shown.
+    """Return the layout's inputs for a drop.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def look_of_drop(height_m: float, camera: View | None, entities: Iterable[str] =
 
 
 def eye_around(low_m: Float64, high_m: Float64) -> Eye:
-    """Return where to look from, for the box between two corners to fill the view."""
+    """Return the viewpoint from which the box between two corners fills the view."""
     centre = (low_m + high_m) / 2
     half = np.maximum((high_m - low_m) / 2, LEAST_REACH_M)
     back = EYE / np.linalg.norm(EYE)
@@ -113,7 +113,7 @@ def eye_around(low_m: Float64, high_m: Float64) -> Eye:
 
 
 def series_of(bodies: Iterable[Body]) -> dict[str, int]:
-    """Return how many curves the joints of bodies have, by entity."""
+    """Return the number of curves of bodies' joints, by entity."""
     return {
         f"{schema.JOINTS}/{body.label}/{name}": sum(joint.widths[place] for joint in body.joints)
         for body in bodies
@@ -167,7 +167,7 @@ def _framed(whole: Panel, look: Look) -> rrb.Blueprint:
 
 
 class _Small(rrb.Blueprint):
-    """Does not tell when each of its parts was made, which would take a third of its bytes."""
+    """A layout without the times of its parts, which would take a third of its bytes."""
 
     def _log_to_stream(self, stream: RecordingStream) -> None:
         stream.set_log_time_enabled(False)
@@ -228,7 +228,7 @@ def _pictures(look: Look) -> Iterator[Panel]:
 
 
 def _measured(look: Look) -> list[list[rrb.View]]:
-    """Return views of the curves that the recording itself has, by kind."""
+    """Return views of the recording's own curves, by kind."""
     of_drop = schema.HEIGHT_SIMULATED in look.entities
     heights = "Height of the centre [m]" if of_drop else "Heights of free bodies [m]"
     positions = ("/position", f"/{schema.TARGET}")
@@ -286,7 +286,7 @@ def _curves(
 
 
 def _first_joints(look: Look, entities: Sequence[str]) -> dict[str, list[bool]]:
-    """Return which series of joints' entities are shown: those of the first `MOST_JOINTS`."""
+    """Flag the shown series of joints' entities: those of the first `MOST_JOINTS`."""
     shown: dict[str, list[bool]] = {}
     left: dict[str, int] = {}
     for entity in entities:

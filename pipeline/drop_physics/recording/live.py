@@ -1,4 +1,4 @@
-"""Show a recording while it is made: each chunk is also sent to a viewer, while one listens.
+"""Show a recording while it is made: chunks are also sent to a viewer, while one listens.
 
 A separate process talks to the viewer, because a stream to a viewer that hangs cannot be abandoned:
 Rerun's client waits for it when the stream is closed, and when Python ends. So closing or stopping

@@ -43,7 +43,7 @@ def write_other_layer(
     blueprint: Blueprint | None = None,
     drawn: Iterable[Chunk] | None = None,
 ) -> None:
-    """Write what is shown of another recording, which was read and checked before.
+    """Write the display of another recording, which was read and checked before.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def write_other_layer(
 
 
 def _moved(labels: Collection[str] | None, name: str) -> Iterator[tuple[str, str]]:
-    """Yield entities of the other recording, and the entities they are shown as."""
+    """Yield entities of the other recording, and their names in this one."""
     if labels is None:
         yield schema.BOX, f"{schema.WORLD}/{name}"
         yield schema.HEIGHT_SIMULATED, f"{schema.HEIGHT}/{name}"
@@ -79,7 +79,7 @@ def _moved(labels: Collection[str] | None, name: str) -> Iterator[tuple[str, str
 
 
 def is_drawn(recording: Path) -> bool:
-    """Return whether a recording holds what is for looking."""
+    """Return whether a recording holds anything for display."""
     return any(chunk.entity_path.startswith(f"/{schema.WORLD}") for chunk in _read(recording))
 
 

@@ -37,7 +37,7 @@ CONTACT_COLOUR = 0xE69F00FF
 
 @functools.cache
 def scene() -> Chunk:
-    """Return what never changes: the up axis."""
+    """Return the constant part: the up axis."""
     z_up = rr.ViewCoordinates.RIGHT_HAND_Z_UP
     return Chunk.from_columns(schema.WORLD, [], rr.ViewCoordinates.columns(xyz=[z_up.coordinates]))
 
@@ -53,7 +53,7 @@ def poses(entity: str, at: Times, parts: Sequence[Float64]) -> Chunk:
 
 
 def trail(entity: str, at: Times, places: Sequence[Float64]) -> Chunk:
-    """Return points of a body's way [m], shape (n, 3), as a stroboscope shows them."""
+    """Return points of a body's path [m], shape (n, 3), as a stroboscope shows them."""
     return Chunk.from_columns(
         entity, times(at), rr.Points3D.columns(positions=np.concatenate(places))
     )
@@ -61,7 +61,7 @@ def trail(entity: str, at: Times, places: Sequence[Float64]) -> Chunk:
 
 @functools.cache
 def trail_style(entity: str, colour: int = TRAIL_COLOUR) -> Chunk:
-    """Return how the points of a way look."""
+    """Return the style of a path's points."""
     look = rr.Points3D.columns(radii=[TRAIL_RADIUS], colors=np.array([colour], np.uint32))
     return Chunk.from_columns(entity, [], look)
 
@@ -76,7 +76,7 @@ def contact_points(
 
 
 def contact_style(entity: str) -> Chunk:
-    """Return how contact points look."""
+    """Return the style of contact points."""
     colour = np.array([CONTACT_COLOUR], np.uint32)
     points = rr.Points3D.columns(radii=[-3.0], colors=colour)
     return Chunk.from_columns(
@@ -159,7 +159,7 @@ def _solid(seen: Shape | Collision, **look: Any) -> Iterable[rr.ComponentColumn]
 
 
 def collision(entity: str, at: Times, link: str, seen: Collision) -> Iterator[Chunk]:
-    """Yield what is touched of a link, if it can be drawn: in the frame of the entity `link`."""
+    """Yield a link's collision shape, if it can be drawn, in the frame of the entity `link`."""
     if max(seen.size_m, default=0.0) > PLANE_M:
         return  # a floor, which would hide all else
     if seen.kind in ROUND_OR_BOX:

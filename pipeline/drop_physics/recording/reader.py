@@ -1,4 +1,4 @@
-"""Read a recording back: from Rerun's chunks to our arrays.
+"""Reading of a recording: from Rerun's chunks to our arrays.
 
 Samples, inputs and frames must have the digests that were written last. A recording that fails a
 check is damaged, and the error says why in one line.
@@ -81,12 +81,12 @@ class Recording:
 
     @property
     def partial(self) -> bool:
-        """Whether it was never finished: it holds what was written until then."""
+        """Whether it was never finished: it holds everything written until then."""
         return self.ended is None
 
     @property
     def lacks(self) -> Message | None:
-        """What it does not hold, as it is of an earlier schema, in a sentence; None if nothing."""
+        """A sentence on the contents that an earlier schema lacks; None for the current one."""
         version = (self.ended or {}).get("schema_version", schema.SCHEMA_VERSION)
         replayed = self.seen.engine != DEFAULT_ENGINE
         what = lacking(version, of_drop=self.drop is not None, replayed=replayed)
@@ -101,7 +101,7 @@ class Recording:
 
     @property
     def origin_and_end(self) -> Properties:
-        """The script, its arguments, and how it ended."""
+        """The script, its arguments, and its ending."""
         ended = self.ended or {}
         digest = {name: ended[name] for name in ("script_sha256",) if name in ended}
         of_end = {name: ended.get(name) for name in ("ended", "error", "error_site")}
@@ -109,7 +109,7 @@ class Recording:
 
     @property
     def scenario(self) -> Scenario:
-        """What was dropped, and how."""
+        """The scenario of a drop."""
         return self._of_drop.scenario
 
     @property
@@ -200,7 +200,7 @@ class Contents:
 
     @cached_property
     def told(self) -> Told:
-        """The rows of JSON as what they say."""
+        """The rows of JSON as events."""
         return {
             entity: [(at, json.loads(text)) for at, text in held]
             for entity, held in self.texts.items()
@@ -208,7 +208,7 @@ class Contents:
 
 
 def contents(path: Path) -> Contents:
-    """Read the chunks of a recording once: keep what was told, and index what was sampled.
+    """Read the chunks of a recording once: keep the rows of JSON, and index the samples.
 
     Raises
     ------
@@ -260,7 +260,7 @@ def contents(path: Path) -> Contents:
 
 
 def digests(held: Contents) -> dict[str, Any]:
-    """Return the digests of what numbers are computed from, as the closing property has them."""
+    """Return the digests of contents, in the form of the closing property."""
     inputs = {name: held.properties.get(name) for name in schema.INPUT_PROPERTIES}
     tables = {entity: digest.hexdigest() for entity, digest in held.made.tables.items()}
     if schema.ORIGIN_PROPERTY not in held.properties:
@@ -330,7 +330,7 @@ def _seen(
 
 
 def _whole(told: Told, held: Contents) -> Told:
-    """Leave out what an unfinished recording holds of steps that are not whole; return the rest."""
+    """Drop rows of incomplete steps of an unfinished recording; return the rest."""
     held.sampled.sites = _sites(told)
     engines = [each.engine for each in json_rows.events(told, Settings)]
     last = last_whole_step(
@@ -361,7 +361,7 @@ def listed(value: Any) -> list[Any]:  # noqa: ANN401 - a list of one is read as 
 
 
 def _listed(values: list[str] | None) -> str | list[str] | None:
-    """Return texts as a property is read: a list of one as its element."""
+    """Return texts in a property's form: a list of one as its element."""
     return values[0] if values is not None and len(values) == 1 else values
 
 

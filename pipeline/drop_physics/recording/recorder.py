@@ -1,7 +1,7 @@
-"""Order of a recording's contents: events as chunks.
+"""The order of a recording's contents: events as chunks.
 
-Numbers go into `state`, `joints`, `contacts`, `calls` and the entities beside them, as float64;
-what is drawn of them (`drawing`) is thinned to what a viewer can show.
+Numbers go into `state`, `joints`, `contacts`, `calls` and the entities beside them, as float64; the
+parts for display (`drawing`) are thinned to the number that a viewer can show.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ Properties = Mapping[str, Mapping[str, Any]]
 
 
 class Recorder:
-    """A recording while it is made.
+    """A recording in progress.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ class Recorder:
                 yield chunk
 
     def look(self) -> Look:
-        """Return how what was recorded is shown."""
+        """Return the layout's inputs for the recording."""
         return Look(
             eye_around(self.drawing.low_m, self.drawing.high_m),
             frozenset(self._entities),
@@ -306,7 +306,7 @@ class Recorder:
         self._frames.hold(schema.STEPS, at, row)
 
     def _slots_of(self, seen: Samples) -> dict[int, int]:
-        """Return the slot of each constraint by id: its own, or that of one like it that is gone.
+        """Return the slots of constraints by id: their own, or that of a similar one that is gone.
 
         Rerun holds 25 kB of each entity until the file is finished.
         """
@@ -324,7 +324,7 @@ class Recorder:
         return {each[0]: slots[each] for each in sorted(there)}
 
     def _is_held(self, steps: int) -> bool:
-        """Return whether a batch of so many steps waits for others."""
+        """Return whether a batch of steps waits for others."""
         self._short += steps < SHORT
         if self._short <= MANY or steps >= SHORT:
             return False
@@ -334,7 +334,7 @@ class Recorder:
         return now_s - self._held_since_s < SOON_S
 
     def _flush(self) -> Iterator[Chunk]:
-        """Yield all rows that are held.
+        """Yield all waiting rows.
 
         Wherever the file ends, its bodies are known, and each sample in it has its contacts.
         """
@@ -360,7 +360,7 @@ class Recorder:
             self._tables[entity].hold(entity, at, rows, kind=client)
 
     def _on_controls(self, seen: Controls) -> Iterator[Chunk]:
-        """Yield what actuators were given, where it changes."""
+        """Yield the controls of actuators where they change."""
         entity = f"{schema.CONTROLS}/{seen.client}"
         if entity not in self._entities:
             yield writer.series_chunk(entity, seen.names, stepped=True)

@@ -59,7 +59,7 @@ _TRAILER = struct.Struct("<QQI8sI")
 
 
 class DamagedError(Exception):
-    """A file that is not a whole Rerun file; `what` says what is wrong with it."""
+    """A file that is not a whole Rerun file; `what` describes the problem."""
 
     def __init__(self, what: Message) -> None:
         super().__init__(what)
@@ -279,12 +279,12 @@ def _header(stream: memoryview, position: int) -> memoryview:
 
 
 def _pointed(buffer: memoryview, position: int) -> int:
-    """Return where an offset in a flatbuffer points to. Source: flatbuffers.dev/internals."""
+    """Return the target of an offset in a flatbuffer. Source: flatbuffers.dev/internals."""
     return position + int(struct.unpack_from("<I", buffer, position)[0])
 
 
 def _field(buffer: memoryview, table: int, number: int) -> int:
-    """Return where a table of a flatbuffer has a field; 0 where it has none."""
+    """Return the place of a field in a flatbuffer's table; 0 without it."""
     fields = table - int(struct.unpack_from("<i", buffer, table)[0])
     entry, (length,) = 4 + 2 * number, struct.unpack_from("<H", buffer, fields)
     offset = struct.unpack_from("<H", buffer, fields + entry)[0] if entry + 2 <= length else 0

@@ -1,4 +1,4 @@
-"""The samples of a recording, read piece by piece: where in the file is which step."""
+"""The samples of a recording, read piece by piece: an index of steps in the file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def is_series(entity: str) -> bool:
 
 @dataclass
 class Entity:
-    """The chunks of one entity: the first and the last step of each, and where it is."""
+    """The chunks of one entity, with their first and last steps, and their places."""
 
     first: list[int] = field(default_factory=list)
     last: list[int] = field(default_factory=list)
@@ -49,13 +49,13 @@ class Entity:
         self.positions.append(position)
 
     def within(self, first: int, end: int) -> list[int]:
-        """Return where the chunks with steps from `first` to before `end` are."""
+        """Return the places of the chunks with steps from `first` to before `end`."""
         of_piece = (np.array(self.last) >= first) & (np.array(self.first) < end)
         return [self.positions[number] for number in np.flatnonzero(of_piece).tolist()]
 
 
 class RecordedSamples:
-    """The samples, calls and pictures in the chunks of a file, of which the index is kept."""
+    """The samples, calls and pictures in the chunks of a file, with their index in memory."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -76,14 +76,14 @@ class RecordedSamples:
 
     @property
     def last(self) -> int:
-        """The last whole step of which there is anything; -1 if there is none."""
+        """The last whole step with any contents; -1 if there is none."""
         if self.whole is not None:
             return self.whole
         return max((max(each.last, default=-1) for each in self.entities.values()), default=-1)
 
     @property
     def first(self) -> int:
-        """The first step of which there is anything; 0 if there is none."""
+        """The first step with any contents; 0 if there is none."""
         return min((min(each.first, default=0) for each in self.entities.values()), default=0)
 
     def add(self, chunk: Chunk, steps: Int64) -> None:
@@ -125,7 +125,7 @@ class RecordedSamples:
             raise unreadable(self.path, error) from None
 
     def piece(self, first: int, end: int) -> Piece:
-        """Return what was sampled of the steps from `first` to before `end`."""
+        """Return the samples of the steps from `first` to before `end`."""
         end = min(end, self.last + 1)
         bases = self.table(schema.STATES.entity, first, end)
         contacts = self.table(schema.CONTACTS.entity, first, end)
@@ -164,7 +164,7 @@ class RecordedSamples:
         )
 
     def _impulses(self, first: int, end: int) -> dict[int, list[Impulses]]:
-        """Return what acted in some steps, by client."""
+        """Return the impulses in some steps, by client."""
         found = {}
         for entity in self.entities:
             if entity.startswith(f"{schema.IMPULSES}/"):
@@ -182,7 +182,7 @@ class RecordedSamples:
         return bool(np.isin(acted.causes, [*self.causes]).all())
 
     def _controls(self, first: int, end: int) -> dict[int, tuple[Int64, Float64]]:
-        """Return what actuators were given, by client: from the last row before on."""
+        """Return the controls of actuators, by client, from the last row before `first` on."""
         found = {}
         for entity, held in self.entities.items():
             if entity.startswith(f"{schema.CONTROLS}/"):
@@ -206,7 +206,7 @@ class RecordedSamples:
         return _joined([part for part in parts if part is not None], first, end)
 
     def calls(self, first: int, end: int) -> Log:
-        """Return the calls after so many steps, and before so many."""
+        """Return the calls made after at least `first` and fewer than `end` steps."""
         chunks = self.chunks(schema.CALLS, first, end)
         read = [columns.calls(chunk, self.path) for chunk in chunks]
         return Log(read, self.sites, self.raised, self.appearances).between(first, end)

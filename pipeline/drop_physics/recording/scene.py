@@ -29,7 +29,7 @@ ORIGIN = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]], np.float32)
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A link that is drawn, as it looks for a time, and its poses."""
+    """A drawn link with constant looks, and its poses."""
 
     number: int
     """The body's."""
@@ -49,15 +49,15 @@ class Part:
         return found
 
     def on(self, parent: Part) -> Part:
-        """Return the same link, whose poses are in the frame of another, in the world's."""
+        """Return the same link with poses in the world, from poses in the frame of another."""
         times_s = np.unique(np.concatenate([parent.times_s, self.times_s]))
         poses = placed(parent.at(times_s), self.at(times_s))
         return replace(self, times_s=times_s, poses=poses.astype(np.float32))
 
     def in_looks(self, looks: Sequence[tuple[float, tuple[Model, ...]]]) -> Iterator[Part]:
-        """Yield the same link once for each look, drawn while it looks like that.
+        """Yield the same link once for each look, drawn while that look lasts.
 
-        `looks` are in order, each with the time at which it begins [s]; none while it is gone.
+        `looks` are in order, with the times at which they begin [s]; none while it is gone.
         """
         starts_s = np.array([start_s for start_s, _ in looks])
         times_s = np.unique(np.concatenate([self.times_s, starts_s]))
@@ -164,7 +164,7 @@ def _size_m(shape: Shape, half_m: float) -> float:
 
 
 def _models(body: Body, link: int, meshes: Mapping[str, bytes]) -> tuple[Model, ...]:
-    """Return what is drawn of a link, without the meshes that were not recorded."""
+    """Return the drawn shapes of a link, without the meshes that were not recorded."""
     shapes = [shape for shape in body.shapes if shape.link == link]
     found = [meshes.get(f"{part_path(body, link)}/{number}", b"") for number in range(len(shapes))]
     return tuple(
@@ -175,7 +175,7 @@ def _models(body: Body, link: int, meshes: Mapping[str, bytes]) -> tuple[Model, 
 
 
 def _poses(chunk: Chunk, path: Path) -> Iterator[tuple[Float64, Float32]]:
-    """Yield times and poses, where a chunk has any; nan where a number is not finite."""
+    """Yield times and poses, if a chunk has any; nan where a number is not finite."""
     names = "Transform3D:translation", "Transform3D:quaternion"
     if all(chunk.batch.schema.get_field_index(name) >= 0 for name in names):
         poses = np.hstack(

@@ -1,4 +1,4 @@
-"""Names of a recording's contents; they are defined only here.
+"""Names of a recording's contents, defined only here.
 
 A recording has two timelines: `sim_step`, the integer key that samples are joined on, and
 `sim_time`, the same step in simulated time (whole nanoseconds, for display). Everything is computed
@@ -28,7 +28,7 @@ CALL_TIMELINE = "call"
 
 
 class Table(NamedTuple):
-    """Rows of named numbers, and where they are stored in a recording."""
+    """Rows of named numbers, and their place in a recording."""
 
     entity: str
     """Has a row per step: lists with the values of that step's rows one after the other."""

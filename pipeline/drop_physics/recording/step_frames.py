@@ -1,7 +1,7 @@
-"""The frames of a piece of steps as a row of a recording: one list of numbers, and what they are.
+"""The frames of a piece of steps as a row of a recording: one list of numbers, and their names.
 
-A part of the state that the samples of joints have, too, is not repeated; nor is the clock where it
-is a timestep later.
+Parts of the state that the samples of joints have, too, are not repeated; nor is the clock if it is
+a timestep later.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def inflated(data: bytes) -> bytes:
 
 
 class FrameSpan(NamedTuple):
-    """The steps that a row is of."""
+    """The steps of a row."""
 
     client: int
     model: int
@@ -132,7 +132,7 @@ class FrameSpan(NamedTuple):
 
 
 def span_of(row: PackedFrames) -> FrameSpan:
-    """Return which steps a row is of.
+    """Return the steps of a row.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def span_of(row: PackedFrames) -> FrameSpan:
 
 
 def edits_of(row: PackedFrames) -> list[ModelEdit]:
-    """Return what was changed in the model, without the rest of a row.
+    """Return the edits of the model, without the rest of a row.
 
     Raises
     ------
@@ -233,7 +233,7 @@ def _starts_s(frames: Frames) -> Float64:
 
 
 def _clock_s(n: int, timestep_s: float, other: FrameColumn, before: FrameColumn) -> Float64:
-    """Return the clock after each step [s], shape (n,): added up as the engine does."""
+    """Return the clock after each step [s], shape (n,), added up as the engine does."""
     told, starts = (
         dict(zip(each.at.tolist(), each.rows[:, 0].tolist(), strict=True))
         for each in (other, before)
@@ -245,7 +245,7 @@ def _clock_s(n: int, timestep_s: float, other: FrameColumn, before: FrameColumn)
 
 
 class _Taken(Generic[T]):
-    """An array that is taken piece by piece."""
+    """An array that is consumed piece by piece."""
 
     def __init__(self, values: NDArray[T]) -> None:
         self._values, self._done = values, 0

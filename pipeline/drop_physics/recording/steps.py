@@ -1,4 +1,4 @@
-"""The models and frames of a recording, with which its engine can take each of its steps again."""
+"""The models and frames of a recording, by which its engine can repeat its steps."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from drop_physics.trace.frames import Frames, ModelEdit, ModelPart
 
 
 class _Place(NamedTuple):
-    """Where the frames of a piece are."""
+    """The place of a piece's frames."""
 
     first: int
     """The sample that its first step starts from."""
@@ -42,7 +42,7 @@ class RecordedModel(NamedTuple):
 
 @dataclass
 class RecordedSteps:
-    """The models and frames in the chunks of a file, of which the index is kept."""
+    """The models and frames in the chunks of a file, with their index in memory."""
 
     samples: RecordedSamples
     models: dict[int, RecordedModel] = field(default_factory=dict)
@@ -58,7 +58,7 @@ class RecordedSteps:
         return sorted(self._places)
 
     def ends(self, client: int) -> list[int]:
-        """Return the samples that the pieces of a simulation lead to."""
+        """Return the samples at which the pieces of a simulation end."""
         return [place.end for place in self._places.get(client, ())]
 
     def add_model(self, chunk: Chunk, part: ModelPart) -> None:
@@ -102,7 +102,7 @@ class RecordedSteps:
         return self._places[client][-1].end
 
     def edits(self, client: int, end: int) -> list[ModelEdit]:
-        """Return what was changed in a simulation's model, piece by piece, in those before `end`.
+        """Return the edits of a simulation's model, piece by piece, in those before `end`.
 
         Raises
         ------

@@ -1,9 +1,10 @@
-"""The recordings that can be read: those of today's schema and of earlier ones; what these lack.
+"""Readable recordings: today's schema and earlier ones, with the contents that these lack.
 
 Users keep golden recordings, so a landed change of the format raises `schema.SCHEMA_VERSION` and
-adds to `ADDED` what recordings of earlier schemas lack, and to `tests/recordings` some of the
-schema before, which `check`, `analyze` and `info` read ever after. What a change would give another
-name or form, it must still read in the old one: digests are those of the rows as they were written.
+adds to `ADDED` the contents that recordings of earlier schemas lack, and to `tests/recordings` some
+of the schema before, which `check`, `analyze` and `info` read ever after. Contents that a change
+renames or reshapes must still be read in their old form: digests are those of the rows as they were
+written.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from drop_physics.recording.damage import again
 
 
 class Addition(NamedTuple):
-    """What a schema holds, and those before it do not."""
+    """Contents of a schema that earlier ones lack."""
 
     what: Message
     of_drops: bool
@@ -69,7 +70,7 @@ def check_version(version: object, path: Path) -> None:
 
 
 def lacking(version: int, *, of_drop: bool, replayed: bool) -> Message | None:
-    """Return what recordings of a schema lack, in words; None where that is nothing.
+    """Return the contents that recordings of a schema lack, in words; None if there are none.
 
     `replayed` is whether their engine can take steps again.
     """

@@ -54,7 +54,7 @@ def binary() -> Path:
 
 @dataclass(frozen=True)
 class Viewer:
-    """How to start a viewer, and its addresses."""
+    """The command that starts a viewer, and its addresses."""
 
     command: list[str]
     port: int
@@ -63,7 +63,7 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """Where it listens for recordings and commands."""
+        """Its address for recordings and commands."""
         return f"rerun+http://{LOOPBACK}:{self.port}/proxy"
 
 
@@ -226,7 +226,7 @@ def put_cursor(
 
 
 def check_listens(url: str) -> None:
-    """Make sure that something listens at a viewer's URL.
+    """Make sure that a viewer's URL has a listener.
 
     Raises
     ------

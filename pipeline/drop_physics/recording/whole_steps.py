@@ -30,7 +30,7 @@ def last_whole_step(
     *,
     efforts: bool,
 ) -> int:
-    """Return the last step of which an unfinished recording holds all; -1 if there is none.
+    """Return the last complete step of an unfinished recording; -1 if there is none.
 
     Parameters
     ----------

@@ -255,7 +255,7 @@ class Times(NamedTuple):
     """How many calls of the script came before, for the timeline of calls."""
 
     def only(self, which: Flags | Int64) -> Times:
-        """Return those of some rows."""
+        """Return the times of the selected rows."""
         calls = None if self.calls is None else self.calls[which]
         return Times(self.steps[which], self.times_s[which], calls)
 
@@ -300,9 +300,9 @@ def series_chunk(entity: str, names: Sequence[str], *, stepped: bool = False) ->
 
 
 def calls_chunk(seen: Calls, widths: Int64) -> Chunk:
-    """Return calls, a row per step: the site of each, and all their numbers, one after the other.
+    """Return calls, a row per step: their sites, and all their numbers, one after the other.
 
-    `widths` is how many numbers each has.
+    `widths` has the number of numbers of each call.
     """
     first = np.unique(seen.steps, return_index=True)[1]
     bounds, ends = np.append(first, len(seen.steps)), np.cumsum([0, *widths])
@@ -326,7 +326,7 @@ def calls_chunk(seen: Calls, widths: Int64) -> Chunk:
 
 
 def impulses_chunk(seen: Impulses) -> Chunk:
-    """Return what acted in steps: a row per step, its causes and their impulses."""
+    """Return the impulses in steps: a row per step, with causes and impulses."""
     ends = np.cumsum([0, *seen.counts.tolist()])
     widths = np.cumsum([0, *seen.widths.tolist()])
     one = np.arange(len(seen.steps) + 1)
@@ -397,7 +397,7 @@ def rows_chunk(table: schema.Table, rows: Rows, at: Times) -> Chunk:
 
 
 def first_of_steps(rows: Rows) -> Int64:
-    """Return where each step begins among rows in step order."""
+    """Return the first row of each step among rows in step order."""
     steps = rows["step"]
     return np.flatnonzero(np.concatenate(([True], steps[1:] != steps[:-1])))
 
@@ -433,7 +433,7 @@ def curve_chunk(
 
 
 def noticed(values: Float64, resolution: float) -> Flags:
-    """Return which rows of values begin or end a change, or are first or last.
+    """Flag the values at the ends of changes, and the first and the last.
 
     `values` has the shape (n, k), or (m, n, k) for several at the same times.
     """

@@ -1,1 +1,1 @@
-"""Reports: what a verb found, as data, and its renderers."""
+"""Reports: the results of verbs as data, and its renderers."""

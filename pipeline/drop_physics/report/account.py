@@ -46,7 +46,7 @@ def rows_beside(rows: Sequence[AccountRow], findings: Sequence[Finding]) -> list
 
 
 def account_of(rows: Sequence[AccountRow], most: int) -> list[Section]:
-    """Return the account, at most so many rows; nothing where there is none."""
+    """Return the account, at most so many rows; empty if there is none."""
     if not rows:
         return []
     facts = [fact for row in rows[:most] for fact in facts_of(row)]
@@ -58,7 +58,7 @@ def account_of(rows: Sequence[AccountRow], most: int) -> list[Section]:
 
 
 def facts_of(row: AccountRow) -> list[Fact]:
-    """Return a row as facts: what was asked and came, and who acts for and against it."""
+    """Return a row as facts: what was asked and came, and the terms for and against it."""
     facts = [Fact(WORDS[row.kind], joined("  ", [who_of(row), row.told]), "bold")]
     if row.terms:
         facts.append(Fact("", joined("", ["  ", sides_of(row.terms)])))
@@ -66,14 +66,14 @@ def facts_of(row: AccountRow) -> list[Fact]:
 
 
 def who_of(row: AccountRow) -> str:
-    """Return what a row is about, and how many more it stands for."""
+    """Return the subject of a row, and the number of further subjects that it stands for."""
     if row.alike:
         return Message("{who} and {alike} more", who=row.who, alike=row.alike)
     return row.who
 
 
 def sides_of(terms: Sequence[RowTerm]) -> Message:
-    """Return the terms of a row as one line: those towards what was asked, and those against."""
+    """Return the terms of a row as one line: those towards the target, and those against."""
     towards = _terms([term for term in terms if term.towards])
     against = _terms([term for term in terms if not term.towards])
     if terms[0].unit == "J":

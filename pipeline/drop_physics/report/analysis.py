@@ -51,8 +51,7 @@ def report_of(
 ) -> Report:
     """Report what happened; without `verbose`, on one screen, with `most_rows` of the account.
 
-    With `at_the_end`, only the findings and where everything ends: what a golden recording's page
-    holds.
+    With `at_the_end`, only the findings and the final state, as in a golden recording's page.
     """
     if at_the_end:
         return report_of_end(analysis)
@@ -82,7 +81,7 @@ def report_of(
 
 
 def _row_drawn(analysis: Analysis) -> Iterator[Graphs]:
-    """Yield the curve of the account's first row, a finding's if it has taken that one's place."""
+    """Yield the curve of the account's first row, or of the finding that took its place."""
     if analysis.kind == "script":
         screen = one_screen(analysis)
         found = [each.row for each in screen.findings[: screen.most_findings]]
@@ -91,7 +90,7 @@ def _row_drawn(analysis: Analysis) -> Iterator[Graphs]:
 
 
 def _not_said(analysis: Analysis) -> Iterator[Section]:
-    """Yield what the recording lacks, so that nothing is said of it."""
+    """Yield remarks on parts missing from the recording, about which nothing is said."""
     if analysis.notes:
         titles = [Message("not said"), *[""] * (len(analysis.notes) - 1)]
         rows = map(Fact, titles, analysis.notes)
@@ -127,7 +126,7 @@ def _samples(analysis: Analysis) -> int:
 
 
 def report_of_end(analysis: Analysis) -> Report:
-    """Yield the findings, and where bodies and joints end, to the micrometre and microradian."""
+    """Yield the findings, and the final positions, to the micrometre and microradian."""
     most = len(analysis.findings)
     found = FindingList(analysis.findings, most, analysis.left_out, looked_at=looked_at(analysis))
     if analysis.kind == "drop":

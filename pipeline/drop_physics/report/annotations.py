@@ -1,4 +1,4 @@
-"""Findings where a change is reviewed: as annotations of GitHub Actions, and as SARIF.
+"""Findings for code review: as annotations of GitHub Actions, and as SARIF.
 
 Both are read by machines, and so always in English.
 """
@@ -91,7 +91,7 @@ def sarif_of(analysis: Analysis) -> str:
 
 
 def _rule(code: str) -> dict[str, Any]:
-    """Return what a code means, as a service shows it beside a finding."""
+    """Return the meaning of a code, as a service shows it beside a finding."""
     told = reference_of(code)
     cures = [*told.advises, *(f"to try: {each}" for each in told.proposes)]
     rule: dict[str, Any] = {"id": code, "shortDescription": {"text": str(told.meaning)}}

@@ -1,9 +1,8 @@
-"""A report: what a verb found, as data that any renderer can show.
+"""A report: the result of a verb, as data that any renderer can show.
 
-A report is made by the builder of its verb, a pure function of the verb's result. What is in it is
-text in English (`Message`), numbers already written with their units, and the order in which a
-reader wants them. How wide a line is, which colour a word has, and in which language it is shown is
-the renderer's.
+A report is made by the builder of its verb, a pure function of the verb's result. It contains text
+in English (`Message`), numbers already written with their units, and the order in which a reader
+wants them. The width of lines, the colours of words and the language are the renderer's.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ class Fact:
 
 @dataclass(frozen=True)
 class File:
-    """A file that was written."""
+    """A written file."""
 
     title: str
     path: Path | str
@@ -116,7 +115,7 @@ class DataTable:
 
 @dataclass(frozen=True)
 class FindingList:
-    """Findings, the gravest first, each with its site and what changes it."""
+    """Findings, the gravest first, with their sites and the calls that change them."""
 
     findings: Sequence[Finding]
     most: int
@@ -146,7 +145,7 @@ def lines_of(finding: Finding, sources: Mapping[str, Path], around: int = 0) -> 
 
 @dataclass(frozen=True)
 class Failure:
-    """The error that a script ended with, and its line."""
+    """The error that ended a script, and its line."""
 
     finding: Finding
     sources: Mapping[str, Path]

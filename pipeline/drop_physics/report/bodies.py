@@ -51,7 +51,7 @@ CELL, FORCE, CONTROL, LONGEST_JOINT = 8, 7, 8, 24
 
 @dataclass(frozen=True)
 class OneScreen:
-    """The findings and the rows of the account that one screen has room for."""
+    """The findings and rows of the account that fit on one screen."""
 
     failed: Finding | None
     """The error that the script ended with."""
@@ -68,7 +68,7 @@ class OneScreen:
 def one_screen(
     analysis: Analysis, *, verbose: bool = False, most_rows: int | None = None
 ) -> OneScreen:
-    """Choose what is shown of an analysis; `most_rows` limits the account in place of the rule."""
+    """Choose the shown parts of an analysis; `most_rows` overrides the rule for the account."""
     failed = next((each for each in analysis.findings if each.code == FAILED), None)
     findings = [each for each in analysis.findings if each.code != FAILED]
     little = [] if verbose else minor(findings)
@@ -87,7 +87,7 @@ def one_screen(
 def report_of_bodies(
     analysis: Analysis, *, verbose: bool = False, most_rows: int | None = None
 ) -> Report:
-    """Report what the bodies of a script did; `most_rows` limits those of the account."""
+    """Report the motion of a script's bodies; `most_rows` limits the rows of the account."""
     moving = [
         body for body in analysis.bodies if body.segments["still"] < sum(body.segments.values())
     ]
@@ -123,7 +123,7 @@ def report_of_bodies(
 
 
 def looked_at(analysis: Analysis) -> Message:
-    """Return what was looked at where nothing was found."""
+    """Return a sentence on what was examined, for an analysis without findings."""
     joints = sum(len(body.joints) for body in analysis.bodies)
     return Message(
         "no finding in {bodies}, {joints}, {steps}; what no rule asks is not looked at",
@@ -137,7 +137,7 @@ def looked_at(analysis: Analysis) -> Message:
 
 
 def _headline(analysis: Analysis, *, verbose: bool) -> Words:
-    """Yield the script, how it ended, and how much of it is explained."""
+    """Return the script, its ending, and its explained share."""
     origin, there = analysis.origin or {}, len(analysis.by_body)
     ended = ENDED.get(str(origin["ended"]), Message("never finished"))
     bodies: Message = counted(there, "body", "bodies")
@@ -176,7 +176,7 @@ def _explained(analysis: Analysis, *, verbose: bool) -> Message:
 
 
 def _of_substeps(analysis: Analysis) -> Iterator[Section]:
-    """Yield the substep that torques and forces are of."""
+    """Yield the remark on the substep to which torques and forces belong."""
     if analysis.origin is not None and analysis.origin.get("kind") == "imported":
         return  # whose states are apart, and which has no forces then
     reported = analysis.engine.values() if isinstance(analysis.engine, dict) else ()
@@ -202,7 +202,7 @@ def _joints(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
 
 
 def joint_table(label: str, rows: Sequence[JointRow]) -> DataTable:
-    """Return the table of a body's joints: each number has its unit, in each row its own."""
+    """Return the table of a body's joints; every number has the unit of its own row."""
     names = [*map(_name, rows)]
     column = min(max(map(columns_of, (label, *names))) + 2, LONGEST_JOINT)
     at_stop = [
@@ -228,7 +228,7 @@ def joint_table(label: str, rows: Sequence[JointRow]) -> DataTable:
 
 
 def _narrow(heads: str) -> Words:
-    """Return what there is no room for."""
+    """Return the heads of columns that do not fit."""
     return Words(Message("left out, for want of room: {heads}", heads=heads), "dim")
 
 
@@ -287,7 +287,7 @@ def _bodies(analysis: Analysis, moving: Sequence[BodyAnalysis]) -> Iterator[Bloc
 
 
 def _not_said(moving: Sequence[BodyAnalysis], *, verbose: bool) -> Iterator[Block]:
-    """Yield what was not explained, and what is shown only if it is asked for."""
+    """Yield what was not explained, and what is shown only on request."""
     lacks = [
         Message(
             "{body}: {samples} from step {step} on: {reason}",

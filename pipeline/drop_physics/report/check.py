@@ -1,4 +1,4 @@
-"""Say whether a recording is the same physics as a golden one, and if not, where and how."""
+"""Report whether a recording shows the same physics as a golden one, or the differences."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def append_summary(check: Check, file: Path) -> None:
 
 
 def json_of(check: Check) -> dict[str, Any]:
-    """Return the object that `--json` prints."""
+    """Return the object of `--json`."""
     first, compared = check.first, check.comparison
     found: dict[str, Any] = {
         "same": check.same,
@@ -124,7 +124,7 @@ def _call_json(call: Call | None) -> dict[str, Any] | None:
 
 
 def report_of(check: Check) -> Report:
-    """Say whether the two are the same, and if not, where and how."""
+    """Report whether both are the same, or place and size of the differences."""
     verdict, *others = _facts(check)
     code = 0 if check.same or check.updated else DIFFERS
     return Report(
@@ -137,7 +137,7 @@ def report_of(check: Check) -> Report:
 
 
 def _next(check: Check) -> list[str]:
-    """Return the commands to type next: where they differ, both are shown, or one is replaced."""
+    """Return the commands to type next: to show both if they differ, or to replace one."""
     compared = ("check", check.recording, "--against", check.golden)
     if check.updated:
         return [shell_command("drop", *compared)]
@@ -231,7 +231,7 @@ def _first(check: Check, compared: Comparison) -> Iterator[Fact]:
 
 
 def _left_out(compared: Comparison) -> Message | None:
-    """Return which bodies were not compared, and why; None if there are none."""
+    """Return the bodies that were not compared, with the reason; None if there are none."""
     unseen = [each for each in compared.not_compared if each not in compared.unpaired]
     words = [
         Message(template, bodies=", ".join(bodies[:MOST]) + (" …" if len(bodies) > MOST else ""))
@@ -279,7 +279,7 @@ def _distances(check: Check, compared: Comparison) -> Iterator[Fact]:
 
 
 def _where(place: Largest | Difference) -> Message:
-    """Return when, and in which part of a body, a difference is."""
+    """Return the time of a difference, and its part of a body."""
     words: list[str] = [Message("step {step}", step=place.step)]
     if isinstance(place, Difference) and place.time_s is not None:
         words.append(f"{place.time_s:.6g} s")
@@ -317,7 +317,7 @@ def _beside(name: str, value: object, golden: object) -> Message:
 
 
 def _difference(difference: Difference) -> Message:
-    """Return where a difference is, and both values, to their last digit."""
+    """Return the place of a difference, and both values, to their last digit."""
     at = _where(difference)
     if difference.column == "frame":
         return Message("{where}: a picture", where=at)
@@ -376,7 +376,7 @@ def _call(call: Call | None) -> Message:
 
 
 def _frames(frames: FrameComparison) -> Message:
-    """Yield how pictures compare."""
+    """Return the comparison of pictures."""
     if not frames.compared:
         return Message("none compared: {why}", why=frames.why)
     differ: Message = IDENTICAL
@@ -391,7 +391,7 @@ OF_BITS = frozenset(("mujoco",))
 
 
 def _besides(compared: Comparison) -> Iterator[Fact]:
-    """Yield differences besides the physics, and what may differ from run to run."""
+    """Yield differences besides the physics, and sources of differences between runs."""
     for setting in compared.script:
         if setting.name == "script_sha256":
             yield Fact(Message("script"), Message("its text differs"))

@@ -1,4 +1,4 @@
-"""Say until when two runs are the same, why they part, and by what that is proved."""
+"""Report the common part of two runs, their difference, and its proof."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ HOST = {
 
 
 def json_of(diff: Diff) -> dict[str, Any]:
-    """Return the object that `--json` prints."""
+    """Return the object of `--json`."""
     answer = diff.answer
     proved, first = answer.proved, answer.first
     return dict(
@@ -82,7 +82,7 @@ def _json_of_cause(cause: DifferenceCause) -> dict[str, Any]:
 
 
 def report_of(diff: Diff) -> Report:
-    """Report until when they are the same, what makes them part, and what proves it."""
+    """Report the common part of two runs, the cause of their difference, and its proof."""
     code = 0 if diff.answer.cls == "none" else APART
     return Report(sections=[Section([Facts(facts_of(diff), COLUMN)])], code=code)
 
@@ -111,7 +111,7 @@ def facts_of(diff: Diff) -> list[Fact]:
 
 
 def _height(fact: Fact) -> int:
-    """Return how many lines a fact takes in a terminal of usual width."""
+    """Return the number of lines of a fact in a terminal of usual width."""
     return len(wrapped(fact.words, WIDTH - COLUMN))
 
 
@@ -155,7 +155,7 @@ def _same(diff: Diff) -> Iterator[Fact]:
 
 
 def _cut_short(diff: Diff) -> Iterator[Fact]:
-    """Yield that a script was not run to its end: both are compared as far as it goes."""
+    """Yield a remark on a script that was stopped: both are compared up to there."""
     cut = [
         Message("{side} {ended}", side=side, ended=ENDED[ended])
         for side, ended in zip((diff.a, diff.b), diff.ended, strict=True)
@@ -257,7 +257,7 @@ def _known(cause: DifferenceCause) -> Message:
 
 
 def _called(cause: DifferenceCause, value: Value) -> str:
-    """Return a call, with the value of the argument that differs or with all of them."""
+    """Return a call, with the value of the differing argument, or with all of them."""
     call = str(cause.field)
     call = f"{call[:-1]}={value})" if call.endswith(")") else str(value)
     return _named(replace(cause, field=call)) if cause.element else call
@@ -289,7 +289,7 @@ def _step(diff: Diff, cause: DifferenceCause) -> Message:
 
 
 def values(a: Value, b: Value) -> tuple[str, str]:
-    """Return two values in as many digits as tell them apart."""
+    """Return two values with enough digits to tell them apart."""
     if isinstance(a, tuple) or isinstance(b, tuple):
         both = [each if isinstance(each, tuple) else (each,) for each in (a, b)]
         few = len(both[0]) == len(both[1]) <= 4

@@ -57,7 +57,7 @@ def report_of_drop(analysis: DropAnalysis, *, verbose: bool = False) -> Report:
 
 
 def _dropped(analysis: DropAnalysis, body: str) -> Message:
-    """Return what was dropped, from where, and in which engine unless it is PyBullet."""
+    """Return the body, its height, and its engine unless that is PyBullet."""
     scenario = analysis.scenario
     values = {
         "body": body,
@@ -284,7 +284,7 @@ def _rest(analysis: DropAnalysis) -> list[Fact]:
 
 
 def _off(rest: Rest) -> Message:
-    """Yield how far off its expected rest a body lies, and why."""
+    """Return the distance of a body from its expected rest, and the reasons."""
     if rest.expected_m is None or rest.error_m is None:
         return Message("no theory gives the height at rest in this orientation")
     error = Message(

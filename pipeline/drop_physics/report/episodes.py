@@ -1,4 +1,4 @@
-"""The report of a run's episodes: the line of the one that is looked at, or of all in short."""
+"""The report of a run's episodes: the line of the examined one, or all in short."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ENDED = {
 def episode_lines(
     rows: Sequence[EpisodeRow], looked_at: int | None, *, verbose: bool
 ) -> Iterator[Section]:
-    """Yield a line of the episode that the account is of, and what the others were; or of all."""
+    """Yield the line of the account's episode, and a summary of the others; or all lines."""
     if len(rows) < 2 and all(row.length is None for row in rows):
         return  # a run without environments is no episode
     heading, facts = Message("episode"), list[Fact]()
@@ -48,13 +48,13 @@ def episode_lines(
 
 
 def ended_well(rows: Sequence[EpisodeRow]) -> bool:
-    """Return whether environments have ended all episodes, and none failed: nothing is asked."""
+    """Return whether environments have ended all episodes without failure: no question remains."""
     ways = [row.ended in ("terminated", "truncated") and not row.failed for row in rows]
     return bool(ways) and all(ways)
 
 
 def line_of(row: EpisodeRow, count: int) -> Message:
-    """Return an episode in a line: when and how it ended, and what was at its limit."""
+    """Return an episode in a line: its time and end, and the joints at their limits."""
     how: Message = ENDED[row.ended]
     if row.why:
         how = Message("{how}: {why}", how=how, why=row.why)
@@ -101,7 +101,7 @@ def line_of(row: EpisodeRow, count: int) -> Message:
 
 
 def _at_end(held: Sequence[AtEnd]) -> Iterator[Message]:
-    """Yield the joints that are at limits and stops to the end, the first first."""
+    """Yield the joints that stay at limits and stops to the end, the earliest first."""
     ordered = sorted(held, key=lambda each: (each.at_stop, each.limit or 0.0, each.since_s))
     for (at_stop, limit), alike in groupby(ordered, key=lambda each: (each.at_stop, each.limit)):
         its = [*alike]
@@ -123,7 +123,7 @@ def _at_end(held: Sequence[AtEnd]) -> Iterator[Message]:
 
 
 def _together(rows: Sequence[EpisodeRow]) -> Message:
-    """Return how many episodes ended how, and their returns."""
+    """Return the numbers of episodes by their ends, and their returns."""
     ways = Counter(row.ended for row in rows)
     ended = joined(
         ", ",

@@ -37,7 +37,7 @@ NOTHING: dict[str, Any] = {
 
 
 def json_of(found: Expected) -> dict[str, Any]:
-    """Return what `--json` prints of what was expected."""
+    """Return the object of `--json` about an expectation."""
     base = found.base
     least = [*found.least, *[None] * len(found.makes_true)]
     recordings = [*found.recordings, *[None] * len(found.makes_true)]
@@ -103,7 +103,7 @@ def _named(tried: TriedChange) -> dict[str, Any]:
 
 
 def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
-    """Yield what was expected, what came, and what makes it true; `every`: all of it."""
+    """Yield the expectation, its outcome, and the changes that make it true; with `every`, all."""
     words = Message(
         "{expected}: {holds}, {value}",
         expected=_asked(found),
@@ -170,12 +170,12 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
 
 
 def _value(found: Expected, outcome: ChangeOutcome) -> str:
-    """Return the quantity that is compared, with its unit where that is known."""
+    """Return the compared quantity, with its unit if known."""
     return number(outcome.value) if found.unit is None else quantity(outcome.value, found.unit)
 
 
 def _asked(found: Expected) -> str:
-    """Return what was expected, with where that is from."""
+    """Return the expectation, with its origin."""
     if found.row is not None:
         return f"{found.row.words}: {found.text}"
     return found.text if found.site is None else f"{found.site}: assert {found.text}"
@@ -190,7 +190,7 @@ def _how_many(outcomes: int) -> str:
 
 
 def _places(found: Expected) -> list[int]:
-    """Return the number of each outcome: those that are alike have the same one."""
+    """Return the number of each outcome: equal ones have the same number."""
     places: list[int] = []
     for number_, each in enumerate(found.makes_true, 1):
         before = found.makes_true[number_ - 2] if number_ > 1 else None
@@ -205,7 +205,7 @@ def _places(found: Expected) -> list[int]:
 def _told(
     found: Expected, each: SaidChange, least: float | None, line: tuple[str, str] | None
 ) -> str:
-    """Return a change in words, with what is to be said of it."""
+    """Return a change in words, with the remarks about it."""
     parts = [found.words(each.tried.change)]
     if line is not None and each.tried.change.site is None:
         parts.append(" ".join(line).rstrip())

@@ -16,7 +16,7 @@ COLUMN = 12
 
 
 def report_of(export: Export) -> Report:
-    """Report the files that were written, and how much is in each."""
+    """Report the written files, and the amounts in them."""
     files = []
     for path, count in export.files.items():
         held = counted(count, "message") if path.endswith(".mcap") else counted(count, "row")

@@ -180,7 +180,7 @@ def momentum(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
 
 
 def contact_by(pushers: Sequence[Pusher]) -> Message:
-    """Return what each body gave in a contact."""
+    """Return the impulses that other bodies gave in a contact."""
     gave = [
         Message(
             "{body} {impulse}",
@@ -201,7 +201,7 @@ def _more(number: int, what: str) -> list[Words]:
 
 
 def _span(ends_s: Sequence[tuple[float, float]], drop: int = 0) -> Iterator[Column]:
-    """Return when something starts and ends; the end may be left out."""
+    """Return the columns of start and end; the end may be left out."""
     for head, values in zip(
         (Message("from"), Message("to")), zip(*ends_s, strict=True), strict=True
     ):

@@ -1,4 +1,4 @@
-"""The report of imported states: what was read, whose steps they are, and what to type next."""
+"""The report of imported states: their file, the engine of their steps, the next commands."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def report_of(imported: Imported) -> Report:
-    """Report what was read of a file, and whether its steps are MuJoCo's."""
+    """Report the contents of a file, and whether its steps are MuJoCo's."""
     facts = Message(
         "{states}, {bodies}, {megabytes:.2f} MB, {wall_s:.1f} s",
         states=counted(imported.states, "state"),
@@ -34,7 +34,7 @@ def report_of(imported: Imported) -> Report:
 
 
 def _read(imported: Imported) -> Iterator[Message]:
-    """Yield which arrays were read, and of which world."""
+    """Yield the arrays that were read, and their world."""
     named = (
         what if key.rpartition("/")[2] == what else f"{what} ({key})"
         for what, key in imported.arrays.items()

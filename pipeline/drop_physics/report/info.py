@@ -19,7 +19,7 @@ MOST_BODIES, MOST_READINGS = 6, 4
 
 
 def _readings(info: Info) -> Message:
-    """Return the line of the script that reads most often, what, and how often."""
+    """Return the line of the script that reads most often, its reading, and their number."""
     most = sorted(info.readings, key=lambda each: -each.count)
     return _first_of([_reading(each) for each in most], MOST_READINGS)
 
@@ -45,7 +45,7 @@ def _reading(place: Reading) -> Message:
 
 
 def report_of(info: Info) -> Report:
-    """Report what a recording is."""
+    """Report the contents of a recording."""
     state = (
         Message("complete; numbers and frames verified, not its layout")
         if info.complete

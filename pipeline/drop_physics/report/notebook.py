@@ -45,7 +45,7 @@ MORE = re.compile(r": (?:see )?--(?:verbose|json|account)\b[^\n<]*")
 
 
 def text_of(result: Printable) -> str:
-    """Return what the terminal prints of a result, without colours."""
+    """Return the terminal's text for a result, without colours."""
     lines = (Text.from_markup(harmless(line), emoji=False) for line in lines_of(result.report()))
     return "\n".join(line.plain.rstrip() for line in lines)
 
@@ -81,7 +81,7 @@ def html_of(result: Printable) -> str:
 
 
 def _tables(result: Any) -> Iterator[str]:  # noqa: ANN401 - of any kind
-    """Yield the rows of a sweep; the text shows only the first, and only what differs."""
+    """Yield the rows of a sweep; the text shows only the first, and only differing columns."""
     from drop_physics.stages.sweep import Sweep
 
     if isinstance(result, Sweep):

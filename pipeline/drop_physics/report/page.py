@@ -1,6 +1,6 @@
-"""A report as a page of its own: one file, with its curves and its film, that asks nobody for more.
+"""A report as a page of its own: one file, with curves and film, without any request.
 
-It is what a user attaches to an issue or to a CI run. Its policy forbids every request.
+A user attaches it to an issue or to a CI run. Its policy forbids every request.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def write_page(
 
 
 def _films(recording: Path | None) -> list[ShortFilm]:
-    """Return a recording's film for a light and a dark page; none where nothing can be drawn."""
+    """Return a recording's film for a light and a dark page; none if nothing can be drawn."""
     if recording is not None:
         with contextlib.suppress(DropError):
             return [drawn_film(recording, dark=dark) for dark in (False, True)]
@@ -130,7 +130,7 @@ def _films(recording: Path | None) -> list[ShortFilm]:
 
 
 def _curves(report: Report, films: Sequence[ShortFilm]) -> Iterator[str]:
-    """Yield the plots of a report, for a light or dark page, and what a moment looked like."""
+    """Yield the plots of a report, for a light or dark page, and the picture of a moment."""
     for section in report.sections:
         for block in section.blocks:
             if isinstance(block, Graphs) and (plot := block.plot()).panels:

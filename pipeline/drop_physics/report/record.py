@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def json_of(recorded: Recorded) -> dict[str, Any]:
-    """Return the object that `--json` prints."""
+    """Return the object of `--json`."""
     left_out = {"failure", "twice", "reached", "never_began", "is_elsewhere"} | (
         {"engine", "answer"} | (set() if recorded.twice else {"first_difference"})
     )
@@ -29,9 +29,9 @@ def json_of(recorded: Recorded) -> dict[str, Any]:
 
 
 def report_of(recorded: Recorded, *, analyzed: bool = False) -> Report:
-    """Report how the script ended, and what was recorded.
+    """Report the ending of the script, and the contents of its recording.
 
-    If an analysis follows, that says what the script failed with, and there is no command to type.
+    A following analysis says the script's error itself, and then there is no command to type.
     """
     failed = recorded.ended == "failed"
     rows: list[Fact | File] = [Fact(SCRIPT, ENDED[recorded.ended], "dim"), *_written(recorded)]
@@ -67,7 +67,7 @@ def _written(recorded: Recorded) -> Iterator[Fact | File]:
 
 
 def _replayed(replay: ReplayedSteps) -> Message:
-    """Yield the outcome of replaying the steps of MuJoCo."""
+    """Return the outcome of replaying the steps of MuJoCo."""
     if replay.replayed and replay.explained == replay.replayed:
         return Message(
             "{replayed:,} of {steps:,} steps replayed to the bit, "

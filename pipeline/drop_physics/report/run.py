@@ -1,4 +1,4 @@
-"""The report of what was made of a drop or a script: recording, animation, plot."""
+"""The report of files made of a drop or a script: recording, animation, plot."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ COLUMN = 17
 
 
 def report_of(made: Simulation | Rendering | Run, *, recording: Path | None = None) -> Report:
-    """Report what was made, and of which recording; a whole run begins with its story."""
+    """Report the files made of a recording; a whole run begins with its story."""
     notes = []
     if recording is not None and recording.suffix == ".part":
         notes.append(
@@ -58,7 +58,7 @@ def _simulation(simulation: Simulation) -> File:
 
 
 def _rendering(rendering: Rendering) -> Iterator[File]:
-    """Yield the files that were rendered, and how the animation plays."""
+    """Yield the rendered files, and the playback of the animation."""
     if rendering.gif is not None:
         frames = counted(rendering.frames, "frame")
         facts = [frames, f"{rendering.frames / rendering.fps:.2f} s"]

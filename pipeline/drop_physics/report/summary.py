@@ -1,4 +1,4 @@
-"""The answer about a script in some two kilobytes of JSON: what a terminal's screen shows."""
+"""The answer about a script in some two kilobytes of JSON: the contents of a terminal's screen."""
 
 from __future__ import annotations
 

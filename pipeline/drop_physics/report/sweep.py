@@ -1,4 +1,4 @@
-"""The report of a sweep of scenarios: a row per run, and how the error spreads."""
+"""The report of a sweep of scenarios: a row per run, and the spread of the errors."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ QUANTILES = {"5%": 0.05, "50%": 0.5, "95%": 0.95}
 
 
 def report_of(sweep: Sweep) -> Report:
-    """Report a sweep: its runs, or how their errors spread, and its files."""
+    """Report a sweep: its runs, or the spread of their errors, and its files."""
     runs = counted(sweep.runs, "run")
     words = Message(
         "{runs}, errors at {at:g} s in mm, simulated minus free fall", runs=runs, at=sweep.at_s
@@ -87,7 +87,7 @@ def _next(sweep: Sweep) -> Iterator[str]:
 
 
 def json_of(sweep: Sweep) -> dict[str, Any]:
-    """Return the object that `--json` prints."""
+    """Return the object of `--json`."""
     return {
         "runs": sweep.runs,
         "failed": sweep.failed,
@@ -126,12 +126,12 @@ def _rows(sweep: Sweep) -> Iterator[Block]:
 
 
 def _cut(text: str) -> str:
-    """Return a value shortened to its share of a line; of a path, the end is kept."""
+    """Return a value shortened to its share of a line; for a path, the end is kept."""
     return text if len(text) <= LONGEST else f"…{text[1 - LONGEST :]}"
 
 
 def _spread(sweep: Sweep, rows: Sequence[Row]) -> Iterator[Block]:
-    """Yield how the errors of a scenario's samples spread, of those in the air if there are any."""
+    """Yield the spread of a scenario's errors, over the samples in the air if there are any."""
     if label := sweep.label(rows[0]):
         yield Words(label, "bold")
     in_the_air = [row for row in rows if row["rounding_m"] is not None]

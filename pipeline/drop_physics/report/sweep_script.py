@@ -19,7 +19,7 @@ MOST_ROWS = 30
 
 
 def json_of(sweep: ScriptSweep) -> dict[str, Any]:
-    """Return the object that `--json` prints."""
+    """Return the object of `--json`."""
     return dict(
         jsonable(
             {
@@ -35,7 +35,7 @@ def json_of(sweep: ScriptSweep) -> dict[str, Any]:
 
 
 def report_of(sweep: ScriptSweep) -> Report:
-    """Report how each run ended, and how far from the script's own."""
+    """Report the ends of the runs, and their distances from the script's own."""
     runs = counted(len(sweep.rows), "run")
     head = Message("{script}: {runs}, beside its own", script=sweep.script, runs=runs)
     rows = sweep.rows[:MOST_ROWS]

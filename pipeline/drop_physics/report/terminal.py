@@ -99,7 +99,7 @@ def lines_of(report: Report) -> list[str]:
 
 
 def _next(commands: Sequence[str]) -> Iterator[str]:
-    """Yield the commands to type next, each as a shell reads it."""
+    """Yield the commands to type next, in the form that a shell reads."""
     if commands:
         titles = [NEXT, *[""] * (len(commands) - 1)]
         rows = [
@@ -168,7 +168,7 @@ _SHELL_WORD = re.compile(r"""(?:\$'(?:\\.|[^'\\])*'|'[^']*'|"[^"]*"|\S)+""")
 
 
 def _command(fact: Fact, column: int) -> Iterator[str]:
-    """Yield lines that a shell reads as one: none breaks inside a quoted word."""
+    """Yield lines that a shell reads as one; no line ends inside a quoted word."""
     lines, room = [""], width() - column - len(" \\")
     for word in _SHELL_WORD.findall(translated(fact.words)):
         if lines[-1] and columns_of(f"{lines[-1]} {word}") > room:
@@ -277,7 +277,7 @@ def _longest(column: Column) -> int:
 
 
 def _fitted(table: DataTable) -> tuple[list[Column], list[str]]:
-    """Return the columns that there is room for, and the heads of the others.
+    """Return the columns that fit, and the heads of the others.
 
     Columns that may be left out go first; then those that may be cut are cut.
     """
@@ -322,7 +322,7 @@ def _(found: FindingList) -> Iterator[str]:
 
 
 def _failure(failure: Failure) -> Iterator[str]:
-    """Yield the error that a script ended with, and the line that raised it."""
+    """Yield the error that ended a script, and the line that raised it."""
     finding = failure.finding
     yield from _fact(Fact(Message("error"), finding.told, "red"), ERROR)
     text = "".join(blocks.lines_of(finding, failure.sources).values()).strip()

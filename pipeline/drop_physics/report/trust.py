@@ -1,4 +1,4 @@
-"""The report of `drop trust`: what holds of a script's result."""
+"""The report of `drop trust`: the parts of a script's result that hold."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ CONVERGENCE = ("converges", "does-not-converge", "no-order")
 
 
 def json_of(trust: Trust) -> dict[str, Any]:
-    """Return the object that `--json` prints."""
+    """Return the object of `--json`."""
     return dict(
         jsonable(
             {
@@ -113,7 +113,7 @@ def report_of(
     outputs: Sequence[Path] = (),
     again: Again | None = None,
 ) -> Report:
-    """Report what holds; the code is 3 if a variation ends farther away than `within`."""
+    """Report the results that hold; the code is 3 if a variation ends beyond `within`."""
     part = _namer(trust)
     rows = [[each.name, *_distances(each, trust, part)] for each in trust.variations]
     curves = Graphs(partial(distances_of, trust))
@@ -222,7 +222,7 @@ def _digits(digits: int | None, off: float, unit: str) -> str:
 def _table(
     heads: Sequence[str], rows: Sequence[Sequence[str]], drop: Mapping[int, int]
 ) -> DataTable:
-    """Return a table; some of its columns are left out where there is no room."""
+    """Return a table, without the columns that have no room."""
     cells = zip(*rows, strict=True)
     return DataTable(
         [
@@ -238,7 +238,7 @@ def _term(term: str) -> Message:
 
 
 def _sentences(trust: Trust) -> Iterator[str]:
-    """Yield what no table shows: the terms in words, growth, convergence, ends of runs."""
+    """Yield sentences beside the tables: terms in words, growth, convergence, ends of runs."""
     terms = dict.fromkeys(each.term or "" for each in trust.variations if "/" in each.name)
     for term in terms:
         if term in BY_STEP and trust.made.engine == PYBULLET:

@@ -1,4 +1,4 @@
-"""The report of what the viewer shows, before it opens."""
+"""The report of the viewer's contents, before it opens."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ COLUMN = 19
 
 
 def json_of(view: View) -> dict[str, Any]:
-    """Return the object that `--json` prints."""
+    """Return the object of `--json`."""
     names = ("recordings", "layers", "golden", "same", "first_difference")
     viewer = {name: getattr(view.viewer, name) for name in ("command", "url", "page")}
     return dict(jsonable({name: getattr(view, name) for name in names} | viewer))
 
 
 def report_of(view: View) -> Report:
-    """Report what is shown, and where."""
+    """Report the contents and the address of the viewer."""
     shown = " ".join(map(str, [*view.recordings, *view.layers]))
     rows = [Fact(Message("showing"), shown)]
     if view.golden is not None:
@@ -48,7 +48,7 @@ def report_of(view: View) -> Report:
 
 
 def _next(view: View) -> Iterator[str]:
-    """Yield the command that says in words what is shown, of our own recordings."""
+    """Yield the command that describes the contents in words, for our own recordings."""
     (recording, *_), golden = view.recordings, view.golden
     if golden is not None:
         yield shell_command("drop", "check", recording, "--against", golden)

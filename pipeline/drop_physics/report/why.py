@@ -1,7 +1,6 @@
 """Report of the trials of a script, and of their verdicts.
 
-Of a trial there are three sentences, and no other: tried X: cured; no effect; the outcome hangs on
-X by so much.
+A trial has one of three sentences: tried X: cured; no effect; the outcome hangs on X by so much.
 """
 
 from __future__ import annotations
@@ -63,7 +62,7 @@ FREE = ("name", "target", "value", "call", "site", "moved")
 
 
 def json_of(why: Why) -> dict[str, Any]:
-    """Return the object that `--json` prints."""
+    """Return the object of `--json`."""
     return dict(
         jsonable(
             {
@@ -97,7 +96,7 @@ def json_of(why: Why) -> dict[str, Any]:
 
 
 def _noise(why: Why) -> dict[str, Any] | None:
-    """Return how far a nudge moves the outcome; without trials of findings, what is expected."""
+    """Return the effect of a nudge on the outcome; without trials, on the expectation."""
     if why.noise is not None:
         return {"value": why.noise.value, "unit": why.noise.unit}
     if why.expected is None or why.expected.noise is None:
@@ -129,7 +128,7 @@ def _json_of_trial(tried: Tried) -> dict[str, Any]:
 
 
 def report_of(why: Why, *, every: bool = False, again: Again | None = None) -> Report:
-    """Report what was tried, cures first; `every`: everything that the outcome hangs on."""
+    """Report the trials, cures first; with `every`, everything that the outcome hangs on."""
     head = Message(
         "{script} {ended}: {steps}; {trials}",
         script=why.script,
@@ -232,7 +231,7 @@ def _shows(tried: Tried, finding: Finding) -> str:
 
 
 def _hangs(why: Why, *, every: bool) -> Iterator[Section]:
-    """Yield what the outcome hangs on."""
+    """Yield the changes on which the outcome hangs."""
     moving = [(each, each.moved) for each in why.hangs_on if each.moved is not None]
     listed = moving if every else moving[:LISTED]
     rows = [(_named(each), readable(far.value, far.unit), _of(far)) for each, far in listed]

@@ -54,7 +54,7 @@ def kinds_of_samples(counts: Mapping[str, int]) -> Message:
 
 
 def unfinished(recording: object, samples: int) -> Message:
-    """Yield a remark that the recording is unfinished."""
+    """Return a remark that the recording is unfinished."""
     return Message(
         "{recording} was never finished: this is the analysis of the {samples} that it holds, "
         "unverified",
@@ -73,7 +73,7 @@ def millimetres(value_m: float | None) -> str:
 
 
 def besides(found: FindingList) -> Message | None:
-    """Return what is said beside findings: how many are left out, or what none was found in."""
+    """Return the remark beside findings: the number left out, or what was examined."""
     if found.left_out:
         return Message(
             "{findings} left out: --select all", findings=counted(found.left_out, "finding")
@@ -92,7 +92,7 @@ HANGS_ON = Message("the outcome hangs on {call}")
 
 
 def beneath(finding: Finding) -> Iterator[Message]:
-    """Yield what the row says whose place a finding takes, and what trials have shown."""
+    """Yield the terms of the row that a finding replaces, and the results of trials."""
     if finding.terms:
         yield sides_of(finding.terms)
     elif finding.row is not None:

@@ -1,1 +1,1 @@
-"""The verbs: each takes paths, does one thing, and returns a typed result."""
+"""The verbs: functions from paths to a typed result."""

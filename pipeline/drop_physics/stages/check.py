@@ -1,4 +1,4 @@
-"""Check whether a recording is the same physics as a golden one, or make it the golden one."""
+"""Check whether a recording shows the same physics as a golden one, or make it the golden one."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class FrameComparison:
 
 @dataclass(frozen=True)
 class Check(Printable, reported_by="drop_physics.report.check"):
-    """Whether a recording is the same physics as a golden one, and where it is not."""
+    """Comparison of a recording with a golden one: the same or not, and the differences."""
 
     recording: Path
     """The recording that was checked."""
@@ -96,7 +96,7 @@ class Check(Printable, reported_by="drop_physics.report.check"):
 
     @property
     def same(self) -> bool:
-        """Whether nothing differs by more than is allowed, and nothing was left out."""
+        """Whether no difference exceeds the tolerance, and nothing was left out."""
         return self.first is None and (self.comparison is None or self.comparison.same)
 
 
@@ -195,7 +195,7 @@ def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
 def _why(
     run: Recording, golden: Recording, comparison: Comparison, tolerance_m: float
 ) -> Diff | None:
-    """Return why two runs of scripts are not the same."""
+    """Return the reason for a difference between two runs of scripts."""
     if run.drop is not None or (comparison.first is None and comparison.same):
         return None
     from drop_physics.stages.diff import why_apart
@@ -218,7 +218,7 @@ def _side(recording: Recording) -> Side:
 
 
 def _check_replaceable(golden: Path, run: Recording) -> None:
-    """Check that a recording can be made the golden one."""
+    """Check that a recording can become the golden one."""
     check_target(golden, force=True)
     check_apart([golden], inputs=[run.path])
     check_suffix("--against", golden, (".rrd",))
@@ -232,7 +232,7 @@ def _check_replaceable(golden: Path, run: Recording) -> None:
 
 
 def _make_golden(run: Recording, golden: Path) -> None:
-    """Write a recording under the golden name; that of a drop is packed, and read back to check."""
+    """Write a recording under the golden name; a drop's is packed, and read back to check."""
     with replaced(golden, force=False, ours=True) as part:
         if run.drop is None:
             shutil.copyfile(run.path, part)
@@ -251,8 +251,7 @@ def _make_golden(run: Recording, golden: Path) -> None:
 def _describe(golden: Path) -> None:
     """Write a description of a golden recording beside it, a few lines of Markdown.
 
-    A reviewer of a changed golden recording sees there what has changed. Another file of that name
-    is left alone.
+    It shows a reviewer the changes of a golden recording. Another file of that name is left alone.
     """
     from drop_physics.stages.analyze import analysis_of  # loads every rule
     from drop_physics.stages.info import engine_of
@@ -289,7 +288,7 @@ def _compare_frames(run: Recording, golden: Recording, *, until: int | None) -> 
 
 
 def _incomparable(run: Recording, golden: Recording) -> Message | None:
-    """Return why the pictures of two drops cannot be compared; None if they can."""
+    """Return the reason why the pictures of two drops cannot be compared; None if they can."""
     if run.drop is None or golden.drop is None:
         return None
     without = [each.path for each in (run, golden) if each.camera is None]
@@ -316,9 +315,9 @@ def _images(recording: Recording) -> dict[Image, bytes]:
 
 
 def _digests(recording: Recording) -> dict[Image, bytes]:
-    """Return the digests of pictures that a script had its engine draw, of which no more is kept.
+    """Return the digests of pictures drawn by a script's engine, which are all that is kept.
 
-    In the place of a camera stands the simulation.
+    The simulation stands in the place of a camera.
     """
     images: dict[Image, bytes] = {}
     before: Counter[tuple[int, int]] = Counter()

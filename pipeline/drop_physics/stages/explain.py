@@ -1,4 +1,4 @@
-"""Say what the codes of findings mean."""
+"""Explain the codes of findings."""
 
 from __future__ import annotations
 

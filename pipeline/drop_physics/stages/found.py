@@ -1,4 +1,4 @@
-"""Find the recording that is meant: the one named, one of a script, or the newest."""
+"""Lookup of a recording: the one named, one of a script, or the newest."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Origin = dict[str, Any]
 
 
 def recording_of(given: Path | None, note: Callable[[str], None] = lambda _: None) -> Path:
-    """Return the recording that is meant.
+    """Return the recording that the arguments mean.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def _of_script(script: Path, note: Callable[[str], None]) -> Path:
 def is_of(origin: Origin, target: str, *, is_module: bool, where_unknown: bool = False) -> bool:
     """Return whether a recording was made of a script (by its resolved path) or module (its name).
 
-    `where_unknown` is returned of recordings that do not say where a script of that name was.
+    `where_unknown` is returned if the recording does not hold the script's path.
     """
     if origin.get("script") != name_of(target, is_module=is_module):
         return False
@@ -110,7 +110,7 @@ def path_digest(target: str) -> str:
 
 
 def text_digest(script: Path) -> str | None:
-    """Return the digest of a script's text; None where it cannot be read."""
+    """Return the digest of a script's text; None if it cannot be read."""
     try:
         return hashlib.sha256(script.read_bytes()).hexdigest()
     except OSError:
@@ -120,8 +120,8 @@ def text_digest(script: Path) -> str | None:
 def _recordings() -> Iterator[tuple[Path, Origin]]:
     """Yield the recordings in the folder with their origins, the newest first.
 
-    Layers, golden recordings and what other programs made are left out. One that is damaged is not:
-    an older one would be taken for the newest without a word.
+    Layers, golden recordings and files of other programs are left out. A damaged one is not:
+    otherwise an older one would silently be taken for the newest.
     """
     for path in recordings_in(FOLDER):
         origin = origin_of(path)
@@ -148,6 +148,6 @@ def origin_of(path: Path) -> Origin | None:
 
 
 def _named_after(path: Path, origin: Origin) -> bool:
-    """Return whether a recording has the name that its script gives it."""
+    """Return whether a recording has the name derived from its script."""
     stem = stem_of(str(origin.get("script", "")).removeprefix("-m "))
     return re.fullmatch(rf"{re.escape(stem)}(-\d+)?", path.stem) is not None

@@ -129,7 +129,7 @@ def info(asked: verbs.InfoArguments) -> Info:
 
 
 def _of_drop(drop: Drop) -> tuple[str, str | None, str]:
-    """Return what was dropped, the command that repeats it, and its engine."""
+    """Return the body of a drop, the command that repeats it, and its engine."""
     scenario, standard = drop.scenario, Scenario()
     given = {
         name: getattr(scenario, name)
@@ -146,7 +146,7 @@ def _of_drop(drop: Drop) -> tuple[str, str | None, str]:
 
 
 def _of_script(held: Recording) -> tuple[str, str | None, str]:
-    """Return which script was run and how it ended, the command that repeats it, and its engine."""
+    """Return a recorded script and its ending, the command that repeats it, and its engine."""
     origin, ended = held.origin, held.ended
     script = str(origin["script"])
     program = [*script.split(" ", 1)] if script.startswith("-m ") else [script]
@@ -163,7 +163,7 @@ def _of_script(held: Recording) -> tuple[str, str | None, str]:
 
 
 def engine_of(held: Recording) -> str:
-    """Return the name and version of the engine that a script used, perhaps without a step."""
+    """Return the name and version of a script's engine, perhaps without a step."""
     ended = held.ended or {}
     mujoco, bullet = (ended.get(f"made_with_{name}") for name in ("mujoco", "pybullet"))
     if mujoco and not held.seen.settings:
@@ -181,7 +181,7 @@ def repeated(
     script: Path | None = None,
     **more: str | None,
 ) -> str | None:
-    """Return the command that runs a recorded script with a verb, as it was run, and more options.
+    """Return the command that repeats a recorded script with a verb and further options.
 
     None for a block of Python, and where a name or an argument is not UTF-8. The script is named by
     its path, if that is known.
@@ -214,7 +214,7 @@ def _duration_s(seen: Seen) -> float:
 
 
 def _bodies(seen: Seen) -> list[str]:
-    """Return each body with its mass and joints, but for the floor of a drop."""
+    """Return bodies with mass and joints, except for the floor of a drop."""
     last = {dynamics.body.number: dynamics for dynamics in seen.dynamics}
     # Where a call adds a body is reported as a move, too.
     came = {(one.body.number, one.at.step, one.at.call) for one in seen.appearances if one.came}

@@ -52,7 +52,7 @@ def interpreter_of(
 
 
 def _environments(folder: Path) -> Iterator[Path]:
-    """Yield the environments that a script in a folder may be meant for, the nearest first."""
+    """Yield the environments that a script in a folder may use, the nearest first."""
     yield from (Path(named) for name in ACTIVE if (named := os.environ.get(name)))
     folder = folder.absolute()
     for each in (folder, *folder.parents):

@@ -1,4 +1,4 @@
-"""Check what a script is run with: its path, its arguments, and its limits."""
+"""Check a script's path, its arguments, and its limits."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def checked_limits(
 
 
 def _integer(option: str, value: object) -> int | None:
-    """Return a whole number of any library as Python's."""
+    """Convert a whole number of any library to Python's."""
     if value is None:
         return None
     try:
@@ -64,7 +64,7 @@ def _integer(option: str, value: object) -> int | None:
 
 
 def digest_of_script(target: str, *, is_module: bool) -> str | None:
-    """Return the digest of a script's text; None for a module, which is not looked up here."""
+    """Return the digest of a script's text; None for a module, whose file is not looked up here."""
     if not isinstance(target, str | os.PathLike):
         raise ScenarioError(
             "the script must be the name of a file, got {value}; its arguments are a list of their "
@@ -128,13 +128,13 @@ def command_of(
 
 
 def _digits(value: float) -> str:
-    """Return a number so that the same is read back; 2, not 2.0."""
+    """Return a number in the shortest form that reads back the same; 2, not 2.0."""
     short = f"{value:.9g}"
     return short if isinstance(value, float) and float(short) == value else str(value)
 
 
 def texts_of(arguments: Sequence[str]) -> list[str]:
-    """Return a script's arguments as a list of texts that a process can be given."""
+    """Return a script's arguments as texts that a process can be given."""
     try:
         if isinstance(arguments, str | bytes):
             raise TypeError
@@ -158,5 +158,5 @@ def texts_of(arguments: Sequence[str]) -> list[str]:
 
 
 def encodable(text: str) -> str:
-    """Return a text as UTF-8 can hold it: a byte that is not UTF-8 becomes U+FFFD."""
+    """Return a text with bytes that are not UTF-8 replaced by U+FFFD."""
     return text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")

@@ -170,7 +170,7 @@ def _targets(
 
 
 def _of_drop(held: Recording, *, whole: bool) -> tuple[Analysis | FallAnalysis, Plot]:
-    """Return the fall of a drop, and its plot; `whole`: whether its table has all samples."""
+    """Return the fall of a drop, and its plot; with `whole`, its table has all samples."""
     from drop_physics.stages.panels.of_drop import plot_of_drop
 
     case = Case(held.scenario, held.engine, held.seen)
@@ -199,7 +199,7 @@ def _of_script(
 
 
 def _hiring(running: ExitStack, assistant: Worker | None) -> Callable[[int], list[Worker]]:
-    """Return what gives workers: one that is already running, and new ones up to all cores."""
+    """Return a function that provides workers: a running one, and new ones up to all cores."""
 
     def hire(count: int) -> list[Worker]:
         workers = [] if assistant is None else [assistant]
@@ -222,9 +222,10 @@ def _film(
     *,
     asked: bool,
 ) -> Film | None:
-    """Return the frames that were recorded; where a camera is named, or a script took none, poses.
+    """Return the recorded frames; with a named camera, or without frames, the poses.
 
-    None for a drop without frames, and where nobody has asked for a film that nothing draws here.
+    None for a drop without frames, and for films that nobody has asked for and that cannot be drawn
+    here.
     """
     if view is None and (taken := frames_film(held, animation, most_fps)) is not None:
         return taken
@@ -262,7 +263,7 @@ def _composed(
     progress: Progress,
     gif: Path,
 ) -> Iterator[Image.Image]:
-    """Yield the pictures with additions beside and below them, and report each."""
+    """Yield the pictures with additions beside and below them, and report progress."""
     composition: Composition | None = None
     words, count = Message("writing {suffix}", suffix=gif.suffix[1:]), len(film.times_s)
     moments = zip(film.pictures, film.times_s, strict=True)
@@ -339,7 +340,7 @@ def film_beside(
     force: bool = False,
     progress: Progress = lambda *_: None,
 ) -> int:
-    """Make a film of two runs of a script side by side; return how many pictures it has.
+    """Make a film of two runs of a script side by side; return the number of pictures.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ class Run(Printable, reported_by="drop_physics.report.run"):
     rendering: Rendering
 
     def as_json(self) -> dict[str, Any]:
-        """Return what `--json` prints: by verb what each would."""
+        """Return the JSON object of `--json`: the objects of the three verbs."""
         parts = {"simulate": self.simulation, "analyze": self.analysis, "render": self.rendering}
         return {verb: made.as_json() for verb, made in parts.items()}
 

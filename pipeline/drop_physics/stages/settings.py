@@ -50,7 +50,7 @@ class ProjectSettings:
     def choice(
         self, select: str | None = None, ignore: str | None = None, fail_on: str | None = None
     ) -> Choice:
-        """Return which findings are reported; options of a command outrank the project.
+        """Return the choice of reported findings; options of a command outrank the project.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Open recordings in Rerun's viewer, each with its analysis if there is one."""
+"""Open recordings in Rerun's viewer, with their analyses if there are any."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class View(Printable, reported_by="drop_physics.report.view"):
 @takes_those_of(verbs.ViewArguments)
 @contextmanager
 def view(asked: verbs.ViewArguments) -> Iterator[View]:
-    """Yield what the viewer shows of some recordings; its files exist until the block ends.
+    """Yield the viewer's contents for recordings; its files exist until the block ends.
 
     Recordings of the same drop in different engines are shown as one, with a colour per engine; of
     two of one script the second is shown in grey.
@@ -91,7 +91,7 @@ def view(asked: verbs.ViewArguments) -> Iterator[View]:
 
 
 def _is_foreign(path: Path) -> bool:
-    """Return whether another program made a recording: it is shown as it is."""
+    """Return whether another program made a recording, which is then shown unchanged."""
     try:
         recording_id(path)
     except ForeignError:

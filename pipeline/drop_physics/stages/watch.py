@@ -1,4 +1,4 @@
-"""Record what an environment of gymnasium's does while it is trained or tried: `watch`."""
+"""Recording of gymnasium's environments during training or trials: `watch`."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def watch(env: Any, out: Path | str | None = None, *, force: bool = False) -> An
     base: Any = VectorWrapper if isinstance(env, VectorEnv) else Wrapper
 
     class Watched(base):  # type: ignore[misc]
-        """An environment whose steps are recorded."""
+        """An environment with recorded steps."""
 
         recorded = None
 
@@ -74,7 +74,7 @@ def watch(env: Any, out: Path | str | None = None, *, force: bool = False) -> An
 
 
 class _Recording:
-    """The recording of a process, which ends with the last environment that is watched."""
+    """The recording of a process, which ends with the last watched environment."""
 
     opened: _Recording | None = None
 
@@ -87,7 +87,7 @@ class _Recording:
 
     @classmethod
     def of_process(cls, path: Path, *, force: bool) -> _Recording:
-        """Return the recording that is open in this process, or a new one."""
+        """Return the open recording of this process, or a new one."""
         found = cls.opened
         if found is None or found._process != os.getpid():
             found = cls.opened = cls(path, force=force)
@@ -95,7 +95,7 @@ class _Recording:
         return found
 
     def leave(self) -> Any:  # noqa: ANN401 - a `Recorded`, or None while others are watched
-        """Note that an environment is closed; return the result of the last one."""
+        """Note a closed environment; return the result of the last one."""
         self._watched -= 1
         if self._watched <= 0:
             self.end()
@@ -110,7 +110,7 @@ class _Recording:
 
 
 def _named_for_worker(path: Path) -> Path:
-    """Return the name of a recording with the number of the worker process, where this is one."""
+    """Return the name of a recording, with the worker's number in a worker process."""
     if multiprocessing.parent_process() is None:
         return path
     number = re.search(r"\d+$", multiprocessing.current_process().name)

@@ -1,1 +1,1 @@
-"""Many scenarios: which they are, who runs them, and where their rows are kept."""
+"""Many scenarios: their plan, their runs, and the table of their rows."""

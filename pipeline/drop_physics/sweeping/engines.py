@@ -1,7 +1,7 @@
-"""Engines that make runs beside each other: threads, worker processes, or Ray.
+"""Engines that run concurrently: threads, worker processes, or Ray.
 
-Each takes a function of a run's number, requests runs only as it has room, and yields results as
-they arrive, in any order. If a worker dies nothing is lost: its run is made again.
+They take a function of a run's number, request runs only as they have room, and yield results as
+they arrive, in any order. If a worker dies nothing is lost: its run is repeated.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def in_threads(
 
 @contextlib.contextmanager
 def in_workers(work: Callable[[int], T], *, jobs: int) -> Iterator[Answering[T]]:
-    """Yield work that is done by processes of this machine, and what stops them.
+    """Yield a function that lets processes of this machine do work, and one that stops them.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def in_workers(work: Callable[[int], T], *, jobs: int) -> Iterator[Answering[T]]
     stopped = threading.Event()
 
     def answer(run: int) -> T:
-        """Return what a worker answers, another where one dies."""
+        """Return the answer of a worker, or of another if it dies."""
         for _ in range(MOST_DEATHS):
             worker = free.pop()
             try:

@@ -61,7 +61,7 @@ class Plan:
         return sorted(set(dict(self.lists).get("engine", ())) or {Scenario().engine})
 
     def sample_of(self, run: int) -> int | None:
-        """Return the number of a run's sample, or None where nothing is sampled."""
+        """Return the number of a run's sample; None without sampling."""
         return None if self.samples is None else run % self.samples
 
     def values(self, run: int) -> dict[str, Any]:
@@ -166,7 +166,7 @@ def _check_sampling(samples: int | None, seed: int, variations: Sequence[RandomF
 def _check_variations(
     lists: Mapping[str, tuple[Any, ...]], variations: Sequence[RandomField]
 ) -> None:
-    """Make sure that nothing is both listed and drawn, and that angles are drawn of angles."""
+    """Check that no field is both listed and drawn, and that angles are drawn as angles."""
     for variation in variations:
         if variation.axis is None and variation.field in lists:
             option = Scenario.options()[variation.field].name

@@ -1,4 +1,4 @@
-"""The table of a sweep: a row for each run, kept as soon as it is made, so that a sweep resumes."""
+"""The table of a sweep, with a row per run, kept at once, so that a sweep resumes."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ TERMS = ("error_m", "timestep_m", "damping_m", "interaction_m", "rounding_m")
 
 @contextlib.contextmanager
 def kept_rows(path: Path, sweep_id: str) -> Iterator[tuple[dict[int, Row], Callable[[Row], None]]]:
-    """Yield the rows that an interrupted sweep has left, by run, and a function that adds one.
+    """Yield the rows left by an interrupted sweep, by run, and a function that adds one.
 
     Rows of another sweep, and a row that was cut off, are dropped.
     """
@@ -89,7 +89,7 @@ def _left(path: Path, sweep_id: str) -> dict[int, Row]:
 
 
 def write_rows(path: Path, rows: Sequence[Row], schema: Mapping[str, Any] | None = None) -> None:
-    """Write the rows of a sweep as one Parquet file; without a schema, as they come."""
+    """Write the rows of a sweep as one Parquet file; without a schema, in their own types."""
     if schema is None:
         columns = dict.fromkeys(name for row in rows for name in row)
         table = pl.DataFrame(

@@ -111,7 +111,7 @@ class RandomField:
 
 
 def stream_of(seed: int, sample: int) -> Stream:
-    """Return a sample's random numbers, which depend on nothing but seed and sample.
+    """Return a sample's random numbers, which depend only on seed and sample.
 
     Source: numpy, "Parallel random number generation", `SeedSequence` with a spawn key.
     """
@@ -182,7 +182,7 @@ def _variation(text: str) -> RandomField:
 
 
 def _read(text: str) -> RandomField:
-    """Read NAME=DISTRIBUTION, and draw once; an error says what it must be."""
+    """Read NAME=DISTRIBUTION, and draw once; an error states the expected form."""
     target, equals, form = text.partition("=")
     kind, *parameters = form.strip().split(":")
     if not equals:

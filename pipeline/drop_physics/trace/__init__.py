@@ -1,1 +1,1 @@
-"""What was observed of a simulation run by another program, whatever its engine."""
+"""Observations of a simulation run by another program, whatever its engine."""

@@ -1,4 +1,4 @@
-"""What a call does, by the names of the functions that do it.
+"""Meanings of calls, by the names of the functions that have them.
 
 Rules and laws ask for acts, and never for a function: only here, and in the engine's own room, is
 its name known.
@@ -14,9 +14,9 @@ PICTURE = "Renderer.render"
 
 
 class Act(Enum):
-    """What a call does; its value is the functions of PyBullet that do it.
+    """The meaning of a call; its value lists the functions of PyBullet with that meaning.
 
-    Of an engine whose memory scripts write, a field's name stands for a function.
+    For an engine whose memory scripts write, a field's name stands for a function.
     """
 
     LOAD = ("loadURDF", "loadSDF", "loadMJCF", "loadBullet", "loadSoftBody")
@@ -90,7 +90,7 @@ class Act(Enum):
 
     @property
     def function(self) -> str:
-        """The function that does it, as texts name it."""
+        """The function with this meaning, as texts name it."""
         functions: tuple[str, ...] = self.value
         return functions[0]
 
@@ -107,5 +107,5 @@ SETS_TIMESTEP = Act.SET_TIMESTEP, Act.SET_ENGINE
 
 
 def act_of(function: str) -> Act:
-    """Return what calls of a function do."""
+    """Return the meaning of a function's calls."""
     return ACTS.get(function, Act.OTHER)

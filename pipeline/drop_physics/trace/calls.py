@@ -1,4 +1,4 @@
-"""A call of the engine, and what it asked for: forces, and properties of bodies.
+"""A call of the engine, and its request: forces, and properties of bodies.
 
 A recording holds a call as its site and its numbers. Here, in `log` and in `motors`, they get their
 meaning, by the names of PyBullet's functions and arguments; another engine's would stand beside.
@@ -44,12 +44,12 @@ class Call:
 
     @property
     def function(self) -> str:
-        """Name of the function that was called."""
+        """Name of the called function."""
         return self.site.function
 
     @property
     def act(self) -> Act:
-        """What the call does."""
+        """The meaning of the call."""
         return self.site.act
 
     @property
@@ -97,7 +97,7 @@ class Push:
 
 @dataclass(frozen=True)
 class Given:
-    """Properties of a body that a call has set, some of which the engine never reports."""
+    """Properties of a body set by a call, some of which the engine never reports."""
 
     at: At
     body: Body

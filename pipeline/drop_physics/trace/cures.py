@@ -1,4 +1,4 @@
-"""A cure as data: what a rule proposes, whatever the engine; and a run with it.
+"""A cure as data: the proposal of a rule, for any engine; and a run with it.
 
 The table of interventions (`engines/…/interventions`) has the call that makes a cure, and the run
 in which it is made; `engines.cures` finds it by the name of the engine.
@@ -54,7 +54,7 @@ class Scope:
     """Whether this is the whole run, because nothing else is named."""
 
     def links(self, body: Body) -> list[int]:
-        """Return the links of the moving joints that are meant."""
+        """Return the links of the selected moving joints."""
         return [
             joint.link
             for joint in body.joints
@@ -64,7 +64,7 @@ class Scope:
 
 @dataclass(frozen=True)
 class ChangedRun:
-    """How a run differs from the recorded one."""
+    """Differences of a run from the recorded one."""
 
     operations: list[dict[str, Any]] = field(default_factory=list)
     """The operations, as the engine's hooks take them."""
@@ -86,7 +86,7 @@ class ChangedRun:
 
 
 def whole_number(value: float) -> float:
-    """Return a number as an engine takes it: a whole number as an integer."""
+    """Return a number in the form that an engine takes: a whole number as an integer."""
     return int(value) if float(value).is_integer() else value
 
 

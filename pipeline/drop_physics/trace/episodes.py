@@ -42,7 +42,7 @@ class Episode:
 
     @property
     def failed(self) -> bool:
-        """Whether it ended short of its goal, as far as an environment says."""
+        """Whether it ended short of its goal, according to its environment."""
         told = self.told
         if told is None or told.success is not None:
             return told is not None and not told.success and self.ended in ENDS
@@ -63,7 +63,7 @@ def episode_at(episodes: Sequence[Episode], client: int, steps: Int64 | Sequence
 
 
 def looked_at(episodes: Sequence[Episode], number: int | None) -> Episode | None:
-    """Return the episode of a number; of none, the last that failed, if any has.
+    """Return the episode with a number; without a number, the last that failed, if any.
 
     Raises
     ------
@@ -84,9 +84,9 @@ def looked_at(episodes: Sequence[Episode], number: int | None) -> Episode | None
 def episodes_of(seen: Seen) -> list[Episode]:
     """Return the episodes of all simulations in the order in which they end.
 
-    Where environments tell episodes, these are they; else an episode begins where everything was
-    removed, or where all that can move in a simulation was put elsewhere, at once and not all the
-    time.
+    These are the episodes reported by environments, if there are any. Otherwise an episode begins
+    where everything was removed, or where all movable bodies of a simulation were moved at once,
+    and not all the time.
     """
     told: dict[int, list[EpisodeEnd]] = {}
     for each in seen.episode_ends:
@@ -104,7 +104,7 @@ def episodes_of(seen: Seen) -> list[Episode]:
 
 
 def _between(seen: Seen, client: int, end: int) -> Iterator[tuple[At, Episode]]:
-    """Yield the episodes of a simulation by its starts."""
+    """Yield the episodes of a simulation between its starts."""
     starts = [At(0, 0.0, 0), *_starts(seen, client, end)]
     last = At(end, np.inf, 1 << 62)
     for first, then in pairwise([*starts, last]):
@@ -113,7 +113,7 @@ def _between(seen: Seen, client: int, end: int) -> Iterator[tuple[At, Episode]]:
 
 
 def _starts(seen: Seen, client: int, end: int) -> list[At]:
-    """Return where a simulation begins anew after its first step."""
+    """Return the moments at which a simulation starts anew after its first step."""
     mine = [each for each in seen.appearances if each.body.client == client]
     came = {each.at.step for each in mine if each.came}
     found = {
@@ -136,7 +136,7 @@ def _starts(seen: Seen, client: int, end: int) -> list[At]:
 
 
 def _there(appearances: Iterable[Appearance], at: At) -> set[int]:
-    """Return the numbers of the bodies that can move and are there at a moment."""
+    """Return the numbers of the movable bodies that exist at a moment."""
     there: set[int] = set()
     for each in appearances:
         if order(each.at) > order(at):
@@ -150,7 +150,7 @@ def _there(appearances: Iterable[Appearance], at: At) -> set[int]:
 
 
 def _moves(seen: Seen, step: int, puts: Iterable[Put]) -> bool:
-    """Return whether calls put bodies elsewhere than where a step has left them."""
+    """Return whether calls move bodies away from the poses that a step has left."""
     piece = seen.sampled.piece(step, step + 1)
     bases = by_body(piece.bases)
     for put in puts:

@@ -59,7 +59,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Model:
-    """A shape that can be drawn without the files that it was loaded from."""
+    """A shape that can be drawn without the files from which it was loaded."""
 
     shape: Shape
     mesh: bytes
@@ -69,7 +69,7 @@ class Model:
 
 
 def counted_s(timestep_s: float) -> float:
-    """Return what a step adds to the time [s]: nothing if its timestep is not finite."""
+    """Return the time that a step adds [s]: nothing if its timestep is not finite."""
     return timestep_s if math.isfinite(timestep_s) else 0.0
 
 
@@ -130,7 +130,7 @@ class Collision:
 
 @dataclass(frozen=True)
 class FileLink:
-    """What a body's file says of a link."""
+    """A link's data in a body's file."""
 
     name: str
     mass_kg: float
@@ -164,7 +164,7 @@ class FileDamping:
 
 @dataclass(frozen=True)
 class FileRequests:
-    """What a body's file asks for that an engine may ignore."""
+    """Requests in a body's file that an engine may ignore."""
 
     scale: float = 1.0
     """Factor by which a call scaled the whole body."""
@@ -265,7 +265,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Appearance:
-    """A body was added, removed, began to move, or got other shapes or colours."""
+    """A body that was added, removed, began to move, or changed its shapes or colours."""
 
     at: At
     body: Body
@@ -283,7 +283,7 @@ the argument that sets each."""
 
 @dataclass(frozen=True)
 class Dynamics:
-    """What the engine reports about a body."""
+    """An engine's report of a body."""
 
     at: At
     body: Body
@@ -293,7 +293,7 @@ class Dynamics:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The surface of a mesh that the engine holds as its convex hull, where it is hollow."""
+    """The surface of a hollow mesh that the engine replaces by its convex hull."""
 
     at: At
     body: int
@@ -308,7 +308,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class Settings:
-    """The engine's reported settings, and settings that it was given but never reports."""
+    """The engine's reported settings, and given settings that it never reports."""
 
     at: At
     client: int
@@ -342,7 +342,7 @@ class Site:
 
     @property
     def act(self) -> Act:
-        """What its calls do."""
+        """The meaning of its calls."""
         return act_of(self.function)
 
     @property
@@ -379,7 +379,7 @@ class Calls:
 
 
 def widths_of(seen: Calls, sites: Mapping[int, Site]) -> Int64:
-    """Return how many numbers each call has, shape (m,)."""
+    """Return the number of numbers of each call, shape (m,)."""
     known, which = np.unique(seen.sites, return_inverse=True)
     return np.array([len(sites[site].names) for site in known.tolist()], np.int64)[which]
 
@@ -396,7 +396,7 @@ class Raised:
 
 @dataclass(frozen=True)
 class SolverStop:
-    """How often the solver of a simulation stopped before it had converged."""
+    """The number of times that a simulation's solver stopped before it had converged."""
 
     at: At
     client: int
@@ -612,7 +612,7 @@ class EngineWarning:
 
 @dataclass(frozen=True)
 class Equality:
-    """Two links that a model holds together, from the beginning on if it is active."""
+    """Two links that a model holds together, initially if the constraint is active."""
 
     at: At
     client: int
@@ -641,7 +641,7 @@ class Equality:
 
 @dataclass(frozen=True)
 class Sensor:
-    """A sensor of a model, with what it read in all steps."""
+    """A sensor of a model, with its readings in all steps."""
 
     at: At
     client: int
@@ -660,7 +660,7 @@ class Sensor:
 
 @dataclass(frozen=True)
 class EpisodeEnd:
-    """The end of an episode, as an environment of gymnasium's returned it."""
+    """The end of an episode, as returned by an environment of gymnasium."""
 
     at: At
     client: int
@@ -719,7 +719,7 @@ ENDED = {
 
 @dataclass
 class Ending:
-    """How a watched program ended."""
+    """The ending of a watched program."""
 
     how: str = ""
     """`finished`, `steps`, `duration`, `idle`, `disk`, `interrupted` or `failed`."""

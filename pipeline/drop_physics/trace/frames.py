@@ -1,8 +1,8 @@
-"""What an engine needs to take the steps of a recording again: its model and a frame for each.
+"""Everything that an engine needs to repeat the steps of a recording: its model, and frames.
 
-A frame is the full state that a step starts from, hidden parts such as a solver's warm start
-included, and what acted on it from outside. Names are the engine's own, values its numbers to the
-bit; nothing here knows what they mean.
+A frame is the full state before a step, including hidden parts such as a solver's warm start, and
+the inputs from outside. Names are the engine's own, values its numbers to the bit; nothing here
+knows their meaning.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from drop_physics.arrays import Float64, Int64
 
 @dataclass(frozen=True, eq=False)
 class ModelPart:
-    """A part of a compiled model, as it was when a simulation first stepped it."""
+    """A part of a compiled model, at a simulation's first step with it."""
 
     number: int
     """The number of the model in the recording."""
@@ -42,7 +42,7 @@ class FrameColumn(NamedTuple):
     """Shape (k, width)."""
 
     def held(self, step: int) -> Float64:
-        """Return the row that holds in a step: the last one up to it, shape (width,)."""
+        """Return the row in effect at a step: the last one up to it, shape (width,)."""
         found: Float64 = self.rows[np.searchsorted(self.at, step, side="right") - 1]
         return found
 

@@ -1,4 +1,4 @@
-"""Everything that was recorded of simulations, in order, as analysis needs it."""
+"""Everything recorded of simulations, in order, as analysis needs it."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Piece:
 
 
 class Sampled(Protocol):
-    """A source of samples that is read piece by piece."""
+    """A source of samples, read piece by piece."""
 
     @property
     def first(self) -> int:
@@ -141,7 +141,7 @@ Softness = tuple[tuple[float, ...], tuple[float, ...]]
 
 @dataclass(frozen=True)
 class Seen:
-    """Everything that was recorded of simulations; lists in the order of events."""
+    """Everything recorded of simulations; lists in the order of events."""
 
     bodies: Mapping[int, Body]
     """Bodies by number, each in its latest form."""

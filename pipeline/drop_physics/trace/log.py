@@ -1,4 +1,4 @@
-"""The calls of a script between some steps, and the body that each is about."""
+"""The calls of a script between some steps, with the bodies that they concern."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PAIR = ("bodyUniqueIdA", "bodyUniqueIdB", "bodyUniqueId")
 
 
 class Log:
-    """Calls as they were recorded: of one site each is a row of numbers.
+    """Calls as recorded: those of one site are rows of numbers.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Log:
         yield from self._made({*self.sites})
 
     def of(self, *acts: Act) -> list[Call]:
-        """Return the successful calls that do any of these acts; without acts all of them."""
+        """Return the successful calls with any of these meanings; without arguments all of them."""
         sites = {n for n, site in self.sites.items() if not acts or site.act in acts}
         return [call for call in self._made(sites) if not call.raised]
 
@@ -87,14 +87,14 @@ class Log:
         return [call for call in self if call.raised] if self._errors else []
 
     def commands(self) -> Iterator[Command]:
-        """Yield what successful calls command joints to do: by site, not in order."""
+        """Yield the commands to joints in successful calls: by site, not in order."""
         failed = [*self._errors]
         for row, widths in self._rows:
             for each in commands_of(row, self.sites, widths):
                 yield each.only(~np.isin(each.calls, failed)) if failed else each
 
     def _made(self, sites: set[int]) -> list[Call]:
-        """Return the calls of some sites in order; a piece's are asked for by many rules."""
+        """Return the calls of some sites in order, cached, since many rules ask for them."""
         key = frozenset(sites)
         if key not in self._known:
             self._known[key] = self._calls_of(sites)
@@ -129,9 +129,9 @@ class Log:
     # -- the bodies that they are about -----------------------------------------------------------
 
     def of_bodies(self, *acts: Act) -> Iterator[tuple[Call, At, Appearance]]:
-        """Yield the calls that do any of these, each with its body.
+        """Yield the calls with any of these meanings, with their bodies.
 
-        A body is listed with the next step: what calls did to it before is dated to that moment.
+        A body is listed with the next step: earlier calls about it are dated to that moment.
         """
         for call in self.of(*acts):
             place = next((at for name in BODY_NAMES if (at := call.site.places.get(name))), None)
@@ -147,7 +147,7 @@ class Log:
     def bodies_at(
         self, client: int, engine_id: int, calls: Int64
     ) -> tuple[Sequence[Appearance], Int64]:
-        """Return the bodies that had an id, and which of them had it at each call.
+        """Return the bodies that had an id, and the index of its owner at each call.
 
         -1 stands for none; shape (n,). `calls` are their numbers.
         """
@@ -189,7 +189,7 @@ class Log:
     def filters(self) -> Iterator[tuple[Call, tuple[int, ...]]]:
         """Yield the calls that may end contacts of two bodies, or of one with all others.
 
-        With them the bodies' numbers.
+        They come with the bodies' numbers.
         """
         for call in self.of(*FILTERS):
             named = call.values
@@ -198,7 +198,7 @@ class Log:
                 yield call, tuple(each.body.number for each in its if each is not None)
 
     def pushes(self) -> Iterator[Push]:
-        """Yield the forces and torques that calls applied."""
+        """Yield the forces and torques applied by calls."""
         for call, at, came in self.of_bodies(*PUSHES):
             values = call.values
             torque = call.act is Act.TWIST
@@ -211,7 +211,7 @@ class Log:
                 yield Push(at, came.body, int(link[0]), torque, vector, where, in_world_axes=world)
 
     def given(self) -> Iterator[Given]:
-        """Yield the properties of bodies that calls set."""
+        """Yield the properties of bodies set by calls."""
         for call, at, came in self.of_bodies(Act.SET_PROPERTY):
             values: dict[str, float | Sequence[float]] = {
                 name: held[0] if len(held) == 1 else list(held)

@@ -1,4 +1,4 @@
-"""The calls that make a simulation, as an engine can make them again: a log, and edits of it."""
+"""The calls that make a simulation, for an engine to repeat: a log, and edits of it."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _elements(element: Xml.Element, of: str) -> Iterator[tuple[str, str, dict[st
 
 @dataclass(frozen=True, eq=False)
 class KnownDifference:
-    """Something that two engines do otherwise by default, and what takes it away."""
+    """A difference between the defaults of two engines, and the calls that remove it."""
 
     name: Message
     is_setting: bool = False

@@ -56,7 +56,7 @@ class Command(NamedTuple):
     """Arguments by their name in a call for one joint, shape (n, k)."""
 
     def given(self, name: str, width: int = 1) -> Float64:
-        """Return the numbers of an argument, shape (n, width) or, where all are one, (n, 1).
+        """Return the numbers of an argument, shape (n, width) or, with one number each, (n, 1).
 
         Its default where it has neither so many.
         """
@@ -74,7 +74,7 @@ class Command(NamedTuple):
         return given
 
     def only(self, which: Flags) -> Command:
-        """Return some of the calls."""
+        """Return the selected calls."""
         held = {name: values[which] for name, values in self.values.items()}
         return Command(
             self.client,
@@ -89,9 +89,9 @@ class Command(NamedTuple):
 
 
 def commands_of(seen: Calls, sites: Mapping[int, Site], widths: Int64) -> Iterator[Command]:
-    """Yield what calls ask of joints, a command per site and joint that it names.
+    """Yield the commands of calls to joints, one for each site and joint.
 
-    `widths`: how many numbers each call has.
+    `widths` has the number of numbers of each call.
     """
     starts = np.cumsum(widths) - widths
     for number in np.unique(seen.sites).tolist():
@@ -120,7 +120,7 @@ def commands_of(seen: Calls, sites: Mapping[int, Site], widths: Int64) -> Iterat
 
 
 def of_joint(values: Mapping[str, Sequence[T]], number: int, joints: int) -> dict[str, Sequence[T]]:
-    """Return the arguments of a call of motors that are for one of several joints.
+    """Return the arguments of a motor call that concern one of several joints.
 
     Parameters
     ----------

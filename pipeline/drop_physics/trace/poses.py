@@ -23,7 +23,7 @@ KINDS: Mapping[str, Kind] = {
 
 
 def tree_of(joints: Sequence[Joint], frames: Float64) -> Tree:
-    """Return the links of a body whose base moves, without masses: enough to say where they are.
+    """Return the links of a body with a moving base, without masses: enough for their poses.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Where a call of PyBullet's `changeDynamics` lands: on the link that it names, or on the base.
+"""The target of PyBullet's `changeDynamics`: the named link, or the base.
 
 PyBullet sends one link with all properties of a call, and each of its setters writes which one it
 is: most write the link that the call names, some the base. So the last setter decides for all of
@@ -80,7 +80,7 @@ VECTORS = frozenset(("anisotropicFriction", "localInertiaDiagonal"))
 
 
 def takes(name: str, values: Mapping[str, Sequence[float]]) -> bool:
-    """Return whether PyBullet passes on what a call gives for an argument.
+    """Return whether PyBullet passes on the given value of an argument.
 
     Negative numbers stand for none; so does a lower limit without an upper one that is as high.
     """
@@ -95,7 +95,7 @@ def takes(name: str, values: Mapping[str, Sequence[float]]) -> bool:
 def link_reached(values: Mapping[str, Sequence[float]]) -> int:
     """Return the link whose properties a call changes, from the numbers of its arguments.
 
-    -1 is the base. It is the named link where no argument has a setter.
+    -1 is the base. If no argument has a setter, it is the named link.
     """
     named = int(first) if math.isfinite(first := values.get("linkIndex", (BASE,))[0]) else BASE
     setters = [to_named for name, to_named in ORDER.items() if takes(name, values)]

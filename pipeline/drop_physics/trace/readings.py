@@ -1,7 +1,7 @@
-"""What a script read of its simulation: where, by which function, of what, how often and when.
+"""Readings of a simulation by its script: place, function, subject, number and time.
 
-And what the first and the last reading of a line gave, the least and the greatest; other values are
-given back by states and contacts.
+They include the first and the last, the least and the greatest answer of a line; other values can
+be computed from states and contacts.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from drop_physics.trace.acts import Act, act_of
 
 @dataclass(frozen=True)
 class Subject:
-    """A body that is read, or a link of it, or its contact with others."""
+    """The subject of a reading: a body, a link of it, or its contact with others."""
 
     body: int
     """Its number in the recording."""
@@ -33,7 +33,7 @@ REACTION, TORQUE = "reaction", "torque"
 
 @dataclass(frozen=True)
 class Answer:
-    """A number of what a line's readings gave, of those that were looked at."""
+    """A number in the answers of a line's counted readings."""
 
     name: str
     """What it is: `points`, `force of all`, `reaction fx`, `x` …; its place in the answer where it
@@ -61,7 +61,7 @@ class Lens:
 
     @property
     def near_far_m(self) -> tuple[float, float] | None:
-        """Distances between which something is drawn [m]; None without a projection of those.
+        """Distances between which things are drawn [m]; None for other kinds of projections.
 
         From the third row of OpenGL's matrices: of a perspective z = -(f + n)/(f - n) and
         -2 f n/(f - n), of a parallel projection -2/(f - n) and -(f + n)/(f - n).
@@ -120,5 +120,5 @@ class Reading:
 
     @property
     def act(self) -> Act:
-        """What its function reads."""
+        """The meaning of its function."""
         return act_of(self.function)

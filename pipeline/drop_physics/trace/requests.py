@@ -1,7 +1,7 @@
-"""What calls asked for, beside what the engine reported before the next step: asked and got.
+"""Requests of calls, compared with the engine's reports before the next step.
 
 The recorder reads a body again, once, before the step that follows a call about it, and the
-engine's settings likewise; what it read is written where it differs. So both are in any recording.
+engine's settings likewise; changed values are written. So both are in any recording.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Request:
 
     @property
     def taken(self) -> bool:
-        """Return whether the named link has what was asked for, as far as the engine reports."""
+        """Return whether the named link has the requested value, as far as the engine reports."""
         if self.got is not None:
             same = len(self.got) == len(self.asked)
             return same and bool(np.allclose(self.got, self.asked, rtol=ROUNDING, atol=0))
@@ -76,9 +76,10 @@ class Request:
 def requests(
     calls: Log, dynamics: Sequence[Dynamics], settings: Sequence[Settings]
 ) -> list[Request]:
-    """Return what calls asked for, of bodies and then of the engine, each in order.
+    """Return the requests of calls, for bodies and then for the engine, in order.
 
-    What another call asked anew before the next step is left out: nothing was read in between.
+    A request that another call replaced before the next step is left out: nothing was read in
+    between.
     """
     of_body: defaultdict[int, list[Dynamics]] = defaultdict(list)
     of_client: defaultdict[int, list[Settings]] = defaultdict(list)
@@ -131,7 +132,7 @@ def _around(
 
 
 def _of_link(row: Dynamics | None, name: str, link: int) -> Numbers | None:
-    """Return what was reported of a link's property, if the engine reports it of such a link."""
+    """Return the report of a link's property, if the engine reports it for such a link."""
     values = None if row is None else row.reported.get(REPORTED.get(name, ""))
     if values is None or not BASE <= link < len(values) - 1:
         return None

@@ -1,4 +1,4 @@
-"""What an engine reports for each step: the states of what can move, and the contact points.
+"""An engine's reports of steps: the states of movable bodies, and the contact points.
 
 Rows of named numbers. A *part* is a body's link; link -1 is its base. World axes throughout.
 """
@@ -123,7 +123,7 @@ def motion_of(rows: Rows) -> Float64:
 
 
 def numbers_of(rows: Rows, field: str) -> NDArray[np.float64 | np.int64]:
-    """Return a field of rows with an axis for its numbers, be it one: shape (n, k)."""
+    """Return a field of rows with an axis for its numbers, even for one: shape (n, k)."""
     values: NDArray[np.float64 | np.int64] = rows[field]
     return values[:, None] if values.ndim == 1 else values
 

@@ -1,4 +1,4 @@
-"""What acted in steps of a recording that were explained after it was made."""
+"""Causes in steps of a recording, explained after it was made."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ start from."""
 
 
 class EventPlace(NamedTuple):
-    """Where an event is."""
+    """The place of an event."""
 
     first: int
     """The first of its samples."""
@@ -32,7 +32,7 @@ class EventPlace(NamedTuple):
 
 
 class LaterSums:
-    """Impulses and contact points of windows, in a file of their own, for as long as it is held."""
+    """Impulses and contact points of windows, in a temporary file of their own."""
 
     def __init__(self) -> None:
         self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by the next line
@@ -44,7 +44,7 @@ class LaterSums:
         self.pairs: list[PairFriction] = []
 
     def add(self, events: Iterable[Event]) -> None:
-        """Take what became of steps."""
+        """Add the events of explained steps."""
         for event in events:
             match event:
                 case ImpulseCause():
@@ -66,7 +66,7 @@ class LaterSums:
                 yield pickle.load(self._file)
 
     def lacking(self, wanted: Iterable[Window]) -> list[Window]:
-        """Return windows without the steps that are explained already."""
+        """Return windows without the steps that are already explained."""
         found: list[Window] = []
         for client, first, end in wanted:
             begin = first
@@ -80,7 +80,7 @@ class LaterSums:
         return found
 
     def seen(self, seen: Seen, *, whole: bool) -> Seen:
-        """Return what was recorded with what acted in it; `whole` if that is in all steps."""
+        """Return a record with the causes of its steps; `whole` if all steps are explained."""
         pairs = {(each.body_a, each.link_a, each.body_b, each.link_b): each for each in self.pairs}
         return replace(
             seen,
@@ -100,7 +100,7 @@ class LaterSums:
 
 
 def _joined(windows: Iterable[Window]) -> list[Window]:
-    """Return windows, those of a simulation that touch as one."""
+    """Return windows, with those of a simulation that touch merged."""
     found: list[Window] = []
     for client, first, end in sorted(windows):
         if found and found[-1][0] == client and first <= found[-1][2]:
@@ -111,7 +111,7 @@ def _joined(windows: Iterable[Window]) -> list[Window]:
 
 
 class WithSums:
-    """Samples with what was explained of them later."""
+    """Samples with later explanations."""
 
     def __init__(self, samples: Sampled, sums: LaterSums) -> None:
         self._samples, self._sums = samples, sums

@@ -1,4 +1,4 @@
-"""What two runs have in common, in columns that correspond, and what single steps make of it.
+"""The common part of two runs, in columns that correspond, and the effects of single steps.
 
 An engine delivers both: here is the form that it gives them, without a word of its own.
 """
@@ -56,7 +56,7 @@ class FieldApart(NamedTuple):
 
 
 class StageApart(NamedTuple):
-    """A stage of a step, the first whose numbers differ between two engines."""
+    """The first stage of a step whose numbers differ between two engines."""
 
     stage: str
     """`kinematics`, `collision`, `constraint`, `passive`, `actuator`, `bias`, `solver` or
@@ -81,7 +81,7 @@ class TermPut:
 
 @dataclass(frozen=True, eq=False)
 class EndApart:
-    """How far apart two poses are."""
+    """The distance between two poses."""
 
     value: float
     unit: str
@@ -90,7 +90,7 @@ class EndApart:
 
 @dataclass(frozen=True, eq=False)
 class Common:
-    """What two runs have in common."""
+    """The common part of two runs."""
 
     engines: tuple[str, str]
     """Names and versions."""
@@ -119,11 +119,11 @@ class Common:
 
     @property
     def steps(self) -> int:
-        """The number of steps that are compared."""
+        """The number of compared steps."""
         return min(self.lengths) if self.count < 0 else self.count
 
     def number(self, step: int) -> int:
-        """Return the first run's number of a step that is compared."""
+        """Return the first run's number of a compared step."""
         return step if self.numbers is None or step < 0 else int(self.numbers[step])
 
 
@@ -136,7 +136,7 @@ class OneStep(Protocol):
         """Return whether the first run's engine makes each of its steps again, shape (n,)."""
 
     def settled(self) -> Flags:
-        """Return in which steps all that is hidden is known, so that they can be judged, (n,)."""
+        """Flag the steps with a fully known hidden state, which can be judged, shape (n,)."""
 
     def crossed(
         self,
@@ -161,7 +161,7 @@ class OneStep(Protocol):
         """
 
     def sizes(self, steps: Int64, swapped: Sequence[int]) -> Float64:
-        """Return how far velocities are apart after such steps, the largest of each, shape (k,)."""
+        """Return the largest difference of velocities after each of these steps, shape (k,)."""
 
     def stages(
         self, steps: Int64, swapped: Sequence[int]
@@ -181,11 +181,11 @@ class OneStep(Protocol):
         """Return the term whose difference, applied as a force, makes up for a step's."""
 
     def nudged(self, step: int, size: float, count: int) -> tuple[bool, list[float]]:
-        """Run the first run on from a step, with its inputs, and nudges of its velocities.
+        """Continue the first run from a step, with its inputs and nudged velocities.
 
-        Returns whether it is the first run to the bit without a nudge, and how far apart each
-        nudged one ends, ascending.
+        Returns whether the unnudged run equals the first run to the bit, and the final distances of
+        the nudged ones, ascending.
         """
 
     def apart(self, step: int) -> EndApart:
-        """Return where both runs are the farthest apart after a step, and how far."""
+        """Return the place and size of the largest distance between the runs after a step."""

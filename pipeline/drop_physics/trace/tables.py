@@ -10,7 +10,7 @@ VECTORS = STATE_COLUMNS | CONTACT_COLUMNS
 
 
 def columns_of(field: str) -> tuple[str, ...]:
-    """Return the columns of a field of states or contact points; of one number it is the field."""
+    """Return the columns of a field of states or contact points; for one number, the field."""
     return VECTORS.get(field, (field,))
 
 

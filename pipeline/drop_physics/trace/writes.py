@@ -1,7 +1,7 @@
-"""What a script wrote into memory of its engine: which elements of a field, and their values.
+"""Writes of a script into its engine's memory: the elements of a field, and their values.
 
-A recording holds it as a call by the name of the field (`trace.acts`), whose arguments are the
-elements: all of them, or `[index]=value` of some; of a model's, with what was there before.
+A recording holds a write as a call by the name of the field (`trace.acts`), whose arguments are the
+elements: all of them, or `[index]=value` for some; for a model's field, with the former values.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ that computes what depends on it, or one that reads that."""
 
 
 class WrittenElements(NamedTuple):
-    """Elements of a field that were written; shape (n,) each."""
+    """Written elements of a field; shape (n,) each."""
 
     indices: Int64
     """Indices into the flattened field."""
@@ -45,12 +45,12 @@ def written_by(call: Call) -> WrittenElements:
 
 
 def computed_by(call: Call) -> str:
-    """Return the function that was called right after, to recompute what depends; empty if none."""
+    """Return the function called right afterwards to recompute dependents; empty without one."""
     found = COMPUTED.search(call.site.form)
     return found[1] if found else ""
 
 
 def read_by(call: Call) -> str:
-    """Return the function that read what depends on it right after; empty if none did."""
+    """Return the function that read dependents right afterwards; empty without one."""
     found = READ.search(call.site.form)
     return found[1] if found else ""

@@ -1,7 +1,7 @@
-"""Check what Bullet would misread without a word: numbers in a URDF, and the text of meshes.
+"""Checks for input that Bullet would silently misread: numbers in a URDF, the text of meshes.
 
-`nan` becomes a length, a word becomes 0, and an index of a face any place in memory. What Bullet
-itself fails on is tried in a process that may die (`probe`).
+`nan` becomes a length, a word becomes 0, and the index of a face any place in memory. Files on
+which Bullet itself fails are tried in a process that may die (`probe`).
 """
 
 from __future__ import annotations

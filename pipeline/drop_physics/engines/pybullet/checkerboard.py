@@ -23,7 +23,7 @@ they begin to."""
 def checkerboard(
     camera: Camera, place: Pose, side_m: float, colours: UInt8
 ) -> tuple[UInt8, Float32]:
-    """Return what a camera sees of a plane, to be laid behind what is nearer.
+    """Return a camera's view of a plane, to be laid behind everything nearer.
 
     TinyRenderer takes five times as long for it as for all else in a picture.
 

@@ -115,7 +115,7 @@ def _joints(note: dict[str, Any]) -> tuple[Joint, ...]:
 
 
 def joint_of(info: Sequence[Any], name: str, widths: tuple[int, int, int]) -> Joint:
-    """Return a joint from what `getJointInfo` returned, its name, and its counts of numbers."""
+    """Return a joint from the result of `getJointInfo`, its name, and its counts of numbers."""
     return Joint(
         info[0],
         name,
@@ -179,7 +179,7 @@ def moving_links(base: bool, joints: Sequence[Any]) -> tuple[int, ...]:
 
 
 def reported_of(dynamics: Sequence[Any]) -> dict[str, Float64]:
-    """Return by name what `getDynamicsInfo` returned for base and links."""
+    """Return the results of `getDynamicsInfo` for base and links, by name."""
     reported = {}
     for number, (name, of_rigid) in enumerate(REPORTED):
         values = np.array([link[number] for link in dynamics], dtype=np.float64)
@@ -212,7 +212,7 @@ Pose = tuple[Sequence[float], Sequence[float]]
 
 
 def _seen_from(frame: Pose, pose: Pose) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return a pose in the axes of a frame, both given in the same axes."""
+    """Return a pose in the axes of a frame."""
     x, y, z, w = frame[1]
     back = np.array([-x, -y, -z, w])
     offset = np.subtract(pose[0], frame[0])

@@ -26,7 +26,7 @@ def find_body(body: str) -> Path:
 
 
 def body_digest(body: str) -> str | None:
-    """Return the SHA-256 of a body's files, to notice an edit; None if it cannot be loaded."""
+    """Return the SHA-256 of a body's files, to detect an edit; None if it cannot be loaded."""
     with contextlib.suppress(ScenarioError):  # its runs report what is wrong with it
         return _found(body)[1]
     return None

@@ -1,4 +1,4 @@
-"""The state of one simulation of a watched script while it is decoded: bodies, samples, calls."""
+"""The state of one simulation of a watched script during decoding: bodies, samples, calls."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CALLS_TOGETHER = 1 << 14
 
 @dataclass
 class Known:
-    """A body of the stream, and its body in the recording."""
+    """A body of the stream, and its counterpart in the recording."""
 
     body: Body
     world: GatheredWorld
@@ -54,7 +54,7 @@ class Known:
         return Put(at, self.body, base, position, velocity, effort, sampled)
 
     def _split(self, values: Float64) -> list[Float64]:
-        """Return positions, velocities and efforts of its joints, an array each."""
+        """Split values into arrays of positions, velocities and efforts of its joints."""
         ends = np.cumsum(self.widths[:2])
         return [each.copy() for each in np.split(values, ends, axis=-1)]
 

@@ -1,6 +1,6 @@
-"""PyBullet's rows of the table of interventions: each as the call that makes it, and as a run.
+"""PyBullet's rows of the table of interventions: their calls, and their changed runs.
 
-What `makes` returns is what `watch/intervene.py` does in the script's interpreter.
+The result of `makes` is carried out by `watch/intervene.py` in the script's interpreter.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ FARTHER = Message("{mm:.3g} mm farther away")
 
 @dataclass(frozen=True)
 class CallRow(ChangeRow):
-    """An intervention that is made in calls of PyBullet."""
+    """An intervention made in calls of PyBullet."""
 
     makes: Applies | None = None
     _: KW_ONLY
@@ -81,7 +81,7 @@ class CallRow(ChangeRow):
 
     @property
     def tried(self) -> dict[str, Any]:
-        """The row as the search in the script's interpreter takes it: the call that it adds."""
+        """The row in the form that the search in the script's interpreter takes: the added call."""
         taken = [name for name, becomes in self.sets.items() if not isinstance(becomes, always)]
         fixed = {name: each(None) for name, each in self.sets.items() if name not in taken}
         change = self.change or f"{self.function}.{taken[0]}"
@@ -89,7 +89,7 @@ class CallRow(ChangeRow):
         return {**super().tried, "change": change, **call}
 
     def changes(self, cure: Cure) -> dict[str, How]:
-        """Return how each argument changes: as a finding says it, or the row."""
+        """Return the changes of arguments, from a finding or from the row."""
         if cure.given:
             return {name: ("=", value) for name, value in cure.given.items()}
         return super().changes(cure)
@@ -102,7 +102,7 @@ class CallRow(ChangeRow):
         return f"p.{self.function}(…, {', '.join(shown)})"
 
     def operations(self, cure: Cure, scope: Scope) -> Iterable[Operation]:
-        """Return what the hooks of PyBullet's functions do otherwise."""
+        """Return the changes made by the hooks of PyBullet's functions."""
         return () if self.makes is None else self.makes(self, cure, scope)
 
 
@@ -126,7 +126,7 @@ def _set_parameter(name: str, value: float) -> ChangedRun:
 
 
 def _leave(functions: list[str], *arguments: str) -> Operation:
-    """Return the operation that leaves out a call, or arguments of it."""
+    """Return the operation that omits a call, or arguments of it."""
     return {"do": "leave", "functions": functions, "arguments": [*arguments]}
 
 
@@ -135,7 +135,7 @@ def _of(body: Body) -> Operation:
 
 
 def _at(scope: Scope) -> Operation:
-    """Return the file and line of a finding's call, as an operation names them; none without."""
+    """Return the file and line of a finding's call in an operation's form; empty without a call."""
     file, _, line = (scope.site or "").rpartition(":")
     return {"site": [file, int(line)]} if file and line.isdecimal() else {}
 
@@ -205,7 +205,7 @@ def _limits(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _inertial(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Give links whose file gives no mass next to none."""
+    """Give almost no mass to links without a mass in their file."""
     for body in scope.bodies:
         none = [n - 1 for n, each in enumerate(body.asked.links) if math.isnan(each.mass_kg)]
         links = cure.given.get("links", none)
@@ -213,7 +213,7 @@ def _inertial(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _motors(*modes: int) -> Applies:
-    """Return the operations on motor calls; of several joints, each gets at least a force."""
+    """Return the operations on motor calls; with several joints, each gets at least a force."""
 
     def made(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
         sets = row.changes(cure)
@@ -246,7 +246,7 @@ def _urdf_limits(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _motor_off(_: CallRow, __: Cure, scope: Scope) -> Iterator[Operation]:
-    """Switch off motors after the load: those that no call commands, and the named one."""
+    """Switch off motors after loading: those without a command, and the named one."""
     for body in scope.bodies:
         named = scope.links(body) if scope.joint is not None else []
         for joint in body.joints:
@@ -271,7 +271,7 @@ def _motor_off(_: CallRow, __: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _constraint(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Give constraints a force: when they are made, and in each call that sets another."""
+    """Give constraints a force, on creation and in each call that sets another."""
     (each,) = _set(row, cure, scope)
     yield {**each, "given": True}
     yield {**each, "do": "pull", "functions": ["createConstraint"]}
@@ -292,7 +292,7 @@ def _repeated(_: CallRow, __: Cure, ___: Scope) -> Iterator[Operation]:
 
 
 def _lifted(*functions: str) -> Applies:
-    """Place bodies farther away, a thousandth more than asked for."""
+    """Place bodies farther away, by a thousandth more than asked for."""
 
     def made(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
         by_m = [AWAY * (row.number(cure) or 0.0) * each for each in cure.given.get("away", UP)]
@@ -303,7 +303,7 @@ def _lifted(*functions: str) -> Applies:
 
 
 def _mimic(_: CallRow, __: Cure, scope: Scope) -> Iterator[Operation]:
-    """Connect joints that should follow others by gears, with their own motors off."""
+    """Connect joints that should mimic others by gears, with their own motors off."""
     for body in scope.bodies:
         links = {joint.name: joint.link for joint in body.joints}
         for each in body.asked.mimics:
@@ -323,7 +323,7 @@ def _client(_: CallRow, cure: Cure, __: Scope) -> Iterator[Operation]:
 
 
 def _without(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Leave out the call of a finding."""
+    """Omit the call of a finding."""
     place = _at(scope)
     if place:
         about = _of(scope.bodies[0]) if cure.form == "of-body" else {}
@@ -340,7 +340,7 @@ def _redirected(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _apart(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Give arguments of a finding's call in an additional call."""
+    """Pass arguments of a finding's call in an additional call."""
     arguments = {"arguments": cure.given["arguments"], **_at(scope)}
     yield {"do": "apart", "functions": [DYNAMICS], **arguments}
 

@@ -1,4 +1,4 @@
-"""Defaults of PyBullet that differ from other engines', and the calls that take them away."""
+"""PyBullet's defaults that differ from other engines', and the calls that undo them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FAR = 1e6
 
 
 class Likeness(NamedTuple):
-    """Value of the other engine."""
+    """The value in the other engine."""
 
     timestep_s: float
     gravity_m_s2: Sequence[float]

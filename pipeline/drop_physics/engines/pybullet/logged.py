@@ -1,4 +1,4 @@
-"""Logs of the calls of two recorded scripts of PyBullet, in which the same names mean the same."""
+"""Logs of the calls of two PyBullet scripts, with the same names for the same things."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ Files = Mapping[str, Sequence[tuple[str, bytes]]]
 
 
 class LogError(Exception):
-    """A log cannot be made again."""
+    """A log that cannot be repeated."""
 
 
 @dataclass
@@ -83,7 +83,7 @@ class LogOf:
     """Contents of files that were named, by path."""
 
     def logged(self) -> list[LoggedCall]:
-        """Return the calls; what they make is numbered in order.
+        """Return the calls, with the objects that they create numbered in order.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class LogOf:
         return value if number is None else [kind, number]
 
     def _whole(self, value: Any) -> Any:  # noqa: ANN401 - an argument
-        """Return an argument with the shapes that it names in full."""
+        """Return an argument with its shapes written out."""
         if isinstance(value, list):
             if len(value) == 2 and isinstance(value[0], str):
                 return self.keys.get((value[0], value[1])) if value[0] == SHAPE else value
@@ -140,7 +140,7 @@ class LogOf:
         return value
 
     def key(self, function: str, given: Mapping[str, Any]) -> tuple[str, str]:
-        """Return what is the same for calls that do the same, whatever their files are called."""
+        """Return a key that calls with the same effect share, whatever their files are called."""
         told = {
             name: self._digests.get(value, value) if name in FILES else value
             for name, value in given.items()
@@ -148,7 +148,7 @@ class LogOf:
         return function, json.dumps(told, sort_keys=True, default=list)
 
     def _file(self, name: str) -> str:
-        """Return the path of a file that a call named, this time."""
+        """Return the path of a file named by a call, in this run."""
         times = self._seen.get(name, 0)
         self._seen[name] = times + 1
         kept = self.files.get(name, ())
@@ -187,9 +187,9 @@ def _sets(call: Call) -> Sets:
 def renumbered(
     mine: LogOf, theirs: LogOf, log: Sequence[LoggedCall]
 ) -> tuple[list[LoggedCall], dict[Made, Made]]:
-    """Return the second log with the first's numbers of what both make, and which are which.
+    """Return the second log with the first's numbers for common objects, and their mapping.
 
-    The same calls make the same things; what is left corresponds in order.
+    The same calls create the same things; the rest corresponds in order.
     """
     twin = dict(_twins(mine, theirs))
     unused = max((number for (_, number), _ in (*mine.made, *theirs.made)), default=-1) + 1

@@ -141,7 +141,7 @@ def problem_of(path: Path, limits: Limits = STANDARD_LIMITS) -> tuple[str, list[
 
 
 def _named_beside(path: Path) -> list[Path]:
-    """Return the files that a URDF names and that are beside it: one may be mended."""
+    """Return the files beside a URDF that it names, of which one may be mended."""
     names = re.findall(rb"""filename\s*=\s*["']([^"']+)""", path.read_bytes())
     beside = (path.parent / name.decode(errors="replace") for name in names)
     return [file for file in beside if file.is_file()]

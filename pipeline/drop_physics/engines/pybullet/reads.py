@@ -1,4 +1,4 @@
-"""The readings of a watched script: places as its process describes them, with their counts."""
+"""Readings of a watched script: places described by its process, with their counts."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ Ids = Sequence[tuple[int, int | None]]
 
 
 class Reads:
-    """All places that read."""
+    """All places with readings."""
 
     def __init__(self) -> None:
         self._places: dict[int, dict[str, Any]] = {}
@@ -68,12 +68,12 @@ class Reads:
         self._targets[number] = {}
 
     def read(self, world: GatheredWorld, number: int, targets: list[Ids]) -> None:
-        """Add what a place has read."""
+        """Add the results of a place's readings."""
         self._waiting += [(world, number, target) for target in targets]
         self.bodies_came()
 
     def bodies_came(self) -> None:
-        """Replace ids that have been read by the numbers of bodies, if these are known."""
+        """Replace ids in readings by the numbers of bodies, if these are known."""
         waiting, self._waiting = self._waiting, []
         for world, number, ids in waiting:
             if "constraintUniqueId" in self._places[number]["arguments"]:
@@ -92,7 +92,7 @@ class Reads:
             self._cut.add(number)
 
     def forget(self, world: GatheredWorld | None) -> None:
-        """Give up on bodies of a simulation that were not described: on those, or on all."""
+        """Give up on undescribed bodies of a simulation: on those with readings, or on all."""
         self._cut |= {number for its, number, _ in self._waiting if world in (its, None)}
         self._waiting = [each for each in self._waiting if world not in (each[0], None)]
 
@@ -116,7 +116,7 @@ class Reads:
 
 
 def _answers(function: str, kept: Float64) -> Iterator[Answer]:
-    """Yield the numbers of a place's answers, shape (numbers, 4), by name."""
+    """Yield the numbers in a place's answers, shape (numbers, 4), by name."""
     names = NAMES.get(function, ())
     for k, values in enumerate(kept.tolist()):
         yield Answer(names[k] if k < len(names) else str(k), *values)

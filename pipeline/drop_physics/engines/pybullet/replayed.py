@@ -1,4 +1,4 @@
-"""PyBullet in a script's interpreter, which makes logs of calls again, bare."""
+"""PyBullet in a script's interpreter, for repeating logs of calls unwatched."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DATA = "import pybullet_data; print(pybullet_data.getDataPath())"
 
 
 class Replayer:
-    """A process that makes calls again; use it in a `with` statement.
+    """A process that repeats calls; use it in a `with` statement.
 
     Parameters
     ----------

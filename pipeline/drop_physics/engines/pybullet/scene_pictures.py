@@ -98,7 +98,7 @@ def _after(pose: Float64, offset: Pose) -> Pose | None:
 
 
 def _body(client: int, folder: Path, model: Model) -> tuple[int, Pose] | None:
-    """Return a body that looks like a shape, and its place on its part; None if none can."""
+    """Return a body that looks like a shape, and its place on its part; None if impossible."""
     shape, a, b = model.shape, *(*model.shape.size_m, 0.0, 0.0)[:2]
     look: dict[str, object]
     if shape.kind == "box":
@@ -173,7 +173,7 @@ def _picture(
 
 
 def _around(there: Flags) -> tuple[slice, slice]:
-    """Return the rows and columns that are not empty, and two more on each side."""
+    """Return the rows and columns that are not empty, with a margin of two."""
     rows, columns = (np.flatnonzero(there.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return slice(0), slice(0)

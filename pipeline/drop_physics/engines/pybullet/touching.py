@@ -60,7 +60,7 @@ def touching_height(
 def distances(
     body: int, floor: int | None, turned: Quaternion, client: int
 ) -> tuple[Distance, Distance]:
-    """Return the two distances of a body from the floor, when it is apart and when it touches.
+    """Return a body's two distances from the floor: when apart, and when touching.
 
     Parameters
     ----------

@@ -27,9 +27,9 @@ STEPS = 3
 
 
 def trial(path: str, limits: probe.Limits) -> tuple[str, list[Path]]:
-    """Load, drop and photograph a URDF in this process: return what is wrong, and its meshes.
+    """Load, drop and photograph a URDF in this process; return the problem, and its meshes.
 
-    What a drop itself reports as an error is left to it.
+    Errors that a drop reports by itself are left to it.
     """
     probe.trying = True
     _limit(limits)
@@ -51,7 +51,7 @@ def trial(path: str, limits: probe.Limits) -> tuple[str, list[Path]]:
 
 
 def _meshes_of(path: str) -> list[Path]:
-    """Load a URDF, and return its meshes, where Bullet has found them."""
+    """Load a URDF, and return its meshes as found by Bullet."""
     client = p.connect(p.DIRECT)
     body = None
     with c_output_moved_aside() as printed, contextlib.suppress(p.error):

@@ -75,12 +75,12 @@ class VisibleWorld(World):
         self.gl_renderer = printed[0].partition("GL_RENDERER=")[2].partition("\n")[0]
 
     def photograph(self, camera: Camera) -> Picture:
-        """Return a picture of the world in its present state."""
+        """Return a picture of the current state of the world."""
         return picture_of(self._client, camera, self._renderer, lit=camera.view != "standard")
 
 
 def picture_of(client: int, camera: Camera, renderer: Renderer, *, lit: bool) -> Picture:
-    """Return a picture of a simulation's present state, `lit` by our own light or PyBullet's."""
+    """Return a picture of a simulation's current state, `lit` by our own light or PyBullet's."""
     width, height = camera.size_px
     _, _, rgba, depth, bodies = p.getCameraImage(
         width,

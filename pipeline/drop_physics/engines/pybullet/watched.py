@@ -1,4 +1,4 @@
-"""Interpret what a watched script's process sends about PyBullet: from frames to events.
+"""Interpretation of a watched script's messages about PyBullet: from frames to events.
 
 It is the other end of `watch`; the stream is described in `watching.pipe`.
 """
@@ -105,7 +105,7 @@ class BulletDecoder:
 
     @property
     def time_s(self) -> float:
-        """The simulated time of the simulation that is furthest [s]."""
+        """The simulated time of the simulation that has advanced farthest [s]."""
         return max((world.time_s(world.step) for world in self._worlds.values()), default=0.0)
 
     def take(self, kind: bytes, payload: bytes) -> Iterable[Event]:
@@ -127,10 +127,9 @@ class BulletDecoder:
         return getattr(self, f"_on_{what}")(**values) or ()
 
     def rest(self, counters: Sequence[int], answers: Float64) -> Iterator[Event]:
-        """Yield the events that were gathered but not yet yielded, at the end of the stream.
+        """Yield the gathered events that remain at the end of the stream.
 
-        `counters` and `answers` are those of the shared memory: the numbers of readings, and what
-        they gave.
+        `counters` and `answers` are those of the shared memory: counts and results of readings.
         """
         for world in self._worlds.values():
             yield from world.gathered()
@@ -278,7 +277,7 @@ class BulletDecoder:
         yield Appearance(self._at(known.world), known.body, there=True)
 
     def _changed(self, known: Known, **what: Any) -> Iterator[Event]:  # noqa: ANN401
-        """Yield the gathered events before something about a body changes."""
+        """Yield the gathered events before a change of a body."""
         yield from known.world.gathered()
         known.body = replace(known.body, **what)
 

@@ -1,4 +1,4 @@
-"""The world the body falls in.
+"""The world in which the body falls.
 
 Build it, step it, read it. Every setting is made explicitly, in a separate client, so that no
 earlier run in the process can affect this one.
@@ -164,7 +164,7 @@ class World:
         }
 
     def _twin(self) -> World:
-        """Return the same world in reduced coordinates, of which the engine reports more."""
+        """Return the same world in reduced coordinates, for which the engine reports more."""
         return World(replace(self.scenario, coordinates="reduced"))
 
     @property
@@ -184,10 +184,10 @@ class World:
         return _extent(body, sha256, self.scenario.coordinates, self._round_cylinders)
 
     def _box_at_origin(self) -> tuple[Float64, Float64]:
-        """Measure the bounding box, in a world of its own.
+        """Measure the bounding box, in a separate world.
 
-        At the origin, where it is exact to the last bit. A body with joints that was placed there
-        before its release would land differently.
+        At the origin, it is exact to the last bit. A body with joints that was placed there before
+        its release would land differently.
         """
         self.place((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
         return self._box()
@@ -286,7 +286,7 @@ class World:
         )
 
     def dynamics(self, number: int = BODY) -> dict[str, Float64]:
-        """Return what the engine reports of base and links, and the damping that it was given."""
+        """Return the engine's report of base and links, and the damping that it was given."""
         floor = number == FLOOR
         body, links = (self._floor, []) if floor else (self._body, self._links)
         reported = reported_of([self._dynamics(body, link) for link in (BASE, *links)])
@@ -314,11 +314,11 @@ class World:
         )
 
     def notes(self) -> Iterator[str]:
-        """Yield remarks about what the engine does not take from the URDF: there are none."""
+        """Yield parts of the URDF that the engine ignores: there are none."""
         yield from ()
 
     def _dynamics(self, body: int | None = None, link: int = -1) -> Any:  # noqa: ANN401
-        """Return what `getDynamicsInfo` reports of a body, by default this world's own."""
+        """Return the result of `getDynamicsInfo` for a body, by default this world's own."""
         return p.getDynamicsInfo(
             self._body if body is None else body, link, physicsClientId=self._client
         )
@@ -332,7 +332,7 @@ class World:
         return _rest_height(body, sha256, self.scenario.orientation_xyzw, self._round_cylinders)
 
     def _touching_height(self) -> float | None:
-        """Measure that height, in a world of its own."""
+        """Measure that height, in a separate world."""
         turned = self.scenario.orientation_xyzw
         self.place((0.0, 0.0, 0.0), turned)
         by_box_m = -float(self._box()[0][2])
@@ -349,7 +349,7 @@ class World:
         return (by_box_m if exact else round(height_m, 14)) + 0.0  # no -0.0
 
     def samples(self, batch: int) -> Iterator[Samples]:
-        """Fall: yield the state before each step and after the last, and the contact points.
+        """Fall: yield the states before and after the steps, and the contact points.
 
         Parameters
         ----------

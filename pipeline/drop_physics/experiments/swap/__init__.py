@@ -1,1 +1,1 @@
-"""Why one run is not another: one thing is swapped, and one step is made."""
+"""The reason why one run is not another: one thing is swapped, and one step is made."""

@@ -1,4 +1,4 @@
-"""The answer to why one run is not another: what is claimed, and by what it is proved."""
+"""The answer to why one run is not another: its claims, and their proof."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ What = Literal["state", "input", "field", "element", "order", "step", "call", "k
 
 @dataclass(frozen=True)
 class DifferenceCause:
-    """One thing that differs between two runs, and what it acts on."""
+    """One difference between two runs, and the bodies or elements that it acts on."""
 
     what: What
     """`state`, `input`: a number that was given before a step; `field`: of the compiled model, or
@@ -104,7 +104,7 @@ class End:
 
 @dataclass(frozen=True)
 class Nudges:
-    """Whether the end hangs on the first difference: how far other nudges of its size go."""
+    """The dependence of the end on the first difference: the effect of other nudges of its size."""
 
     size: float
     """Size of a nudge of the velocities."""
@@ -114,7 +114,7 @@ class Nudges:
 
 @dataclass(frozen=True)
 class ProvedDifference:
-    """Why one run is not another."""
+    """The proved reason why one run is not another."""
 
     steps: tuple[int, int]
     same_until: int

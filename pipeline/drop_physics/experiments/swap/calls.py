@@ -1,7 +1,8 @@
-"""Why one run is not another, where an engine hides its state: calls are swapped in its log.
+"""The reason why one run is not another, if an engine hides its state: calls are swapped.
 
-The log of the first run's calls is made again, bare, with some of the second's calls in place of
-its own. What makes it the second run to the bit, until both are apart and beyond, is the cause.
+The log of the first run's calls is repeated, unwatched, with some of the second's calls in place of
+its own. Calls that turn it into the second run to the bit, until both are apart and beyond, are the
+cause.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class CallUnit:
 
     @property
     def step(self) -> int:
-        """The step before which it is."""
+        """The step that it precedes."""
         return min(each.step for each in (*self.removed, *self.added))
 
     @property
@@ -137,7 +138,7 @@ class WhyCalls:
         )
 
     def _with_later(self, least: Sequence[CallUnit], count: int) -> tuple[list[CallUnit], int]:
-        """Return a cause with the later differences of the same calls, and how long it holds."""
+        """Return a cause with later differences of the same calls, and the steps it explains."""
         kinds = {each.kind for each in least}
         swapped = [each for each in self._units if each.kind in kinds]
         until = self._same_until(self.states(with_units(self.a, swapped), count), count)
@@ -172,13 +173,13 @@ class WhyCalls:
         return self._is(self.states(with_units(self.a, units), steps), steps, second=True)
 
     def _is(self, states: dict[int, Float64] | None, steps: int, *, second: bool) -> bool:
-        """Return whether states are those that one of the runs was recorded with."""
+        """Return whether states are those recorded of one of the runs."""
         return states is not None and self._same_until(states, steps, second=second) == steps
 
     def _same_until(
         self, states: dict[int, Float64] | None, steps: int, *, second: bool = True
     ) -> int:
-        """Return after how many steps states are no longer those of a run."""
+        """Return the number of steps after which states leave those of a run."""
         same = steps
         for number, body in self.bodies:
             rows = None if states is None else states.get(number)
@@ -235,7 +236,7 @@ def _split(at: int, mine: Sequence[LoggedCall], theirs: Sequence[LoggedCall]) ->
 
 
 def _added(at: int, call: LoggedCall) -> Iterator[CallUnit]:
-    """Yield a call that only the second log has, an option of the engine each."""
+    """Yield a call that only the second log has, one part per option of the engine."""
     if call.sets != "setting" or len(call.given) < 2 or not call.function.endswith("Parameter"):
         yield CallUnit(at, (), [call])
         return
@@ -244,7 +245,7 @@ def _added(at: int, call: LoggedCall) -> Iterator[CallUnit]:
 
 
 def with_units(log: Sequence[LoggedCall], units: Sequence[CallUnit]) -> list[LoggedCall]:
-    """Return a log with differences put into it."""
+    """Return a log with differences applied to it."""
     removed: set[int] = set()
     added: dict[int, list[LoggedCall]] = {}
     changed: dict[int, LoggedCall] = {}
@@ -264,7 +265,7 @@ def with_units(log: Sequence[LoggedCall], units: Sequence[CallUnit]) -> list[Log
 
 
 def _with_argument(call: LoggedCall, other: LoggedCall, name: str) -> LoggedCall:
-    """Return a call with an argument of another one, or without it where that has none."""
+    """Return a call with an argument of another one, or without it if that has none."""
     given = {each: value for each, value in call.given.items() if each != name}
     if name in other.given:
         given[name] = other.given[name]
@@ -335,7 +336,7 @@ def _told_unit(unit: CallUnit) -> DifferenceCause:
 def _apart(
     unit: CallUnit, x: LoggedCall | None, y: LoggedCall | None, one: LoggedCall
 ) -> tuple[str, Value, Value]:
-    """Return what differs, and its value in each run."""
+    """Return the name of a difference, and its value in each run."""
     if not unit.argument:
         a, b = (
             ", ".join(dict.fromkeys(each.function for each in calls)) or None
@@ -356,7 +357,7 @@ def _apart(
 
 
 def _call(call: LoggedCall) -> str:
-    """Return a call as the script has it, without the bodies that it is about."""
+    """Return a call as the script has it, without its bodies."""
     given = [
         f"{name}={_shown(value)}"
         for name, value in call.given.items()
@@ -379,7 +380,7 @@ def _shown(value: Any) -> float | str | None:  # noqa: ANN401 - an argument
 
 
 def _number(text: str | None) -> float | str | None:
-    """Return a text of a file as a number, where it is one."""
+    """Return a text of a file as a number, if it is one."""
     try:
         return text if text is None else float(text)
     except ValueError:

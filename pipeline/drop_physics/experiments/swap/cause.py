@@ -1,8 +1,8 @@
-"""Why one run is not another: what differs is swapped, and one step is made from recorded states.
+"""The reason why one run is not another: values are swapped, and a step is made from states.
 
-In one step there is no chaos: what it leads to is the first run's to the bit, or not. Tried in
-order are what was given before the first difference, the compiled models, and the engine's step.
-Steps that the first run's own engine does not make again say nothing, and are left out.
+In one step there is no chaos: its result is the first run's to the bit, or not. Tried in order are
+inputs before the first difference, the compiled models, and the engine's step. Steps that the first
+run's own engine does not repeat say nothing, and are left out.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Alike:
 
 
 class HaltedError(Exception):
-    """The user wants to know what is known so far."""
+    """A request of the user for the results so far."""
 
 
 class CauseSearch:
@@ -122,7 +122,7 @@ class CauseSearch:
         )
 
     def _found(self) -> ProvedDifference:
-        """Return the answer, in which steps are numbered as they are compared."""
+        """Return the answer, with steps numbered as they are compared."""
         common, first = self._common, first_apart(self._common, self._tolerance)
         if first is None and any(common.moves_alone.values()):
             told = alone(common.moves_alone)
@@ -147,13 +147,13 @@ class CauseSearch:
             return replace(answer, is_halted=True)
 
     def _idle(self) -> list[str]:
-        """Return what differs though the runs are the same."""
+        """Return the differences between runs that are the same."""
         given = [each for each in self._common.columns if each.kind in ("input", "edit")]
         differ = [each.name for each in given if first_given([each], self._common.steps - 1)]
         return [*dict.fromkeys([*self._others(()), *differ, *self._common.other_fields])]
 
     def _others(self, named: Collection[str | None]) -> list[str]:
-        """Return the fields that differ besides those named; not what is derived from others."""
+        """Return the fields that differ besides those named; not those derived from others."""
         others = (each for each in self._fields if not each.is_derived and not each.is_structure)
         return [*dict.fromkeys(each.field for each in others if each.field not in named)]
 
@@ -182,9 +182,9 @@ class CauseSearch:
         return self._by_model(answer, given, step, crossed, redone)
 
     def _judged(self, first: int) -> Flags:
-        """Return which steps can be judged: those that the first run's engine makes again.
+        """Flag the steps that can be judged: those that the first run's engine repeats.
 
-        Where something falls asleep or wakes only the first difference itself is judged.
+        Where something falls asleep or wakes, only the first difference itself is judged.
         """
         settled = self._one.settled()
         settled[first] = True
@@ -196,7 +196,7 @@ class CauseSearch:
     def _by_given(
         self, answer: ProvedDifference, given: FirstInput, step: int, crossed: Flags, redone: Flags
     ) -> ProvedDifference:
-        """Return the answer where states and inputs of the first run give its step."""
+        """Return the answer if states and inputs of the first run produce its step."""
         cause = [self._told(each) for each in self._needed(given, step)]
         wrong = np.flatnonzero(~crossed & redone)
         by = {"input": "inputs", "edit": "written"}.get(given.paired.kind, "state")
@@ -228,7 +228,7 @@ class CauseSearch:
         return "input"
 
     def _needed(self, given: FirstInput, step: int) -> list[FirstInput]:
-        """Return which of the numbers that differ before a step make it another one."""
+        """Return those numbers before a step whose differences change the step."""
         units = [*given_at(self._common.columns, step)]
         of_first = [each for each in units if each.paired is given.paired]
         if len(units) < 2 or not of_first:
@@ -270,7 +270,7 @@ class CauseSearch:
         )
 
     def _second(self, wrong: Int64) -> list[DifferenceCause]:
-        """Return what else acts in steps that states and inputs do not mend."""
+        """Return further causes in steps that states and inputs do not mend."""
         if not len(wrong):
             return []
         sample = _sample(wrong)
@@ -290,7 +290,7 @@ class CauseSearch:
     def _least(self, holds: Callable[[list[int]], bool]) -> list[int]:
         """Return the smallest set of fields that has an effect: whole fields first, then elements.
 
-        What the engine derives from other fields is left out first.
+        Fields that the engine derives from others are left out first.
         """
         every = [*range(len(self._fields))]
         if not every or not holds(every):
@@ -344,12 +344,12 @@ class CauseSearch:
         )
 
     def _matters(self, given: FirstInput, step: int, fields: list[int]) -> bool:
-        """Return whether what was given acts in a step, too, besides fields."""
+        """Return whether inputs also act in a step, besides fields."""
         kept = {given.paired.name: given.columns}
         return not self._one.crossed(np.array([step]), fields, kept, whole=self._whole)[0]
 
     def _in_words(self, least: list[int]) -> list[int]:
-        """Return the fields to be told: what others are derived from, an element of each."""
+        """Return the fields to be named: the sources of derived ones, with an element of each."""
         order = sorted(least, key=lambda n: (self._fields[n].is_derived, _rank(self._fields[n])))
         sources = [n for n in order if not self._fields[n].is_derived]
         return (sources or order)[:MOST_CAUSES]
@@ -364,7 +364,7 @@ class CauseSearch:
     def _by_step(
         self, answer: ProvedDifference, crossed: Flags, fixed: Flags, redone: Flags
     ) -> ProvedDifference:
-        """Return the answer where neither what was given nor the model makes the step another."""
+        """Return the answer if neither inputs nor the model account for the step."""
         every = [*range(len(self._fields))]
         differ = np.flatnonzero(redone & ~fixed)
         sizes = self._one.sizes(differ, every)
@@ -416,7 +416,7 @@ class CauseSearch:
     def _by_structure(
         self, answer: ProvedDifference, differ: Int64, sizes: object, of: int
     ) -> ProvedDifference:
-        """Return the answer where one engine made both, so that only the models can differ."""
+        """Return the answer if one engine made both runs, so that only the models can differ."""
         only = self._common.only
         beyond = int((np.asarray(sizes) > REAL).sum())
         told = alone(only)
@@ -436,7 +436,7 @@ class CauseSearch:
     # -- the end ----------------------------------------------------------------------------------
 
     def _nudged(self, answer: ProvedDifference) -> ProvedDifference:
-        """Return the answer with how far other nudges of the first difference's size go."""
+        """Return the answer with the effect of other nudges of the first difference's size."""
         first = answer.first
         if first is None or not 0 < first.size <= SMALL or len({*answer.steps}) > 1:
             return answer
@@ -446,7 +446,7 @@ class CauseSearch:
 
 
 def alone(only: Mapping[str, Sequence[str]]) -> list[DifferenceCause]:
-    """Return what only one run has, `a` or `b`, as causes."""
+    """Return the elements of only one run, `a` or `b`, as causes."""
     return [
         DifferenceCause(
             "element", None, ", ".join([*dict.fromkeys(names)][:MOST_CAUSES]), *PRESENT[side]
@@ -462,7 +462,7 @@ def _is_apart(given: FirstInput, step: int, column: int) -> bool:
 
 
 def _rank(told: FieldApart) -> float:
-    """Return how little a field has changed, so that what changed most comes first."""
+    """Return a sort key by which the field that changed most comes first."""
     a, b = np.array(told.a), np.array(told.b)
     if a.shape != b.shape or not a.size:
         return 0.0
@@ -471,7 +471,7 @@ def _rank(told: FieldApart) -> float:
 
 
 def _changed(told: FieldApart) -> tuple[float | tuple[float, ...], float | tuple[float, ...]]:
-    """Return the numbers of an element that differ, in both models."""
+    """Return the differing numbers of an element, in both models."""
     if len(told.a) != len(told.b):
         return told.a, told.b
     which = [n for n, (x, y) in enumerate(zip(told.a, told.b, strict=True)) if x != y]
@@ -480,5 +480,5 @@ def _changed(told: FieldApart) -> tuple[float | tuple[float, ...], float | tuple
 
 
 def _sample(steps: Int64) -> Int64:
-    """Return some of many steps, evenly spread; the first is one of them."""
+    """Return some of many steps, evenly spaced; the first is among them."""
     return steps[:: max(1, len(steps) // SAMPLED)]

@@ -1,9 +1,9 @@
-"""Why a run of one engine is not that of another: known differences are taken away.
+"""The reason why a run of one engine is not that of another: known differences are removed.
 
-Nothing is the same to the bit there, but without contact both agree to rounding where nothing of
-the table differs. Each known difference is taken away alone, then all together and as few as
-possible; what makes both the same well beyond the first difference is the cause. Beyond a contact
-nothing more is claimed than that both touch.
+Nothing is the same to the bit there, but without contact both agree to rounding if nothing in the
+table differs. Known differences are removed alone, then all together and as few as possible; those
+that make both the same well beyond the first difference are the cause. Beyond a contact, the only
+claim is that both touch.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The first difference of two runs, and what differed first before it without a step's doing."""
+"""The first difference of two runs, and the first earlier difference that no step made."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ORDER = ("motion", "hidden", "input", "edit")
 
 @dataclass(frozen=True, eq=False)
 class FirstInput:
-    """Numbers that were given to both runs before a step, and differ."""
+    """Numbers given to both runs before a step, with differences."""
 
     paired: Paired
     step: int
@@ -36,14 +36,14 @@ class FirstInput:
 
     @property
     def share(self) -> float:
-        """The same, as a share of the number."""
+        """The largest difference, as a share of the number."""
         a, b = (each[self.step, self.columns] for each in _both(self.paired))
         off = np.abs(a - b)
         return float(off.max() / max(float(np.abs(a[off.argmax()])), 1e-300))
 
     @property
     def elements(self) -> list[str]:
-        """The things that they are of."""
+        """The elements that own the numbers."""
         return [*dict.fromkeys(self.paired.elements[each] for each in self.columns)]
 
 
@@ -52,7 +52,7 @@ def _both(paired: Paired) -> tuple[Float64, Float64]:
 
 
 def differs(a: Float64, b: Float64, tolerance: float = 0.0) -> Flags:
-    """Return which numbers differ: to the bit, or by more than a tolerance."""
+    """Flag the numbers that differ: to the bit, or by more than a tolerance."""
     if tolerance:
         return np.asarray(~(np.abs(a - b) <= tolerance) & ~(np.isnan(a) & np.isnan(b)))
     both = [np.ascontiguousarray(each, np.float64).view(np.uint64) for each in (a, b)]
@@ -60,7 +60,7 @@ def differs(a: Float64, b: Float64, tolerance: float = 0.0) -> Flags:
 
 
 def first_apart(common: Common, tolerance: float) -> First | None:
-    """Return after which step positions or velocities are apart first; None if never."""
+    """Return the first difference of positions or velocities after a step; None without one."""
     found: list[tuple[int, Paired, Flags]] = []
     for each in common.columns:
         if each.kind == "motion" and each.after_a is not None and each.after_b is not None:
@@ -86,7 +86,7 @@ def first_apart(common: Common, tolerance: float) -> First | None:
 
 
 def first_given(columns: Iterable[Paired], until: int) -> FirstInput | None:
-    """Return what was given first that differs, up to a step: states, then inputs, then writes."""
+    """Return the first differing input up to a step: states, then inputs, then writes."""
     found = [each for paired in columns if (each := _given(paired, until)) is not None]
     return min(found, key=lambda each: (each.step, ORDER.index(each.paired.kind)), default=None)
 
@@ -104,7 +104,7 @@ def _given(paired: Paired, until: int) -> FirstInput | None:
 
 
 def first_hidden(common: Common, until: int) -> int | None:
-    """Return the first step that leads to another state, hidden parts included; None if none."""
+    """Return the first step with another resulting state, hidden parts included; else None."""
     steps = [
         int(rows[0])
         for each in common.columns
@@ -116,7 +116,7 @@ def first_hidden(common: Common, until: int) -> int | None:
 
 
 def given_at(columns: Iterable[Paired], step: int) -> Iterator[FirstInput]:
-    """Yield the numbers that differ before a step, an element at a time."""
+    """Yield the numbers that differ before a step, one element at a time."""
     for paired in columns:
         apart = np.flatnonzero(differs(paired.before_a[step], paired.before_b[step]))
         by_element: dict[str, list[int]] = {}
@@ -127,7 +127,7 @@ def given_at(columns: Iterable[Paired], step: int) -> Iterator[FirstInput]:
 
 
 def lateness(given: FirstInput) -> str:
-    """Return which run, `a` or `b`, changes a number a step later than the other; empty if none."""
+    """Return the run, `a` or `b`, that changes a number one step later; empty if none."""
     row, column = given.step, given.columns[0]
     a, b = (each[:, column] for each in _both(given.paired))
     if not row or a[row - 1] != b[row - 1]:

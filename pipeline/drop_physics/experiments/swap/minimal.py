@@ -16,7 +16,7 @@ MOST_TRIALS = 300
 
 
 def minimal(units: Sequence[T], holds: Callable[[list[T]], bool]) -> list[T]:
-    """Return the smallest set that was found for which `holds`; it holds for all of them.
+    """Return the smallest set found for which `holds`; it holds for all units together.
 
     Units that come first are left out first.
     """

@@ -144,7 +144,7 @@ def analyze(asked: verbs.AnalyzeArguments) -> Analysis:
 
 
 def _episode(read_back: Recording, number: int | None, *, every: bool) -> Episode | None:
-    """Return the episode that the account is of; None for the whole run."""
+    """Return the episode of the account; None for the whole run."""
     if read_back.drop is not None:
         if number is not None:
             raise ScenarioError(
@@ -157,7 +157,7 @@ def _episode(read_back: Recording, number: int | None, *, every: bool) -> Episod
 
 
 def _check_about(about: str | None, read_back: Recording) -> None:
-    """Raise an error if nothing has the name that the account is to begin with."""
+    """Raise an error if nothing has the name with which the account is to begin."""
     if about is None:
         return
     if read_back.drop is not None:
@@ -177,14 +177,14 @@ def _check_about(about: str | None, read_back: Recording) -> None:
 
 
 def _give_memory_back() -> None:
-    """Return freed memory to the system: what is written next uses other allocators."""
+    """Return freed memory to the system, since the next stage uses other allocators."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's
     if trim is not None:
         trim(0)
 
 
 def _hulls(analysis: Analysis) -> frozenset[str]:
-    """Return the labels of bodies of which the viewer shows the collision hulls."""
+    """Return the labels of bodies whose collision hulls are shown in the viewer."""
     found = (each.body for each in analysis.findings if each.code == "collides-as-hull")
     return frozenset(label for label in found if label is not None)
 
@@ -228,7 +228,7 @@ def plot_of_recording(recording: Path) -> Plot:
 
 
 def _shown(analysis: Analysis, seen: Seen) -> LayerShown:
-    """Return what the viewer shows of a script; it cannot draw dashed lines."""
+    """Return the contents of the viewer for a script; it cannot draw dashed lines."""
     if analysis.kind == "drop":
         return LayerShown()
     widths = {"line": 2.0, "broad": 3.0, "wide": 4.0, "dashed": 1.0}

@@ -1,4 +1,4 @@
-"""Explain steps of a recording when they are asked for: which, and in which interpreter."""
+"""Explain steps of a recording on demand: the choice of steps, and of an interpreter."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ VERSION = "from importlib.metadata import version; print(version('mujoco'))"
 
 @dataclass(frozen=True)
 class WhatToExplain:
-    """The steps of a recording that are to be explained, besides those that are already."""
+    """The steps of a recording to be explained, besides those that already are."""
 
     steps: Sequence[tuple[int, int]] = ()
     """Samples, from the first to before the last of each window, of all simulations."""
@@ -50,7 +50,7 @@ BY_DEFAULT = WhatToExplain()
 
 @dataclass(frozen=True)
 class LaterExplained:
-    """A recording with what was explained of it."""
+    """A recording with its explained steps."""
 
     recording: Recording
     sums: LaterSums | None
@@ -150,7 +150,7 @@ def _explain(
 
 
 def _windows(seen: Seen, count: Mapping[int, int], what: WhatToExplain) -> list[Window]:
-    """Return the steps that are asked for, or that states name."""
+    """Return the steps that are asked for, or that states suggest."""
     whole = [(client, 0, n) for client, n in count.items() if n]
     if what.whole or sum(count.values()) < FEW_STEPS:
         return whole
@@ -175,7 +175,7 @@ def _windows(seen: Seen, count: Mapping[int, int], what: WhatToExplain) -> list[
 def _interpreter(
     version: str, python: str | None, recorded: str | None
 ) -> tuple[str | None, Message | None]:
-    """Return an interpreter that has a version of MuJoCo, or why there is none."""
+    """Return an interpreter with a version of MuJoCo, or the reason why there is none."""
     found: list[str] = []
     candidates = [python] if python else [*([recorded] if recorded else []), sys.executable]
     for each in candidates:

@@ -1,4 +1,4 @@
-"""Find the files of a recorded script, if they still have the text that was recorded.
+"""Find the files of a recorded script, if their text is still the recorded one.
 
 A comment `# drop: ignore[CODE]` on the first line of a call leaves a finding out.
 """
@@ -22,7 +22,7 @@ Lines = Mapping[int, frozenset[str]]
 
 
 class Sources:
-    """The files of a script: by its digest the text is known to be the recorded one.
+    """The files of a script, verified by the digest of its recorded text.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Sources:
         return cls(held.origin_and_end.get("script_sha256"), folders)
 
     def files(self, names: Iterable[str]) -> dict[str, Path]:
-        """Return the paths of those files that are found, by their names as in sites."""
+        """Return the paths of the files that are found, by their names as in sites."""
         found = {name: self._file(name) for name in names}
         return {name: path for name, path in found.items() if path is not None}
 

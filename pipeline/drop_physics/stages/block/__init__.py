@@ -1,4 +1,4 @@
-"""Record what a block of Python does with PyBullet or MuJoCo, in notebooks and tests.
+"""Record a block of Python that uses PyBullet or MuJoCo, in notebooks and tests.
 
     with record("run.rrd"):
         ...
@@ -40,7 +40,7 @@ NO_STEP = (
 
 
 class Block:
-    """A block that is being recorded; once it has ended, it prints as its recording does."""
+    """A recorded block; after its end, it prints like its recording."""
 
     watch: ScriptWatch
     written: dict[str, Any] | None = None
@@ -69,7 +69,7 @@ class Block:
 
 
 class BlockWriter(Worker):
-    """A process that writes the recordings of blocks, one by one, even if this one crashes."""
+    """A process that writes the recordings of blocks, even if this process crashes."""
 
     def __init__(self) -> None:
         self._handing, taking = _socket.socketpair()
@@ -83,7 +83,7 @@ class BlockWriter(Worker):
         self._handing.close()
 
     def begin(self, reading: int, memory: int, *how: object) -> None:
-        """Let it write what comes through a pipe; both file descriptors become its own, too."""
+        """Let it write a pipe's stream; both file descriptors become its own, too."""
         self.ask("drop_physics.stages.block.writer:write", self._place, *how)
         both = array("i", [reading, memory])
         self._handing.sendmsg([b"\0"], [(_socket.SOL_SOCKET, _socket.SCM_RIGHTS, both)])
@@ -102,7 +102,7 @@ def record(
     force: bool = False,
     writer: BlockWriter | None = None,
 ) -> Iterator[Block]:
-    """Record what a `with` block does with PyBullet or MuJoCo, as `drop record` does for a script.
+    """Record the use of PyBullet or MuJoCo in a `with` block, as `drop record` does for a script.
 
     Parameters
     ----------

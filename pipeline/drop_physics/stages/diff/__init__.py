@@ -1,4 +1,4 @@
-"""Compare two runs, and say why one is not the other: what differs is swapped, one step is made."""
+"""Compare two runs, and explain their difference: a differing value is swapped, a step is made."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MOST_SIMULATIONS = 32
 
 @dataclass(frozen=True)
 class Diff(Printable, reported_by="drop_physics.report.diff"):
-    """Why one run is not another."""
+    """The reason why one run is not another."""
 
     a: str
     b: str
@@ -60,7 +60,7 @@ class Diff(Printable, reported_by="drop_physics.report.diff"):
 
 @takes_those_of(verbs.DiffArguments)
 def diff(asked: verbs.DiffArguments) -> Diff:
-    """Run two scripts, or one in two ways, or take recordings, and say why they are not the same.
+    """Run two scripts, or one in two ways, or take recordings, and explain their difference.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def diff(asked: verbs.DiffArguments) -> Diff:
 
 
 def why_apart(a: Recording, b: Recording, names: tuple[str, str], tolerance: float) -> Diff | None:
-    """Return why one recording is not another; None where that cannot be told.
+    """Return the difference between two recordings; None if it cannot be determined.
 
     It takes an interpreter with the engine of each, and nothing is fetched.
     """
@@ -160,7 +160,7 @@ def _host(a: Recording, b: Recording) -> dict[str, tuple[str, str]]:
 def _answered(
     a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None], *, by_time: bool
 ) -> tuple[ProvedDifference, int]:
-    """Return the answer, and how often steps were made again."""
+    """Return the answer, and the number of repeated steps."""
     engines = a.recording.seen.engine, b.recording.seen.engine
     for side in (a, b):
         steps_of(side)  # if there are any
@@ -187,7 +187,7 @@ def _answered(
 def _earliest(
     stack: ExitStack, a: RunSide, b: RunSide, tolerance: float, *, by_time: bool
 ) -> tuple[CrossedRuns, Sequence[Swapper]]:
-    """Return the simulations that are apart first, as what takes single steps of them."""
+    """Return the simulations that differ first, with the processes that take single steps."""
     both = [*zip(a.recording.steps.clients, b.recording.steps.clients, strict=False)]
     firsts = []
     for number, clients in enumerate(both[:MOST_SIMULATIONS] if len(both) > 1 else ()):
@@ -208,7 +208,7 @@ def _crossed(
     *,
     by_time: bool,
 ) -> tuple[CrossedRuns, Sequence[Swapper]]:
-    """Return what takes single steps of one simulation of each; `stack` ends its processes."""
+    """Return the steppers of one simulation of each run; `stack` ends their processes."""
     folder = stack.enter_context(temporary_folder())
     sides: list[CrossedSide] = []
     swappers: list[Swapper] = []
@@ -241,7 +241,7 @@ def _is_same_script(a: Recording, b: Recording) -> bool:
 
 
 def _sites(a: Recording, b: Recording) -> Callable[[str, int], tuple[str | None, str | None]]:
-    """Return what finds the lines of both scripts that set something before a step."""
+    """Return a function that finds the lines of both scripts that set a value before a step."""
 
     def site(name: str, step: int) -> tuple[str | None, str | None]:
         found: list[str | None] = []

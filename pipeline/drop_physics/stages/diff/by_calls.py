@@ -27,7 +27,7 @@ from drop_physics.trace.logs import LoggedCall, Made
 def answered_by_calls(
     a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None]
 ) -> tuple[ProvedDifference, int]:
-    """Return why one run is not another, and how often calls were made again.
+    """Return the reason for a difference of two runs, and the number of repeated calls.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def answered_by_calls(
 
 
 def logged(side: RunSide) -> tuple[list[LoggedCall], LogOf]:
-    """Return the log of a run, and what it was made from.
+    """Return the log of a run, and its source.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def _body_of(side: RunSide, call: Call) -> Body | None:
 
 
 def placed(log: Sequence[LoggedCall], folder: Path) -> list[LoggedCall]:
-    """Return a log whose files are there: those that are not any more are written again."""
+    """Return a log whose files exist: missing ones are written again."""
     found = []
     for each in log:
         if each.content is None:

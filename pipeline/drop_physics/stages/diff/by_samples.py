@@ -1,4 +1,4 @@
-"""Compare two runs by their samples alone, where no step can be made again: nothing is proved."""
+"""Compare two runs by their samples alone, when no step can be repeated: nothing is proved."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from drop_physics.trace.swaps import Common
 
 
 def answered_by_samples(a: RunSide, b: RunSide, tolerance: float) -> ProvedDifference:
-    """Return until when two runs are the same, and what is apart then.
+    """Return the last common step of two runs, and the first difference.
 
     Raises
     ------

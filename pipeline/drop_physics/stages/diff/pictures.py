@@ -1,4 +1,4 @@
-"""Pictures of two runs, of which only digests are recorded: how many are not the same."""
+"""Pictures of two runs, recorded only as digests: the number of those that differ."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class PicturesApart(NamedTuple):
 
 
 def pictures_apart(a: Recording, b: Recording, until: int | None) -> PicturesApart | None:
-    """Return how many pictures differ of those drawn before states are apart; None if none do.
+    """Return the number of differing pictures drawn before states part; None without any.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A script as it was committed in Git, beside its data: what is not in Git is there as it is."""
+"""A script as committed in Git, beside its data: files unknown to Git are there, too."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NOT_DATA = (".git", ".venv", "recordings")
 
 @contextlib.contextmanager
 def exported(script: Path, revision: str | None) -> Iterator[Path]:
-    """Yield the path of a script as it was in a revision; of None, as it is.
+    """Yield the path of a script as of a revision; unchanged for None.
 
     All files of the repository are as they were then. Files that Git does not know are there, too.
 

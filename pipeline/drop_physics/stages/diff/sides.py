@@ -1,4 +1,4 @@
-"""The two sides of a comparison: a script with what it is run with, or a recording."""
+"""The two sides of a comparison: a script with its arguments and environment, or a recording."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ RECORDING = ".rrd"
 
 @dataclass(frozen=True)
 class Asked:
-    """One side as it was asked for."""
+    """One side as requested."""
 
     target: str
     arguments: Sequence[str] = ()
@@ -49,7 +49,7 @@ class Asked:
         return self.target.endswith(RECORDING)
 
     def named(self, other: Asked) -> str:
-        """Return what tells it from the other side, in few characters."""
+        """Return a short text that distinguishes this side from the other."""
         if self.target != other.target:
             return Path(self.target).name
         words = [each.replace("==", " ") for each in self.packages]
@@ -169,7 +169,7 @@ class RunSide:
 
 
 def side_of(held: Recording, name: str) -> RunSide:
-    """Return a recording as a side: with an interpreter that has its engine, if one is found.
+    """Return a recording as a side, with an interpreter that has its engine, if one is found.
 
     That is the script's, or ours, perhaps with a version that was fetched before.
     """
@@ -186,7 +186,7 @@ def side_of(held: Recording, name: str) -> RunSide:
 
 
 def recorded_side(asked: Asked, path: Path, how: verbs.DiffArguments, *, name: str) -> RunSide:
-    """Record a side, or read it where it is a recording.
+    """Record a side, or read it if it is a recording.
 
     Parameters
     ----------

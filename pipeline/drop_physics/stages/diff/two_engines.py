@@ -37,7 +37,7 @@ AGREES = 1e-9
 def answered_by_engines(
     a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None]
 ) -> tuple[ProvedDifference, int]:
-    """Return why a run of one engine is not that of another, and how often it was made again.
+    """Return the difference between runs of two engines, and the number of repetitions.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def answered_by_engines(
 
 
 class _Runs:
-    """A run of each engine, made again with known differences taken away."""
+    """A run of each engine, repeated with known differences removed."""
 
     def __init__(
         self,
@@ -96,11 +96,11 @@ class _Runs:
 
     @property
     def jobs(self) -> int:
-        """Number of runs made again."""
+        """Number of repeated runs."""
         return self._replayer.jobs + self._swapper.jobs
 
     def why(self, tolerance: float, *, is_swapped: bool) -> WhyEngines:
-        """Return what answers."""
+        """Return the answer."""
         paired = [each for _, _, each in self._pairs]
         labels = [label for each in paired for label in np.array(each.labels)[_compared(each)]]
         units = [unit for each in paired for unit in np.array(each.units)[_compared(each)]]
@@ -186,7 +186,7 @@ def _timestep_s(side: RunSide) -> float:
 
 
 def _with(found: list[KnownDifference], each: KnownDifference) -> list[KnownDifference]:
-    """Return known differences with one of a further body: of each kind there is one."""
+    """Return known differences with those of a further body: one of each kind."""
     same = next((other for other in found if other.name == each.name), None)
     if same is None:
         return [*found, each]
@@ -196,7 +196,7 @@ def _with(found: list[KnownDifference], each: KnownDifference) -> list[KnownDiff
 
 
 def _pairs(bullet: RunSide, other: RunSide, steps: int) -> list[tuple[Body, Body, PairedBody]]:
-    """Return the bodies that move in both: by name, else in order."""
+    """Return the bodies that move in both runs: by name, else in order."""
     a, b = bullet.recording.seen, other.recording.seen
     mine, theirs = (_moving(seen) for seen in (a, b))
     named = {body.name: body for body in theirs}
@@ -218,5 +218,5 @@ def _moving(seen: Seen) -> list[Body]:
 
 
 def _compared(body: PairedBody) -> list[int]:
-    """Return the columns that two engines have alike: axes of inertia may be others'."""
+    """Return the columns that two engines share: axes of inertia may differ."""
     return [n for n, place in enumerate(body.places) if not 3 <= place < 7]

@@ -1,6 +1,6 @@
-"""Versions of packages that one run has and another has not, each unpacked into a folder of ours.
+"""Versions of packages that only one run has, each unpacked into a folder of ours.
 
-A script finds them there before its own (`PYTHONPATH`). This is the one place that downloads.
+A script finds them there before its own (`PYTHONPATH`). No other module downloads.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ TAG = "import sys; print(f'{sys.implementation.cache_tag}')"
 
 
 def cache() -> Path:
-    """Return the folder that versions are unpacked into."""
+    """Return the folder of unpacked versions."""
     if sys.platform == "darwin":
         above = Path.home() / "Library/Caches"
     else:
@@ -35,7 +35,7 @@ def cache() -> Path:
 
 
 def kept(engine: str, python: str) -> dict[str, str]:
-    """Return the variables with which an interpreter finds an engine's version, if it was fetched.
+    """Return the variables by which an interpreter finds an engine's version, if it was fetched.
 
     `engine` is its name and version, as in a recording.
     """
@@ -45,7 +45,7 @@ def kept(engine: str, python: str) -> dict[str, str]:
 
 
 def forget() -> int:
-    """Empty that folder, and return how many versions were in it."""
+    """Empty that folder, and return the number of versions in it."""
     folder = cache()
     with output_errors(folder):
         count = sum(1 for _ in folder.iterdir()) if folder.is_dir() else 0
@@ -73,7 +73,7 @@ def checked(requirement: str) -> tuple[str, str]:
 def unpacked(
     requirements: Sequence[str], python: str, note: Callable[[str], None]
 ) -> dict[str, str]:
-    """Return the variables with which an interpreter finds some versions of packages.
+    """Return the variables by which an interpreter finds some versions of packages.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ class Film:
 
 
 def frames_film(held: Recording, animation: Animation, most_fps: float) -> Film | None:
-    """Return a film of the frames that were recorded, by the busiest camera; None without any.
+    """Return a film of the recorded frames, by the busiest camera; None without any.
 
     Raises
     ------
@@ -225,7 +225,7 @@ def beside_film(
 
 
 def _parts(held: Recording) -> list[Part]:
-    """Return the parts that are drawn of a recording, or raise an error if there are none."""
+    """Return the visible parts of a recording, or raise an error if there are none."""
     parts = parts_of(held.path, held.seen)
     if not parts:
         raise RecordingError(
@@ -243,7 +243,7 @@ def _poses(parts: Sequence[Part], times_s: Float64) -> Float64:
 
 
 def _places(seen: Seen, parts: Sequence[Part], poses: Float64) -> dict[int, Float64]:
-    """Return how far to move each body that is drawn, by number, shape (3,).
+    """Return the displacement of each drawn body, by number, shape (3,).
 
     Each simulation has a world of its own: several are drawn side by side, in rows.
     """
@@ -291,7 +291,7 @@ def _drawn(
 
 
 def _end_s(seen: Seen, parts: Sequence[Part]) -> float:
-    """Return the time of the last sample, or of the last call that moved what is drawn [s]."""
+    """Return the time of the last sample, or of the last call that moved a drawn body [s]."""
     sampled_s = [StepTimes(seen, client).of(count - 1) for client, count in seen.samples.items()]
     return max(*sampled_s, *(float(part.times_s[-1]) for part in parts), 0.0)
 
@@ -299,7 +299,7 @@ def _end_s(seen: Seen, parts: Sequence[Part]) -> float:
 def _played(
     animation: Animation, most_fps: float, end_s: float, interval_s: float, most: int
 ) -> tuple[Playback, Float64]:
-    """Return how a film plays, and the time of each picture: evenly spaced, at most `most`."""
+    """Return a film's playback, and the time of each picture: evenly spaced, at most `most`."""
     count = int(end_s / interval_s + 1e-9) + 1
     times_s = interval_s * np.arange(0, count, -(-count // most), dtype=np.float64)
     apart_s = float(times_s[1]) if len(times_s) > 1 else 1 / DRAWN_PER_S
@@ -371,7 +371,7 @@ def _framed(parts: Sequence[Part], numbers: Int64, poses: Float64) -> tuple[Floa
 
 
 def _distance_m(places_m: Float64, around_m: Float64) -> float:
-    """Return from how far the standard camera sees balls around places, in its axes.
+    """Return the distance from which the standard camera sees balls around places, in its axes.
 
     A ball is in the picture if its centre is a radius or more from the planes that bound what the
     camera sees: for a slope s of such a plane, and a depth z, |x| + r √(1 + s²) ≤ s (distance − z).
@@ -384,7 +384,7 @@ def _distance_m(places_m: Float64, around_m: Float64) -> float:
 
 
 def _held(places_m: Float64) -> Float64:
-    """Return places, shape (pictures, parts, 3), with those before in place of missing ones."""
+    """Return places, shape (pictures, parts, 3), with earlier ones in place of missing ones."""
     there = np.any(np.isfinite(places_m[..., 0]), axis=1)
     if not there.any():
         return np.zeros_like(places_m)

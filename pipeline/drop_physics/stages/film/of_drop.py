@@ -32,7 +32,7 @@ NAMES, BELOW = ("simulated", "free fall"), 1.15
 
 
 class FallScene:
-    """The body of a drop, the same in free fall, and where a ruler is.
+    """A dropped body, the same body in free fall, and the place of a ruler.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class FallScene:
             yield replace(part, models=models, times_s=times_s[:landed], poses=poses[:landed])
 
     def marks(self, camera: Camera, time_s: float) -> Iterator[Mark]:
-        """Yield the marks of a picture: the ruler, and the names of what falls."""
+        """Yield the marks of a picture: the ruler, and the names of the bodies."""
 
         def seen(at_m: ArrayLike) -> Point:
             x, y, z = self._axes @ np.subtract(at_m, camera.target_m)

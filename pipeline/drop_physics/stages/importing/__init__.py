@@ -1,7 +1,7 @@
-"""Record the states that another program has left on disk: MuJoCo's own step says what acted.
+"""Record the states that another program has left on disk, explained by MuJoCo's own steps.
 
-Where MuJoCo's step from a state leads is held against the next state of the file. Within rounding,
-the step is explained; else the difference is the other engine's, and is said once for each kind.
+The state after MuJoCo's step is compared with the next state of the file. Within rounding, the step
+is explained; otherwise the difference is the other engine's, and is reported once for each kind.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ DUMP, MODEL = "nan_dump_", "model_"
 
 @dataclass(frozen=True)
 class Imported(Printable, reported_by="drop_physics.report.imported"):
-    """The recording of states that another program has made."""
+    """The recording of another program's states."""
 
     recording: Path
     """The recording."""
@@ -178,7 +178,7 @@ def import_states(asked: verbs.ImportArguments) -> Imported:
 
 
 class HeldAgainst:
-    """States that are held against MuJoCo's steps while they are recorded.
+    """A comparison of states with MuJoCo's steps, while they are recorded.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ class HeldAgainst:
         self.notes = [*found.notes, *self._of_steps()]
 
     def events(self) -> Iterator[Event]:
-        """Yield what the recording holds."""
+        """Yield the events of the recording."""
         with closing(MujocoDecoder()) as decoder:
             for payload in stream_of(self._steps, self._tell, stepped=self.stepped):
                 yield from decoder.take(payload)
@@ -212,7 +212,7 @@ class HeldAgainst:
             yield from decoder.explained(sys.executable)
 
     def ending(self) -> Ending:
-        """Return how the states end, after all events."""
+        """Return the end of the states, after all events."""
         ending = Ending("finished", made_with={"mujoco": mujoco.__version__})
         if self._found.ended is not None:
             growth = growth_of(self._steps, [*self._last])
@@ -250,7 +250,7 @@ class HeldAgainst:
             self._progress(step.number, len(self._found.states) - 1)
 
     def _of_steps(self) -> Iterator[Message]:
-        """Yield what is to be known of how steps are taken."""
+        """Yield remarks on the way in which steps are taken."""
         step_s = self._found.states.step_s
         if not self.stepped:
             yield Message(
@@ -266,7 +266,7 @@ class HeldAgainst:
 
 
 def _model_of(archive: Archive, given: Path | str | None) -> Path | None:
-    """Return the file of the model that states are of; None where the file has it.
+    """Return the file of the states' model; None if the states' own file has it.
 
     Raises
     ------

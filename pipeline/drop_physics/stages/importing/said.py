@@ -1,4 +1,4 @@
-"""Deviations of another engine's steps, one sentence a kind."""
+"""Deviations of another engine's steps, in one sentence per kind."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STIFF = 1.0
 def said_of_gaps(
     explained: int, steps: int, gaps: Gaps, *, engine: str, rounding: float
 ) -> Iterator[Message]:
-    """Yield how many steps are an engine's, and what the others are off by.
+    """Yield sentences on the number of explained steps, and on the deviations of the others.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def said_of_gaps(
 
 
 def _said(gap: Gap) -> Message:
-    """Say what steps are off by."""
+    """Describe a deviation of steps."""
     of = {"steps": counted(gap.steps, "step"), "first": gap.first, "apart": gap.apart}
     kind, names = gap.kind, gap.names
     what = " ".join([kind, *names])
@@ -92,7 +92,7 @@ def _said(gap: Gap) -> Message:
 
 
 def said_of_growth(growth: GrowingStates) -> Message:
-    """Say why states grow without bound."""
+    """Describe the cause of states that grow without bound."""
     kind, names = growth.term
     of = {"state": growth.state, "factor": growth.factor, "joint": growth.joint}
     term = " ".join([kind, "/".join(names)]).strip()

@@ -71,7 +71,7 @@ def _verdict(analysis: Analysis) -> Iterator[str]:
 
 
 def _panels(analysis: Analysis) -> Iterator[Panel]:
-    """Yield the panels of findings, the gravest first, then those that are worth a look anyway."""
+    """Yield the panels of findings, the gravest first, then those of general interest."""
     subject, done = Drawable(analysis), frozenset[Kind]()
     for number, finding in enumerate(analysis.findings, 1):
         kind, panels = of_finding(subject, finding, str(number), done)
@@ -85,7 +85,7 @@ def _panels(analysis: Analysis) -> Iterator[Panel]:
 
 
 def plot_of_row(analysis: Analysis, rows: Sequence[AccountRow]) -> Plot:
-    """Return the curve of the first row of an account that has one, its moment marked.
+    """Return the curve of the first row of an account that has one, with its moment marked.
 
     The plot has no panels and no title where none has.
     """

@@ -1,4 +1,4 @@
-"""The kinds of panels that show what bodies did: each one function, listed in `KINDS`.
+"""The kinds of panels that show the motion of bodies: a function each, listed in `KINDS`.
 
 A kind is asked with a finding, whether it shows what that says, or with None, whether it is worth a
 look in any case; it yields nothing where it has nothing to show. The plot, the film and the viewer
@@ -144,7 +144,7 @@ def joint(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Ite
 
 
 def of_row(subject: Drawable, row: AccountRow) -> Panel | None:
-    """Return the curve of a row: a joint's position, a body's energy, or how far it has moved."""
+    """Return the curve of a row: a joint's position, a body's energy, or its displacement."""
     body = subject.bodies.get(row.body or "")
     if body is None or row.time_s is None:
         return None
@@ -322,7 +322,7 @@ def _window(torque: Float64) -> int:
 
 
 def _limits(its: Curves, far: float = FAR) -> list[str]:
-    """Return the limits that a torque comes near; the lower one is added to the curves."""
+    """Return the limits that a torque approaches; the lower one is added to the curves."""
     torque, limit = its.columns["torque"], its.columns["limit"]
     most = float(np.nanmax(np.abs(torque), initial=0.0))
     if np.nanmin(limit, initial=np.inf) > far * most:
@@ -333,7 +333,7 @@ def _limits(its: Curves, far: float = FAR) -> list[str]:
 
 
 def _stops(its: Curves, body: Body, row: JointRow) -> list[str]:
-    """Return the ends of its range that a joint comes near; they are added to the curves."""
+    """Return the ends of its range that a joint approaches; they are added to the curves."""
     low, high = body.joints[row.index].limits
     at = its.columns["position"]
     its.columns.update(lowest=np.full(at.shape, low), highest=np.full(at.shape, high))

@@ -92,7 +92,7 @@ def _dropped(analysis: FallAnalysis) -> Message:
 
 
 def _said_of_drop(analysis: FallAnalysis, timestep_s: float) -> Iterator[Message]:
-    """Yield the settings that are not the default, one moment of the error, and how it ends."""
+    """Yield settings other than the defaults, one moment of the error, and the end."""
     standard, own = asdict(Scenario()), analysis.scenario
     shown = {"linear_damping": own["linear_damping"]}
     shown |= {name: value for name, value in own.items() if value != standard[name]}

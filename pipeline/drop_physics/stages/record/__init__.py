@@ -1,7 +1,7 @@
 """Run a script, and record everything that happens in its simulations.
 
-What writes the recording loads Rerun, for as long as a script takes to load PyBullet: it is loaded
-while the script begins.
+The writer loads Rerun, which takes as long as a script takes to load PyBullet: it is loaded while
+the script begins.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class Recorded(Printable, reported_by="drop_physics.report.record"):
 
 
 def forget(recorded: Recorded) -> None:
-    """Delete a recording that holds nothing, and its layer."""
+    """Delete an empty recording, and its layer."""
     for path in (recorded.recording, layer_of(recorded.recording)):
         path.unlink(missing_ok=True)
 
@@ -300,7 +300,7 @@ def _replay(decoder: Decoder) -> ReplayedSteps | None:
 
 
 def origin_of(program: Program, digest: str | None) -> dict[str, Any]:
-    """Return the properties that say which script was run, and how."""
+    """Return the properties of a recording that name the script and its arguments."""
     target = program.target
     return {
         "kind": "script",
@@ -319,7 +319,7 @@ def origin_of(program: Program, digest: str | None) -> dict[str, Any]:
 def _worth_knowing(
     process: running.Script, recorder: Recorder, ended: Ending, *, keep_sleeping: bool
 ) -> Iterator[str]:
-    """Yield remarks on a script that has ended."""
+    """Yield remarks on an ended script."""
     decoder = process.decoder
     if not recorder.samples and not decoder.cut_off and not decoder.mujoco.version:
         nothing = Message(
@@ -364,7 +364,7 @@ def written(
     recording_id: str,
     **how: Any,  # noqa: ANN401 - as `writer.record` takes it
 ) -> Ending:
-    """Write what a running script or block does, and return how it ended.
+    """Write a running script or block, and return its ending.
 
     The recording is called `name` in Rerun's lists; by default as its file.
     """
@@ -399,7 +399,7 @@ def written(
 
 
 def _how_to_install(module: str, process: running.Listener) -> str:
-    """Return how a script's interpreter gets the engine that the script imports."""
+    """Return the command that installs an engine in a script's interpreter."""
     how = shell_command(process.python, "-m", "pip", "install", module)
     if module == "mujoco":
         return Message("try: {how}", how=how)
@@ -432,7 +432,7 @@ def recorded_of(
 
 
 def _failure(path: Path, printed: str) -> str:
-    """Return what a script failed with, as the analysis says it, but for what it has printed."""
+    """Return a script's error as the analysis shows it, without the script's output."""
     from drop_physics.recording.reader import read
     from drop_physics.rules.script_failed import failure
 
@@ -449,7 +449,7 @@ def _silent(*_: object) -> None:
 
 
 def _named_later(note: Callable[[str], None]) -> Callable[[float, int], None]:
-    """Return what is told how far a script is, and says once, after a minute, how to stop it."""
+    """Return a progress function that explains once, after a minute, how to stop a script."""
     at = time.monotonic() + NAMED_AFTER_S
 
     def tell(_: float, steps: int) -> None:
@@ -479,7 +479,7 @@ def _again(
 ) -> tuple[bool, int | None]:
     """Run a program again; return whether it was compared, and the first step that differs.
 
-    `last` is how many steps the first run made, and how it ended; `recorders` have what it did, by
+    `last` holds the number of steps of the first run, and its end; `recorders` have its events, by
     engine.
     """
     made, how = last
@@ -549,9 +549,9 @@ def _again(
 
 @contextlib.contextmanager
 def interrupts(then: Callable[[], None]) -> Iterator[None]:
-    """Have Ctrl-C end the script but not this process, which completes the recording.
+    """Let Ctrl-C end the script but not this process, which completes the recording.
 
-    Where it is ignored, as `nohup` and `&` have it, it stays ignored: the script inherits that.
+    If Ctrl-C is ignored, as under `nohup` and `&`, it stays ignored: the script inherits that.
     """
     ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     if ignored or threading.current_thread() is not threading.main_thread():

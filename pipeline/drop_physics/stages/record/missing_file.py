@@ -18,7 +18,7 @@ SEARCH = Message("p.setAdditionalSearchPath(pybullet_data.getDataPath())")
 
 
 def missing_file(arguments: str, target: str) -> Message | None:
-    """Return where the file of a `p.load…` is that failed, or what it misses; None: nowhere.
+    """Return the place of a file that `p.load…` missed, or its missing parts; None if unknown.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def _complete(file: Path) -> bool:
 
 
 def _lost_meshes(file: Path) -> Iterator[str]:
-    """Yield the meshes that a file names, and that are neither there nor near the file."""
+    """Yield meshes named by a file that are neither there nor near the file."""
     if file.stat().st_size > LARGEST_BYTES:
         return
     for mesh in _MESH.findall(file.read_text(errors="replace")):

@@ -1,7 +1,7 @@
 """Path of a script's recording, and the earlier one of the same script that it replaces.
 
-It is written under a name that is free, and takes the earlier one's only once it is whole: until
-then, and if it has no step, that one stays.
+It is written under a free name, and takes the earlier one's only once it is whole: until then, and
+if it has no step, the earlier one stays.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Earlier:
     status: os.stat_result
 
     def is_unchanged(self) -> bool:
-        """Return whether it is still that file: another process may have replaced it."""
+        """Return whether the file is unchanged: another process may have replaced it."""
         try:
             now = self.path.stat()
         except OSError:
@@ -52,7 +52,7 @@ class Target:
         return (self.earlier[0].path if self.earlier else self.path).stem
 
     def settled(self, *, stepped: bool) -> Path:
-        """Give the whole recording its name, and return that; what one replaced has beside it goes.
+        """Give the complete recording its name, and return that; files beside a replaced one go.
 
         A recording without a step replaces only one without.
         """

@@ -1,1 +1,1 @@
-"""Run a script again with something changed: what may be changed, and how the runs are made."""
+"""Runs of a script with changes: the possible changes, and the ways of running."""

@@ -1,8 +1,8 @@
-"""Protection of a script's further runs, by what the first run reached.
+"""Protection of a script's further runs, according to the resources that the first run reached.
 
-Where the kernel offers private mounts, each run has a view of the file system of its own
-(`engines.watching.private`): it does not find what the first run made, and what it writes is thrown
-away. Elsewhere it runs in a copy of its working directory, if it writes nothing else.
+If the kernel offers private mounts, each run has a view of the file system of its own
+(`engines.watching.private`): files made by the first run are absent, and its writes are discarded.
+Elsewhere it runs in a copy of its working directory, if it writes nothing else.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Again:
 
     @contextmanager
     def ready(self, program: Program, *, finer: int = 1) -> Iterator[Program]:
-        """Yield a program as it is run again, and throw away what it has written.
+        """Yield a program in the form of a further run, and discard its writes afterwards.
 
         Parameters
         ----------
@@ -106,11 +106,11 @@ class Again:
             yield limited
 
     def patience_s(self, finer: int = 1) -> float:
-        """Return how long a run may take [s], as the machine is loaded now."""
+        """Scale a run's time limit by the machine's current load [s]."""
         return under_load(max(LEAST_S, LONGEST * self.took_s) * finer)
 
     def limits(self, finer: int = 1) -> dict[str, Any]:
-        """Return the limits of a run, as `watching.limits` keeps them."""
+        """Return the limits of a run, in the form of `watching.limits`."""
         most_s = max(LEAST_S, LONGEST * self.processor_s) * finer
         return {
             "processor_s": None if most_s == float("inf") else most_s,
@@ -121,7 +121,7 @@ class Again:
 def again_of(
     target: str, reached: Reached, *, is_module: bool, took_s: float, anyway: bool
 ) -> Again:
-    """Return how a script is run again.
+    """Return the settings of a script's further runs.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def again_of(
 
 
 def folders_of(script: Path | None, reached: Reached) -> list[str]:
-    """Return the folders that a script may write to, as far as they are there."""
+    """Return the existing folders that a script may write to."""
     written = reached.names("writes", "removes", THERE)
     found = [
         Path.cwd(),
@@ -195,12 +195,12 @@ def _is_offered(folders: tuple[str, ...], here: str) -> bool:
 
 
 def is_offered(folders: Sequence[str]) -> bool:
-    """Return whether the kernel lets a process have layers of its own over folders."""
+    """Return whether the kernel lets a process put layers of its own over folders."""
     return _is_offered(tuple(folders), str(Path.cwd()))
 
 
 def _memory_bytes() -> int | None:
-    """Return the memory of this machine; None where it is not told."""
+    """Return the memory of this machine; None if unknown."""
     try:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Parse the interventions that `--try` and `--vary` name, as texts such as `force=35,70`."""
+"""Parse the interventions of `--try` and `--vary`, texts such as `force=35,70`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ UNNAMED = ("without", "parameter")
 
 
 def cures_of(texts: Sequence[str], option: str, *, whole: bool) -> list[Cure]:
-    """Return interventions of texts, one for each value; all have their text as their call.
+    """Return the interventions of texts, one for each value, with their text as their call.
 
     Parameters
     ----------

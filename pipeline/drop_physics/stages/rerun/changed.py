@@ -1,4 +1,4 @@
-"""Runs of a script with something changed, each recorded and compared with the script's own."""
+"""Runs of a script with changes, each recorded and compared with the script's own."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 
 def plain(name: str) -> str:
-    """Return the name of a run with the characters that a file name may have."""
+    """Return the name of a run, limited to the characters of file names."""
     return "".join(each if each.isalnum() or each in "=.-+" else "_" for each in name)
 
 
@@ -85,11 +85,11 @@ class RunChanged(ABC, Generic[T]):
 
     @property
     def ends_by(self) -> float | None:
-        """When each run is stopped at the latest, by the time of day [s]; None for never."""
+        """Time of day at which each run is stopped [s]; None for never."""
         return None
 
     def is_late(self, number: int) -> bool:
-        """Return whether there is no time left to begin a candidate."""
+        """Return whether too little time is left to begin a candidate."""
         del number
         return False
 

@@ -1,4 +1,4 @@
-"""Runs of a script again in which an expectation is evaluated, and nothing is recorded."""
+"""Further runs of a script that evaluate an expectation, and record nothing."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ Answer = Mapping[str, Any]
 
 
 def evaluator_of(text: str | None, **how: object) -> dict[str, Any]:
-    """Return what evaluates an expectation in a run, as a program takes it.
+    """Return the evaluator of an expectation in a run, as a program takes it.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def evaluator_of(text: str | None, **how: object) -> dict[str, Any]:
 
 
 def outcome_of(answer: Answer, *, ended_well: bool) -> ChangeOutcome:
-    """Return the outcome of a run from what it answers."""
+    """Return the outcome of a run from its answer."""
     margin, value = answer["margin"], answer["value"]
     return ChangeOutcome(
         holds=bool(answer["holds"] and answer["finite"] and ended_well),
@@ -70,7 +70,7 @@ NOT_MADE = ChangeOutcome(holds=False, margin=-math.inf, value=math.nan)
 
 @dataclass
 class EvaluatedRuns:
-    """Runs of a script in which an expectation is evaluated, and nothing is recorded.
+    """Runs of a script that evaluate an expectation, and record nothing.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class EvaluatedRuns:
     _under_way: set[Script | Fork] = field(default_factory=set)
 
     def answered(self, **changed: object) -> tuple[Answer | None, str]:
-        """Make a run with something changed; return what it answers, and how it ended."""
+        """Make a run with a change; return its answer, and its ending."""
         program = replace(self.program, **changed)  # type: ignore[arg-type]
         with self.reruns.begun(program) as process:
             self._under_way.add(process)
@@ -109,13 +109,13 @@ class EvaluatedRuns:
         return answer, error or ended
 
     def changed(self, change: Change) -> ChangeOutcome | None:
-        """Return the outcome of a run with a change; None where no time is left."""
+        """Return the outcome of a run with a change; None if no time is left."""
         if time.time() > self.until:
             return None
         return self._outcome(**self._trial_of(change))
 
     def nudged(self, number: int, change: Change | None = None) -> ChangeOutcome | None:
-        """Return the outcome of a run, or one with a change, moved by next to nothing."""
+        """Return the outcome of a run, or one with a change, after a tiny nudge."""
         if time.time() > self.until:
             return None
         trial = {} if change is None else self._trial_of(change)
@@ -133,7 +133,7 @@ class EvaluatedRuns:
         return outcome_of(answer, ended_well=ended in self.ends)
 
     def all_of(self, changes: Iterator[Change]) -> Iterable[tuple[Change, ChangeOutcome | None]]:
-        """Make runs with changes, and yield their outcomes as they come."""
+        """Make runs with changes, and yield their outcomes as they arrive."""
         return in_threads(self.changed, changes, jobs=self.jobs, stop=self.stop)
 
     def nudges(self, change: Change | None = None, number: int = NUDGES) -> list[ChangeOutcome]:
@@ -145,7 +145,7 @@ class EvaluatedRuns:
     def recorded(
         self, change: Change, path: Path, own: Recording, name: str, *, drawn: bool
     ) -> None:
-        """Make a run with a change once more, and record it.
+        """Repeat a run with a change, and record it.
 
         Parameters
         ----------
@@ -170,7 +170,7 @@ class EvaluatedRuns:
             )
 
     def stands(self, change: Change) -> bool:
-        """Return whether a change makes it true, too, where everything is nudged."""
+        """Return whether a change still makes it true if everything is nudged."""
         return all(each.holds for each in self.nudges(change, CONFIRMS))
 
     def stop(self) -> None:

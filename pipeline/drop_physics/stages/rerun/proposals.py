@@ -1,4 +1,4 @@
-"""Proposals for trials: cures of findings, interventions asked for, calls left out."""
+"""Proposals for trials: cures of findings, requested interventions, calls left out."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Proposals:
         self._commanded: frozenset[tuple[int, int]] | None = None
 
     def of_findings(self) -> list[Candidate]:
-        """Return the cures of the findings, in their order; each is tried once."""
+        """Return the cures of the findings, in their order; duplicates are tried once."""
         found: dict[Any, Candidate] = {}
         for place, finding in enumerate(self._findings):
             if finding.cure is None or finding.code == READING:  # not about what the bodies do
@@ -86,7 +86,7 @@ class Proposals:
         return [*found.values()]
 
     def always(self, *, damped: bool) -> list[Candidate]:
-        """Return what is tried whatever is found, since every outcome may hang on it.
+        """Return the interventions tried in any case, since every outcome may hang on them.
 
         Damping is among it if it acts on a body in free flight.
         """
@@ -96,7 +96,7 @@ class Proposals:
         return [*map(self.whole, cures)]
 
     def asked(self, cures: Sequence[Cure], about: Sequence[int]) -> list[Candidate]:
-        """Return the interventions asked for, applied to the subjects of the findings."""
+        """Return the requested interventions, applied to the subjects of the findings."""
         found: list[Candidate] = []
         named = [self._findings[place] for place in about]
         for cure in cures:
@@ -114,7 +114,7 @@ class Proposals:
         return found
 
     def left_out(self) -> list[Candidate]:
-        """Yield each call of a setter, and each of its optional arguments, to be left out."""
+        """Yield calls of setters, and their optional arguments, to be left out one at a time."""
         found: dict[tuple[str, str, int, str | None], Candidate] = {}
         for piece in self._seen.pieces():
             for call in piece.calls.of(*(SETTERS if self._seen.engine == PYBULLET else Act)):
@@ -133,7 +133,7 @@ class Proposals:
         return Candidate(intervention, self._cures.left_out(function, file, line, argument))
 
     def whole(self, cure: Cure) -> Candidate:
-        """Return a cure that is applied to the whole run: there, some values are factors."""
+        """Return a cure applied to the whole run, where some values become factors."""
         is_factor = f"{cure.name}:{FACTOR}" in self._cures.rows
         if is_factor and cure.value is not None and cure.value >= 0:
             cure = replace(cure, form=FACTOR)
@@ -163,7 +163,7 @@ class Proposals:
         return Candidate(what, self._cures.applied(cure, scope))
 
     def _motors(self) -> frozenset[tuple[int, int]]:
-        """Return body and link of each joint that a call gives a motor, but no torque."""
+        """Return body and link of each joint to which a call gives a motor, but no torque."""
         if self._commanded is None:
             found = set()
             for piece in self._seen.pieces():

@@ -1,4 +1,4 @@
-"""Runs of a script again, with changes, beside each other: every verb that does so goes through it.
+"""Concurrent further runs of a script with changes, shared by all verbs.
 
 Where a process can be forked without sharing anything, a run is a fork of one that stands before
 the script first uses its engine, or after some steps: imports, and what else comes before, are made
@@ -32,7 +32,7 @@ FORKS = sys.platform.startswith("linux")
 
 
 class Reruns:
-    """Runs of a script again; use it in a `with` statement, in which runs may be forks.
+    """Further runs of a script; use it in a `with` statement, in which runs may be forks.
 
     Without it each is a run from the start. `begun` may be called by several threads at once.
 
@@ -73,7 +73,7 @@ class Reruns:
     def begun(
         self, changed: Program, *, until: float | None = None, printed: int | None = None
     ) -> Iterator[Script | Fork]:
-        """Begin a run, and yield what reads it; whatever it has started ends with the block.
+        """Begin a run, and yield its reader; processes that it has started end with the block.
 
         Parameters
         ----------
@@ -102,7 +102,7 @@ class Reruns:
             yield process
 
     def _forked(self, stack: ExitStack, changed: Program, finer: int, printed: int) -> Fork | None:
-        """Return a run that is a fork; None where it cannot be one."""
+        """Return a run that is a fork; None if it cannot be one."""
         alike = {name: getattr(self._program, name) for name in (*TRIES, "explain")}
         if self._server is None or replace(changed, **alike) != self._program:
             return None

@@ -1,4 +1,4 @@
-"""Runs of a script beside each other, each recorded: what `trust` and `why` have in common.
+"""Concurrent recorded runs of a script: the common part of `trust` and `why`.
 
 Rerun and polars are imported where they are used: the script starts while they load.
 """
@@ -138,7 +138,7 @@ def run_all(
     ray: tuple[Callable[[int], T], str] | None = None,
     entered: Callable[[int, T], object] = lambda *_: None,
 ) -> dict[int, T]:
-    """Run work by number, in this order, and return what came of it by number.
+    """Run numbered work in this order, and return its results by number.
 
     On this machine each runs in a process of its own, which a thread of this one records.
 

@@ -1,7 +1,7 @@
 """A scratch copy of a working directory, for a script that writes files there.
 
-Folders are made anew, files are links to the script's own; what it writes is a copy. So its runs go
-on beside each other, and what they write is nobody's.
+Folders are created, files are links to the script's own; written files are copies. So runs may go
+on beside each other, and their writes are discarded.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ class Trials:
 
 
 def _is_trial(value: object) -> bool:
-    """Return whether a value of the file is a trial, as far as it is used."""
+    """Return whether a value of the file is a trial, as far as its keys are used."""
     return isinstance(value, dict) and all(
         isinstance(value.get(name), str) for name in ("name", "call", "verdict")
     )

@@ -183,7 +183,7 @@ def bodies_of(world: World | OtherWorld, engine: EngineReport) -> Iterator[Event
 
 
 def made_with(world: World | OtherWorld, *, gl_renderer: str | None = None) -> EngineReport:
-    """Return what an engine reports, with the versions of everything involved in a recording."""
+    """Return an engine's report, with the versions of everything involved in a recording."""
     versions: dict[str, Any] = engine_versions() | library_versions()
     return replace(world.report(), gl_renderer=gl_renderer or None, **versions)
 

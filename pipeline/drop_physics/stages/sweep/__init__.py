@@ -78,7 +78,7 @@ class Sweep(Printable, reported_by="drop_physics.report.sweep"):
         return Scenario.options()[field].written(value)
 
     def label(self, row: Row) -> str:
-        """Return the values of a row's scenario that others do not have, in words."""
+        """Return the values that distinguish a row's scenario, in words."""
         return label_of({field: row[field] for field in self.plan.axes})
 
     def table(self) -> pl.DataFrame:
@@ -201,7 +201,7 @@ def _run(
 
 @contextlib.contextmanager
 def _answering(work: RunDrop, runs: int, jobs: int | None) -> Iterator[engines.Answering[Row]]:
-    """Yield who makes a row: a worker process, or this one where that is as fast."""
+    """Yield the process that makes a row: a worker, or this one if that is as fast."""
     try:
         steps = runs * Scenario(**work.plan.values(0)).steps
     except ScenarioError:

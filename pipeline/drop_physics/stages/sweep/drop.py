@@ -1,4 +1,4 @@
-"""A run of a sweep of scenarios, as a worker makes it: a drop, its row, and its recording."""
+"""A run of a sweep of scenarios, made by a worker: a drop, its row, and its recording."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class RunDrop:
     def _record(
         self, world: World | OtherWorld, file: str, watch: Callable[[Samples], object]
     ) -> None:
-        """Record a fall as `drop simulate` does; what a killed worker left there is replaced."""
+        """Record a fall as `drop simulate` does; the remains of a killed worker are replaced."""
         with contextlib.ExitStack() as stack:
             photographer = None
             if self.camera is not None and is_installed(PYBULLET):

@@ -68,7 +68,7 @@ class RunSwept(RunKept[Row]):
         return bool(made["ended"] == "failed")
 
     def compared(self, number: int, other: Recording) -> Row:
-        """Return the row of a run, by its recording."""
+        """Return the row of a run from its recording."""
         from drop_physics.analysis.story import Story
         from drop_physics.experiments.run_distance import apart
         from drop_physics.stages.analyze.explaining import explained
@@ -153,7 +153,7 @@ def sweep_script(asked: verbs.SweepScriptArguments) -> ScriptSweep:
 
 
 def _together(candidates: Sequence[Candidate]) -> Candidate:
-    """Return several interventions combined into one."""
+    """Combine several interventions into one."""
     call = ", ".join(each.intervention.call for each in candidates)
     runs = (each.run for each in candidates if each.run is not None)
     return Candidate(Intervention(Cure("sweep", call=call)), functools.reduce(operator.add, runs))

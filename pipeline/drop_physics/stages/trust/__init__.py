@@ -1,4 +1,4 @@
-"""Run a script again with variations, and say what holds in all of them."""
+"""Run a script again with variations, and report the results that hold in all of them."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ LENGTH = re.compile(r"([^\s]*?[\d.])\s*([^\d\s.]+)?")
 
 @dataclass(frozen=True)
 class Trust(Printable, reported_by="drop_physics.report.trust"):
-    """Trust in a script's result: what the variations change."""
+    """Trust in a script's result: the effect of variations."""
 
     script: str
     made: Made
@@ -149,7 +149,7 @@ def trust(asked: verbs.TrustArguments) -> Trust:
 def candidates_of(
     seen: Seen, asked: Sequence[Cure], option: str, *, usual: bool
 ) -> list[Candidate]:
-    """Return the interventions that are asked for, as the engine supports them, on the whole run.
+    """Return the requested interventions, as the engine supports them, on the whole run.
 
     Parameters
     ----------

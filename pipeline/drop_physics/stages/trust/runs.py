@@ -89,7 +89,7 @@ class RunKept(RunChanged[T]):
         """Return the result of a run, from its recording."""
 
     def not_made(self, number: int) -> T:
-        """Say that a run was stopped, and how to go on."""
+        """Raise the error of a stopped run, which says how to continue."""
         raise DropError(
             "{name} was interrupted; run the same command again", name=self.name_of(number)
         )
@@ -167,7 +167,7 @@ def run_kept(work: RunKept[T], *, jobs: int | None, ray: str | None, progress: P
 
 @dataclass(frozen=True)
 class FirstRun:
-    """What is kept of the script's own run beside its recording."""
+    """Notes on the script's own run, beside its recording."""
 
     reached: Reached
     took_s: float
@@ -179,7 +179,7 @@ class FirstRun:
 
 @dataclass(frozen=True)
 class RunFolder:
-    """The recordings of a script's runs: each whole, with an id of its own, or not there.
+    """The recordings of a script's runs: complete, with an id of their own, or absent.
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ class RunFolder:
         stdout: int,
         note: Callable[[str], None] = lambda _: None,
     ) -> tuple[Recording, Program, Again]:
-        """Run and record a program as it is, or read what is there.
+        """Run and record a program unchanged, or read its existing recording.
 
         Also return it limited to the steps that it made, and how it is run again, `anyway` if it
         would not be.
@@ -318,7 +318,7 @@ class RunFolder:
         return self.path / "first-run.json"
 
     def _read_first_run(self) -> FirstRun:
-        """Return what is known of the script's own run, which an earlier call may have made.
+        """Return the notes on the script's own run, which an earlier call may have made.
 
         Raises
         ------
@@ -351,7 +351,7 @@ class RunFolder:
 
 
 def whole(path: Path, recording_id: str) -> Recording:
-    """Return a recording that is there.
+    """Return an existing recording.
 
     Raises
     ------
@@ -368,7 +368,7 @@ def whole(path: Path, recording_id: str) -> Recording:
 
 
 def altered(path: Path) -> OutputError:
-    """Return the error that a file of a folder is not the one that was written."""
+    """Return the error for a file of a folder that is not the one written."""
     return OutputError(
         "{path} was altered or replaced after it was written; run all again with --force",
         path=path,
@@ -376,7 +376,7 @@ def altered(path: Path) -> OutputError:
 
 
 def identity_of(program: Program) -> dict[str, Any]:
-    """Return what determines the runs of a program, as far as it is known beforehand."""
+    """Return everything that determines the runs of a program, as far as it is known beforehand."""
     target = program.target
     return {
         "kind": "script",

@@ -1,6 +1,6 @@
 """Arguments of the verbs: options of the command line, and arguments in Python.
 
-What is here loads nothing heavy, as `drop --help` reads it all: heavy types stand in quotes.
+This loads nothing heavy, as `drop --help` reads it all: heavy types stand in quotes.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def quiet(*_: Any) -> None:  # noqa: ANN401 - whatever is said
-    """Say nothing."""
+    """Print nothing."""
 
 
 # -- what several verbs take ----------------------------------------------------------------------

@@ -1,7 +1,8 @@
 """Fields of a verb's dataclass as arguments in Python and options on the command line.
 
-A field's type is annotated with its option, whose text serves both. What only the command line
-takes, such as how to print, is a class variable; what only Python takes has a text and no option.
+A field's type is annotated with its option, whose text serves both. Options of the command line
+alone, such as the form of output, are class variables; arguments of Python alone have a text and no
+option.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ class VerbParameter:
 
 
 def parameters_of(verb: type) -> dict[str, VerbParameter]:
-    """Return the parameters of a verb, by name: its own, then those that it shares with others."""
+    """Return the parameters of a verb, by name: its own, then the shared ones."""
     hints: dict[str, Any] = {}
     for each in verb.__mro__:
         hints |= {n: h for n, h in inspect.get_annotations(each).items() if n not in hints}

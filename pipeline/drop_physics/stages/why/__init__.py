@@ -1,4 +1,4 @@
-"""Run a script again with one thing changed at a time: causes proved by trying."""
+"""Run a script again with one change at a time: causes proved by trials."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ TAKES = 2.0
 
 @dataclass(frozen=True)
 class Tried:
-    """One trial, as a finding has it, or as what an outcome hangs on."""
+    """One trial, of a finding or of an outcome."""
 
     intervention: Intervention
     shown: TrialVerdict | None
@@ -72,7 +72,7 @@ class Tried:
 
 @dataclass(frozen=True)
 class Proved:
-    """A finding, and what trials show of it."""
+    """A finding with its trials."""
 
     finding: Finding
     verdict: Verdict
@@ -108,10 +108,10 @@ class Why(Printable, reported_by="drop_physics.report.why"):
     """What was expected of it, and which changes make that true; None if nothing was."""
 
     def filmed(self) -> tuple[Path, str] | None:
-        """Return the recording to see beside the script's own run, and its title.
+        """Return the recording to show beside the script's own run, and its title.
 
-        It is of the cure that moves the outcome most, and without a cure of what moves it most;
-        None without any.
+        It shows the cure that moves the outcome most, otherwise the trial that moves it most; None
+        without any.
         """
         if self.expected is not None and self.expected.filmed is not None:
             return self.expected.filmed
@@ -125,7 +125,7 @@ class Why(Printable, reported_by="drop_physics.report.why"):
 
 @takes_those_of(verbs.WhyArguments)
 def why(asked: verbs.WhyArguments) -> Why:
-    """Record a script, try what its findings propose, each in a run of its own, and compare.
+    """Record a script, try the proposals of its findings, one run each, and compare.
 
     Where something is expected of it, generic changes are tried in place of proposals.
 
@@ -251,7 +251,7 @@ def why(asked: verbs.WhyArguments) -> Why:
     )
 
     def run(which: RunTrial, numbers: Sequence[int]) -> dict[int, TrialRun]:
-        """Return what trials came to, until Ctrl-C: those that are then missing were not made."""
+        """Return the results of trials until Ctrl-C: later ones are missing."""
         made: dict[int, TrialRun] = {}
         try:
             if not interrupted:
@@ -346,12 +346,12 @@ def why(asked: verbs.WhyArguments) -> Why:
 
 
 def _asks_else(asked: verbs.WhyArguments) -> bool:
-    """Return whether something else is asked than why a script did not do what it was told."""
+    """Return whether the question is another than why a script did not do what it was told."""
     return bool(asked.tries or asked.ablate or asked.about)
 
 
 def _only(expected: Expected, recorded: Recorded, seconds: float) -> Why:
-    """Return what is known where no finding is tried."""
+    """Return the result without trials of findings."""
     return Why(
         expected=expected,
         script=recorded.script,
@@ -369,7 +369,7 @@ def _only(expected: Expected, recorded: Recorded, seconds: float) -> Why:
 
 
 def _about(findings: Sequence[Finding], about: str | None) -> list[int]:
-    """Return the places of the findings that are meant.
+    """Return the places of the findings that match `about`.
 
     Raises
     ------
@@ -465,7 +465,7 @@ def _why(
 
 
 def _bounded(proved: Sequence[Proved]) -> list[Proved]:
-    """Return findings whose best trials alone keep their recordings."""
+    """Return findings of which only the best trials keep their recordings."""
     from drop_physics.experiments.verdicts import VERDICTS
 
     recorded = {each.recording: each for one in proved for each in one.tried if each.recording}
@@ -493,7 +493,7 @@ def _others_cured(
     own: Outcome,
     nudge: Outcome | None,
 ) -> Iterator[int]:
-    """Yield the symptoms that a trial of another finding takes away, by their places."""
+    """Yield the places of other findings whose symptoms a trial removes."""
     from drop_physics.experiments.verdicts import CAUSES, judged
 
     for place, finding in enumerate(findings):
@@ -504,7 +504,7 @@ def _others_cured(
 
 
 def _own(base: Recording, findings: Sequence[Finding]) -> Outcome:
-    """Return what the script's own run came to."""
+    """Return the outcome of the script's own run."""
     from drop_physics.experiments.run_distance import Apart
     from drop_physics.experiments.verdicts import Outcome
 
@@ -532,7 +532,7 @@ def _tried(
 
 
 def _keep(folder: Path, result: Why, recording_id: str) -> None:
-    """Write what the trials show beside them; recordings that no finding names are deleted."""
+    """Write the results of trials beside them; recordings that no finding names are deleted."""
     named = {each.recording for proved in result.findings for each in proved.tried}
     named |= set() if result.expected is None else {*result.expected.recordings}
     for path in folder.glob("*.rrd"):

@@ -1,4 +1,4 @@
-"""Check what `drop why` is asked, and where its recordings go."""
+"""Checks of the arguments of `drop why`, and the place of its recordings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drop_physics.stages.found import is_of, origin_of
 
 
 def checked_bounds(asked: verbs.WhyArguments) -> None:
-    """Check the numbers that are asked.
+    """Check the numbers among the arguments.
 
     Raises
     ------
@@ -28,7 +28,7 @@ def checked_bounds(asked: verbs.WhyArguments) -> None:
 def place_of(asked: verbs.WhyArguments) -> tuple[Path | None, bool]:
     """Return the recording to write, None for the usual one, and whether it may be replaced.
 
-    One of the same script is.
+    A recording of the same script may be.
     """
     if asked.out is None:
         return None, asked.force

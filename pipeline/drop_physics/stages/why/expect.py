@@ -1,4 +1,4 @@
-"""Say which single change of a script makes true what was expected of it: `drop why --expect`."""
+"""Search for single changes that make an expectation true: `drop why --expect`."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ SAME_GAP = 0.05
 
 @dataclass(frozen=True)
 class Expected:
-    """Expectation of a script, its outcome, and the changes that make it true."""
+    """An expectation of a script, its outcome, and the changes that make it true."""
 
     text: str
     """Expectation, as an expression."""
@@ -100,24 +100,24 @@ class Expected:
 
     @property
     def unit(self) -> str | None:
-        """The unit of what is compared; None where that is not known."""
+        """The unit of the compared quantities; None if unknown."""
         if self.row is not None:
             return self.row.unit
         return Expression(self.text).unit
 
     @property
     def filmed(self) -> tuple[Path, str] | None:
-        """The recording of the first that makes it true, and its words; None without one."""
+        """The recording of the first change that makes it true, in words; None without one."""
         if not self.recordings:
             return None
         return self.recordings[0], self.words(self.makes_true[0].tried.change)
 
     def row_of(self, change: Change) -> str | None:
-        """Return the row's words, if a term of it is what a change acts on."""
+        """Return the row's words, if a change acts on one of its terms."""
         return self.row.words if self.row is not None and self.row.names(change) else None
 
     def repeats(self, change: Change) -> str:
-        """Return the text with which `--try` repeats a change."""
+        """Return the text by which `--try` repeats a change."""
         return text_of(change)
 
     def does(self, change: Change) -> str:
@@ -125,7 +125,7 @@ class Expected:
         return done(change.op)
 
     def words(self, change: Change) -> str:
-        """Return a change in words, as its user would say it: friction of left, right ×10."""
+        """Return a change in its user's words: friction of left, right ×10."""
         return TABLES[change.engine].words_of(change)
 
 
@@ -149,7 +149,7 @@ def parsed(text: str) -> Expression:
 
 
 def own_of(answer: Answer, asked: verbs.WhyArguments) -> Expected | None:
-    """Return what is expected of a script, and what came; None if nothing is.
+    """Return a script's expectation with its outcome; None without one.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def own_of(answer: Answer, asked: verbs.WhyArguments) -> Expected | None:
 
 
 def of_row(row: RowExpectation) -> Expected:
-    """Return what the account says a run was short of."""
+    """Return a row of the account, in which a run fell short, as an expectation."""
     gap = math.nan if row.gap is None else row.gap
     return Expected(row.text, "row", ChangeOutcome(False, -gap, gap), row=row)
 
@@ -208,7 +208,7 @@ def searched(
     until: float,
     base: Recording,
 ) -> Expected:
-    """Return an expectation that does not hold with the changes that make it true.
+    """Return an unmet expectation with the changes that make it true.
 
     Parameters
     ----------
@@ -259,7 +259,7 @@ def searched(
 
 
 def _ends(own: Expected, recorded: Recorded) -> frozenset[str]:
-    """Return how a run may end whose outcome counts."""
+    """Return the endings of a run whose outcome counts."""
     if own.source == "assert":  # where an assert fails, the script does: a change lets it end
         return frozenset({FINISHED})
     ends = frozenset({FINISHED, recorded.ended})
@@ -270,7 +270,7 @@ def _ends(own: Expected, recorded: Recorded) -> frozenset[str]:
 def _searched(
     trials: EvaluatedRuns, engine: str, asked: verbs.WhyArguments, row: RowExpectation | None
 ) -> dict[str, Any]:
-    """Return what a search has found; nothing where a run again is not short of a row."""
+    """Return the results of a search; nothing if a repeated run does not fall short of a row."""
     rows = {name: each.tried for name, each in TABLES.items()}
     evaluator: dict[str, Any] = {**trials.program.evaluator}  # type: ignore[dict-item]
     arguments = {**evaluator["arguments"], "rows": rows}
@@ -315,7 +315,7 @@ def _searched(
 
 
 def _line_of(change: Change, texts: Mapping[Path, str]) -> tuple[str, str] | None:
-    """Return where a user would write a change, and what stands there."""
+    """Return the place where a user would write a change, and its current text."""
     if change.site is not None:
         return f"{change.site[0]}:{change.site[1]}", ""
     written = TABLES[change.engine].written_as(change)
@@ -325,7 +325,7 @@ def _line_of(change: Change, texts: Mapping[Path, str]) -> tuple[str, str] | Non
 def _recorded(
     runs: EvaluatedRuns, said: Sequence[SaidChange], base: Recording, *, drawn: bool
 ) -> list[Path]:
-    """Record the first of what makes it true, and return the recordings."""
+    """Record the first changes that make it true, and return the recordings."""
     folder, paths = trials_of(base.path), []
     for number, each in enumerate(said[:NARROWED], 1):
         change = each.tried.change
@@ -348,7 +348,7 @@ def _standing(trials: EvaluatedRuns, said: Sequence[SaidChange]) -> list[SaidCha
 
 
 def _likely(change: Change) -> int:
-    """Order changes by how often what they change is the cause: the likely ones first."""
+    """Order changes by how often their target is the cause: the likely ones first."""
     op = change.op
     if isinstance(change.how[1], Mapping):  # a call that is added, because it is often left out
         return 0

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def write_film(why: Why, film: Path, *, force: bool, progress: Progress) -> None:
-    """Film the script's own run, and beside it the trial that cures most.
+    """Film the script's own run beside the trial that cures most.
 
     Raises
     ------

@@ -16,7 +16,7 @@ XML = re.compile(r"""["']([^"'\n]+\.xml)["']""")
 
 
 def texts_of(script: Path) -> dict[Path, str]:
-    """Return the text of a script, and of the models that it names and that are there."""
+    """Return the text of a script, and of existing models that it names."""
     text = _read(script)
     found = {script: text}
     for name in XML.findall(text):
@@ -30,7 +30,7 @@ def texts_of(script: Path) -> dict[Path, str]:
 def line_of(
     texts: Mapping[Path, str], names: Sequence[str], attribute: str, tags: str
 ) -> tuple[str, str] | None:
-    """Return file and line of the first tag of some names, and the attribute as it stands there.
+    """Return file and line of the first tag with one of some names, and its attribute's text.
 
     The attribute is empty where the tag has none; None where there is no such tag.
 

@@ -39,7 +39,7 @@ NAMED = (
 
 @dataclass(frozen=True)
 class RowExpectation:
-    """An expectation that a row of the account, or an episode that failed, stands for."""
+    """An expectation derived from a row of the account, or from an episode that failed."""
 
     text: str
     """An expression that its engine's names give a value."""
@@ -53,7 +53,7 @@ class RowExpectation:
     """The causes of its terms."""
 
     def names(self, change: Change) -> bool:
-        """Return whether a term of the row is what a change acts on."""
+        """Return whether a change acts on a term of the row."""
         return any(
             re.fullmatch(pattern, change.change)
             and any(re.fullmatch(cause, each) for each in self.causes)
@@ -64,9 +64,9 @@ class RowExpectation:
 def row_expectation(
     rows: Sequence[AccountRow], episodes: Sequence[EpisodeRow]
 ) -> RowExpectation | None:
-    """Return what a run was short of: an episode that failed, else the first row of a joint.
+    """Return the first shortfall of a run: a failed episode, else the first row of a joint.
 
-    None where no joint is far from what was asked of it, or told to stand and moved.
+    None where no joint is far from its target, or has moved though told to stand.
     """
     failed = [each for each in episodes if each.failed and each.ended == "terminated"]
     if failed:

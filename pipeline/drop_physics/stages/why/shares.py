@@ -1,4 +1,4 @@
-"""The shares of `drop why`: what deciding trials switch off, alone and together."""
+"""The shares of `drop why`: effects of causes switched off alone and together."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def shares(
     run: Callable[[RunTrial, Sequence[int]], Done],
     own: Outcome,
 ) -> Shares | None:
-    """Return how much of the outcome each cause accounts for; None where there are not two.
+    """Return the share of the outcome for each cause; None with fewer than two causes.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def shares(
 def _causes(
     work: RunTrial, done: Done, own: Outcome, nudge: Outcome
 ) -> list[tuple[int, Candidate]]:
-    """Return what switches a cause off or cures, and moves the outcome, the most first."""
+    """Return the trials that remove a cause or cure, and move the outcome, the most first."""
     found = []
     for number, candidate in enumerate(work.candidates):
         outcome, what = done[number].outcome, candidate.intervention
@@ -86,7 +86,7 @@ def _causes(
 
 
 def _name(candidate: Candidate, causes: Sequence[tuple[int, Candidate]]) -> str:
-    """Return a cause's name; where several have it, with what it is switched off of."""
+    """Return a cause's name; if several share it, with the object on which it is switched off."""
     what = candidate.intervention
     if what.name == "without":
         return what.short

@@ -1,4 +1,4 @@
-"""The trials of `drop why`: a run with each intervention, and what it shows."""
+"""The trials of `drop why`: a run with each intervention, and its effect."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TrialRun:
-    """What a trial came to; None of all where it was not run, or stopped."""
+    """Results of a trial; all None if it was not run, or was stopped."""
 
     outcome: Outcome | None
     recording: Path | None
@@ -36,7 +36,7 @@ class TrialRun:
 class RunTrial(RunChanged[TrialRun]):
     """Runs one candidate, called with its number.
 
-    After the last come the nudge, and a run in which nothing is changed.
+    The nudge and an unchanged run follow the last candidate.
     """
 
     until: float = np.inf
@@ -51,11 +51,11 @@ class RunTrial(RunChanged[TrialRun]):
 
     @property
     def unchanged(self) -> int:
-        """The number of the run in which nothing is changed."""
+        """The number of the unchanged run."""
         return len(self.candidates) + 1
 
     def __call__(self, number: int) -> TrialRun:
-        """Run a candidate, and note how long that takes."""
+        """Run a candidate, and note its duration."""
         began = time.monotonic()
         made = super().__call__(number)
         if made.outcome is not None:
@@ -64,21 +64,21 @@ class RunTrial(RunChanged[TrialRun]):
 
     @property
     def ends_by(self) -> float:
-        """The budget is over then."""
+        """Time of day at which the budget ends."""
         return self.until
 
     def is_late(self, number: int) -> bool:
-        """Return whether there is not enough time left for a candidate."""
+        """Return whether too little time is left for a candidate."""
         del number
         return time.time() + max(self.took_s, default=0.0) > self.until
 
     def run_of(self, number: int) -> ChangedRun | None:
-        """Return what a run does otherwise; None if the engine has no such run."""
+        """Return the changes of a run; None if the engine has no such run."""
         others = {self.nudge: NUDGED, self.unchanged: ChangedRun()}
         return others[number] if number in others else self.candidates[number].run
 
     def not_made(self, number: int) -> TrialRun:
-        """Return what stands for a trial that was not run, or stopped."""
+        """Return the result that stands for a trial that was not run, or was stopped."""
         del number
         return TrialRun(None, None)
 
@@ -94,7 +94,7 @@ class RunTrial(RunChanged[TrialRun]):
         return f"{number + 1}-{each.name}" + ("" if each.value is None else f"={each.value:g}")
 
     def made(self, number: int, ended: Ended) -> TrialRun:
-        """Return what a run came to, by its recording."""
+        """Return the results of a run, from its recording."""
         from drop_physics.experiments.run_distance import apart
         from drop_physics.recording.reader import read
 
@@ -114,7 +114,7 @@ class RunTrial(RunChanged[TrialRun]):
         return TrialRun(Outcome(fired, ended.how, error, steps, findings, far, began), path)
 
     def _findings(self, number: int, other: Recording) -> list[Finding]:
-        """Return the findings of a trial that belongs to one, or of the nudge.
+        """Return the findings of a trial of a finding, or of the nudge.
 
         Bodies have the labels that they have in the script's own run.
         """
@@ -144,7 +144,7 @@ class RunTrial(RunChanged[TrialRun]):
 
 
 def _began(base: Recording, other: Recording) -> Distance | None:
-    """Return how far a body moves in a trial that stands still in the script's own run.
+    """Return the distance of a body that moves only in a trial, not in the script's own run.
 
     A body that calls set between steps does not stand still, though no step moves it.
     """
@@ -162,9 +162,9 @@ def _began(base: Recording, other: Recording) -> Distance | None:
 
 
 def first_tried(candidates: Sequence[Candidate]) -> Iterator[int]:
-    """Yield the numbers of candidates in the order in which they are tried.
+    """Yield the numbers of candidates in the order of trials.
 
-    Of each finding its first proposal comes before any's second.
+    First proposals of all findings come before any second one.
     """
     turns: dict[int, int] = {}
     keys = []

@@ -21,7 +21,7 @@ def text_of(change: Change) -> str:
 
 
 def tried(texts: Sequence[str], changes: Sequence[Change]) -> list[Change]:
-    """Return the changes that texts name, of those that a run could have.
+    """Return the named changes among those that a run could have.
 
     A factor may be any number.
 

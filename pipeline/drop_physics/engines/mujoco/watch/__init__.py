@@ -1,7 +1,7 @@
 """The part of `drop record` that runs in a MuJoCo script's own interpreter, and watches its steps.
 
 It needs Python 3.9 or later, numpy, and the script's own mujoco (3.3 or later). Functions of mujoco
-are replaced by ones that call them (`hooks`); what the script writes without a call is found by
+are replaced by ones that call them (`hooks`); writes of the script without a call are found by
 comparing memory (`memory`, `followed`). No number is touched.
 """
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def begin(
     host: ScriptWatch, operations: Sequence[Mapping[str, Any]], variation: dict[str, Any] | None
 ) -> None:
-    """Watch MuJoCo, as soon as it is imported; what does so needs numpy, as MuJoCo does."""
+    """Watch MuJoCo from its import on; watching needs numpy, as MuJoCo does."""
     watches: list[MujocoWatch] = []
 
     def install(module: ModuleType) -> None:

@@ -1,4 +1,4 @@
-"""A model and a state (MjModel, MjData) of a watched script, as they were last sent."""
+"""A model and a state (MjModel, MjData) of a watched script, compared with what was last sent."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ FRAME = struct.Struct("<cI" + STEP_HEAD.format[1:])
 
 
 class WatchedModel:
-    """A model whose memory is compared with what it held.
+    """A model whose memory is compared with its last sent contents.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class WatchedModel:
         self._tell(m)
 
     def _tell(self, m: Any) -> None:
-        """Send the model: a digest, what an analysis reads, and all of it unless that was sent."""
+        """Send the model: a digest, its constants for an analysis, and all of it if it is new."""
         binary = np.empty(self.watch.mujoco.mj_sizeModel(m), np.uint8)
         self.watch.mujoco.mj_saveModel(m, None, binary)
         digest = hashlib.sha256(binary.data).hexdigest()
@@ -92,7 +92,7 @@ class WatchedModel:
             send(arrays_bytes("binary", {"bytes": piece}, digest=digest, at=at))
 
     def tell_edits(self, world: int, site: int) -> None:
-        """Send what has been edited in place."""
+        """Send edits made in place."""
         for (saved, view), begin in zip(self.pairs, self._begins):
             if saved == view:
                 continue
@@ -115,14 +115,14 @@ class WatchedModel:
 
 
 class SensorExtremes:
-    """The first and the last reading of each number of all sensors, the least and the greatest.
+    """The first and last, least and greatest readings of the numbers of all sensors.
 
     They are in memory that the recorder shares: no crash loses any.
     """
 
     @staticmethod
     def of(watch: MujocoWatch, d: Any) -> SensorExtremes | None:
-        """Return those of an MjData; None if it has no sensor, or there is no room left."""
+        """Return the extremes of an MjData's sensors; None without a sensor, or without room."""
         size = EXTREMES * d.sensordata.size
         begin = PLACES * ANSWERS * EXTREMES - watch.sensed - size  # from behind
         if not size or begin < 0 or not watch.pipe.open:
@@ -206,11 +206,11 @@ class WatchedData:
 
     @property
     def is_written(self) -> bool:
-        """Whether the state is not what was last sent; the time apart."""
+        """Whether the state, apart from the time, differs from what was last sent."""
         return any(each.saved != each.view for each in self._stretches)
 
     def before(self, d: Any, site: int) -> None:
-        """Send what was written since the last step, to the state or the model."""
+        """Send the writes since the last step, to the state or the model."""
         for saved, view in self.model.pairs:
             if saved != view:
                 self.model.tell_edits(self.number, site)
@@ -237,7 +237,7 @@ class WatchedData:
         self.watch.send(head + parts)
 
     def pose(self, d: Any, site: int, cause: int, complete: bool) -> None:
-        """Send what was written before a function makes data current; note for which state."""
+        """Send writes before a function makes data current, and note the state it is made for."""
         if not self.elapsed_s:
             self._count_idle()
         if self.is_written:
@@ -246,15 +246,15 @@ class WatchedData:
             self._posed = bytes(self.core.view), bytes(self.user.view)
 
     def read(self, d: Any, site: int, cause: int) -> None:
-        """Send what was written before a function reads data, if they are of other positions."""
+        """Send writes before a function reads data, if the data belong to other positions."""
         for qpos in self.core.parts[:1]:
             if self.core.saved[qpos.begin : qpos.end] != qpos.view:
                 self.tell_written(d, site, cause)
 
     def _count_idle(self) -> None:
-        """Say once that data are made current again and again, and nothing moves.
+        """Report once that data are made current repeatedly, while nothing moves.
 
-        A script that moves something after the first call waits for no step.
+        A script that moves something after the first call is not waiting for a step.
         """
         core, still = self.core, self._idle + 1
         moving = (part for part in core.parts if part.name in MOVING)
@@ -264,7 +264,7 @@ class WatchedData:
             self.watch.send(note_bytes("idle", world=self.number))
 
     def set_by(self, d: Any, site: int, cause: int, argument: int) -> None:
-        """Send what a function has set, or that it was called and set nothing new."""
+        """Send the effect of a setting function, or the fact that it changed nothing."""
         if self.is_written or d.time != self.time:
             self.tell_written(d, site, cause, argument)
         else:
@@ -273,11 +273,11 @@ class WatchedData:
         self._posed = None
 
     def drawn(self, site: int, cause: int, digest: int) -> None:
-        """Send that a picture of the state was drawn."""
+        """Send the digest of a picture of the state."""
         self.watch.send(DONE_HEAD.pack(DONE, cause, 0, self.number, site, digest))
 
     def staleness(self, everything: bool) -> int:
-        """Send what data are of, before a step that does not compute them; return a flag.
+        """Send the owner state of data that a coming step does not compute; return a flag.
 
         With `everything`, the step takes nothing from the state but what it adds to.
         """
@@ -298,7 +298,7 @@ class WatchedData:
         return STALE
 
     def after(self, d: Any, site: int, function: int) -> None:
-        """Send a step that was made."""
+        """Send a step."""
         core, time, pipe = self.core, d.time, self.watch.pipe
         reset = self.user.saved != self.user.view  # by a callback, or because MuJoCo has reset
         if self.answers:
@@ -345,11 +345,11 @@ class WatchedData:
     # -- what callbacks do within a step ----------------------------------------------------------
 
     def begin_calling(self) -> None:
-        """Begin a step in which callbacks may be called."""
+        """Begin a step that may call callbacks."""
         self._calling[:] = self.user.saved
 
     def called(self, which: int, answer: float | None) -> None:
-        """Note what a callback did: what it returned, or what it wrote."""
+        """Note the result of a callback: its returned value, or its writes."""
         head = bytes((which,))
         if answer is not None:
             self.answers.append(head + struct.pack("<d", answer))

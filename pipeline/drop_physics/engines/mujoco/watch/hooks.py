@@ -1,7 +1,7 @@
 """The functions of mujoco that make steps or change states, each replaced by one that calls it.
 
-The script sees no difference: numbers are MuJoCo's own, to the last bit. What else steps a model
-(`uncaught`) is named, and a window is answered by `viewer`.
+The script sees no difference: numbers are MuJoCo's own, to the last bit. Other functions that step
+a model (`uncaught`) are named, and a window is answered by `viewer`.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class MujocoWatch(EngineWatch):
         self._warned: set[str] = set()
 
     def become(self, trial: dict[str, Any]) -> None:
-        """Go on as a trial, in a process that has just been forked."""
+        """Continue as a trial, in a new fork."""
         self._changes.become(trial["interventions"], trial["variation"] or {})
 
     def can_become(self, trial: dict[str, Any]) -> bool:
@@ -122,12 +122,12 @@ class MujocoWatch(EngineWatch):
         return not any(each.get("at_load") for each in trial["interventions"])
 
     def possible(self, rows: Sequence[dict[str, Any]]) -> list[Change]:
-        """Return the single changes of rows of the table, in a run that was seen for them."""
+        """Return the single changes of table rows that are possible in an observed run."""
         seen = self._changes.seen.values()
         return [change for each in seen for change in possible(self.mujoco, rows, each)]
 
     def observed(self) -> ObservedData | None:
-        """Return the state that was stepped last, as an expectation reads it."""
+        """Return the state that was stepped last, in the form that expectations read."""
         if self.latest is None:
             return None
         m, d = self.latest
@@ -191,7 +191,7 @@ class MujocoWatch(EngineWatch):
                     self.host.steppers.append((owner, name, hook))
 
     def replace_static(self, owner: Any, name: str, made: Callable[[Any], Any]) -> None:
-        """Replace a static method of a class of mujoco by what is made of it."""
+        """Replace a static method of a class of mujoco by the result of `made`."""
         original = getattr(owner, name)
         setattr(owner, name, staticmethod(made(original)))
         self.host.on_removal(partial(setattr, owner, name, staticmethod(original)))
@@ -208,18 +208,18 @@ class MujocoWatch(EngineWatch):
             self.send(note_bytes(what, **values))
 
     def tell_episode(self, **what: Any) -> None:
-        """Tell that an episode begins or ends in a simulation, given its number as `world`."""
+        """Report the beginning or end of an episode in the simulation numbered `world`."""
         self.tell("episode", **what)
 
     def tell_uncaught(self, name: str, place: Any) -> None:
-        """Name something that steps models and is not recorded."""
+        """Name something that steps models unrecorded."""
         file, line = (
             ("", 0) if place is None else self.host.sites.place(self.host.sites.outside(place))
         )
         self.tell("uncaught", name=name, file=file, line=line)
 
     def site_of(self, place: Any) -> int:
-        """Return the number of the line of the script that a frame's call comes from.
+        """Return the number of the script's line from which a frame's call comes.
 
         A call within an installed library belongs to the line that called the library.
         """
@@ -240,7 +240,7 @@ class MujocoWatch(EngineWatch):
     # -- states -----------------------------------------------------------------------------------
 
     def seen(self, m: Any, d: Any, place: Any) -> tuple[WatchedData | None, int]:
-        """Return what follows a state, and the number of a site; None where it cannot be followed.
+        """Return the watch of a state, and the number of a site; None if it cannot be followed.
 
         The caller holds the turn.
         """
@@ -253,7 +253,7 @@ class MujocoWatch(EngineWatch):
             return None, 0
 
     def state_of(self, m: Any, d: Any, site: int) -> WatchedData | None:
-        """Return what follows a state, from now on if nothing did; None if it is none."""
+        """Return the watch of a state, new if there was none; None if `d` is no state."""
         module = self.mujoco
         if not isinstance(m, module.MjModel) or not isinstance(d, module.MjData):
             return None
@@ -274,14 +274,14 @@ class MujocoWatch(EngineWatch):
         return state
 
     def _forget(self) -> None:
-        """Forget what the script has let go of."""
+        """Forget models and states that the script has released."""
         for table in (self.data, self.models):
             gone = [key for key, held in table.items() if held.ref() is None]
             for key in gone:
                 del table[key]
 
     def lose(self, state: WatchedData | None, error: Exception) -> None:
-        """Follow a state no longer."""
+        """Stop following a state."""
         number, text = None if state is None else state.number, f"{type(error).__name__}: {error}"
         if state is not None:
             state.lost = True
@@ -292,7 +292,7 @@ class MujocoWatch(EngineWatch):
     # -- callbacks --------------------------------------------------------------------------------
 
     def begin_calling(self, state: WatchedData) -> WatchedData | None:
-        """Note what is called within a step of a state; return the state whose step this is in."""
+        """Note callbacks within a step of a state; return the state of an outer step."""
         outer = self.stepping.get(get_ident())
         state.begin_calling()
         self.stepping[get_ident()] = state
@@ -327,7 +327,7 @@ class MujocoWatch(EngineWatch):
     # -- warnings ---------------------------------------------------------------------------------
 
     def _hook_warnings(self, module: Any) -> None:
-        """Take MuJoCo's warnings, which it would append to MUJOCO_LOG.TXT, and print them."""
+        """Print MuJoCo's warnings, which it would append to MUJOCO_LOG.TXT."""
         setter, getter = module.set_mju_user_warning, module.get_mju_user_warning
         if getattr(setter, "drop_watch", None) is self:
             return
@@ -361,7 +361,7 @@ class MujocoWatch(EngineWatch):
 
 
 def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
-    """Return what makes steps, one by one, and sends each."""
+    """Return a function that makes steps one by one, and sends each."""
     host, states, callbacks, sites = watch.host, watch.data, watch.callbacks, watch.sites
     lock, pipe, now = host.lock, host.pipe, watch.stepping
     acquire, release, kept, frame = lock.acquire, lock.release, lock.kept, _getframe
@@ -441,7 +441,7 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
 
 
 def _arguments(args: Any, kwargs: Any, takes_steps: bool) -> Any:
-    """Return model, state, how many steps, and further arguments of a function that steps.
+    """Return model, state, number of steps and further arguments of a stepping function.
 
     None if it cannot be called with these.
     """
@@ -458,7 +458,7 @@ def _arguments(args: Any, kwargs: Any, takes_steps: bool) -> Any:
 
 
 def _resetting(watch: MujocoWatch, name: str, original: Any) -> Any:
-    """Return what sets a state, and sends what that changes."""
+    """Return a function that sets a state, and sends the changes."""
     host, cause = watch.host, CAUSES.index(name)
     of_model, of_data = WHICH.get(name, (0, 1))
 
@@ -482,7 +482,7 @@ def _resetting(watch: MujocoWatch, name: str, original: Any) -> Any:
 
 
 def _posing(watch: MujocoWatch, name: str, original: Any) -> Any:
-    """Return what makes data current, or reads them, and sends what was written before."""
+    """Return a function that makes data current, or reads them, and sends earlier writes."""
     host, cause, reads = watch.host, CAUSES.index(name), name in READS
     complete, callbacks, now = name in COMPLETE, watch.callbacks, watch.stepping
 
@@ -511,7 +511,7 @@ def _posing(watch: MujocoWatch, name: str, original: Any) -> Any:
 
 
 def _calling(watch: MujocoWatch, which: int, callback: Any) -> Any:
-    """Return what calls a script's callback, and notes what it did within a step."""
+    """Return a function that calls a script's callback, and notes its effect within a step."""
     now = watch.stepping
 
     def call(*args: Any) -> Any:

@@ -1,8 +1,8 @@
-"""An experiment in a MuJoCo script: what a step finds in the model, or in the state, is another.
+"""An experiment in a MuJoCo script: a step finds changed values in the model or the state.
 
-The model holds what is changed only while a function of MuJoCo runs: so it is what is recorded and
-replayed, and the script reads, and edits, its own. What is changed arrives as data; the words of
-MuJoCo are in `interventions`, beside this folder.
+The model holds the changes only while a function of MuJoCo runs: so they are recorded and replayed,
+and the script reads, and edits, its own values. The changes arrive as data; the words of MuJoCo are
+in `interventions`, beside this folder.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class ModelChanges:
         self.become(operations, variation)
 
     def become(self, operations: Sequence[Operation], variation: Mapping[str, Any]) -> None:
-        """Let something else differ from now on, before anything has."""
+        """Take other differences from now on, before any has been applied."""
         self.finer = int(variation.get("finer", 1))
         self._nudge = float(variation.get("nudge", 0.0))
         self._draw = random.Random(variation.get("seed", 0)).uniform
@@ -106,12 +106,12 @@ class ModelChanges:
         return bool(self._operations) or self.finer > 1 or self._nudge > 0
 
     def fire(self, number: int) -> None:
-        """Note that an operation has changed something."""
+        """Note an operation that has changed something."""
         if number >= 0:
             self._tell(number)
 
     def of(self, do: str) -> Iterator[tuple[int, Operation]]:
-        """Yield the operations that do something, by number."""
+        """Yield the operations of some kinds, by number."""
         return ((number, each) for number, each in self._operations if each["do"] == do)
 
     def on(self, m: Any) -> list[tuple[int, Operation]]:
@@ -125,7 +125,7 @@ class ModelChanges:
         return found
 
     def seen_of(self, m: Any, d: Any) -> SeenInputs | None:
-        """Return what is seen of states of a model, and of others with the same elements."""
+        """Return the observations of a model's states, and of others with the same elements."""
         if not any(self.of("see")):
             return None
         return self.seen.setdefault(tuple(sizes(m)), SeenInputs(m, d))
@@ -133,7 +133,7 @@ class ModelChanges:
     # -- in place of mujoco's functions -----------------------------------------------------------
 
     def around(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        """Return what stands before a watched function."""
+        """Return the replacement of a watched function."""
         self._calls[name] = call
         return self._stepping(name, call) if name in STEPS else self._other(name, call)
 
@@ -205,14 +205,14 @@ class ModelChanges:
             self._watch.host.forks.stop(steps=steps)
 
     def _pose(self, m: Any, data: ChangedData) -> None:
-        """Make data current before a function that takes them as they are."""
+        """Make data current before a function that takes them unchanged."""
         for number, _ in self.of("pose"):
             if not data.is_posed:
                 self.fire(number)
                 self._calls["mj_step1"](m, data.ref())
 
     def _site(self) -> list[Any] | None:
-        """Return where the script calls, if that matters."""
+        """Return the script's calling line, if that matters."""
         if not self._sited:
             return None
         sites = self._watch.host.sites
@@ -220,7 +220,7 @@ class ModelChanges:
         return [file, line]
 
     def _of(self, args: Any, kwargs: Any) -> tuple[Any, ChangedModel, ChangedData] | None:
-        """Return the MjModel and what changes it and the state of a call; None if it has none."""
+        """Return a call's MjModel, and the changes of its model and state; None if it has none."""
         module, given = self._watch.mujoco, (*args, *kwargs.values())
         m = next((each for each in given if isinstance(each, module.MjModel)), None)
         d = next((each for each in given if isinstance(each, module.MjData)), None)
@@ -252,7 +252,7 @@ class ModelChanges:
     # -- as a model is loaded ---------------------------------------------------------------------
 
     def install(self, module: Any) -> None:
-        """Change what a model is loaded with, where that is asked."""
+        """Change models when they are loaded, if an operation asks for it."""
         for number, each in self.of("arena"):
             for name in LOADS:
                 self._watch.replace_static(module.MjModel, name, self._loading(number, each))
@@ -273,7 +273,7 @@ class ModelChanges:
 
 
 class ChangedModel:
-    """A model that holds something else while a function of MuJoCo runs.
+    """A model with changed contents while a function of MuJoCo runs.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ class ChangedModel:
         """The last derivation: its inputs, and the derived arrays."""
 
     def enter(self, m: Any, site: list[Any] | None) -> None:
-        """Write what differs into the model, in a call from a site."""
+        """Write the changes into the model, in a call from a site."""
         with self._lock:
             self._inside += 1
             if self._inside > 1:
@@ -326,7 +326,7 @@ class ChangedModel:
                 self._derive(m)
 
     def _undo(self, m: Any, number: int, name: str, *, of_site: bool) -> None:
-        """Undo what a script has written since the last call, if that is of the site."""
+        """Undo the script's writes since the last call, if they are of the site."""
         held = np.array(field_of(m, name))
         known = self._known.setdefault(name, held)
         if np.array_equal(held, known):
@@ -338,14 +338,14 @@ class ChangedModel:
             self._known[name] = held
 
     def leave(self, m: Any) -> None:
-        """Write back what the script has there."""
+        """Restore the script's values."""
         with self._lock:
             self._inside -= 1
             while self._kept and not self._inside:
                 set_field(m, *self._kept.pop())
 
     def _derive(self, m: Any) -> None:
-        """Let what is derived be that of the masses as they are."""
+        """Derive quantities anew from the current masses."""
         key = b"".join(getattr(m, name).tobytes() for name in SOURCES)
         if self._derived is None or self._derived[0] != key:
             before = {name: getattr(m, name).copy() for name in DERIVED if hasattr(m, name)}
@@ -412,12 +412,12 @@ class ChangedData:
 
     @property
     def is_posed(self) -> bool:
-        """Whether data are those of the positions as they are."""
+        """Whether data belong to the current positions."""
         d = self.ref()
         return d is not None and self._posed == d.qpos.tobytes()
 
     def before(self, site: list[Any] | None) -> None:
-        """Write what differs before a step, in a call from a site."""
+        """Write the changes before a step, in a call from a site."""
         m, d, fire = self._model(), self.ref(), self._changes.fire
         if m is None or d is None:
             return
@@ -446,7 +446,7 @@ class ChangedData:
             self._give(number, getattr(d, each["part"]).reshape(-1), each["ids"], each["how"])
 
     def _give(self, number: int, part: Any, its: Sequence[int], how: Sequence[Any]) -> None:
-        """Give a step another input: what it was first or before, or as an operator says."""
+        """Give a step another input: the first or previous one, or an operator's result."""
         own = part[its].copy()
         if how[0] == "held":
             new = self._input.setdefault(number, own)
@@ -460,7 +460,7 @@ class ChangedData:
             self._changes.fire(number)
 
     def _begin(self, m: Any, d: Any) -> None:
-        """Write what differs where an episode begins."""
+        """Write the changes at the beginning of an episode."""
         for number, each in self._of("lift"):
             for body in ids_of(self._watch.mujoco, m, "body", each):
                 joint = m.body_jntadr[body]
@@ -484,7 +484,7 @@ class ChangedData:
                 break
 
     def _hold(self, m: Any, d: Any, qpos: Any, ctrl: Any) -> None:
-        """Send actuators of joints that were placed to where these are, or leave what is new."""
+        """Send actuators of placed joints to their positions, or keep the new commands."""
         moved = d.qpos != qpos
         for actuator in range(m.nu):
             joint = m.actuator_trnid[actuator, 0]
@@ -498,13 +498,13 @@ class ChangedData:
                     self._changes.fire(number)
 
     def keep(self) -> None:
-        """Keep what actuators are given before a function sets a state, to give it again."""
+        """Keep the commands of actuators before a function sets a state, to give them again."""
         d = self.ref()
         if d is not None and self._gives:
             self._last = d.qpos.copy(), d.ctrl.copy()
 
     def after(self, name: str) -> None:
-        """Keep what a step, or a function that sets a state, has left."""
+        """Keep the result of a step, or of a function that sets a state."""
         d = self.ref()
         if d is None:
             return
@@ -534,7 +534,7 @@ class ChangedData:
 
 
 def _number_of(m: Any, name: str) -> Any:
-    """Return a whole number of a model as it is in memory; None where it is not to be found."""
+    """Return a whole number of a model from its memory; None if it is not found."""
     from mujoco.introspect import structs
 
     address: Any = getattr(m, "_address", None)

@@ -1,4 +1,4 @@
-"""Pictures that a script has mujoco draw: a digest of each is sent, of the state that it shows."""
+"""Pictures drawn by a script's mujoco: their digests are sent, with the state that they show."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SIGNED = 1 << 31
 
 
 def install(watch: MujocoWatch, renderer: Any) -> None:
-    """Put what sends digests before the methods of mujoco's class that draws.
+    """Wrap the methods of mujoco's drawing class in ones that send digests.
 
     Parameters
     ----------

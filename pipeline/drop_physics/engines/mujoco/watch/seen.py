@@ -31,7 +31,7 @@ class SeenInputs:
         self._left: dict[tuple[int, str], Any] = {}
 
     def before(self, d: Any) -> None:
-        """Note what a step finds written; a pose or a velocity only after the first step."""
+        """Note the writes before a step; poses and velocities only after the first step."""
         for part, written in self.written.items():
             now, left = getattr(d, part), self._left.get((id(d), part))
             if left is None:
@@ -39,7 +39,7 @@ class SeenInputs:
             written.update(np.flatnonzero(now != left).tolist())
 
     def after(self, d: Any) -> None:
-        """Note what a step leaves."""
+        """Note the state after a step."""
         for part in self.written:
             self._left[id(d), part] = getattr(d, part).copy()
         self.pairs.update(map(tuple, np.sort(d.contact.geom[: d.ncon], axis=1).tolist()))

@@ -1,7 +1,7 @@
 """The single changes of a run of a MuJoCo script, and the operations that make them.
 
-The rows arrive as data (`interventions`). What they change is found in the model, by the numbers of
-its elements, since many have no name.
+The rows arrive as data (`interventions`). Their elements are found in the model by number, since
+many have no name.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ Written = tuple[str, Any, Sequence[int]]
 
 
 def possible(module: Any, rows: Sequence[Mapping[str, Any]], seen: SeenInputs) -> list[Change]:
-    """Return the changes of rows that would change something in a run.
+    """Return the changes of table rows that have an effect in a run.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def possible(module: Any, rows: Sequence[Mapping[str, Any]], seen: SeenInputs) -
 
 
 def trial_of(change: Change) -> dict[str, Any]:
-    """Return what differs in a run with a change: its interventions and its variation."""
+    """Return the differences of a run with a change: its interventions and its variation."""
     if change.change == "option.timestep":
         return {"interventions": [], "variation": {"finer": int(change.how[1])}}
     operation = {"engine": ENGINE, "do": "single", "change": asdict(change)}
@@ -122,9 +122,9 @@ def _tree_of(module: Any, m: Any, kind: str, which: Any) -> str:
 
 
 def name_of(module: Any, m: Any, kind: str, which: Any) -> str:
-    """Return the name of an element; one without is called by what it belongs to.
+    """Return the name of an element; one without a name is called by its owner.
 
-    The only element of its kind in a body has the body's name, where no other has that.
+    The only element of its kind in a body has the body's name, unless another has that.
     """
     if kind == "contact":
         return " x ".join(name_of(module, m, "geom", geom) for geom in which)
@@ -146,7 +146,7 @@ def name_of(module: Any, m: Any, kind: str, which: Any) -> str:
 
 
 def _elements(m: Any, change: Change, seen: SeenInputs) -> tuple[str, Sequence[Any]] | None:
-    """Return the kind and the numbers of the elements that a change may be of; None for a run."""
+    """Return the kind and the numbers of a change's possible elements; None for a whole run."""
     name, _, part = change.change.partition(".")
     if name == "input":
         return OF_INPUTS[part], _owners(m, part, sorted(seen.written[part]))
@@ -200,7 +200,7 @@ def _numbers(module: Any, m: Any, part: str, ids: Sequence[int]) -> list[int]:
 
 
 def _does(module: Any, seen: SeenInputs, change: Change) -> bool:
-    """Return whether a change changes anything."""
+    """Return whether a change has any effect."""
     m = seen.model
     operations = [*operations_of(module, m, change)]
     for each in operations:
@@ -263,7 +263,7 @@ def operations_of(module: Any, m: Any, change: Change) -> Iterator[Operation]:
 
 
 def _written(module: Any, m: Any, change: Change) -> Iterator[Written]:
-    """Yield the fields of elements, and what they become."""
+    """Yield the fields of elements, and their new values."""
     name, ids, how = change.change, [*change.ids], change.how
     if name == "body_mass":
         yield from ((field, how, ids) for field in (name, "body_inertia"))

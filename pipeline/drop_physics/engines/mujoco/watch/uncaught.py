@@ -1,4 +1,4 @@
-"""Functions that step a model unrecorded: named, so that nobody takes them for recorded."""
+"""Functions that step a model unrecorded: named, so that nobody believes them recorded."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CALLED = {
 
 
 def install(watch: MujocoWatch, names: tuple[str, ...], module: ModuleType) -> None:
-    """Put what names a function before some functions of a module."""
+    """Wrap functions of a module in ones that report their use."""
     for name in names:
         owner: Any = module
         *classes, attribute = name.split(".")
@@ -36,7 +36,7 @@ def install(watch: MujocoWatch, names: tuple[str, ...], module: ModuleType) -> N
 
 
 def _naming(watch: MujocoWatch, name: str, original: Any) -> Any:
-    """Return what names a function once, if it is not mujoco that calls it, and calls it."""
+    """Return a function that reports its first use by the script, and calls the original."""
     named = False
 
     @functools.wraps(original)

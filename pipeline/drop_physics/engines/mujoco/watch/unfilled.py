@@ -1,9 +1,9 @@
-"""Models and states of MuJoCo are made in memory that is not filled.
+"""Models and states of MuJoCo are created in memory that is not filled.
 
 A watched script's process fills new memory with a fixed value (glibc's `MALLOC_PERTURB_`), so that
-what is read before it is set is the same in each run. MuJoCo allocates the arena of a state at its
-largest possible size, 530 MB for 500 boxes, and uses next to nothing of it: filled, all of it is
-real memory. MuJoCo writes to its arena before it reads from it.
+values read before they are set are the same in each run. MuJoCo allocates the arena of a state at
+its largest possible size, 530 MB for 500 boxes, and uses next to nothing of it: filled, all of it
+is real memory. MuJoCo writes to its arena before it reads from it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LOADS = {"MjModel": ("from_xml_string", "from_xml_path", "from_binary_path")}
 
 
 def install(module: ModuleType, on_removal: Callable[[Callable[[], None]], None]) -> None:
-    """Replace what makes models and states by what does so without filling."""
+    """Replace the functions that create models and states by ones without filling."""
     fill = os.environ.get(VARIABLE, "")
     allocator = getattr(ctypes.PyDLL(None), "mallopt", None)
     if not fill.isdecimal() or allocator is None:

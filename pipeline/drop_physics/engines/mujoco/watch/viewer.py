@@ -1,4 +1,4 @@
-"""The answers of a viewer that nobody looks at: `launch_passive` without a window."""
+"""The answers of an unwatched viewer: `launch_passive` without a window."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MOST_GEOMS = 10_000
 
 
 class QuietViewer:
-    """Stands for the handle of a passive viewer.
+    """A replacement for the handle of a passive viewer.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def _nothing(*_: Any, **__: Any) -> None:
 
 
 def install_viewer(watch: MujocoWatch, module: ModuleType) -> None:
-    """Let no passive viewer open a window."""
+    """Keep passive viewers from opening a window."""
     original: Callable[..., Any] = module.launch_passive
 
     def launch_passive(model: Any, data: Any, **_: Any) -> QuietViewer:
@@ -94,7 +94,7 @@ def install_viewer(watch: MujocoWatch, module: ModuleType) -> None:
 
 
 def _refuse_without_display(watch: MujocoWatch, module: ModuleType) -> None:
-    """Have functions that step in a window say so where there is none; MuJoCo ends the process."""
+    """Let functions that step in a window raise an error without a display."""
     for name in STEPS_IN_A_WINDOW:
         original = getattr(module, name, None)
         if original is not None:

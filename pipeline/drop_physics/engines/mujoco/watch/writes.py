@@ -32,7 +32,7 @@ BY_JOINT = (0, 1)
 
 
 def writes_of(module: Any, m: Any, operation: Operation) -> Iterator[Write]:
-    """Yield what an operation writes into a model."""
+    """Yield the writes of an operation into a model."""
     do, (field, _, column) = operation["do"], operation.get("field", "").partition("[")
     if field and not has_field(m, field):
         return  # of another version
@@ -70,7 +70,7 @@ def writes_of(module: Any, m: Any, operation: Operation) -> Iterator[Write]:
 
 
 def _becoming(module: Any, operation: Operation) -> Callable[[Any], Any]:
-    """Return what elements become, by an operator on numbers, on a vector's size, or on a flag."""
+    """Return a function to elements' new values, by an operator on numbers, sizes or flags."""
     name, given = operation["how"]
     if name == "size":
         return lambda held: held * (given / (np.linalg.norm(held) or 1.0))
@@ -86,7 +86,7 @@ def _becoming(module: Any, operation: Operation) -> Callable[[Any], Any]:
 
 
 def rows_of(module: Any, m: Any, kind: str, of: str, ids: Sequence[int]) -> Any:
-    """Return which elements of a kind belong to some things."""
+    """Return the elements of a kind that belong to given objects."""
     if kind == "actuator" and of == "joint":
         by_joint = np.isin(m.actuator_trntype, BY_JOINT)
         return np.flatnonzero(by_joint & np.isin(m.actuator_trnid[:, 0], ids))
@@ -115,13 +115,13 @@ def _bodies_of_equality(module: Any, m: Any, number: int) -> Iterator[int]:
 
 
 def ids_of(module: Any, m: Any, kind: str, operation: Operation) -> Sequence[int]:
-    """Return the numbers of the things that an operation is on: they, or their names, are given."""
+    """Return the numbers of an operation's objects, given as numbers or names."""
     ids: Sequence[int] | None = operation.get("ids")
     return named(module, m, kind, operation["names"]) if ids is None else ids
 
 
 def named(module: Any, m: Any, kind: str, names: Sequence[str]) -> list[int]:
-    """Return the numbers of things by their names; one without is called by kind and number."""
+    """Return the numbers of objects by name; nameless ones are called by kind and number."""
     object_type = getattr(module.mjtObj, f"mjOBJ_{kind.upper()}")
     found = []
     for name in names:
@@ -134,7 +134,7 @@ def named(module: Any, m: Any, kind: str, names: Sequence[str]) -> list[int]:
 
 
 def sizes(m: Any) -> list[int]:
-    """Return what tells a model from others, so far as its elements' numbers mean the same."""
+    """Return a key of models whose elements have the same numbers."""
     return [int(getattr(m, name)) for name in SIZES]
 
 
@@ -142,7 +142,7 @@ def sizes(m: Any) -> list[int]:
 
 
 def _geoms(module: Any, m: Any, names: Sequence[str]) -> list[int]:
-    """Return the geometries of bodies that are made to collide with anything; else all of them."""
+    """Return the geometries that an operation makes collide with anything; else all of them."""
     mine = rows_of(module, m, "geom", "body", named(module, m, "body", names))
     solid = mine[(m.geom_contype[mine] | m.geom_conaffinity[mine]) != 0]
     return [int(each) for each in (solid if len(solid) else mine)]
@@ -175,9 +175,9 @@ def _meeting(m: Any, first: Sequence[int], second: Sequence[int]) -> Iterator[Wr
 
 
 def _parting(m: Any, sides: Sequence[tuple[Sequence[int], Sequence[int]]]) -> Iterator[Write]:
-    """Yield writes by which geometries of one side meet those of the other no more.
+    """Yield writes by which geometries of one side no longer meet those of the other.
 
-    Each kind of the first ones' bits gets a bit of its own, which those answer that it met.
+    Each combination of the first side's bits gets a new bit, which former partners answer.
     """
     types, affinities = m.geom_contype.copy(), m.geom_conaffinity.copy()
     for mine, theirs in sides:
@@ -196,7 +196,7 @@ def _parting(m: Any, sides: Sequence[tuple[Sequence[int], Sequence[int]]]) -> It
 
 
 def _bits(m: Any, types: Any, affinities: Any) -> Iterator[Write]:
-    """Yield writes of the bits of all geometries, and of bodies, which have those of theirs."""
+    """Yield writes of the bits of all geometries, and of bodies, whose bits are those of theirs."""
     for name, bits in (("contype", types), ("conaffinity", affinities)):
         of_bodies = np.zeros_like(getattr(m, f"body_{name}"))
         np.bitwise_or.at(of_bodies, m.geom_bodyid, bits)

@@ -1,4 +1,4 @@
-"""The numbers in what a reading gives, as `pybullet.reads` names them."""
+"""The numbers in the result of a reading, named as in `pybullet.reads`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SINGLE = (int, float)
 
 
 def numbers_in(name: str, answer: Any) -> list[float]:
-    """Return the numbers that are kept of an answer, at most `ANSWERS`."""
+    """Return the numbers of an answer that are kept, at most `ANSWERS`."""
     if name in POINTS:
         points = answer or ()
         if not points:

@@ -30,7 +30,7 @@ MODES = {
 
 
 def names_of(name: str, args: tuple[Any, ...]) -> Sequence[str]:
-    """Return the names of a call's arguments by place; what PyBullet ignores has none."""
+    """Return the names of a call's arguments by place; ignored ones have none."""
     if name != UNNAMED:
         return ARGUMENTS.get(name, ())
     mode = number(args[MODE_AT]) if len(args) > MODE_AT else None
@@ -48,7 +48,7 @@ def named(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str,
 
 
 def client_of(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> int:
-    """Return the client that a call is for: the last argument, or 0."""
+    """Return the client of a call: the last argument, or 0."""
     client = kwargs.get(CLIENT)
     if client is None:
         at = CLIENT_AT.get(name, 1000)
@@ -57,7 +57,7 @@ def client_of(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> int:
 
 
 def body_of(arguments: dict[str, Any]) -> int | None:
-    """Return the engine's id of the body that a call is about."""
+    """Return the engine's id of the body of a call."""
     for name in BODY_NAMES:
         if name in arguments:
             return number(arguments[name])
@@ -65,7 +65,7 @@ def body_of(arguments: dict[str, Any]) -> int | None:
 
 
 def number(value: Any) -> int | None:
-    """Return what PyBullet takes for a whole number as one; None if it is none."""
+    """Return a whole number as PyBullet would convert it; None if it cannot."""
     try:
         return int(value)
     except (TypeError, ValueError, OverflowError):
@@ -73,7 +73,7 @@ def number(value: Any) -> int | None:
 
 
 def vector(value: Any) -> list[float] | None:
-    """Return what PyBullet takes for a vector; None if it is none."""
+    """Return a vector as PyBullet would convert it; None if it cannot."""
     try:
         return [float(item) for item in value]
     except (TypeError, ValueError, OverflowError):

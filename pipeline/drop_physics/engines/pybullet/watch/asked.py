@@ -1,6 +1,6 @@
-"""Requests of a file that PyBullet may not fulfil.
+"""Requests in a model's file that PyBullet may not fulfil.
 
-Of a URDF inertia, masses, joints that follow others; of an MJCF damping.
+In a URDF inertia, masses, mimicking joints; in an MJCF damping.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ _read: dict[str, tuple[Any, dict[str, Any] | None]] = {}
 
 
 def asked_of(path: str) -> dict[str, Any] | None:
-    """Return what a URDF says of its links and joints; None if it cannot be read as a whole.
+    """Return a URDF's data of links and joints; None if it cannot be read as a whole.
 
     `links`: name, mass [kg] or None, inertia (none or six numbers), position and angles of its
-    axes. `mimics`: joint, the one it follows, multiplier, offset. `concave`: whether a mesh is to
-    be held as it is, not as its hull.
+    axes. `mimics`: joint, the one it follows, multiplier, offset. `concave`: whether a mesh asks
+    not to be replaced by its hull.
     """
     try:
         status = os.stat(path)
@@ -65,9 +65,9 @@ def _parsed(path: str) -> dict[str, Any] | None:
 
 
 def dampings_in(path: str) -> list[list[Any]]:
-    """Return the names of an MJCF's joints, each with its damping; those without one are left out.
+    """Return the names of an MJCF's joints with their damping; joints without one are left out.
 
-    Of defaults only the outermost counts: which class an element has is not followed.
+    Only the outermost defaults count: classes of elements are not followed.
     """
     default, found = [""], list[list[Any]]()
 

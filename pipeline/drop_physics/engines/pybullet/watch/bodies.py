@@ -1,4 +1,4 @@
-"""One body, as its engine has it: what is read of it once, and its current state."""
+"""One body in its engine: its constant properties, and its current state."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ BASE = 13
 
 
 class Loaded:
-    """Properties of a body known only from the call that created it."""
+    """Properties of a body that are known only from the call that created it."""
 
     def __init__(self) -> None:
         self.file = ""
@@ -96,7 +96,7 @@ class WatchedBody:
         return not self.soft and (self.base_moves or bool(self.joints))
 
     def is_carried(self) -> bool:
-        """Return whether a call has given a base a velocity that no step has moved so far.
+        """Return whether a call has given a base a velocity, and no step has moved it since.
 
         Without mass a btMultiBody moves at that velocity, and a btRigidBody not at all.
         """
@@ -105,11 +105,11 @@ class WatchedBody:
         return any(map(any, self._p.getBaseVelocity(self.id, self._client)))
 
     def read_dynamics(self) -> list[Any]:
-        """Return what the engine reports for base and links, in this order."""
+        """Return the engine's reports for base and links, in this order."""
         return [self._p.getDynamicsInfo(self.id, link, self._client) for link in (-1, *self.links)]
 
     def read(self) -> bytes:
-        """Return the state: 13 numbers of the base, those of the joints that move."""
+        """Return the state: 13 numbers of the base, then those of the joints that move."""
         p, client = self._p, self._client
         (x, y, z), (a, b, c, d) = p.getBasePositionAndOrientation(self.id, client)
         (vx, vy, vz), (wx, wy, wz) = p.getBaseVelocity(self.id, client)
@@ -136,7 +136,7 @@ class WatchedBody:
         return [(len(joint[0]), len(joint[1]), len(joint[3])) for joint in states]
 
     def described(self, search_path: str) -> dict[str, Any]:
-        """Return what later stages need to know of it, and does not change."""
+        """Return the constant properties that later stages need."""
         base, name = self._p.getBodyInfo(self.id, self._client)
         loaded, asked = self.loaded, self.loaded.asked or {}
         return {
@@ -189,9 +189,9 @@ class WatchedBody:
         return not self._p.getCollisionShapeData(self.id, link, self._client)
 
     def looks(self, search_path: str) -> list[Any]:
-        """Return its visual shapes, as `getVisualShapeData` lists them, with paths of their files.
+        """Return its visual shapes, as listed by `getVisualShapeData`, with paths of their files.
 
-        That function returns the name that a call gave, which PyBullet has searched for.
+        That function returns the name in the call, for which PyBullet has searched.
         """
         if self.soft:
             return []
@@ -201,7 +201,7 @@ class WatchedBody:
         return shapes
 
     def collisions(self, search_path: str) -> list[Any]:
-        """Return what is touched of each link: what `getCollisionShapeData` lists, and hulls."""
+        """Return the collision shapes of links: the list of `getCollisionShapeData`, and hulls."""
         if self.soft or self.dynamics[0][10] == RIGID:  # PyBullet prints that it has none
             return []
         if not self.loaded.lists_shapes:
@@ -219,7 +219,7 @@ class WatchedBody:
         return found
 
     def _hull(self, link: int, shape: int) -> list[float]:
-        """Return the corners of the hull that the engine holds in place of a mesh."""
+        """Return the corners of the hull with which the engine replaces a mesh."""
         try:
             count, corners = self._p.getMeshData(self.id, link, shape, physicsClientId=self._client)
         except (self._p.error, TypeError):  # TypeError: of an earlier PyBullet
@@ -229,7 +229,7 @@ class WatchedBody:
 
 @cache
 def packing(joints: int) -> Callable[[Any, int, Any], None]:
-    """Return what packs what `getJointStates` returns of some joints into a buffer.
+    """Return a function that packs the result of `getJointStates` into a buffer.
 
     All positions, then all velocities and efforts. The numbers are named in its source, because
     Python takes three times as long to turn rows into columns.
@@ -243,7 +243,7 @@ def packing(joints: int) -> Callable[[Any, int, Any], None]:
 
 
 def plain(value: Any) -> Any:
-    """Return something that PyBullet returned as what JSON can hold."""
+    """Convert a result of PyBullet into a value that JSON can hold."""
     if isinstance(value, bytes):
         return value.decode(errors="replace")
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""Calls as rows of numbers: what a script's line passes is the same form again and again.
+"""Calls as rows of numbers: a line of a script passes the same form again and again.
 
 A site is a place that calls a function with arguments of one form. It is described once; from then
 on a call from there is its number and the numbers in its arguments.
@@ -51,11 +51,11 @@ class CallWatch:
         self._sites: dict[tuple[Any, ...], int] = {}
 
     def plans(self, name: str) -> dict[tuple[int, int], Plan]:
-        """Return how to send calls of a function, by code and instruction; `tell` adds to it."""
+        """Return plans for sending calls of a function, by code and instruction."""
         return self._plans.setdefault(name, {})
 
     def forget(self) -> None:
-        """Plan anew: a simulation has ended, or there are too many plans."""
+        """Discard all plans: a simulation has ended, or there are too many plans."""
         self._codes = []
         for plans in self._plans.values():
             plans.clear()
@@ -68,7 +68,7 @@ class CallWatch:
         kwargs: dict[str, Any],
         place: Any,
     ) -> None:
-        """Send a call that is made in a frame, and plan how to send the next one of its form."""
+        """Send a call made in a frame, and plan the sending of the next one of its form."""
         form, caller = Form(name, args, kwargs), caller_of(place)
         code = caller.f_code
         described = (
@@ -118,10 +118,10 @@ class CallWatch:
 def numbers_of(
     name: str, args: tuple[Any, ...], kwargs: dict[str, Any]
 ) -> Callable[..., Any] | None:
-    """Return a function from the arguments of calls like this to a list of the numbers in them.
+    """Return a function that lists the numbers in the arguments of calls like this one.
 
-    It fails where an argument has another length or word, or names another simulation. None if the
-    types of the arguments do not tell what they hold.
+    It fails if an argument has another length or word, or names another simulation. None if the
+    types of the arguments do not determine their contents.
     """
     terms, checks = [], []
     for at, (key, value) in enumerate([*enumerate(args), *kwargs.items()]):
@@ -153,7 +153,7 @@ def _compiled(source: str) -> Callable[[Any], Callable[..., Any]]:
 
 
 class Form:
-    """The arguments of a call, as a script would write them, apart from the numbers in them."""
+    """The arguments of a call, as a script would write them, with the numbers taken out."""
 
     def __init__(self, name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
         self.numbers: list[float] = []
@@ -213,5 +213,5 @@ def is_numpy(kind: type) -> bool:
 
 
 def _escaped(text: str) -> str:
-    """Return a text as it stands in a form: only `{}` is a number."""
+    """Return a text as it stands in a form, in which only `{}` is a number."""
     return text.replace("{", "{{").replace("}", "}}")

@@ -1,6 +1,6 @@
-"""Poses of capsules and cylinders that an MJCF file gives from point to point.
+"""Poses of capsules and cylinders that an MJCF file defines from point to point.
 
-PyBullet loads them as they are, but `getVisualShapeData` reports them upright, in the middle.
+PyBullet loads them correctly, but `getVisualShapeData` reports them upright, in the middle.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Ends = tuple[list[float], list[float]]
 
 
 def lay(shapes: list[Any], names: list[str], path: str | None) -> None:
-    """Turn the capsules among the shapes of a body from an MJCF file as they lie.
+    """Give the capsules among a body's shapes from an MJCF file their true orientation.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def lay(shapes: list[Any], names: list[str], path: str | None) -> None:
 
 
 def ends_in(path: str) -> dict[str, list[Ends]]:
-    """Return the ends of what is given from point to point, by body; a name used twice is none."""
+    """Return the ends of shapes defined from point to point, by body; without repeated names."""
     ends: dict[str, list[Ends]] = {}
     names: dict[int, str | None] = {}
     """The names of the bodies that an element is in, by their depth."""
@@ -79,7 +79,7 @@ def ends_in(path: str) -> dict[str, list[Ends]]:
 
 
 def _from_z_to(direction: list[float]) -> list[float]:
-    """Return the orientation, x, y, z, w, of what lies along a direction, one way or the other."""
+    """Return the orientation, x, y, z, w, of a shape along a direction, in either sense."""
     length = math.copysign(math.hypot(*direction), direction[2])
     x, y, z = (component / length for component in direction)
     norm = math.hypot(y, x, 1 + z)

@@ -1,7 +1,7 @@
-"""Roles of pybullet's functions: the one table of them.
+"""Roles of pybullet's functions: their only table.
 
-A test compares it with the module. A function that is in no role, of another version, is taken for
-one that changes something: it is recorded.
+A test compares it with the module. A function without a role, of another version, is treated as one
+that changes something: it is recorded.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ ROLES: dict[str, str] = {
 
 
 def those_that(*roles: str) -> frozenset[str]:
-    """Return the functions of some roles."""
+    """Return the functions with some roles."""
     return frozenset(name for role in roles for name in ROLES[role].split())
 
 

@@ -1,6 +1,6 @@
 """Replacements of pybullet's functions while they are watched, by kind of function.
 
-What a script may call at every step comes to few calls of Python; the rest goes by name.
+The common path of a step is short: few calls of Python; other cases go by name.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ ANSWERED = set(Window(SimpleNamespace(), 0).answers())
 
 
 def handler(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return what stands before a function."""
+    """Return the replacement of a function."""
     special = {
         "connects": connecting,
         "disconnects": disconnecting,
@@ -57,7 +57,7 @@ def handler(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def stepping(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return what makes a step, and sends a sample after it."""
+    """Return a function that makes a step, and sends a sample after it."""
     host, pipe, worlds = watch.host, watch.pipe, watch.worlds
     lock = host.lock
     acquire, release, kept = lock.acquire, lock.release, lock.kept
@@ -87,9 +87,9 @@ def stepping(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def changing(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return what sends a call that changes a simulation, and reads again what it changes.
+    """Return a function that sends a call which changes a simulation, and reads the changes.
 
-    A call like an earlier one goes straight into the block; `Calls.tell` does the others.
+    A call like an earlier one goes straight into the block; `Calls.tell` handles the others.
     """
     host, pipe, worlds, calls = watch.host, watch.pipe, watch.worlds, watch.calls
     lock = host.lock
@@ -154,7 +154,7 @@ def changing(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def _effects(name: str) -> tuple[Call | None, Call | None]:
-    """Return what is done before and after a call of a function, if anything."""
+    """Return the actions before and after a call of a function, if any."""
     if name in MOVES_BODY:
         return _before_move, None
     if name in PUSHES:
@@ -167,7 +167,7 @@ def _effects(name: str) -> tuple[Call | None, Call | None]:
 
 
 def _after_ik(watch: BulletWatch, _: WatchedWorld, __: str, ___: Any, result: Any) -> None:
-    """Send the largest number of an answer, by which targets that are taken from it are known."""
+    """Send the largest number of an answer, by which targets taken from it are recognised."""
     if type(result) is tuple and result:
         watch.pipe.send(protocol.RESULT, protocol.NUMBER.pack(max(result, key=abs)))
 
@@ -175,7 +175,7 @@ def _after_ik(watch: BulletWatch, _: WatchedWorld, __: str, ___: Any, result: An
 def _before_move(
     watch: BulletWatch, world: WatchedWorld, name: str, args: Any, kwargs: Any
 ) -> None:
-    """Note the body that a call moves, and what it sets of it."""
+    """Note the body that a call moves, and the parts of its state that the call sets."""
     body = args[0] if args else kwargs.get("bodyUniqueId", kwargs.get("objectUniqueId"))
     if type(body) is not int:
         body = number(body)
@@ -231,7 +231,7 @@ def _raised(watch: BulletWatch, world: WatchedWorld | None, name: str, error: Ex
 
 
 def reading(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return what calls a function that only reads, and counts where it does."""
+    """Return a function that makes a reading call and counts it."""
     host, pipe, readings = watch.host, watch.pipe, watch.readings
     lock, real_time = host.lock, watch.real_time_since
     acquire, release, kept = lock.acquire, lock.release, lock.kept
@@ -277,7 +277,7 @@ def _failed(
     error: Exception,
     place: Any,
 ) -> None:
-    """Send a call that changes nothing and failed: what it asked for is why."""
+    """Send a failed call that changes nothing, since its request explains the failure."""
     with watch.host.lock:
         world = watch.worlds.get(client_of(name, args, kwargs))
         if world is not None:
@@ -286,7 +286,7 @@ def _failed(
 
 
 def passive(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return what calls a function that changes nothing, or gives a window's answer."""
+    """Return a function that makes a call without effect, or gives a window's answer."""
     polls, host, pipe, windows = name in POLLS, watch.host, watch.pipe, watch.windows
     has_answer, real_time = name in ANSWERED, watch.real_time_since
 
@@ -325,7 +325,7 @@ def _answer(window: Window, name: str, original: Any, args: Any, kwargs: Any) ->
 
 
 def searching(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return what notes where PyBullet looks for files."""
+    """Return a function that notes PyBullet's search path for files."""
     call = passive(watch, name, original)
 
     def search(*args: Any, **kwargs: Any) -> Any:
@@ -339,7 +339,7 @@ def searching(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def connecting(watch: BulletWatch, _: str, original: Any) -> Call:
-    """Return what begins a simulation, never with a window."""
+    """Return a function that begins a simulation, never with a window."""
     host = watch.host
 
     def connect(*args: Any, **kwargs: Any) -> Any:
@@ -365,7 +365,7 @@ def connecting(watch: BulletWatch, _: str, original: Any) -> Call:
 
 
 def disconnecting(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return what ends a simulation."""
+    """Return a function that ends a simulation."""
 
     def disconnect(*args: Any, **kwargs: Any) -> Any:
         with watch.host.lock:  # no check for Stop: scripts clean up with this call
@@ -377,7 +377,7 @@ def disconnecting(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def resetting(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return what removes all bodies."""
+    """Return a function that removes all bodies."""
     host = watch.host
 
     def reset(*args: Any, **kwargs: Any) -> Any:
@@ -401,7 +401,7 @@ def resetting(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def photographing(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return what sends what the script's camera sees."""
+    """Return a function that sends the picture of the script's camera."""
     host = watch.host
 
     def photograph(*args: Any, **kwargs: Any) -> Any:

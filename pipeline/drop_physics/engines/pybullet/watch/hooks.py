@@ -1,4 +1,4 @@
-"""The functions of pybullet, each replaced by one that calls it and tells the recorder.
+"""The functions of pybullet, each replaced by one that calls it and reports to the recorder.
 
 The script sees no difference: calls return the engine's own answer, except where a window would
 have to be open (`quiet`), and where time would have to pass (`clock`).
@@ -42,7 +42,7 @@ RELEASE = re.compile(r"pybullet-([\w.+!]+)\.(?:dist|egg)-info")
 
 
 def release_of(file: str | None) -> str:
-    """Return the version of the package that a module's file belongs to; empty if none says."""
+    """Return the version of the package that owns a module's file; empty if unknown."""
     try:
         names = os.listdir(os.path.dirname(file or ""))
     except OSError:
@@ -168,9 +168,9 @@ class BulletWatch(EngineWatch):
     # -- in place of pybullet's functions ---------------------------------------------------------
 
     def install(self, module: ModuleType) -> None:
-        """Replace the functions of pybullet, in place; those of a reloaded module are already.
+        """Replace the functions of pybullet in place; those of a reloaded module already are.
 
-        A copy of its file is another PyBullet, whose numbers of simulations are the same: it is
+        A copy of its file is another PyBullet, whose simulations have the same numbers: it is
         named.
         """
         library = _library(module)
@@ -207,7 +207,7 @@ class BulletWatch(EngineWatch):
                 self.begin(client, "before")
 
     def _stand_before(self, originals: dict[str, Any]) -> None:
-        """Make what stands for functions of PyBullet."""
+        """Make the replacements of PyBullet's functions."""
         calls = {}
         for name, original in originals.items():
             varied = self._variation and self._variation.of(self.p, name, original)
@@ -221,7 +221,7 @@ class BulletWatch(EngineWatch):
             )
 
     def _commanding(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        """Return what notes what a motor is asked for, as the script asks it."""
+        """Return a function that notes a motor's command as the script gives it."""
 
         def command(*args: Any, **kwargs: Any) -> Any:
             world = self.worlds.get(client_of(name, args, kwargs))
@@ -232,7 +232,7 @@ class BulletWatch(EngineWatch):
         return hiding(command)
 
     def _stopping(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        """Return what stands before a function in a run from which trials part there."""
+        """Return the replacement of a function at which trials part from the run."""
 
         def stop(*args: Any, **kwargs: Any) -> Any:
             forks = self.host.forks
@@ -243,11 +243,11 @@ class BulletWatch(EngineWatch):
         return hiding(stop)
 
     def possible(self, rows: Sequence[dict[str, Any]]) -> list[Change]:
-        """Return the single changes of rows of the table, in a run that was seen for them."""
+        """Return the single changes of table rows that are possible in an observed run."""
         return possible(self.p, rows, self._interventions.seen)
 
     def become(self, trial: dict[str, Any]) -> None:
-        """Go on as a trial, in a process that has just been forked."""
+        """Continue as a trial, in a new fork."""
         self._differ(varied_by(trial["variation"]), trial["interventions"])
         for module, originals in self._modules:
             self._stand_before(originals)
@@ -257,7 +257,7 @@ class BulletWatch(EngineWatch):
     # -- simulations ------------------------------------------------------------------------------
 
     def observed(self) -> ObservedWorld | None:
-        """Return the simulation that was stepped last, as an expectation reads it."""
+        """Return the simulation that was stepped last, in the form that expectations read."""
         return None if self._stepped is None else self._observed_of(self._stepped)
 
     def _observed_of(self, world: WatchedWorld) -> ObservedWorld:
@@ -286,7 +286,7 @@ class BulletWatch(EngineWatch):
             self.guarded(world, world.sync_engine)
 
     def end(self, client: int) -> None:
-        """Send what is left of a simulation that is disconnected."""
+        """Send the rest of a simulation that is disconnected."""
         world = self.worlds.get(client)
         if world is None:
             return
@@ -300,7 +300,7 @@ class BulletWatch(EngineWatch):
         self.real_time_since.pop(client, None)
 
     def lose(self, world: WatchedWorld, error: Exception) -> None:
-        """Follow a simulation no longer, and tell why."""
+        """Stop following a simulation, and report why."""
         if world.client in self.worlds:
             self.pipe.note(
                 "fault",
@@ -332,7 +332,7 @@ class BulletWatch(EngineWatch):
     def _varied_step(
         self, varied: Variation, world: WatchedWorld, original: Any, args: Any, kwargs: Any
     ) -> Any:
-        """Make several steps of the engine where the script makes one."""
+        """Make several steps of the engine for one of the script's."""
         client = world.client
         if varied.nudge(client, lambda: self._bodies(world)):
             world.moved[ALL], world.touched = set(), True
@@ -348,7 +348,7 @@ class BulletWatch(EngineWatch):
         return list(world.bodies.values())
 
     def _step(self, world: WatchedWorld, original: Any, args: Any, kwargs: Any) -> Any:
-        """Make a step of the engine, and send what it changes."""
+        """Make a step of the engine, and send its changes."""
         asks = False
         try:
             if world.touched:
@@ -370,7 +370,7 @@ class BulletWatch(EngineWatch):
         return () if asks else result
 
     def set_real_time(self, world: WatchedWorld, *, on: bool) -> None:
-        """Let a simulation run by itself, as it does with a window; without one it never does."""
+        """Switch a simulation's own stepping on or off; without a window it never steps."""
         self.real_time_since.pop(world.client, None)
         if on and world.client in self.windows:
             self.real_time_since[world.client] = (self.host.clock.now_s(), world.time_s)
@@ -378,12 +378,12 @@ class BulletWatch(EngineWatch):
             self.pipe.note("real_time", world=world.number, step=world.step)
 
     def let_time_pass(self) -> None:
-        """Let pass the time that a call takes, where a simulation runs by itself."""
+        """Advance by the time that a call takes, if a simulation steps by itself."""
         if self.real_time_since:
             self.host.clock.wait(CALL_S)
 
     def catch_up(self) -> None:
-        """Make the steps that simulations which run in real time owe."""
+        """Make the steps that real-time simulations owe."""
         now_s = self.host.clock.now_s
         for client, (since_s, from_s) in list(self.real_time_since.items()):
             world = self.worlds[client]
@@ -397,23 +397,23 @@ class BulletWatch(EngineWatch):
                 self.step(world, self.p.stepSimulation, (client,), {})
 
     def stop(self) -> None:
-        """Note that the script ends at its next call."""
+        """Let the script end at its next call."""
         self.readings.look()
 
     # -- the end ----------------------------------------------------------------------------------
 
     def settle(self) -> None:
-        """Send what is left of all simulations."""
+        """Send the rest of all simulations."""
         for world in list(self.worlds.values()):
             self.guarded(world, world.end)
 
     def finish(self) -> None:
-        """Follow no simulation any longer."""
+        """Stop following all simulations."""
         self.worlds.clear()
 
 
 def _library(module: ModuleType) -> object:
-    """Return which file a module was loaded from, whatever its path."""
+    """Return the file from which a module was loaded, whatever its path."""
     try:
         status = os.stat(str(module.__file__))
     except OSError:  # it was removed, or is no file

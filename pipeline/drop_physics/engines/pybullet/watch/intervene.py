@@ -1,9 +1,9 @@
-"""An experiment in a script: calls that are made otherwise, added, or left out.
+"""An experiment in a script: calls that are changed, added, or omitted.
 
-It stands above the hooks, so that what is recorded is what the engine was asked for, and every call
-still belongs to a line of the script. What is asked for arrives as data; the words of PyBullet are
-in `interventions`, beside this folder. Where a property is set that the script can read, it reads
-what it would have read without.
+It stands above the hooks, so that the recording holds the actual requests to the engine, and every
+call still belongs to a line of the script. The changes arrive as data; the words of PyBullet are in
+`interventions`, beside this folder. If a changed property can be read by the script, it reads the
+value of the unchanged run.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class SeenCallSites:
     def call(
         self, function: str, arguments: Mapping[str, Any], client: int, keywords: Iterable[str]
     ) -> None:
-        """Note a call, and which arguments it gives by name."""
+        """Note a call, and the arguments that it gives by name."""
         frame = caller()
         key = shown_file(frame.f_code.co_filename), frame.f_lineno, function
         calls = self.calls.setdefault(key, SeenCalls())
@@ -99,7 +99,7 @@ class SeenCallSites:
 
 
 class SeenCalls:
-    """The calls of a function in a line."""
+    """Calls of a function in one line."""
 
     def __init__(self) -> None:
         self.arguments: dict[str, Any] = {}
@@ -157,7 +157,7 @@ class CallInterventions:
         """The state of an operation: the last push of a place, the last motor of a joint."""
 
     def of(self, name: str, calls: dict[str, Call], p: SimpleNamespace) -> Call:
-        """Return what stands before a watched function, of all of them and PyBullet's own."""
+        """Return the replacement of a watched function, given all of them and PyBullet's own."""
         self._calls, self._p = calls, p
         call = calls[name]
         if not self._operations:
@@ -206,14 +206,14 @@ class CallInterventions:
         return self._calls[name](*args, **{**kwargs, CLIENT: client})
 
     def _called(self, name: str, call: Call, arguments: Mapping[str, Any]) -> Any:
-        """Make a call by the names of its arguments; the older motor call takes none by name."""
+        """Make a call with named arguments; the older motor call accepts none."""
         if name == UNNAMED:
             call = self._calls["setJointMotorControl2"]
             arguments = {each: value for each, value in arguments.items() if each}
         return call(**arguments)
 
     def came(self, name: str, client: Any, result: Any) -> None:
-        """Note the bodies that a call has made, of a client."""
+        """Note the bodies of a client that a call has created."""
         if name in ("connect", "resetSimulation"):
             self.next_body[client] = 0
             for held in (self._told, self._ours):
@@ -230,7 +230,7 @@ class CallInterventions:
         client: Any,
         result: Any = None,
     ) -> bool:
-        """Return whether an operation is about a call, before it or, with its result, after."""
+        """Return whether an operation applies to a call, before it or, with a result, after it."""
         place = operation.get("site")
         if place is not None:
             frame = caller()
@@ -256,22 +256,22 @@ class CallInterventions:
     # -- calls made otherwise ---------------------------------------------------------------------
 
     def _leave(self, operation: Operation, arguments: Any, _: int) -> Any:
-        """Leave a call out, or some of its arguments."""
+        """Omit a call, or some of its arguments."""
         left = operation["arguments"]
         return {n: v for n, v in arguments.items() if n not in left} if left else None
 
     def _held(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Give what the first call of a line was given for an element."""
+        """Pass the arguments of the line's first call for an element."""
         return self._kept.setdefault(_of_line(operation, arguments, client), _copied(arguments))
 
     def _late(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Give what the call before was given."""
+        """Pass the arguments of the previous call."""
         key = _of_line(operation, arguments, client)
         before, self._kept[key] = self._kept.get(key, arguments), _copied(arguments)
         return before
 
     def _see(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Note a call, and what touches before a step."""
+        """Note a call, and the contacts before a step."""
         (function,) = operation["functions"]
         if function == "stepSimulation":
             for point in self._p.getContactPoints(physicsClientId=client):
@@ -281,7 +281,7 @@ class CallInterventions:
         return arguments
 
     def _once(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Make calls before the first step from now on, about what is there."""
+        """Make calls once before the next step, about the objects that exist."""
         key = "once", client, id(operation)
         if key not in self._kept:
             self._kept[key] = True
@@ -292,7 +292,7 @@ class CallInterventions:
         return arguments
 
     def _apart(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Give some arguments of a call in a call of their own, for the same link."""
+        """Pass some arguments of a call in a separate call, for the same link."""
         own = {n: v for n, v in arguments.items() if n in operation["arguments"]}
         about = {n: v for n, v in arguments.items() if n in (*BODY_NAMES, "linkIndex", CLIENT)}
         if own:
@@ -300,7 +300,7 @@ class CallInterventions:
         return {n: v for n, v in arguments.items() if n not in own}
 
     def _set(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Set arguments: all of them, or with `given` only those that are given."""
+        """Set arguments: all of them, or with `given` only those that are present."""
         made = {**arguments}
         for name, how in operation["sets"].items():
             if name in arguments or not operation.get("given"):
@@ -311,7 +311,7 @@ class CallInterventions:
         return made
 
     def _motor(self, operation: Operation, arguments: Any, _: int) -> Any:
-        """Set the motors of joints; links None for all that a call is for."""
+        """Set the motors of joints; with links None, all joints of the call."""
         links, made = operation.get("links"), {**arguments}
         if JOINTS not in arguments:
             if links is None or number(arguments.get("jointIndex")) in links:
@@ -333,7 +333,7 @@ class CallInterventions:
         return made
 
     def _redirect(self, operation: Operation, arguments: Any, _: int) -> Any:
-        """Send the motor calls of joints to others."""
+        """Redirect the motor calls of joints to others."""
         to = dict(operation["links"])
         made = dict(arguments)
         if JOINTS in arguments:
@@ -357,7 +357,7 @@ class CallInterventions:
         return {**arguments, "posObj": [*at]}
 
     def _frames(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Let a constraint join bodies where they are: its frame on the child is the parent's."""
+        """Let a constraint join bodies in place: its frame on the child is the parent's."""
         p = self._p
         if arguments.get("jointType") not in (p.JOINT_FIXED, p.JOINT_POINT2POINT):
             return arguments
@@ -374,21 +374,21 @@ class CallInterventions:
         }
 
     def _frame(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Place a body's frame where its centre of mass is set."""
+        """Place a body's frame at the position meant for its centre of mass."""
         info = self._p.getDynamicsInfo(body_of(arguments), -1, client)
         pose = arguments["posObj"], arguments["ornObj"]
         at, turned = self._p.multiplyTransforms(*pose, info[3], info[4])
         return {**arguments, "posObj": [*at], "ornObj": [*turned]}
 
     def _fall(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Leave a body its vertical velocity."""
+        """Keep a body's vertical velocity."""
         if "linearVelocity" not in arguments:
             return arguments
         vertical = self._p.getBaseVelocity(body_of(arguments), client)[0][2]
         return {**arguments, "linearVelocity": [*[*arguments["linearVelocity"]][:2], vertical]}
 
     def _drive(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Drive joints by motors to where they are set, once the first step is made."""
+        """Drive joints by motors to the positions they are set to, after the first step."""
         if "jointIndex" not in arguments:
             self._steps[client] = self._steps.get(client, 0) + 1
             return arguments
@@ -398,7 +398,7 @@ class CallInterventions:
         return None
 
     def _drive_to(self, client: int, arguments: Any, **force: Any) -> None:
-        """Give the motor of a joint where it is set as its target."""
+        """Give a joint's motor the set position as its target."""
         joint, mode = arguments["jointIndex"], self._p.POSITION_CONTROL
         to = {"targetPosition": arguments["targetValue"], **force}
         self._make(client, "setJointMotorControl2", body_of(arguments), joint, mode, **to)
@@ -413,7 +413,7 @@ class CallInterventions:
     # -- calls added ------------------------------------------------------------------------------
 
     def _add_then(self, operation: Operation, arguments: Any, client: int) -> None:
-        """Add calls after this one; after one that sets the same only if it does."""
+        """Add calls after this one; after a setter of the same property, only if it sets it."""
         if operation.get("only_after") and not operation["sets"].keys() & arguments.keys():
             return
         body = operation.get("body")
@@ -423,7 +423,7 @@ class CallInterventions:
                 self._give(operation, client, body, link)
 
     def _give(self, operation: Operation, client: int, *about: Any) -> None:
-        """Make a call about a body and a link, about other things, or about none."""
+        """Make a call about a body and a link, about other objects, or about none."""
         name, sets = operation["call"], operation["sets"]
         named_as = {key: each for key, each in zip(ABOUT.get(name, ()), about) if each is not None}
         body, link = (*about, None, None)[:2]
@@ -438,7 +438,7 @@ class CallInterventions:
             self._ours[client, body, link, key] = self._reported(client, body, link, key)
 
     def _noted(self, client: int, body: Any, link: Any, names: Iterable[str]) -> dict[str, Any]:
-        """Note what the script is to read of a link, and return it."""
+        """Note the values that the script is to read of a link, and return them."""
         for name in names:
             key = client, body, link, name
             now = self._reported(*key)
@@ -456,14 +456,14 @@ class CallInterventions:
             return None
 
     def _lift(self, operation: Operation, arguments: Any, _: int) -> Any:
-        """Place a body elsewhere than where it is set."""
+        """Place a body elsewhere than at its set position."""
         if "posObj" not in arguments:
             return arguments
         moved = [each + by for each, by in zip(arguments["posObj"], operation["by_m"])]
         return {**arguments, "posObj": moved}
 
     def _lift_then(self, operation: Operation, arguments: Any, client: int) -> None:
-        """Place a body elsewhere than where it was made."""
+        """Place a new body elsewhere than at its initial position."""
         body = operation["body"]
         if "posObj" in arguments:
             return
@@ -472,7 +472,7 @@ class CallInterventions:
         self._make(client, "resetBasePositionAndOrientation", body, at, [*turned])
 
     def _pull_then(self, operation: Operation, _: Any, client: int) -> None:
-        """Give a constraint that was made another largest force."""
+        """Give a new constraint another largest force."""
         p = self._p
         made = p.getConstraintUniqueId(p.getNumConstraints(client) - 1, client)
         force_n = p.getConstraintInfo(made, client)[FORCE_AT]
@@ -480,7 +480,7 @@ class CallInterventions:
         self._make(client, "changeConstraint", made, maxForce=most_n)
 
     def _gear_then(self, operation: Operation, _: Any, client: int) -> None:
-        """Join two joints of a body that was made by a gear, the follower's motor off."""
+        """Join two joints of a new body by a gear, with the follower's motor off."""
         p, body, (leads, follows) = self._p, operation["body"], operation["links"]
         if max(leads, follows) >= p.getNumJoints(body, client):
             return
@@ -492,13 +492,13 @@ class CallInterventions:
         self._make(client, "changeConstraint", gear, **how)
 
     def _also_then(self, operation: Operation, arguments: Any, client: int) -> None:
-        """Make a call for another simulation, too."""
+        """Repeat a call for another simulation."""
         other, name = operation["of"], operation["functions"][0]
         if client != other and self._p.isConnected(other):
             self._make(other, name, **arguments)
 
     def _carry_then(self, _: Operation, arguments: Any, client: int) -> None:
-        """Give a body that is set to poses the velocity that takes it there."""
+        """Give a body with set poses the velocity between them."""
         body, at = body_of(arguments), [*arguments["posObj"]]
         key = "carried", client, body
         before, self._kept[key] = self._kept.get(key), at
@@ -509,7 +509,7 @@ class CallInterventions:
         self._make(client, "resetBaseVelocity", body, velocity)
 
     def _hold_then(self, _: Operation, arguments: Any, client: int) -> None:
-        """Give the motor of a joint that is reset its new position as the target."""
+        """Give the motor of a reset joint its new position as the target."""
         p, body, joint = self._p, body_of(arguments), number(arguments.get("jointIndex"))
         if "controlMode" in arguments:
             force = arguments.get("force")
@@ -521,7 +521,7 @@ class CallInterventions:
             self._drive_to(client, arguments, **kept)
 
     def _again(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Give the last push of each place again, before each step in which it is not given."""
+        """Repeat the last push of each place before every step without one."""
         if "forceObj" in arguments or "torqueObj" in arguments:
             return arguments
         step = self._steps.get(client, 0)
@@ -571,7 +571,7 @@ class CallInterventions:
 
 
 def _becoming(held: Any, how: Sequence[Any]) -> Any:
-    """Return what an argument becomes; without one, flags are 0, and any number is the least."""
+    """Return an argument after an operator; without one, flags become 0, and numbers the least."""
     if how[0] in ("|", "~", "^"):
         held = number(held) or 0
     elif held is None and how[0] == ">":
@@ -583,7 +583,7 @@ def _becoming(held: Any, how: Sequence[Any]) -> Any:
 
 
 def element_of(client: int, arguments: Mapping[str, Any]) -> tuple[int, int | None, int | None]:
-    """Return client, body, and joint or link that a call is about."""
+    """Return client, body, and joint or link of a call."""
     link = arguments.get("jointIndex", arguments.get("linkIndex"))
     return client, body_of({**arguments}), number(link)
 
@@ -591,7 +591,7 @@ def element_of(client: int, arguments: Mapping[str, Any]) -> tuple[int, int | No
 def elements_of(
     client: int, arguments: Mapping[str, Any]
 ) -> list[tuple[int, int | None, int | None]]:
-    """Return client, body, and joint or link of each thing that a call is about."""
+    """Return client, body, and joint or link of all objects of a call."""
     if JOINTS not in arguments:
         return [element_of(client, arguments)]
     return [(client, body_of({**arguments}), number(each)) for each in arguments[JOINTS]]
@@ -603,7 +603,7 @@ def _of_joints(
     elements: Sequence[Any],
     operation: Operation,
 ) -> Mapping[str, Any] | None:
-    """Return a call for several joints in which only those of an operation are changed."""
+    """Return a call for several joints with changes only to those of an operation."""
     changed = [[*each] in operation["elements"] for each in elements]
     if all(changed):
         return made
@@ -621,7 +621,7 @@ def _of_joints(
 
 
 def there(p: Any, client: int, each: str, pairs: Iterable[Sequence[int]]) -> Iterator[Any]:
-    """Yield what is there of a kind: bodies, links, joints that move, constraints, what touched."""
+    """Yield existing objects of a kind: bodies, links, movable joints, constraints, contacts."""
     if each in ("bodies", "links", "joints"):
         for body in [p.getBodyUniqueId(n, client) for n in range(p.getNumBodies(client))]:
             joints = range(p.getNumJoints(body, client))
@@ -653,7 +653,7 @@ def _copied(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _differ(made: Any, arguments: Any) -> bool:
-    """Return whether arguments differ, of which some may be arrays."""
+    """Return whether arguments differ; some may be arrays."""
     if made is arguments:
         return False
     return made is None or _copied(made) != _copied(arguments)
@@ -665,7 +665,7 @@ def _plain(value: Any) -> Any:
 
 
 def _bodies(name: str, result: Any) -> Iterator[int]:
-    """Yield the bodies that a call has made."""
+    """Yield the bodies created by a call."""
     if name in MAKES_BODIES:
         for body in result if isinstance(result, (tuple, list)) else (result,):
             if isinstance(body, int) and body >= 0:

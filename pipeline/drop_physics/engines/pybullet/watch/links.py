@@ -34,7 +34,7 @@ def path_of(name: str, search_path: str) -> str | None:
 
 
 def links_in(path: str, call: str, *, merged: bool) -> list[int]:
-    """Return the number of links of each model in a file; of a broken one, up to where it breaks.
+    """Return the number of links of each model in a file; of a broken one, up to the break.
 
     Parameters
     ----------
@@ -65,9 +65,9 @@ def links_in(path: str, call: str, *, merged: bool) -> list[int]:
 
 
 def walk(path: str, start: Callable[[tuple[str, ...], dict[str, str]], None]) -> bool:
-    """Call a function with tags, outermost first, and attributes of each element of an XML file.
+    """Call a function with the tags, outermost first, and attributes of all elements of XML.
 
-    Return whether it could take the whole file.
+    Return whether the whole file could be read.
     """
     within: list[str] = []
 

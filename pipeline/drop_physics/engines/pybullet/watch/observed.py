@@ -1,4 +1,4 @@
-"""A simulation of a PyBullet script, as an expectation reads it."""
+"""A simulation of a PyBullet script, in the form that expectations read."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NORMAL = 7
 
 
 class ObservedWorld(Observed):
-    """A client's simulation that is observed.
+    """An observed simulation of a client.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class ObservedWorld(Observed):
         return self._time()
 
     def reader(self, kind: str, *names: Any) -> Callable[[], Any]:
-        """Return a function that reads a number, or a vector, as it is now."""
+        """Return a function that reads the current value of a number or a vector."""
         if kind in AXES or kind == "up":
             pose = self._pose(*self._link(*names))
             if kind == "up":
@@ -60,7 +60,7 @@ class ObservedWorld(Observed):
         raise UnknownNameError(str(names[0]), ())
 
     def positions(self) -> list[float]:
-        """Return where three points of each body and link are [m]."""
+        """Return the positions of three points of each body and link [m]."""
         p, client = self._p, self._client
         found = [math.nan] * (NUMBERS * len(self._places))
         for body in self._bodies():
@@ -88,11 +88,11 @@ class ObservedWorld(Observed):
         return math.sqrt(max(*inertia, 0.0) / mass) if mass > 0 else 0.0
 
     def bodies(self) -> list[str]:
-        """Return the names of these bodies."""
+        """Return the names of the bodies of `positions`."""
         return self._named
 
     def astray(self) -> dict[str, float]:
-        """Return how far each joint is from the target of its motor."""
+        """Return the distance of joints from the targets of their motors."""
         p, client, found = self._p, self._client, {}
         for (body, joint), (at, target) in self._targets.items():
             try:
@@ -143,7 +143,7 @@ class ObservedWorld(Observed):
         return str(self._p.getJointInfo(body, link, self._client)[12].decode(errors="replace"))
 
     def _links(self) -> Iterator[tuple[str, tuple[int, int]]]:
-        """Yield the names of bodies and of links, with what they are."""
+        """Yield the names of bodies and links, with their numbers."""
         p, client = self._p, self._client
         for body in self._bodies():
             root, name = (each.decode(errors="replace") for each in p.getBodyInfo(body, client))
@@ -184,7 +184,7 @@ class ObservedWorld(Observed):
     # -- readings ---------------------------------------------------------------------------------
 
     def _pose(self, body: int, link: int) -> Callable[[], Any]:
-        """Return what reads the pose of a body's base, or of the frame of a link."""
+        """Return a function that reads the pose of a body's base, or of a link's frame."""
         p, client = self._p, self._client
         if link < 0:
             return lambda: p.getBasePositionAndOrientation(body, client)
@@ -194,7 +194,7 @@ class ObservedWorld(Observed):
         return float(self._p.getMatrixFromQuaternion(orientation)[8])
 
     def _force(self, sides: list[tuple[int, int]]) -> Callable[[], float]:
-        """Return what reads the force between two bodies, or of one on all others."""
+        """Return a function that reads the force between two bodies, or of one on all others."""
         p, client = self._p, self._client
         (body, link), other = sides[0], dict(zip(("bodyB", "linkIndexB"), (*sides[1:], ())[0]))
         if other.get("linkIndexB") == -1:

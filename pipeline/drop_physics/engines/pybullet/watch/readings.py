@@ -1,9 +1,9 @@
-"""Readings of a script: by place and form of the arguments, how often and from when to when.
+"""Readings of a script: their number and steps, by place and form of the arguments.
 
-A reading takes PyBullet a microsecond, and looking at it one more. So after a while the readings of
-a function that reads all the time are looked at in one of 61 steps, and each counts as 61; those of
-others always are, and those from an instruction that had not read before. Counts are kept in memory
-that the recorder shares: no crash loses any.
+A reading takes PyBullet a microsecond, and counting it one more. So the frequent readings of a
+function are soon counted in one of 61 steps, with a weight of 61; rarer ones always are, and so is
+the first from a new instruction. Counts are kept in memory that the recorder shares: no crash loses
+any.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ PLAIN = {int, float, bool, str, type(None)}
 
 
 class Readings:
-    """Counts what a script reads, and describes the places where it does."""
+    """Counts a script's readings, and describes their places."""
 
     def __init__(self, watch: BulletWatch) -> None:
         self._watch, self._fails = watch, False
@@ -70,11 +70,11 @@ class Readings:
         """The readings at each place."""
 
     def passing(self, name: str) -> set[int]:
-        """Return the instructions from which readings with a function pass unseen."""
+        """Return the instructions whose readings with a function are not counted."""
         return self._passing.setdefault(name, set())
 
     def turn(self, steps: int) -> None:
-        """Begin a group of steps in which every reading is looked at, or end it."""
+        """Begin or end a group of steps in which every reading is counted."""
         self._all = not self._all
         if self._all:
             self.next_turn, self._read = steps + TOGETHER, set()
@@ -93,13 +93,13 @@ class Readings:
         self._read_before, self._read = self._read, set()
 
     def look(self) -> None:
-        """Let no reading pass unseen until the next turn."""
+        """Count every reading until the next turn."""
         for name in self._unseen:
             self._passing[name].clear()
         self._unseen = {}
 
     def forget(self) -> None:
-        """Note that the numbers of bodies may mean others."""
+        """Note that the numbers of bodies may have a new meaning."""
         self._plans, self._codes, self._targets = {}, [], {}
 
     def count(
@@ -110,7 +110,7 @@ class Readings:
         place: Any,
         answer: Any = None,
     ) -> None:
-        """Count a reading that a frame has made, and keep what it gave."""
+        """Count a reading made in a frame, and keep its result."""
         key = name, id(place.f_code), place.f_lasti, args, *kwargs.items()
         try:
             at, world = self._plans[key]
@@ -149,7 +149,7 @@ class Readings:
         counters[at + 3] = max(known, len(values))
 
     def fail(self, error: Exception) -> None:
-        """Note that something could not be counted; the script goes on."""
+        """Note a reading that could not be counted; the script continues."""
         if not self._fails:
             self._fails = True
             self._watch.pipe.note("unread", error=f"{type(error).__name__}: {error}")
@@ -157,7 +157,7 @@ class Readings:
     def _found(
         self, name: str, args: tuple[Any, ...], kwargs: dict[str, Any], place: Any
     ) -> tuple[int, WatchedWorld] | None:
-        """Return where a reading is counted and its simulation; describe it where it is new."""
+        """Return the counter of a reading and its simulation; describe the reading if it is new."""
         watch, pipe = self._watch, self._watch.pipe
         world = watch.worlds.get(client_of(name, args, kwargs))
         if world is None and name in CONVERTS:  # which reads no simulation
@@ -199,7 +199,7 @@ class Readings:
 
 
 def _targets(arguments: dict[str, Any]) -> list[Any]:
-    """Return what is read: each one or two bodies, by the engine's ids, with links or None."""
+    """Return the objects of a reading: one or two bodies, by engine ids, with links or None."""
     parts = []
     for body, links in OF.items():
         which = number(arguments.get(body))

@@ -1,7 +1,7 @@
 """The single changes of a run of a PyBullet script, and the operations that make them.
 
 The rows arrive as data (`interventions`): calls that are added before the first step, and patterns
-of functions and arguments with what is tried of them in the script's own calls.
+of functions and arguments with operators for the script's own calls.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Row = Mapping[str, Any]
 
 
 def possible(p: Any, rows: Sequence[Row], seen: SeenCallSites) -> list[Change]:
-    """Return the changes of rows that would change something in a run.
+    """Return the changes of table rows that have an effect in a run.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def possible(p: Any, rows: Sequence[Row], seen: SeenCallSites) -> list[Change]:
 
 
 def trial_of(change: Change) -> dict[str, Any]:
-    """Return what differs in a run with a change, as `BulletWatch.become` takes it."""
+    """Return the differences of a run with a change, as `BulletWatch.become` takes them."""
     if change.change == TIMESTEP:
         return {"interventions": [], "variation": {"finer": int(change.how[1])}}
     function, _, argument = change.change.partition(".")
@@ -81,7 +81,7 @@ def trial_of(change: Change) -> dict[str, Any]:
 
 
 def name_of(p: Any, each: str, element: Sequence[Any]) -> str:
-    """Return the name of what a change is of: of a body, of its link or joint, of two."""
+    """Return the name of a change's object: a body, its link or joint, or two bodies."""
     client, *about = element
     if each == "constraints":
         return f"constraint{about[0]}"
@@ -144,12 +144,12 @@ def _bodies(p: Any, elements: Iterable[Sequence[Any]]) -> tuple[str, ...]:
 
 
 def _row_of(named: str, patterns: Sequence[Row]) -> Row | None:
-    """Return the first row whose pattern a function, or an argument of it, has."""
+    """Return the first row whose pattern matches a function, or an argument of it."""
     return next((row for row in patterns if re.fullmatch(row["change"], named)), None)
 
 
 def _tried(row: Row | None) -> list[tuple[str, bool]]:
-    """Return the operators of a row, and whether they break."""
+    """Return the operators of a row, with a flag for those that break the scene."""
     return [] if row is None else [(op, op in row["breaks"]) for op in row["tries"]]
 
 
@@ -166,7 +166,7 @@ def _does(value: Any, how: tuple[str, Any]) -> bool:
 
 
 def _together(changes: Sequence[Change]) -> Iterator[Change]:
-    """Yield the same change of all lines of a function at once, if there are several."""
+    """Yield changes of all lines of a function together, if there are several."""
     alike: dict[tuple[str, str], list[Change]] = {}
     for change in changes:
         if change.op not in ("held", "late"):
@@ -181,7 +181,7 @@ def _together(changes: Sequence[Change]) -> Iterator[Change]:
 
 
 def _once(row: Row, op: str) -> dict[str, Any]:
-    """Return the call that is added, about each thing of a kind."""
+    """Return the added call, about all objects of a kind."""
     operator, value = how_of(op)
     sets = {**row["fixed"], **dict.fromkeys(row["takes"], (operator, _whole(value)))}
     return {"call": row["call"], "each": row["each"], "sets": sets}

@@ -1,4 +1,4 @@
-"""Whether the contact solver of a simulation stopped before it converged."""
+"""Detection of a contact solver that stopped before it converged."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOST_ISLANDS = 64
 
 
 class Solver:
-    """Reports of one client's solver that steps return on request."""
+    """A solver's reports for one client, which steps return on request."""
 
     def __init__(self, p: SimpleNamespace, client: int, *, returns: bool | None) -> None:
         self._p, self._client = p, client
@@ -29,7 +29,7 @@ class Solver:
         """Number of times that the solver was seen to reach each limit of iterations."""
 
     def ask(self, moving: int) -> bool:
-        """Have the next step return what the solver did; return whether it will.
+        """Have the next step return the solver's report; return whether it will.
 
         Only every few steps, since it takes two calls. It changes nothing else, but the engine has
         room for a limited number of islands of bodies, of which `moving` move, and reads beyond it.
@@ -39,7 +39,7 @@ class Solver:
         return False
 
     def report(self, *, on: bool) -> bool:
-        """Have steps return what the solver did, or not; return whether this PyBullet can."""
+        """Switch the solver's reports on or off; return whether this PyBullet has them."""
         try:
             self._p.setPhysicsEngineParameter(
                 reportSolverAnalytics=int(on), physicsClientId=self._client
@@ -49,7 +49,7 @@ class Solver:
         return self._can
 
     def note(self, islands: Any, most: int, step: int) -> None:
-        """Note whether the solver reached its limit, and by how much the last iteration acted.
+        """Note whether the solver reached its limit, and the effect of the last iteration.
 
         That is a change of velocity, non-finite for an island whose body the engine has lost.
         """
@@ -79,6 +79,6 @@ class Solver:
             early.update(last_change=last, worst_step=step)
 
     def noted(self) -> Iterator[dict[str, Any]]:
-        """Yield, for each iteration limit that was not enough, how often; then begin anew."""
+        """Yield how often each iteration limit was too low; then start again."""
         early, self._early = self._early, {}
         return (each for each in early.values() if each["steps"])

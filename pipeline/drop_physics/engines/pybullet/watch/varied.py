@@ -1,9 +1,10 @@
-"""A variation of a run: what differs in the engine, unseen by the script.
+"""A variation of a run: a difference in the engine, hidden from the script.
 
-A finer timestep makes k steps of dt/k where the script makes one of dt. What lasts one step is
-given again before each; motors and constraints, which keep force x timestep of their call, are
-called while the engine has dt/k already. Where the script sets what is varied, its own value counts
-again while the engine takes it: so errors are the engine's own, and it reads what it has set.
+With a finer timestep, k steps of dt/k replace one of dt. Forces that last one step are given again
+before each; motors and constraints, which keep force × timestep of their call, are called while the
+engine already has dt/k. When the script sets a varied property, the engine receives the script's
+own value during that call: so errors are the engine's own, and the script reads the value it has
+set.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ class Variation:
         """Clients whose next step is the first."""
 
     def of(self, p: SimpleNamespace, name: str, original: Call) -> Call:
-        """Return what stands for a function of PyBullet, whose functions are `p`."""
+        """Return the replacement of a function of PyBullet, whose functions are `p`."""
         self._p = p
         if name == "connect":
             return self._connecting(original)
@@ -129,7 +130,7 @@ class Variation:
         return set_engine
 
     def _vary(self, client: int) -> None:
-        """Note what the script has set, and set what differs."""
+        """Note the script's settings, and apply the differences."""
         reported = self._p.getPhysicsEngineParameters(client)
         ours = {TIMESTEP: reported[TIMESTEP] / self.finer, **self.engine}
         if self._iterations != 1:
@@ -176,7 +177,7 @@ class Variation:
         return bool(mode == self._p.TORQUE_CONTROL)
 
     def again(self, client: int, tell: Call) -> None:
-        """Give what lasts one step again, and tell of it."""
+        """Repeat forces that last one step, and report them."""
         for name, original, args, kwargs, place in self._lasting.get(client, []):
             tell(name, args, kwargs, place)
             try:
@@ -185,7 +186,7 @@ class Variation:
                 continue
 
     def stepped(self, client: int) -> None:
-        """Note that a step of the script is over."""
+        """Note the end of a step of the script."""
         if client in self._lasting:
             self._lasting[client].clear()
 
@@ -214,7 +215,7 @@ class Variation:
                     self._each_link(client, body)
 
     def _each_link(self, client: int, body: int | None, *, back: bool = False) -> None:
-        """Change mass and friction of each link, or change them back."""
+        """Change mass and friction of all links, or restore them."""
         p = self._p
         try:
             links = range(-1, p.getNumJoints(body, client))
@@ -277,7 +278,7 @@ class Variation:
 
 
 def varied_by(given: dict[str, Any] | None) -> Variation | None:
-    """Return what differs, without the options that only MuJoCo has; None if nothing does."""
+    """Return the variation, without the options of MuJoCo; None if nothing differs."""
     if given is None:
         return None
     return Variation(**{name: value for name, value in given.items() if name != "options"})

@@ -1,4 +1,4 @@
-"""One simulation, as its engine has it: its bodies, and their current state.
+"""One simulation in its engine: its bodies, and their current state.
 
 Everything is read with PyBullet's own functions, and nothing here changes a number in it:
 `tests/test_watching.py` checks that over many scripts.
@@ -121,9 +121,9 @@ class WatchedWorld:
     # -- what calls have changed ------------------------------------------------------------------
 
     def sync(self, *, sample_follows: bool = False) -> None:
-        """Send what calls have changed since this was last called.
+        """Send the changes made by calls since this was last called.
 
-        What a sample that follows at once will hold is left to it.
+        Changes that a sample will hold at once are left to it.
         """
         if self.stale_engine:
             self.sync_engine()
@@ -156,7 +156,7 @@ class WatchedWorld:
         self._lay_out()
 
     def before_mass(self, engine_id: int) -> None:
-        """Keep what is reported of a new body whose mass a call is about to change."""
+        """Keep the reports of a new body whose mass a call is about to change."""
         if engine_id in self.fresh and engine_id not in self.added:
             try:
                 links = range(-1, self._p.getNumJoints(engine_id, self.client))
@@ -169,7 +169,7 @@ class WatchedWorld:
     def inertial_of(
         self, engine_id: int, position: list[float] | None, orientation: list[float] | None
     ) -> Any:
-        """Return where the centre of mass of a new btRigidBody is in the frame it was put at.
+        """Return the centre of mass of a new btRigidBody in the frame of its placement.
 
         `getDynamicsInfo` returns leftovers as that of a btRigidBody.
         """
@@ -243,7 +243,7 @@ class WatchedWorld:
         self._lay_out()
 
     def sync_engine(self) -> None:
-        """Send the settings of the engine if they are others than before."""
+        """Send the engine's settings if they have changed."""
         reported = self._p.getPhysicsEngineParameters(self.client)
         if reported["fixedTimeStep"] != self.timestep_s:
             self._since, self._steps_since = self.time_s, 0
@@ -303,7 +303,7 @@ class WatchedWorld:
         )
 
     def _last_of(self, body: WatchedBody) -> bytes:
-        """Return the last state of a body that was sent, or b''."""
+        """Return the last sent state of a body, or b''."""
         base, joints = body.last[: POSE.size], body.last[POSE.size :]
         if body.base_at >= 0:
             base = bytes(self._buffer[body.base_at : body.base_at + POSE.size])
@@ -312,7 +312,7 @@ class WatchedWorld:
         return base + joints if base else b""
 
     def _keep(self, body: WatchedBody, state: bytes) -> None:
-        """Note a state that was sent, in the place of that in the last sample."""
+        """Note a sent state, in place of that in the last sample."""
         body.last = state
         if body.base_at >= 0:
             self._buffer[body.base_at : body.base_at + POSE.size] = state[: POSE.size]
@@ -321,7 +321,7 @@ class WatchedWorld:
             self._buffer[its] = state[POSE.size :]
 
     def _sync_state(self, body: WatchedBody, *, sample_follows: bool) -> None:
-        """Send the state of a body that calls may have moved, if they have."""
+        """Send the state of a body if calls have moved it."""
         at = body.base_at
         if at >= 0 and not body.jointed:  # all of its state is in one place
             if not sample_follows:
@@ -342,7 +342,7 @@ class WatchedWorld:
             self._pipe.write(SET_HEAD.pack(protocol.SET, size, body.number, self.step) + state)
 
     def _sync_base(self, body: int, number: int, at: int) -> None:
-        """Send the state of a body without joints, if it is not that of the last sample."""
+        """Send the state of a body without joints if it differs from the last sample."""
         (x, y, z), (a, b, c, d) = self._p.getBasePositionAndOrientation(body, self.client)
         (vx, vy, vz), (wx, wy, wz) = self._p.getBaseVelocity(body, self.client)
         sent = SET_BASE.pack(
@@ -420,14 +420,14 @@ class WatchedWorld:
         self.sampled = True
 
     def before_step(self) -> None:
-        """Send what calls have changed, and before the first step the first sample."""
+        """Send the changes made by calls, and before the first step the first sample."""
         self.sync(sample_follows=not self.sampled)
         if not self.sampled:
             self.sample()
         self.touched = False
 
     def asks_solver(self) -> bool:
-        """Have the next step return what the solver did; return whether it will."""
+        """Have the next step return the solver's report; return whether it will."""
         return self.solver.ask(len(self._moving))
 
     def after_step(self, islands: Any) -> None:
@@ -443,7 +443,7 @@ class WatchedWorld:
         self.sample()
 
     def tell_file(self, name: str, path: str) -> None:
-        """Send the content of a file that a call named; a script may remove it soon."""
+        """Send the content of a file named by a call; a script may remove it soon."""
         try:
             if os.path.getsize(path) > MOST_KEPT:
                 return
@@ -454,7 +454,7 @@ class WatchedWorld:
         self._pipe.note("file", name=name, path=os.path.abspath(path), content=content)
 
     def end(self) -> None:
-        """Send what is left of a simulation that is over, as far as is known."""
+        """Send the rest of a finished simulation, as far as it is known."""
         self.sync(sample_follows=not self.sampled)
         for early in self.solver.noted():
             self._pipe.note("solver", world=self.number, **early)
