@@ -100,12 +100,12 @@ class Option:
 
     @property
     def is_left(self) -> bool:
-        """Whether the default is left to the engine or the URDF."""
+        """True if the default is left to the engine or the URDF."""
         return self.default == "default"
 
     @property
     def is_flag(self) -> bool:
-        """Whether giving the option switches the field off."""
+        """True if giving the option switches the field off."""
         return self.name.startswith("--no-")
 
     def read(self, raw: str) -> Any:  # noqa: ANN401

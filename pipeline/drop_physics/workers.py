@@ -169,7 +169,7 @@ class Worker:
 
     @property
     def idle(self) -> bool:
-        """Whether it runs and owes no answer, for functions that return one answer."""
+        """True if it runs and owes no answer, for functions that return one answer."""
         return self._answered and self._process.poll() is None
 
     def close(self) -> None:

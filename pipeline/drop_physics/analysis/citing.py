@@ -1,4 +1,4 @@
-"""Findings that tell what a row of the account tells: they take its place, and cite its terms."""
+"""Findings with the same content as rows of the account: they replace and cite them."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ class Comparison:
 
     @property
     def same(self) -> bool:
-        """Whether it is the same physics; never, if nothing could be compared."""
+        """True if it is the same physics; never, if nothing could be compared."""
         alike = self.first is None and not self.not_compared
         alike &= not (self.of_drop and self.differences)
         return alike and self.largest_difference_m is not None

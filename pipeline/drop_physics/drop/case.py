@@ -80,12 +80,12 @@ class Case:
 
     @property
     def exact(self) -> bool:
-        """Whether the machine rounds each operation once."""
+        """True if the machine rounds each operation once."""
         return self.engine.machine in EXACT_MACHINES
 
     @property
     def released(self) -> bool:
-        """Whether the first sample is the release that was asked for, as the engine rounds it."""
+        """True if the first sample is the release that was asked for, as the engine rounds it."""
         scenario, mine = self.scenario, self.start
         asked = (
             self.fall.position_m,
@@ -112,7 +112,7 @@ class Case:
 
     @property
     def hides_contacts(self) -> bool:
-        """Whether contact may act within a timestep without being reported.
+        """True if contact may act within a timestep without being reported.
 
         Of several substeps, or stages of a step, engines report only the contacts of the last.
         """
@@ -148,7 +148,7 @@ class Case:
 
     @property
     def starts_above(self) -> bool:
-        """Whether the body is released clear of the floor."""
+        """True if the body is released clear of the floor."""
         floor_m = self.floor_height_m
         return floor_m is None or self.fall.height_m > floor_m + TOUCHING_M
 
@@ -159,33 +159,33 @@ class Case:
 
     @property
     def is_bullet(self) -> bool:
-        """Whether PyBullet dropped the body, whose calls and contact law are known here."""
+        """True if PyBullet dropped the body, whose calls and contact law are known here."""
         return self.scenario.engine == "bullet"
 
     @property
     def is_rigid(self) -> bool:
-        """Whether the body is one rigid link: the laws here are those of one."""
+        """True if the body is one rigid link: the laws here are those of one."""
         return self.engine.joints == 0
 
     @property
     def is_springy(self) -> bool:
-        """Whether contact is a spring, which the contact law here does not cover."""
+        """True if contact is a spring, which the contact law here does not cover."""
         return self.engine.contact_stiffness_n_m is not None
 
     @property
     def is_soft(self) -> bool:
-        """Whether contact gives way, however short the timestep."""
+        """True if contact gives way, however short the timestep."""
         return self.is_springy or self.engine.solref is not None
 
     @property
     def is_ball(self) -> bool:
-        """Whether the body is a centred sphere, which touches alike in any orientation."""
+        """True if the body is a centred sphere, which touches alike in any orientation."""
         centred = self.engine.shape_position_m == (0.0, 0.0, 0.0)
         return self.is_rigid and self.engine.shape == "sphere" and centred
 
     @property
     def is_box(self) -> bool:
-        """Whether the body is one rigid box."""
+        """True if the body is one rigid box."""
         return self.is_rigid and self.engine.shape == "box"
 
     def over_floor(self, position_m: Float64) -> bool:

@@ -78,7 +78,7 @@ class Course:
 
     @property
     def tumbles(self) -> bool:
-        """Whether a body that touches the floor tilted turns from there on."""
+        """True if a body that touches the floor tilted turns from there on."""
         low, high = self._tilts
         return high - low > FLAT_RAD
 

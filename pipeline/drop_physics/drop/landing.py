@@ -127,7 +127,7 @@ class ContactLaw:
 
     @property
     def applies(self) -> bool:
-        """Whether the law covers the drop, and keeps the body above the floor's middle."""
+        """True if the law covers the drop, and keeps the body above the floor's middle."""
         return self._fall is not None
 
     def add(self, part: DropSamples, flat: int) -> None:

@@ -45,7 +45,7 @@ class Touchdown:
 
     @property
     def leaves(self) -> bool:
-        """Whether the body rises from it before the recording ends."""
+        """True if the body rises from it before the recording ends."""
         return self.left and self.last_m_s > 0
 
 

@@ -90,7 +90,7 @@ class Fork(Listener):
 
     @property
     def has_died(self) -> bool:
-        """Whether it ended without a report, and nobody stopped it."""
+        """True if it ended without a report, and nobody stopped it."""
         return not (self.decoder.ended or self.decoder.stopped or self._why)
 
     def _used_up(self) -> bool:

@@ -27,7 +27,7 @@ class FrameStream:
 
     @property
     def is_cut(self) -> bool:
-        """Whether the last frame is incomplete."""
+        """True if the last frame is incomplete."""
         return self._held > 0
 
     def feed(self, data: bytes) -> Iterator[tuple[bytes, bytes]]:

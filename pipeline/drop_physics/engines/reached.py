@@ -39,7 +39,7 @@ class Reached:
 
     @property
     def writes(self) -> bool:
-        """Whether it writes any file, wherever."""
+        """True if it writes any file, wherever."""
         return bool(self.noted or self.made or self.changed) or not self.is_known
 
 

@@ -132,7 +132,7 @@ class Apart:
 
     @property
     def same(self) -> bool:
-        """Whether every position is the same to the bit; where none is compared, none is."""
+        """True if every position is the same to the bit; where none is compared, none is."""
         return bool(self.tracks) and all(each.same for each in self.tracks)
 
     @property

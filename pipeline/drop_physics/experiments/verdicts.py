@@ -94,7 +94,7 @@ class Outcome:
 
     @property
     def is_same(self) -> bool:
-        """Whether every position equals that of the script's own run, to the bit."""
+        """True if every position equals that of the script's own run, to the bit."""
         return self.apart.same and self.began is None
 
 

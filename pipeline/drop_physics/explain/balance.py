@@ -50,7 +50,7 @@ class Pushes(Rowed):
 
     @property
     def acted(self) -> Flags:
-        """Whether any force or torque was applied in the step, shape (samples,)."""
+        """True if any force or torque was applied in the step, shape (samples,)."""
         return np.asarray((self.force_scale_n != 0) | (self.torque_scale_n_m != 0))
 
 

@@ -211,7 +211,7 @@ class Pairs:
 
     @cached_property
     def one_line(self) -> Flags:
-        """Whether the normals of all points with a force share a line, shape (m,)."""
+        """True if the normals of all points with a force share a line, shape (m,)."""
         cosine = np.abs(_along(self.points.normal, self.line[self.row]))
         alike = np.where(self.points.normal_n > 0, cosine, 1.0) >= COMMON
         return np.asarray(-self.most(-alike.astype(float)) > 0)
@@ -277,7 +277,7 @@ class Pairs:
 
     @cached_property
     def explained(self) -> Flags:
-        """Whether the steps of both bodies are explained, shape (m, 2)."""
+        """True if the steps of both bodies are explained, shape (m, 2)."""
         return self.points.explained[self.starts]
 
     @cached_property

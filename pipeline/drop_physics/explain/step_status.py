@@ -75,7 +75,7 @@ class SampleStatus:
 
     @property
     def explained(self) -> Flags:
-        """Whether each sample is explained."""
+        """True if each sample is explained."""
         return np.asarray(self.segment != UNEXPLAINED)
 
 

@@ -148,7 +148,7 @@ class Steps:
 
     @property
     def covered(self) -> bool:
-        """Whether the law has a sum for these steps."""
+        """True if the law has a sum for these steps."""
         return bool(self.terms)
 
     @cached_property

@@ -47,7 +47,7 @@ class StepTimes:
 
     @property
     def falls(self) -> bool:
-        """Whether gravity ever acted."""
+        """True if gravity ever acted."""
         return bool(self._gravity_m_s2.any())
 
     @property

@@ -120,7 +120,7 @@ class Law(FreeBody, ABC):
 
     @property
     def semi_implicit(self) -> bool:
-        """Whether the body moves with the end-of-step velocity, as in semi-implicit Euler.
+        """True if the body moves with the end-of-step velocity, as in semi-implicit Euler.
 
         Else along the mean of both, which is exact where only gravity acts.
         """
@@ -129,7 +129,7 @@ class Law(FreeBody, ABC):
     @property
     @abstractmethod
     def moves_exactly(self) -> bool:
-        """Whether `moved` has the engine's positions to the last bit."""
+        """True if `moved` has the engine's positions to the last bit."""
 
     def released(self, start: Motion) -> Motion:
         """Return a state as the engine stores it."""

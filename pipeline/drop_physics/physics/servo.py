@@ -68,7 +68,7 @@ class Servos:
 
     @property
     def grows(self) -> bool:
-        """Whether gaps grow by more than rounding."""
+        """True if gaps grow by more than rounding."""
         return self.growth > 1 + 1e-7
 
     def alone(self, place: int) -> Servos:

@@ -68,7 +68,7 @@ class Look:
 
     @property
     def analyzed(self) -> bool:
-        """Whether it shows an analysis."""
+        """True if it shows an analysis."""
         return schema.FINDINGS in self.entities
 
 

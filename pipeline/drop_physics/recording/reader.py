@@ -81,7 +81,7 @@ class Recording:
 
     @property
     def partial(self) -> bool:
-        """Whether it was never finished: it holds everything written until then."""
+        """True if it was never finished: it holds everything written until then."""
         return self.ended is None
 
     @property

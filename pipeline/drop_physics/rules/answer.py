@@ -59,7 +59,7 @@ class Effect:
 
 @dataclass(frozen=True)
 class Span:
-    """The steps that it covers."""
+    """The steps of a finding."""
 
     first: int
     """The first of these steps."""
@@ -71,7 +71,7 @@ class Span:
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """What was asked and what happened instead, why, and what changes it."""
+    """A finding: the request, its outcome, the reason, and the change that mends it."""
 
     code: str
     """A stable name for use in scripts."""
@@ -128,14 +128,14 @@ class Finding:
 
     @property
     def said(self) -> str:
-        """The message, which names what it is about."""
+        """The message, which names its subject."""
         if self.body is None or self.joint is not None or self.body in self.message:
             return self.message
         return joined(": ", [self.body, self.message])
 
     @property
     def told(self) -> str:
-        """The message, and for how many other bodies it holds."""
+        """The message, with the number of further bodies for which it holds."""
         said = self.said
         if self.episodes > 1:
             said = Message("{text}; so in {n} episodes", text=said, n=self.episodes)
@@ -148,10 +148,10 @@ class Finding:
 
     @property
     def advised(self) -> str | None:
-        """The advice as shown: to be tried unless a trial cured; None if its trial refuted it.
+        """The advice as shown: *to try* unless a trial cured it; None if its trial refuted it.
 
-        Of a finding that names a cause itself a trial shows that the outcome hangs on that cause,
-        and not that the advice is what anyone wants.
+        For a finding that names a cause itself, a trial shows that the outcome hangs on that cause,
+        and not that anyone wants the advice.
         """
         same = self.cure and (self.cure.name, self.cure.value)
         own = [each for each in self.tried if (each["name"], each.get("value")) == same]
@@ -237,7 +237,7 @@ class Scene:
         self.inputs.see()
 
     def came(self, steps: Steps, parts: Iterable[tuple[int, BodySteps]], name: str) -> Float64:
-        """Return a column of the states after the step before each step of bodies.
+        """Return a column of the states after the previous steps of bodies.
 
         nan where there was none, or where the body was loaded since; shape (n, k). `parts`: the
         steps of each body, and their first row, in order.
@@ -268,7 +268,7 @@ class Scene:
         self.touches.forget()
 
     def body_of(self, call: Call) -> Body | None:
-        """Return the body that a call of the latest piece names, or whose constraint it names."""
+        """Return the body that a call of the latest piece names, directly or by its constraint."""
         place = next((at for name in BODY_NAMES if (at := call.site.places.get(name))), None)
         if place is None:
             return None
@@ -281,19 +281,19 @@ class Scene:
             yield from found
 
     def intervals(self, *bodies: int) -> Iterator[tuple[SampleStatus, BodySteps]]:
-        """Yield bodies of the latest piece, all or those of some numbers, each with its steps."""
+        """Yield bodies of the latest piece, all or those of some numbers, with their steps."""
         for number in bodies or self.judged:
             for steps in self.judged[number].intervals if number in self.judged else ():
                 if len(steps):
                     yield self.judged[number], steps
 
     def touching(self, bodies: Int64, steps: Int64) -> Flags:
-        """Return whether each body has a contact point in its step of the latest piece."""
+        """Flag the bodies with a contact point in their step of the latest piece."""
         pairs = self.touches.pairs
         return np.isin(bodies * STEPS + steps, pairs.body * STEPS + pairs.step[:, None])
 
     def steps_at(self, bodies: Int64, steps: Int64) -> Iterator[tuple[Steps, Rows, Rows]]:
-        """Yield steps of the latest piece: which of some bodies and steps they are, and where.
+        """Yield steps of the latest piece, with their places among some bodies and steps.
 
         `bodies` and `steps` have the shape (n,).
         """
@@ -303,12 +303,12 @@ class Scene:
     def placed(
         self, number: int, link: int, samples: Int64, *, after: bool = True
     ) -> tuple[Float64, Float64]:
-        """Return where a link of the latest piece is at samples: `ExplainedPiece.placed`."""
+        """Return the pose of a link of the latest piece at samples: `ExplainedPiece.placed`."""
         return self._explained.placed(number, link, samples, after=after)
 
     @cached_property
     def moving(self) -> list[int]:
-        """Numbers of the bodies of which a part can move."""
+        """Numbers of the bodies with a movable part."""
         return [number for number, body in self.seen.bodies.items() if body.moving]
 
     def clients_with(self, setting: str, value: float) -> set[int]:
@@ -330,7 +330,7 @@ class Scene:
         return (before or told)[-1].values
 
     def only_site(self, act: Act) -> str | None:
-        """Return the only place whose calls do an act; None if there are several."""
+        """Return the only place with calls of this meaning; None if there are several."""
         places = {each.place for each in self._sites.values() if each.act is act}
         return places.pop() if len(places) == 1 else None
 
@@ -341,7 +341,7 @@ class Scene:
 
 
 def and_more(number: int) -> str:
-    """Return what follows the name of one of several bodies."""
+    """Return the words after the name of one of several bodies."""
     return Message(" (and {n} more)", n=number - 1) if number > 1 else ""
 
 

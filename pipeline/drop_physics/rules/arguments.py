@@ -1,4 +1,4 @@
-"""The numbers of a call by argument, and where in the call each stands."""
+"""The numbers of a call by argument, and their places in the call."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from drop_physics.trace.readings import Reading
 
 
 def given(call: Call, name: str) -> tuple[float, ...]:
-    """Return the numbers of an argument; none if it was not given."""
+    """Return the numbers of an argument; empty if it was not given."""
     place = call.site.places.get(name)
     return () if place is None else call.numbers[place]
 
 
 def number(call: Call, name: str, default: float = math.nan) -> float:
-    """Return the number of an argument that has one number."""
+    """Return the number of an argument that has a single number."""
     numbers = given(call, name)
     return numbers[0] if numbers else default
 
 
 def site_of(where: Call | Reading | Site) -> str:
-    """Return file and line of a call or reading, as findings cite it."""
+    """Return file and line of a call or reading, in the form that findings cite."""
     return located(where.file, where.line)

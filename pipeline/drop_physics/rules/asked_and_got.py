@@ -344,8 +344,8 @@ def wrong_body(inputs: Inputs) -> Iterator[Said]:
 def _stood(inputs: Inputs, request: Request) -> bool:
     """Return whether a body had no mass before a request: by the engine, its load or its file.
 
-    What a call itself made massless is let go on purpose; so is what is made without mass, unless
-    its line gives mass to bodies that have some, too.
+    A body that a call itself made massless is released on purpose; so is a body made without mass,
+    unless the same line gives mass to bodies that have some, too.
     """
     body = request.body
     if request.before is not None:
@@ -367,7 +367,7 @@ def _stood(inputs: Inputs, request: Request) -> bool:
 
 
 def _made_kg(inputs: Inputs, body: Body) -> float:
-    """Return the mass with which a body was made; 0 of one from a file."""
+    """Return the mass with which a body was created; 0 for one from a file."""
     load = inputs.scene.asked.load(body)
     return 0.0 if load is None else (given(load, "baseMass") or (0.0,))[0]
 
@@ -398,13 +398,13 @@ def joint_index(inputs: Inputs) -> Iterator[Said]:
 
 
 def _solved(inputs: Inputs) -> dict[int, Call]:
-    """Return the first call that solves inverse kinematics of each body."""
+    """Return the first call that solves inverse kinematics, by body."""
     uses = inputs.of(Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK)
     return {use.body.number: use.first for use in uses if use.body is not None}
 
 
 def _by_index(inputs: Inputs, number: int, said: Said) -> Iterator[Said]:
-    """Yield what is said where commands go to fixed joints, and none to as many that move."""
+    """Yield a finding if commands go to fixed joints, and none to as many movable ones."""
     body, commanded = inputs.scene.body(number), inputs.commanded[number]
     movable = [joint.link for joint in body.joints if joint.widths[1]]
     fixed = [joint for joint in body.joints if not joint.widths[1] and joint.link in commanded]

@@ -1,4 +1,4 @@
-"""Why a body does not move: it sleeps."""
+"""Bodies that do not move because they sleep."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _(worst: Worst) -> Said:
 
 
 def _off_target(bodies: BodyColumns) -> Flags:
-    """Return in which steps motors have something to do, and force to do it."""
+    """Flag the steps in which motors have work to do, and force to do it."""
     off = np.zeros(len(bodies.step), np.bool_)
     for driven in bodies.driven:
         joints = JointColumns(bodies.scene, driven)
@@ -60,7 +60,7 @@ def _off_target(bodies: BodyColumns) -> Flags:
 
 
 def _still(bodies: BodyColumns) -> Flags:
-    """Return which steps leave the state to the bit; not those that a call set anew."""
+    """Flag the steps that leave the state unchanged to the bit, unless a call sets it anew."""
     moves = bodies.put | bodies.after.velocity.any(axis=1)
     for name in ("position_m", "orientation", "joints", "velocity"):
         moves |= (getattr(bodies.before, name) != getattr(bodies.after, name)).any(axis=1)

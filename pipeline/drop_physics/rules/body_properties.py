@@ -1,4 +1,4 @@
-"""The calls that loaded bodies and set their properties, and how large bodies are."""
+"""Calls that load bodies and set their properties, and sizes of bodies."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from drop_physics.trace.history import Piece, Seen
 
 @dataclass
 class AskedProperty:
-    """A property as calls of `changeDynamics` set it; all by the number of a body."""
+    """A property set by calls of `changeDynamics`; all by the number of a body."""
 
     values: dict[int, float] = field(default_factory=dict)
     """The greatest value that a call set."""
@@ -35,7 +35,7 @@ class AskedProperty:
 
 
 class AskedOfBodies:
-    """The properties that calls set, for all rules; grows piece by piece."""
+    """The properties set by calls, for all rules; grows piece by piece."""
 
     def __init__(self, appearances: list[Appearance]) -> None:
         self._came = {each.body.number: each.at.call for each in appearances if each.came}
@@ -60,13 +60,13 @@ class AskedOfBodies:
                 asked.values[body.number] = max(asked.values.get(body.number, value), value)
 
     def load(self, body: Body) -> Call | None:
-        """Return the call that made a body; the engine uses ids again."""
+        """Return the call that created a body; the engine reuses ids."""
         came = self._came.get(body.number, -1)
         made = self._loads.get((body.client, body.engine_id), [])
         return next((each for each in reversed(made) if each.at.call <= came), None)
 
     def loaded(self, body: Body) -> str | None:
-        """Return file and line of the call that made a body."""
+        """Return file and line of the call that created a body."""
         call = self.load(body)
         return None if call is None else site_of(call)
 
@@ -78,7 +78,7 @@ def part_named(body: Body, link: int) -> str:
 
 
 def size_m(body: Body) -> float:
-    """Return the longest edge of the box around a body, as it was added; 1 if it is unknown."""
+    """Return the longest edge of the box around a new body; 1 if it is unknown."""
     boxes = np.reshape(body.bounds_m, (-1, 2, 3))
     return float(np.max(boxes[:, 1] - boxes[:, 0], initial=0.0)) or 1.0
 
@@ -92,7 +92,7 @@ def length_m(body: Body, joint: Joint) -> float:
 def thickness_m(body: Body, link: int) -> float:
     """Return the shortest edge of a link: of its shape, or of the box around several [m].
 
-    It is inf of planes, and of what is not convex: such a shape has no inside.
+    It is inf for planes and for shapes that are not convex, which have no inside.
     """
     shapes = [each for each in body.collisions if each.link == link]
     if any(each.kind == "plane" or not is_convex(each) for each in shapes):
@@ -113,9 +113,10 @@ def _thickness_m(shape: Collision) -> float:
 
 
 def strained_by(seen: Seen, bodies: Collection[Body]) -> float:
-    """Return how much heavier one of some bodies is than another, if the solver cannot bear that.
+    """Return the ratio of masses of bodies, if it is too large for the solver.
 
-    0 where it does not use up its iterations, and of bodies with joints, whose masses act as one.
+    0 if the solver does not use up its iterations, and for bodies with joints, whose masses act as
+    one.
     """
     numbers = {each.number for each in bodies}
     told = {

@@ -1,4 +1,4 @@
-"""Why something does not bounce that has restitution, and why something bounces ever higher."""
+"""Missing rebounds of bodies with restitution, and rebounds that grow."""
 
 from __future__ import annotations
 
@@ -205,7 +205,7 @@ def _(worst: Worst) -> Said | None:
 
 
 def _solref(pair: PairColumns, rows: NDArray[np.intp]) -> Float64:
-    """Return `solref` of the first point of each row, shape (rows, 2); nan of other engines."""
+    """Return `solref` of the first point of each row, shape (rows, 2); nan for other engines."""
     seen, first = pair.scene.seen, pair.starts[rows]
     if not seen.softness:
         return np.full((len(rows), 2), np.nan)
@@ -217,9 +217,9 @@ def _solref(pair: PairColumns, rows: NDArray[np.intp]) -> Float64:
 
 
 def _kinetic_j(pair: PairColumns, rows: NDArray[np.intp]) -> Float64:
-    """Return the kinetic energy of both bodies as steps began, where they did not touch before.
+    """Return the kinetic energy of both bodies before steps that begin a touch.
 
-    0 of what stands, nan of bodies with joints; shape (rows,).
+    0 for bodies at rest, nan for bodies with joints; shape (rows,).
     """
     energy_j, bodies = np.zeros(len(rows)), pair.pairs.body[rows]
     begins = np.flatnonzero(pair.before(rows) < 0)

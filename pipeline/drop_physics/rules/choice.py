@@ -1,4 +1,4 @@
-"""The choice of findings, as linters have it: which are reported, and which fail the command."""
+"""The choice of findings, as in linters: those reported, and those that fail the command."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ALL, NEVER = "all", "never"
 
 @dataclass(frozen=True)
 class Picked:
-    """Codes or reasons, as one place names them: a project's settings, or a command."""
+    """Codes or reasons named in one place: a project's settings, or a command."""
 
     select: frozenset[str] | None = None
     """The codes that are reported; None where this place does not say."""
@@ -38,7 +38,7 @@ class Picked:
 
 @dataclass(frozen=True)
 class Choice:
-    """The findings that are reported: a command overrides a script, which overrides settings."""
+    """The reported findings: a command overrides a script, which overrides settings."""
 
     project: Picked = field(default_factory=Picked)
     command: Picked = field(default_factory=Picked)
@@ -46,13 +46,13 @@ class Choice:
     """The level from which on an analysis fails; None for never."""
 
     def reports(self, finding: Finding, ignored: Collection[str]) -> bool:
-        """Return whether a finding is reported; `ignored` are the codes that its line is spared."""
+        """Return whether a finding is reported; `ignored` are the codes left out at its line."""
         names = {finding.code, finding.reason, ALL}
         before = self.project.reports(names, True) and names.isdisjoint(ignored)
         return self.command.reports(names, before)
 
     def grave(self, findings: Sequence[Finding]) -> list[Finding]:
-        """Return the findings with which an analysis fails."""
+        """Return the findings that make an analysis fail."""
         most = -1 if self.fail_on is None else LEVELS.index(self.fail_on)
         return [each for each in findings if LEVELS.index(each.level) <= most]
 
@@ -62,7 +62,7 @@ EVERY = Choice()
 
 
 def picked(select: list[str] | None, ignore: list[str] | None, path: Path | None = None) -> Picked:
-    """Return codes that were given by name, in a project's file or as a command's options.
+    """Return named codes, from a project's file or a command's options.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def option_of(key: str, path: Path | None) -> str:
 
 
 def level_of(name: str, path: Path | None = None) -> Level | None:
-    """Return a level that was given by name, None for `never`.
+    """Return a named level, None for `never`.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def level_of(name: str, path: Path | None = None) -> Level | None:
 
 
 def minor(findings: Sequence[Finding]) -> list[Finding]:
-    """Return the findings that are no mistake and explain little of what is wrong."""
+    """Return the findings that are no mistake and explain little of the problem."""
     mistakes = [each for each in findings if each.level in ("broken", "asked")]
     most = max((each.share for each in mistakes or findings), default=0.0)
     return [

@@ -1,4 +1,4 @@
-"""`collides-as-hull`: a mesh with a hollow is touched where its file has no surface."""
+"""`collides-as-hull`: contacts of a hollow mesh away from the surface in its file."""
 
 from __future__ import annotations
 
@@ -77,12 +77,12 @@ def _(worst: Worst) -> Said:
 
 
 def _link(scene: Scene, surface: Surface) -> tuple[int, int]:
-    """Return the body and the link that a surface is of."""
+    """Return the body and the link of a surface."""
     return surface.body, scene.body(surface.body).collisions[surface.shape].link
 
 
 def _local_m(scene: Scene, number: int, link: int, at_m: Float64, ends: Int64) -> Float64:
-    """Return points in the axes of a link as steps began; nan where its pose is not known."""
+    """Return points in the axes of a link before steps; nan where its pose is not known."""
     local_m = np.full((len(at_m), 3), np.nan)
     if number not in scene.judged and link == BASE:
         base = scene.records[number].base_at(ends)
@@ -98,7 +98,7 @@ def _local_m(scene: Scene, number: int, link: int, at_m: Float64, ends: Int64) -
 
 
 def distances_m(points_m: Float64, corners_m: Float64, triangles: Int64) -> Float64:
-    """Return how far points are from the nearest of some triangles [m], shape (n,)."""
+    """Return the distance of points from the nearest of some triangles [m], shape (n,)."""
     a, b, c = (corners_m[triangles[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     sizes = np.linalg.norm(normals, axis=1)

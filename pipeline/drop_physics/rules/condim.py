@@ -1,4 +1,4 @@
-"""`slides`, `not-taken`: contacts whose `condim` leaves friction out that their geometries have."""
+"""`slides`, `not-taken`: contacts whose `condim` drops friction of their geometries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The table of constraints: how far apart the frames are that each joins, and its force."""
+"""The table of constraints: gap, angle and force of each."""
 
 from __future__ import annotations
 
@@ -69,13 +69,13 @@ class ConstraintColumns:
         return min(sizes)
 
     def of_held(self, name: str) -> Float64:
-        """Return a field of the constraint as it was in each step, shape (n,)."""
+        """Return a field of the constraint in each step, shape (n,)."""
         return np.array([getattr(each, name) for each in self._told], np.float64)[self._which]
 
     def apart_at_first(self) -> tuple[float, float]:
-        """Return gap [m] and angle [rad] as it was made, or changed before its first step.
+        """Return gap [m] and angle [rad] of a new or changed constraint before its first step.
 
-        The least of these; nan where its first step is not among these.
+        The least of these; nan if its first step is not in this piece.
         """
         began = [each for each in self._told if each.made.at.call == self.last.made.at.call]
         began = [each for each in began if each.at.step < self.began]
@@ -94,7 +94,7 @@ class ConstraintColumns:
         return self._ends(self.last, self.step[rows], after=True)[0]
 
     def tail(self, name: str, values: NDArray[Any], rows: int) -> NDArray[Any]:
-        """Return the last rows of some values, with those of earlier pieces; as many as there are.
+        """Return the last rows of some values, continued into earlier pieces as far as possible.
 
         `values` are those of the last steps of the piece, `rows` of them or all.
         """

@@ -1,6 +1,6 @@
 """`target-clamped`, `not-taken`, `reset-leaves`: an actuator takes another control, or none.
 
-What it is sent to lies outside of its range of control, or the model has actuation switched off.
+Its target lies outside of its control range, or the model has actuation switched off.
 """
 
 from __future__ import annotations

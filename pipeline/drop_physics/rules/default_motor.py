@@ -1,4 +1,4 @@
-"""Why a joint does not move: a motor that nobody thought of holds it."""
+"""Joints held by a default motor."""
 
 from __future__ import annotations
 

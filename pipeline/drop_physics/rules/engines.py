@@ -1,4 +1,4 @@
-"""The engines that rules have words for: a rule is about one of them, or about any."""
+"""The engines with words in the rules: a rule is about one of them, or about any."""
 
 from __future__ import annotations
 

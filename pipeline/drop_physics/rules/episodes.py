@@ -1,4 +1,4 @@
-"""Episodes: what followed a state that was saved, restored, or set by hand, and how it began."""
+"""Episodes: the steps after a state that was saved, restored, or set by hand."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ Key = tuple[int, str]
 
 
 def named(call: Call) -> Named:
-    """Return what a call sets."""
+    """Return the quantity that a call sets."""
     site = call.site
     ids = tuple([call.numbers[at] for name, at in site.places.items() if name.endswith(IDS)])
     return call.client, site.function, site.names, ids
@@ -71,7 +71,7 @@ class AfterRestore:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """The group of episodes that are compared: of one saved state, or of one call."""
+        """The group of episodes to compare: of one saved state, or of one call."""
         act, client = self.begin.act, self.begin.client
         if act is Act.SAVE:
             return client, self.begin.result
@@ -96,7 +96,7 @@ class Episodes:
         yield from self._now.values()
 
     def between(self, first: AfterRestore, second: AfterRestore) -> Iterator[AfterRestore]:
-        """Yield an episode and those of its simulation after it, up to another one."""
+        """Yield an episode and later ones of its simulation, up to another one."""
         for each in self.all():
             same = each.begin.client == first.begin.client
             if same and first.begin.at.call <= each.begin.at.call < second.begin.at.call:
@@ -127,7 +127,7 @@ class Episodes:
         self._now[client] = AfterRestore(call)
 
     def _take(self, scene: Scene, now: AfterRestore | None, call: Call) -> None:
-        """Note what a call sets, and that it was made."""
+        """Note a call, and the quantity that it sets."""
         pushes = call.act in PUSHES
         if now is not None:
             since = call.at.step - now.begin.at.step
@@ -144,7 +144,7 @@ class Episodes:
             self._set[what] = call.numbers
 
     def _until(self, scene: Scene, episode: AfterRestore, end: int) -> None:
-        """Note that an episode goes on until a sample, and the states that it begins with."""
+        """Note that an episode continues until a sample, and its initial states."""
         episode.end, start = end, episode.begin.at.step
         # A force that no step has used yet waits for the next episode's; used, it is gone.
         episode.sets = {
@@ -173,7 +173,7 @@ class Episodes:
 
 
 def _changes(scene: Scene, call: Call) -> bool:
-    """Return whether a setter's first call changed what the engine reports, if it does."""
+    """Return whether a setter's first call changed a reported value, if it is reported."""
     seen, body = scene.seen, given(call, "bodyUniqueId")
     if call.act is Act.SET_PROPERTY:
         if UNREPORTED & call.site.places.keys():

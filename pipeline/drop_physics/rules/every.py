@@ -1,4 +1,4 @@
-"""All rules, and the order in which a reader sees what they found."""
+"""All rules, and the order of their findings for a reader."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ from drop_physics.trace.events import Body
 
 @dataclass(frozen=True)
 class Spoiled:
-    """A kind of findings that another finding makes void, or only the advice of."""
+    """Findings made void by another finding, or only their advice."""
 
     code: str
     by: frozenset[str] | None
@@ -68,7 +68,7 @@ class Spoiled:
     """Whether nothing is left to say of it, or only no advice."""
 
     def holds(self, one: Finding, told: Collection[Finding]) -> bool:
-        """Return whether a finding is of this kind, and spoiled by what else was found."""
+        """Return whether a finding is of this kind, and spoiled by another one."""
         if one.code != self.code or self.is_note not in (None, one.level == "note"):
             return False
         if self.by is None:
@@ -113,7 +113,7 @@ def ranked(findings: Iterable[Finding]) -> list[Finding]:
 
 
 def told_apart(findings: Iterable[Finding], bodies: Collection[Body]) -> Iterator[Finding]:
-    """Yield findings, with the body before a joint that several differently named bodies have."""
+    """Yield findings, naming the body of a joint if differently named bodies have it, too."""
     whose: defaultdict[str, set[str]] = defaultdict(set)
     for body in bodies:
         for joint in body.joints:
@@ -126,7 +126,7 @@ def told_apart(findings: Iterable[Finding], bodies: Collection[Body]) -> Iterato
 
 
 def _texts(finding: Finding) -> tuple[str, ...]:
-    """Return the template of what is found, and of a target that is missed that of why."""
+    """Return the template of a finding, and for a missed target that of its cause."""
     why = (
         getattr(finding.message, "values", {}).get("why") if finding.code == "off-target" else None
     )
@@ -134,7 +134,7 @@ def _texts(finding: Finding) -> tuple[str, ...]:
 
 
 def _worst_misses(findings: Iterable[Finding]) -> Iterator[Finding]:
-    """Yield findings; of the targets that joints of a body miss, only the gravest of each cause."""
+    """Yield findings; of a body's missed targets, only the gravest of each cause."""
     told: set[tuple[object, ...]] = set()
     for each in sorted(findings, key=lambda each: each.rank):
         is_speed = each.effect is not None and each.effect.unit.endswith("/s")

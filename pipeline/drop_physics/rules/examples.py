@@ -1,6 +1,6 @@
-"""The examples of codes: the questions of `docs/why.md`, with what `drop` answers each.
+"""The examples of codes: the questions of `docs/why.md`, with the answers of `drop`.
 
-A wheel holds that page beside this file; in a clone it is where it is written.
+In a wheel that page lies beside this file; in a clone it is read from its folder.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FINDING = re.compile(r"(?:^(\S+):(\d+)\n)?^\d  (.*?)(?=^…|\Z)", re.MULTILINE |
 
 @dataclass(frozen=True)
 class CodeExample:
-    """A script of the documentation that shows a code, and what is said of it."""
+    """A script of the documentation that shows a code, and its finding."""
 
     asked: str
     """The question of its user."""

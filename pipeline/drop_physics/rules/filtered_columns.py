@@ -1,4 +1,4 @@
-"""The table of shapes of which a model keeps contacts away, in the steps in which they overlap."""
+"""The table of shapes with excluded contacts, in the steps in which they overlap."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ EVERY = 2000
 
 @dataclass(frozen=True)
 class FilteredPair:
-    """Two shapes of which the model keeps contacts away."""
+    """Two shapes whose contacts the model excludes."""
 
     bodies: tuple[int, int]
     solids: tuple[Solid, Solid]
@@ -48,7 +48,7 @@ class FilteredColumns:
 
 
 def filtered_pairs(scene: Scene) -> list[FilteredPair]:
-    """Return the pairs that are looked at; none if they are too many."""
+    """Return the examined pairs; none if there are too many."""
     if FilteredPair not in scene.kept:
         pairs = [*_filtered(scene)]
         scene.kept[FilteredPair] = pairs if len(pairs) <= MOST_PAIRS else []
@@ -89,7 +89,7 @@ def filtered_columns(scene: Scene) -> Iterator[FilteredColumns]:
 def _where(
     scene: Scene, number: int, link: int, steps: Int64, pose: tuple[Int64, Kinematics] | None
 ) -> tuple[Float64, Float64] | None:
-    """Return positions and rotations of a link as steps begin; None if they are not known."""
+    """Return positions and rotations of a link before steps; None if they are not known."""
     if pose is not None:
         same = np.array_equal(pose[0], steps)
         return (pose[1].position_m(link), pose[1].matrix(link)) if same else None
@@ -100,7 +100,7 @@ def _where(
 
 
 def _filtered(scene: Scene) -> Iterator[FilteredPair]:
-    """Yield the pairs of shapes of which the model keeps contacts away, and which may meet."""
+    """Yield the pairs of shapes that could meet and whose contacts the model excludes."""
     shapes = [
         (body, collision, solid)
         for body in scene.seen.bodies.values()
@@ -138,7 +138,7 @@ def _filtered(scene: Scene) -> Iterator[FilteredPair]:
 
 
 def _only_seen(body: Body) -> Iterator[Collision]:
-    """Yield the shapes of a body with joints none of which may be touched, and such floors."""
+    """Yield the shapes of bodies with joints, and floors, of which no shape can be touched."""
     holds = {each.kind for each in body.collisions}
     for each in () if body.base_moves else body.shapes:
         if not holds if body.joints else each.kind == "plane" and "plane" not in holds:
@@ -147,9 +147,9 @@ def _only_seen(body: Body) -> Iterator[Collision]:
 
 
 def _is_child(body: Body, one: int, other: int) -> bool:
-    """Return whether of two links one is the child of the other, which can move, and turns on it.
+    """Return whether one of two links is the movable child of the other, and turns on it.
 
-    What slides on its parent may be made to slide into it, as a telescope's tubes are.
+    A link that slides on its parent may be made to slide into it, as a telescope's tubes are.
     """
     link, parent = max(one, other), min(one, other)
     if link == parent or parent not in body.moving or body.joints[link].kind == "prismatic":

@@ -1,4 +1,4 @@
-"""Bodies that touch nothing: the step changes their momentum, and damping takes their energy."""
+"""Bodies without contact: drift of their momentum, and energy taken by damping."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def _(worst: Worst) -> Said:
 
 
 def _shares(runs: Runs) -> tuple[Float64, Float64]:
-    """Return how far linear and angular momentum drift, over what there was; 0 if not so far."""
+    """Return the drift of linear and angular momentum, relative to the momentum; else 0."""
     turns = np.stack([runs.turning, runs.turning_after])
     found = []
     for drift, greatest, parts, sure in (
@@ -142,7 +142,7 @@ def _turning(tree: Tree, states: States) -> tuple[Float64, Float64]:
 
 
 def _taken(bodies: BodyColumns, term: str, where: Flags) -> Match | None:
-    """Return what a term takes of the energy of bodies in some steps, from one put to the next."""
+    """Return the energy that a term takes from bodies in some steps, between settings by calls."""
     its = [each.changes.energy_j.get(term) for each in bodies.batch.bodies]
     if any(each is None for each in its):
         return None

@@ -1,8 +1,8 @@
-"""`slides` and `creeps` of what friction alone has to hold: what lies on something, or is gripped.
+"""`slides` and `creeps` of bodies held by friction alone: lying on something, or gripped.
 
-MuJoCo's friction below its limit is a damper: with a load it gives way at a speed that the
-regularisation of the contact sets (impratio, the cone), however much of it there is. At its limit
-it slides.
+MuJoCo's friction below its limit is a damper: under load it yields at a speed set by the
+regularisation of the contact (impratio, the cone), whatever the coefficient. At its limit it
+slides.
 """
 
 from __future__ import annotations
@@ -145,29 +145,29 @@ def _went(worst: Worst) -> float:
 
 
 def _ways(runs: Runs) -> tuple[Float64, Float64, Flags]:
-    """Return ways at the contact and of the centre [m], and whether the first gets it anywhere."""
+    """Return paths at the contact and of the centre [m], and whether the first is progress."""
     went_m, moved_m = (lengths(each) for each in (runs.slip, runs.way))
     straight = np.minimum(runs.slid, went_m) > STRAIGHT * np.maximum(runs.slid, moved_m)
     return went_m, moved_m, (went_m >= SLIPS_M) & straight
 
 
 def _gives(runs: Runs | Worst) -> Float64:
-    """Return what friction can give [N s]: what lies there presses with its weight.
+    """Return the possible impulse of friction [N s], from the body's weight alone.
 
-    What presses more as it lands does so for a few steps, and holds nothing afterwards.
+    The higher pressure of a landing lasts a few steps, and holds nothing afterwards.
     """
     given = runs.available / np.maximum(runs.normal, np.finfo(float).tiny)
     return np.where(runs.weight > 0, given * runs.weight, runs.available)
 
 
 def _beyond(runs: Runs) -> Flags:
-    """Return whether runs need more than friction gives, where it gives something."""
+    """Flag the runs that need more than friction gives, where it gives something."""
     gives = _gives(runs)
     return np.asarray((runs.needed > gives) & (gives > LOADED * runs.needed))
 
 
 def _held(bodies: BodyColumns, *, steady: bool) -> Match | None:
-    """Return the steps of a free body in which it lies on something, or is pressed from two sides.
+    """Return the steps of a free body that lies on something, or is pressed from two sides.
 
     Not those in which a grip closes, which presses with more than it holds with; with `steady` only
     those in which what presses has not changed for a while.
@@ -248,7 +248,7 @@ def _held(bodies: BodyColumns, *, steady: bool) -> Match | None:
 
 
 def _closes(touches: Flags, approach_m_s: Float64) -> Flags:
-    """Return the steps, shape (n,), from a first touch on until what touches is as good as still.
+    """Flag the steps, shape (n,), from a first touch until the touching parts are nearly still.
 
     A first touch has none in the HOPS_STEPS before it.
     """

@@ -1,4 +1,4 @@
-"""Why a joint that is at rest is not at its target: its limit, what holds it, its gains."""
+"""Causes of a resting joint's distance from its target: limit, obstacle, gains."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SPARE = 1.3
 
 @dataclass(frozen=True)
 class Cause:
-    """Why a joint is off its target."""
+    """The cause of a joint's distance from its target."""
 
     why: Message
     advice: Message | None = None
@@ -41,7 +41,7 @@ class Cause:
 def cause_of(
     scene: Scene, driven: JointTelemetry, held: PoseSupport, stood: HeldTargets
 ) -> Cause | None:
-    """Return why the target left its joint where it is; None if that is not sure."""
+    """Return the cause of the gap that a target left; None if that is not sure."""
     row, k = int(stood.row[0]), stood.k
     if not driven.at_limit[row, k]:
         return _gains(driven, row, k)
@@ -58,7 +58,7 @@ def cause_of(
 
 
 def at_limit(limit: str, count: int, steps: int) -> Message:
-    """Return the cause of a motor that is at its limit in some of its steps."""
+    """Return the cause for a motor that is at its limit in some of its steps."""
     return Message(
         "its motor is at its limit of {limit} in {count:,} of {steps:,} steps",
         limit=limit,
@@ -75,7 +75,7 @@ def _weak(driven: JointTelemetry, stood: HeldTargets) -> Message:
 def holds_off(scene: Scene, held: PoseSupport, joint_rate: int, away: float) -> bool:
     """Return whether a body that a joint grips or pushes, but does not carry, stops its motor.
 
-    `away` is the sign of the way that the motor cannot go back.
+    `away` is the sign of the direction in which the motor is blocked.
     """
     against = [one for one, each in held.contacts.items() if each[joint_rate] * away > 0]
     return any(
@@ -104,7 +104,7 @@ def _too_weak(driven: JointTelemetry, held: PoseSupport, stood: HeldTargets, her
 def give_at_least(why: Message, need: float, unit: str, force: float) -> Cause:
     """Return a cause whose cure is a round force limit with some to spare.
 
-    `force` is what it was given: if that is enough, its call came before that of the timestep.
+    `force` is the given limit: if it is enough, its call came before that of the timestep.
     """
     if force > abs(need):
         return Cause(why, cure=Cure("timestep-first"))
@@ -124,7 +124,7 @@ def to_spare(need: float) -> str:
 def _held(
     scene: Scene, driven: JointTelemetry, held: PoseSupport, row: int, k: int, away: float
 ) -> Cause | None:
-    """Return which contact or constraint takes most of what the motor gives."""
+    """Return the contact or constraint that takes most of the motor's effort."""
     torque, unit = abs(float(driven.torque[row, k])), units_of(driven, k)[1]
     most = max(held.contacts, key=lambda one: away * held.contacts[one][k], default=None)
     share = MOST if abs(held.constraints[k]) < CLOSE * torque else MOST / 2  # a gear has the rest
@@ -154,7 +154,7 @@ def _held(
 
 
 def _gains(driven: JointTelemetry, row: int, k: int) -> Cause | None:
-    """Return what a motor that is not at its limit was given besides a force."""
+    """Return the given gains of a motor that is not at its limit."""
     asked = driven.asked
     if not driven.steps.covered or asked.mode[row, k] != POSITION:
         return None

@@ -1,4 +1,4 @@
-"""Answers of inverse kinematics that the motors were given, to the bit."""
+"""Answers of inverse kinematics that the motors received, to the bit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ IK_LISTS = ("lowerLimits", "upperLimits", "jointRanges", "restPoses")
 
 @dataclass(frozen=True)
 class SentAnswer:
-    """An answer that the motors of a body were given."""
+    """An answer that the motors of a body received."""
 
     call: Call
     link: int

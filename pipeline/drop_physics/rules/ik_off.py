@@ -1,4 +1,4 @@
-"""`ik-off`: a hand is not where it was wanted, though its joints are on their targets."""
+"""`ik-off`: a hand away from its wanted place, though its joints are on their targets."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def ik_off(bodies: BodyColumns) -> Match | None:
 
 
 def _off(driven: JointTelemetry, sent: SentAnswer, end: int) -> dict[str, object] | None:
-    """Return how far the hand and the answer are off the point; None where that is not judged."""
+    """Return the distances of hand and answer from the point; None if that cannot be judged."""
     steps, tree = driven.steps, driven.steps.law.tree
     row = int(np.searchsorted(steps.steps, end, side="right")) - 1
     if row < 0 or steps.steps[row] <= sent.call.at.step or not 0 <= sent.link < tree.links:
@@ -137,7 +137,7 @@ def _(worst: Worst) -> Said:
 def _reach(
     tree: Tree, state: States, hand: int, lower: Float64, upper: Float64
 ) -> tuple[Float64, float]:
-    """Return where the first joint of a hand's arm is, and how far from there the hand gets.
+    """Return the place of the first joint of a hand's arm, and the reach of the hand from there.
 
     That is the sum of the distances from joint to joint, which only sliding joints change: those
     get no farther than their limits.

@@ -1,4 +1,4 @@
-"""`not-taken` of an equality of a model that is not active, so that it holds nothing."""
+"""`not-taken` for an inactive equality of a model, which holds nothing."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def never_active(inputs: Inputs) -> Iterator[Said]:
 
 
 def _way_m(inputs: Inputs, number: int, end: int) -> Float64:
-    """Return how far a base went [m], shape (3,); nan if that is not known."""
+    """Return the displacement of a base [m], shape (3,); nan if unknown."""
     motion = inputs.motions.get(number)
     if motion is not None and motion.first_m is not None and motion.last_m is not None:
         return motion.last_m - motion.first_m

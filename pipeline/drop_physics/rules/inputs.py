@@ -59,7 +59,7 @@ WRITTEN = (
 
 @dataclass
 class Use:
-    """How one site in the script used a function, on one body if its calls name one."""
+    """Calls of a function from one site, on one body if the calls name one."""
 
     first: Call
     body: Body | None
@@ -116,7 +116,7 @@ class BaseMotion:
 
 @dataclass
 class BodyLife:
-    """The steps of a body from when it was loaded until it was removed."""
+    """The steps of a body from its loading to its removal."""
 
     first: int
     """The sample that its first step led to."""
@@ -279,13 +279,13 @@ class Inputs:
                 deepest[int(step)] = max(deepest.get(int(step), (0.0, 0)), (depth_m, int(link)))
 
     def _bodies_of(self, *acts: Act) -> set[int]:
-        """Return the numbers of the bodies that calls of some acts have named so far."""
+        """Return the numbers of the bodies named so far by calls of some meanings."""
         return {use.body.number for use in self.of(*acts) if use.body is not None}
 
     def _override(self, calls: Log) -> None:
-        """Note the motors that are set for a position and for a rate before the same step.
+        """Note the motors that get a position and a rate before the same step.
 
-        Or by one line for different targets.
+        Or different targets from one line.
         """
         told = [
             np.column_stack(
@@ -314,7 +314,7 @@ class Inputs:
             self.overridden.setdefault(key, (*sites, set()))[2].add(step)
 
     def _links(self) -> None:
-        """Note how far links whose poses are read go in a step."""
+        """Note the displacement per step of links whose poses are read."""
         read = [
             (each, subject.body, subject.link)
             for each in self.scene.seen.readings
@@ -372,7 +372,7 @@ class Inputs:
             drive.places_m.append(here[0].copy())
 
     def _pair(self, call: Call) -> None:
-        """Note which links a call joins or lets pass each other, or the group that it gives one."""
+        """Note the links that a call joins or excludes from contact, or the group that it sets."""
         bodies, sides = _NAMES.get(call.act, ((), ()))
         came = [
             self.scene.piece.calls.body_at(call, int(number_of(call, each, -1.0)))
@@ -397,19 +397,19 @@ class Inputs:
         self.uses.setdefault(key, Use(call, came)).add(call)
 
     def of(self, *acts: Act) -> Iterator[Use]:
-        """Yield the uses of calls that do any of these."""
+        """Yield the uses of calls with any of these meanings."""
         for use in self.uses.values():
             if use.first.act in acts:
                 yield use
 
     def made(self, client: int, *acts: Act) -> Iterator[tuple[At, Use]]:
-        """Yield when calls for a client do any of these, and the use of each; not in order."""
+        """Yield moments and uses of a client's calls with any of these meanings; not in order."""
         for use in self.of(*acts):
             if use.first.client == client:
                 yield from ((at, use) for at in use.made)
 
     def first_dynamics(self, body: Body) -> Dynamics | None:
-        """Return what the engine first reported of a body; None of a soft body."""
+        """Return the engine's first report of a body; None for a soft body."""
         its = (each for each in self.scene.seen.dynamics if each.body.number == body.number)
         return next(its, None)
 

@@ -1,4 +1,4 @@
-"""`constraint-apart`, `weak-constraint`: constraints that do not meet, and those that give way."""
+"""`constraint-apart`, `weak-constraint`: constraints that do not meet, and those that yield."""
 
 from __future__ import annotations
 
@@ -113,13 +113,13 @@ def weak_constraint(joined: ConstraintColumns) -> Match:
 
 
 def _touched(joined: ConstraintColumns) -> NDArray[np.int64]:
-    """Return the steps in which something touches one of its bodies, and may hold it off."""
+    """Return the steps in which a contact of one of its bodies may hold it off."""
     pairs, numbers = joined.scene.touches.pairs, [each.number for each in joined.bodies]
     return np.asarray(pairs.step[np.isin(pairs.body, numbers).any(axis=1)])
 
 
 def _weight_n(joined: ConstraintColumns) -> float:
-    """Return the weight of what is held along its main axis; 0 if it hangs not here alone."""
+    """Return the held weight along its main axis; 0 if other supports share it."""
     scene, moving = joined.scene, [each for each in joined.bodies if each.base_moves]
     if len(moving) != 1 or not scene.constraints.is_only_one_on(moving[0].number):
         return 0.0
@@ -131,7 +131,7 @@ def _weight_n(joined: ConstraintColumns) -> float:
 
 
 def _swings_m_s(joined: ConstraintColumns) -> float:
-    """Return how fast what is held turns or moves across gravity: it pulls then with more."""
+    """Return the speed at which the held body turns or moves across gravity, which adds load."""
     fastest = [0.0]
     for body in joined.bodies:
         for _, steps in joined.scene.intervals(body.number) if body.base_moves else ():
@@ -148,7 +148,7 @@ def _swings_m_s(joined: ConstraintColumns) -> float:
 
 
 def _ratio(scene: Scene, client: int) -> float:
-    """Return what the solver has to bear of bodies whose constraints no call moved."""
+    """Return the solver's largest ratio of masses, without constraints that a call moved."""
     held = scene.constraints.of_client(client)
     numbers = {number for each in held for number in each.bodies if number >= 0}
     still = all(each.moved == each.made.at.step for each in held)

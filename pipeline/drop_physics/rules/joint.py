@@ -17,7 +17,7 @@ OFF = {"rad": 1e-2, "m": 1e-3}
 
 
 def link_of(body: Body, k: int) -> int:
-    """Return the joint of a rate, as PyBullet counts joints."""
+    """Return the joint of a rate, in PyBullet's count of joints."""
     return next(link for link, at in enumerate(body.rates) if at.start <= k < at.stop)
 
 
@@ -54,7 +54,7 @@ def units(joint: Joint) -> tuple[str, str]:
 
 
 def is_degrees(target: float, low: float, high: float) -> bool:
-    """Return whether a target beyond limits [rad] lies within them if it is taken as degrees."""
+    """Return whether a target beyond limits [rad] lies within them if taken as degrees."""
     return abs(target) > IN_DEGREES_RAD and low <= math.radians(target) <= high
 
 
@@ -65,5 +65,5 @@ RADIANS = Message(
 
 
 def in_radians(target: float) -> Message:
-    """Return the advice of a target that may be in degrees."""
+    """Return the advice for a target that may be in degrees."""
     return Message(RADIANS.template, target=target, in_radians=math.radians(target))

@@ -1,4 +1,4 @@
-"""`reset-leaves` at the beginning: the pose of a keyframe, without what it gives actuators."""
+"""`reset-leaves` at the beginning: a keyframe's pose without its control."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writes into the engine's memory that stay: forces, masses, states.
+"""Lasting writes into the engine's memory: forces, masses, states.
 
 It grows piece by piece, as part of `inputs`.
 """
@@ -24,7 +24,7 @@ UNIT = 1e-3
 
 @dataclass
 class LastingForce:
-    """A force, or an equality switched on, that stays until it is written again."""
+    """A force, or an equality switched on, that lasts until it is written again."""
 
     client: int
     place: int
@@ -78,7 +78,7 @@ class PositionWrites:
 
 @dataclass
 class Lasting:
-    """The values that stay, by client."""
+    """The lasting values, by client."""
 
     forces: dict[tuple[int, Act, int], LastingForce] = field(default_factory=dict)
     """The writes, by client, field and place."""
@@ -112,7 +112,7 @@ class Lasting:
                 self.edits[call.act].append(LastingEdit(call, written_by(call)))
 
     def _turn(self, call: Call) -> None:
-        """Note what may be quaternions about z with w last: 0, 0, s, c with c above 0."""
+        """Note possible quaternions about z with w last: 0, 0, s, c with c above 0."""
         written = written_by(call)
         values = dict(zip(written.indices.tolist(), written.values.tolist(), strict=True))
         for place, w in values.items():

@@ -1,4 +1,4 @@
-"""Rules about what a script wrote into its engine's memory, where it stays."""
+"""Rules about lasting writes of a script into its engine's memory."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def bodies_of(inputs: Inputs, client: int) -> list[Body]:
 
 
 def body_at(inputs: Inputs, client: int, index: int) -> Body | None:
-    """Return the body that an engine's body is part of: they are counted from tree to tree."""
+    """Return the body that owns an engine's body, which are counted from tree to tree."""
     before = [each for each in bodies_of(inputs, client) if each.engine_id <= index]
     return max(before, key=lambda each: each.engine_id, default=None)
 
 
 def rate_at(inputs: Inputs, client: int, index: int) -> tuple[Body, str | None, str] | None:
-    """Return body, joint (None: its base) and kind of joint of a rate, as the engine counts."""
+    """Return body, joint (None for its base) and kind of joint of a rate, in the engine's count."""
     for body in bodies_of(inputs, client):
         if body.base_moves:
             if index < 6:
@@ -49,7 +49,7 @@ def rate_at(inputs: Inputs, client: int, index: int) -> tuple[Body, str | None, 
 
 
 def turn_at(inputs: Inputs, client: int, index: int) -> Body | None:
-    """Return the body whose base has its quaternion at a coordinate, as the engine counts."""
+    """Return the body whose base has its quaternion at a coordinate, in the engine's count."""
     for body in bodies_of(inputs, client):
         if body.base_moves and index == BASE_M:
             return body

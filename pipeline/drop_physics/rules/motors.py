@@ -1,4 +1,4 @@
-"""Rules about what drives joints: each marks the steps of a robot's joints in which it holds."""
+"""Rules about the drives of joints, which mark steps of a robot's joints."""
 
 from __future__ import annotations
 

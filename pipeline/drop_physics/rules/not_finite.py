@@ -1,4 +1,4 @@
-"""States that are no numbers: from which step on, and which call or term was first."""
+"""Non-finite states: the first step, and the first call or term behind it."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _wrong(numbers: Float64) -> Flags:
 
 
 def _without_number(calls: Log, body: Body, step: int) -> Call | None:
-    """Return the last call for a body, or for all, that was given a number that is none."""
+    """Return the last call for a body, or for all, with a non-finite number."""
     for each in reversed(list[Call](calls)):
         numbers = (each.values[name][0] for name in BODY_NAMES if name in each.values)
         mine = next(numbers, body.engine_id) == body.engine_id

@@ -1,4 +1,4 @@
-"""Rules about masses and inertias: what files say of links, and what PyBullet makes of it."""
+"""Rules about masses and inertias: the data of files, and PyBullet's use of it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ KEPT = "inertia-from-shape"
 
 
 def moving_links(tree: Tree) -> list[int]:
-    """Return the links whose mass a step depends on: those that can move."""
+    """Return the links that can move, whose mass a step depends on."""
     moves = [not tree.fixed]
     for link, parent in enumerate(tree.parents):
         moves.append(moves[parent + 1] or RATES[tree.joints[link]] > 0)
@@ -48,13 +48,13 @@ def moving_links(tree: Tree) -> list[int]:
 
 
 def told_links(body: Body, tree: Tree) -> dict[int, FileLink]:
-    """Return what the file says of the links that can move, as far as it tells."""
+    """Return the file's data of the links that can move, as far as there are any."""
     told, links = {each.name: each for each in body.asked.links}, body.links
     return {link: told[links[link + 1]] for link in moving_links(tree) if links[link + 1] in told}
 
 
 def _came(inputs: Inputs) -> Iterator[tuple[Body, Tree]]:
-    """Yield each body with the tree that it came with."""
+    """Yield bodies with the trees that they came with."""
     for number, life in inputs.first_lives.items():
         body = inputs.scene.body(number)
         if len(body.links) == life.tree.links + 1:
@@ -210,11 +210,11 @@ def _(worst: Worst) -> Said:
 
 
 def _other(scene: Scene, steps: BodySteps) -> tuple[Float64, Float64, Call | None]:
-    """Compare the inertias of a body's file with those that it came with; once for each body.
+    """Compare the inertias in a body's file with its initial ones; once for each body.
 
-    Return the file's minus the one that is used, and the one that is used, the diagonal of M
-    [kg m²], shape (size,) both; the first is 0 where they are alike, or the file's is not known.
-    And the call that set a mass, and so computed an inertia anew.
+    Return the difference file minus used, and the used one, as diagonals of M [kg m²], shape
+    (size,) both; the first is 0 if they are alike, or the file's is not known. Also return the call
+    that set a mass, and so computed an inertia anew.
     """
     body, key = steps.body, (KEPT, steps.body.number)
     if key not in scene.kept:
@@ -240,9 +240,9 @@ def _other(scene: Scene, steps: BodySteps) -> tuple[Float64, Float64, Call | Non
 
 
 def _of_file(body: Body, tree: Tree, inertias: Container[int], masses: Container[int]) -> Float64:
-    """Return the moments of each link with the file's, shape (links + 1, 3); nan if not known.
+    """Return the links' moments from the file, shape (links + 1, 3); nan if not known.
 
-    They are about the axes of the file's inertia, which are those that the engine takes.
+    They are about the axes of the file's inertia, which the engine takes, too.
     """
     moments_kg_m2 = tree.inertias_kg_m2.copy()
     for link, told in told_links(body, tree).items():

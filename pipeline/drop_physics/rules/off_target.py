@@ -55,7 +55,7 @@ def rests_off(targets: TargetColumns) -> Match | None:
 
 
 def _causes(targets: TargetColumns, which: Flags) -> NDArray[Any]:
-    """Return why the target that is missed most among some is missed; None for the others."""
+    """Return the cause of the worst missed target; None for the others."""
     causes, rows = np.full(len(which), None, object), np.flatnonzero(which)
     for at in rows[[int(targets.off[rows].argmax())]] if len(rows) else ():
         stood = targets.stood.only(np.array([at]))
@@ -77,7 +77,7 @@ def _(worst: Worst) -> Said:
 
 
 def _missed(worst: Worst, cause: Cause) -> Said:
-    """Return the words about a target that was missed, and why it was."""
+    """Return the sentence on a missed target, with its cause."""
     message = Message("{joint}{more} misses a target of {target} by {off} at step {last}: {why}")
     going = worst.scene.going.get(tuple(worst.noted.keys[0, :2].tolist()))
     if going is not None and going.first[0] == worst.stood[0]:
@@ -106,9 +106,9 @@ def _missed(worst: Worst, cause: Cause) -> Said:
 
 
 def _replaced(targets: TargetColumns) -> Flags:
-    """Return which targets were replaced, or the run ended, while their joint moved.
+    """Flag the targets that were replaced, or cut off, while their joint moved.
 
-    Not one left from before, nor those that joints were pressed onto something with.
+    Without targets left from before, and those that press joints onto something.
     """
     return np.asarray(~targets.left & ~targets.resting & ~targets.pressed & (targets.row >= 0))
 
@@ -125,7 +125,7 @@ def _followed(targets: TargetColumns, which: Flags) -> Match | None:
 
 
 def _lawful(targets: TargetColumns) -> Flags:
-    """Return which gaps the motor's law leaves."""
+    """Flag the gaps that the motor's law leaves."""
     off = np.abs(targets.gap - targets.lawful)
     return np.asarray(off <= np.maximum(LAWFUL_GAP * targets.off, targets.least * LAWFUL_GAP))
 
@@ -203,7 +203,7 @@ def _(worst: Worst) -> Said | None:
 
 
 def _takes_more(worst: Worst, weak: Message) -> Cause | None:
-    """Return what the way to a target takes, where that is more than its motor may give."""
+    """Return the effort needed on the way to a target, if it exceeds the motor's limit."""
     number, k = worst.noted.keys[0, :2].tolist()
     takes = worst.scene.joints.on_the_way(number, k)
     if not takes > worst.limit:

@@ -34,7 +34,7 @@ def pose_set_in_contact(pair: PairColumns) -> Match:
 
 
 def _posed(pair: PairColumns) -> Flags:
-    """Return in which rows a body begins where a call put it, and not only as fast."""
+    """Flag the rows in which a call set the pose of a body, and not only its velocity."""
     rows = np.flatnonzero(pair.scene.placing.moved(pair.body, pair.step))
     posed = np.zeros(len(pair.step), np.bool_)
     for steps, its, at in pair.of_bodies(rows):

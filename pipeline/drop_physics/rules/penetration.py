@@ -97,7 +97,7 @@ def _(worst: Worst) -> Said | None:
 
 
 def _cause(worst: Worst, took: int) -> tuple[Message | None, Message | None, Cure | None]:
-    """Return why, and what changes it; None where that is not sure."""
+    """Return reason, advice and cure; None where these are not sure."""
     lasts = took >= GROWS_STEPS
     grows = lasts and worst.size > 2 * worst.began
     both = worst.subject, worst.partner
@@ -158,13 +158,13 @@ def _cause(worst: Worst, took: int) -> tuple[Message | None, Message | None, Cur
 
 
 def _thin_m(worst: Worst) -> float:
-    """Return the shortest edge of the parts that overlap; inf if neither has one that is known."""
+    """Return the shortest known edge of the overlapping parts; inf if neither is known."""
     links = worst.links if worst.at == worst.subject.number else worst.links[::-1]
     return min(map(thickness_m, (worst.subject, worst.partner), links))
 
 
 def _presses(pair: PairColumns, rows: NDArray[np.intp]) -> dict[str, Float64]:
-    """Return where constraints, and motors, act against the contacts of either body."""
+    """Return the pressure of constraints, and of motors, against the contacts of either body."""
     found = {name: np.zeros(len(rows)) for name in ("constraints", "motors")}
     for side in (0, 1):
         bodies = pair.pairs.body[rows, side]
@@ -286,7 +286,7 @@ def _(worst: Worst) -> Said:
 
 
 def _hull(worst: Worst) -> str:
-    """Return that the engine fills the hollow of a mesh, if one of both has such."""
+    """Return the remark that the engine fills the hollow of a mesh, if one of both has any."""
     both = (worst.subject, worst.partner)
     if any(each.kind == "plane" for body in both for each in body.collisions):
         return ""  # a mesh and its hull go equally deep into a plane

@@ -1,4 +1,4 @@
-"""When calls placed bodies: loaded them, or set where they are."""
+"""Times at which calls placed bodies: loaded them, or set their state."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NEAR = 3
 
 
 class Placing:
-    """The steps that began with a body where a call had placed it, and the calls."""
+    """The steps that began with a body placed by a call, and the calls."""
 
     def __init__(self, seen: Seen) -> None:
         came = [(each.body.number, each.at.step + 1) for each in seen.appearances if each.came]
@@ -64,26 +64,26 @@ class Placing:
                 told.append((call.at.step, site_of(call)))
 
     def placed(self, bodies: Int64, steps: Int64) -> Flags:
-        """Return whether each body was placed for a step, but not for the steps around it."""
+        """Flag the bodies placed for a step, but not for the steps around it."""
         keys = bodies * STEPS + steps
         return _once(keys, self._every) & ~np.isin(keys, [*self._restored])
 
     def posed(self, bodies: Int64, steps: Int64) -> Flags:
-        """Return the same of bodies that were loaded, or got a pose, not only a velocity."""
+        """Flag the same of bodies that were loaded, or got a pose, not only a velocity."""
         keys = bodies * STEPS + steps
         posed = _once(keys, np.array([*self._posed], np.int64)) | np.isin(keys, self._came)
         return self.placed(bodies, steps) & posed
 
     def moved(self, bodies: Int64, steps: Int64) -> Flags:
-        """Return whether each body was placed for a step."""
+        """Flag the bodies placed for a step."""
         return np.isin(bodies * STEPS + steps, self._every)
 
     def restored(self, body: Int64 | int, steps: Int64) -> Flags:
-        """Return whether each step began with a restored state."""
+        """Flag the steps that began with a restored state."""
         return np.isin(body * STEPS + steps, [*self._restored])
 
     def came(self, bodies: Int64 | int, steps: Int64 | int) -> Flags:
-        """Return whether each body was loaded for a step."""
+        """Flag the bodies loaded for a step."""
         return np.isin(bodies * STEPS + steps, self._came)
 
     def site(self, body: Body, step: int) -> str | None:
@@ -93,7 +93,7 @@ class Placing:
 
 
 def _once(keys: Int64, among: Int64) -> Flags:
-    """Return which keys are among some, and none of the steps around them."""
+    """Flag the keys that are among some, without the steps around them."""
     once = np.isin(keys, among)
     for near in range(1, NEAR + 1):
         once &= ~(np.isin(keys - near, among) | np.isin(keys + near, among))

@@ -1,4 +1,4 @@
-"""Rules about forces and torques from calls: how long they act, and where."""
+"""Rules about forces and torques from calls: their duration, and their point of action."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def push_lasted_a_step(inputs: Inputs) -> Iterator[Said]:
 
 
 def _size(use: Use) -> float:
-    """Return the size of the first that calls give [N] or [N m]; of several joints, the largest."""
+    """Return the size of the first given force [N] or [N m]; of several joints, the largest."""
     given = {name: use.first.values[name] for name in FORCES if name in use.first.values}
     sizes = [
         math.hypot(*np.ravel(each)) if name.endswith("Obj") else np.abs(each).max(initial=0.0)
@@ -91,7 +91,7 @@ def _size(use: Use) -> float:
 
 
 def _came_to_nothing(inputs: Inputs, number: int) -> bool:
-    """Return whether all else took the first push of a body away at once."""
+    """Return whether other forces cancelled the first push of a body at once."""
     pushed = (life for (one, _), life in inputs.lives.items() if one == number)
     return any(life.opposed > 1 - NEGLIGIBLE for life in pushed)
 
@@ -123,7 +123,7 @@ def force_off_centre(bodies: BodyColumns) -> Match | None:
     each, count, reach_m = each.ravel(), len(keys), reach_m[first]
 
     def arms_m(moments: Float64) -> Float64:
-        """Return the arm with which all forces on a link turn it, over the sum of their sizes."""
+        """Return the arm of all forces on a link, as the moment over the sum of their sizes."""
         sums = summed(each, np.column_stack([moments, strength]), count=count)
         return lengths(sums[:, :3]) / sums[:, 3]
 

@@ -1,4 +1,4 @@
-"""`reading`: what a number that the script reads stands for."""
+"""`reading`: the meaning of a number that the script reads."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from drop_physics.trace.readings import Reading
 
 
 def _read(inputs: Inputs, act: Act) -> Iterator[tuple[Reading, Body, int]]:
-    """Yield the readings of some functions, each with a body and its link; -1 for none."""
+    """Yield the readings of some functions, with their body and its link; -1 for none."""
     for each in inputs.scene.seen.readings:
         for subject in each.targets if each.act is act else ():
             if body := inputs.scene.seen.bodies.get(subject.body):

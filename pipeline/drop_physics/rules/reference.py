@@ -34,7 +34,7 @@ class Blank:
 
 @dataclass(frozen=True)
 class CodeReference:
-    """What a code, or one of its reasons, means."""
+    """The meaning of a code, or of one of its reasons."""
 
     code: str
     """The code, or the reason."""
@@ -62,7 +62,7 @@ class CodeReference:
 
 
 def reference_of(name: str) -> CodeReference:
-    """Return what a code or a reason means.
+    """Return the meaning of a code or a reason.
 
     Raises
     ------
@@ -102,13 +102,13 @@ def _reference(name: str, told: RuleTexts, example: CodeExample | None) -> CodeR
 
 
 def blanked(template: str) -> Message:
-    """Return a message with … in place of what is filled in, once of two in a row."""
+    """Return a message with … in place of its values, once for two in a row."""
     found = PLACEHOLDER.findall(template)
     values: dict[str, Any] = {name: Blank("" if before else "…") for before, name in found}
     return Message(template, **values)
 
 
 def sentences() -> Iterator[str]:
-    """Yield the texts of all meanings, without those that rules have as a `Message`."""
+    """Yield the texts of all meanings, except those that rules have as a `Message`."""
     for each in references().values():
         yield from (each.meaning, *each.measured, *(limit.meaning for limit in each.thresholds))

@@ -1,4 +1,4 @@
-"""`not-replayed`, `no-gravity`: what the engine's own replay says of the steps, and of gravity."""
+"""`not-replayed`, `no-gravity`: the engine's own replay of steps, and its gravity."""
 
 from __future__ import annotations
 

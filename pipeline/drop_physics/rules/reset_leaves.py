@@ -23,7 +23,7 @@ from drop_physics.trace.acts import Act
 
 
 def left_targets(joints: JointColumns, anew: Collection[int] = ()) -> Match:
-    """Return where joints that a call put somewhere are under a target of before.
+    """Return the joints that a call placed while they still have an earlier target.
 
     `anew`: the steps before which targets were set back, too.
     """
@@ -50,7 +50,7 @@ def left_targets(joints: JointColumns, anew: Collection[int] = ()) -> Match:
 
 
 def driven_off(runs: Runs, _: Scene) -> Float64:
-    """Return how far motors drove joints; those put back to where they began count first."""
+    """Return the distance that motors drove joints; those set back to their start count first."""
     off = runs.put & (runs.until_work > 0) & (runs.size >= runs.least)
     return np.where(off, runs.size + 1e6 * runs.back, 0.0)
 

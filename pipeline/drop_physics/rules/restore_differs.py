@@ -42,7 +42,7 @@ def restore_differs(inputs: Inputs) -> Iterator[Said]:
 
 
 def _alike(first: AfterRestore, second: AfterRestore) -> int:
-    """Return for how many steps the calls of two episodes are the same."""
+    """Return the number of steps with equal calls in two episodes."""
     asked = first.calls.items() ^ second.calls.items()
     lengths = (each.end - each.begin.at.step for each in (first, second))
     return min(*lengths, *(since for since, _ in asked), 1 << 40)
@@ -106,9 +106,9 @@ def _compared(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> Said
 
 
 def _other_order(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> bool:
-    """Return whether pairs in another order are what differs, and not contacts of before.
+    """Return whether the difference is another order of pairs, and not earlier contacts.
 
-    A state that was saved before the first step of what touches has no contacts to restore.
+    A state saved before the first step of touching bodies has no contacts to restore.
     """
     scene, client = inputs.scene, first.begin.client
     sorts = [use for use in inputs.of(Act.SET_ENGINE) if "deterministicOverlappingPairs" in use.low]
@@ -131,7 +131,7 @@ Apart = tuple[int, int, float, str]
 
 
 def _apart(scene: Scene, begins: tuple[int, int], until: int, client: int) -> dict[Key, Apart]:
-    """Return the bodies of which two episodes differ in their first steps."""
+    """Return the bodies in which two episodes differ in their first steps."""
     found: dict[Key, Apart] = {}
     for start in range(1, until + 1, PIECE):
         end = min(start + PIECE, until + 1)
@@ -157,7 +157,7 @@ def _apart(scene: Scene, begins: tuple[int, int], until: int, client: int) -> di
 def _places(
     scene: Scene, first: int, end: int, client: int
 ) -> dict[Key, tuple[Int64, Float64, list[str]]]:
-    """Return steps, positions of base and joints, and units of base and joints, of what moves."""
+    """Return steps, positions of base and joints, and their units, of movable bodies."""
     piece = scene.seen.sampled.piece(first, end)
     bases, found = by_body(piece.bases), {}
     for number in scene.moving:
@@ -179,7 +179,7 @@ def _places(
 def _cause(
     inputs: Inputs, first: AfterRestore, second: AfterRestore, engine_id: int
 ) -> tuple[Message, Call | None] | None:
-    """Return why a body's episode differs from an earlier one, and the call to blame."""
+    """Return the cause of a body's different episode, and the call to blame."""
     function, cleared = second.begin.function, second.begin.act is Act.CLEAR
     sets: dict[Named, tuple[tuple[float, ...] | None, Call]] = {}
     for each in inputs.episodes.between(first, second):

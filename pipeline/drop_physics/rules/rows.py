@@ -76,7 +76,7 @@ class Said:
 
 
 class Worst:
-    """The worst of a subject: its numbers, and who it is, as attributes.
+    """The worst case of a subject: its numbers, and its names, as attributes.
 
     `size`, `count`, `first` and `last` step, and what the rule noted; `among`, how many of its kind
     the subject has that are not ten times smaller; labels of the `body` and of
@@ -103,7 +103,7 @@ class Worst:
 
     @property
     def span(self) -> Span:
-        """The steps as a finding says them; for a target, the first and last step of `stood`."""
+        """The steps in a finding's form; for a target, the first and last step of `stood`."""
         if (stood := vars(self).get("stood")) is not None:
             return Span(stood[0], stood[1], stood[1] - stood[0] + 1)
         first, last = vars(self).get("within", (-self.first, self.last))
@@ -131,7 +131,7 @@ class Worst:
 
 @dataclass(frozen=True)
 class Remedy:
-    """A cure whose target and numbers are those that a rule notes, by their names."""
+    """A cure whose target and numbers are those noted by a rule, by their names."""
 
     name: str
     target: str | None = None
@@ -144,13 +144,13 @@ class Remedy:
 
     @property
     def blank(self) -> Cure:
-        """The cure with nan for what depends on the run."""
+        """The cure with nan for numbers that depend on the run."""
         given = {} if isinstance(self.given, str) else self.given
         value = None if self.value is None else math.nan
         return Cure(self.name, None, value, form=self.form, given=dict.fromkeys(given, math.nan))
 
     def of(self, worst: Worst) -> Cure:
-        """Return the cure of what was found."""
+        """Return the cure of a finding."""
 
         def number(named: float | str) -> Any:  # noqa: ANN401 - as the rule noted it
             return getattr(worst, named) if isinstance(named, str) else named
@@ -169,7 +169,7 @@ class Remedy:
 
 @dataclass(frozen=True, kw_only=True)
 class SayingRow:
-    """Finding about the worst case where a condition holds, and the change that would cure it."""
+    """A sentence about the worst case with its condition, and the change that would cure it."""
 
     when: Callable[[Worst], object] | None = None
     """The condition; None for always."""
@@ -195,12 +195,12 @@ class SayingRow:
     """The name of the label of the other body."""
 
     def like(self, row: SayingRow) -> SayingRow:
-        """Return this row, with what it leaves out taken from another."""
+        """Return this row, with its missing parts taken from another."""
         left = (each.name for each in fields(self) if getattr(self, each.name) is None)
         return replace(self, **{name: getattr(row, name) for name in left})
 
     def said(self, worst: Worst) -> Said:
-        """Return what the row says of the worst."""
+        """Return the row's sentence about the worst case."""
         effect = None
         if self.effect is not None:
             unit = (self.unit or "{unit}").format_map(_Named(worst))
@@ -222,7 +222,7 @@ class SayingRow:
 
 
 class _Named(dict[str, object]):
-    """What a template may name of the worst."""
+    """The names that a template may use for the worst case."""
 
     def __init__(self, worst: object) -> None:
         self._worst = worst
@@ -232,7 +232,7 @@ class _Named(dict[str, object]):
 
 
 def filled(text: str, values: Mapping[str, object], about: object) -> str:
-    """Return a text with what it names, taken from some values or from attributes.
+    """Return a text with its names replaced by values or attributes.
 
     Numbers are written by their kinds, and texts among them filled likewise.
     """

@@ -119,7 +119,7 @@ def every_run(runs: Runs, _: Scene) -> Float64:
 
 @dataclass(eq=False)
 class Rule:
-    """One rule: its matches in a table, its words, and what `drop explain` says of it."""
+    """One rule: its matches in a table, its words, and its meaning for `drop explain`."""
 
     code: str
     level: Level
@@ -185,7 +185,7 @@ class Rule:
         return sizes
 
     def finding(self, worst: Worst, site: str | None) -> Finding | None:
-        """Return what is found of a subject; None if nothing is said of it."""
+        """Return the finding about a subject; None if nothing is said of it."""
         said = self.words(worst)
         if said is None:
             return None
@@ -202,7 +202,7 @@ class Rule:
         return self.finding_of(said, worst.scene, worst)
 
     def finding_of(self, said: Said, scene: Scene, worst: Worst | None = None) -> Finding:
-        """Return what the rule says as a finding: texts filled, the call of its cure written."""
+        """Return a rule's sentence as a finding: texts filled, the call of its cure written."""
         cure, values, about = said.cure, said.values, worst or said
         if cure is not None:
             cure = replace(cure, call=cure.call or scene.call_of(cure))
@@ -276,9 +276,9 @@ body_rule = partial(_maker, "bodies")
 
 
 class Rules:
-    """Looks for all rules that have words for a recording's engine, each in its table.
+    """Applies all rules with words for a recording's engine, each to its table.
 
-    They see each piece once, in order, and then speak.
+    They see the pieces once, in order, and then speak.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -298,7 +298,7 @@ class Rules:
 
     @np.errstate(all="ignore")  # what is not asked for is nan
     def _look(self, seen: Iterable[tuple[TableName, RuleTable]]) -> None:
-        """Take tables of a piece, or of what is left at the end."""
+        """Take tables of a piece, or of the rest at the end."""
         found: list[list[Runs]] = [[] if each is None else [each] for each in self._open]
         for name, table in seen:
             for place, rule in enumerate(self._rules):
@@ -321,7 +321,7 @@ class Rules:
             self._ended[place] = runs.greatest(self._sizes(place, runs))
 
     def _note(self, place: int, ended: Runs) -> None:
-        """Note in which episodes a rule has found something of a key."""
+        """Note the episodes in which a rule has a match for a key."""
         episodes = self.scene.episodes
         if len(episodes) < 2 or not len(ended):
             return
@@ -334,7 +334,7 @@ class Rules:
             self._in.setdefault(place, set()).update(map(tuple, rows.tolist()))
 
     def _episodes(self, place: int, keys: Int64) -> int:
-        """Return in how many episodes a rule has found something of some keys."""
+        """Return the number of episodes in which a rule has a match for some keys."""
         known = {*map(tuple, keys.tolist())}
         return len({row[-1] for row in self._in.get(place, ()) if row[:-1] in known}) or 1
 
@@ -344,7 +344,7 @@ class Rules:
         return np.where(runs.count < rule.least_count, 0.0, rule.sizes(runs, self.scene))
 
     def findings(self) -> Iterator[Finding]:
-        """Yield what each rule says: of each robot its worst joint, of all else each."""
+        """Yield the findings of rules: of a robot's joints the worst, of other subjects each."""
         self._look(("targets", each) for each in left_standing(self.scene))
         for place, rule in enumerate(self._rules):
             if (last := self._open[place]) is not None:

@@ -1,4 +1,4 @@
-"""Rows of a rule's table, put together over pieces: all of one key, or its consecutive steps."""
+"""Rows of a rule's table, joined over pieces: all of one key, or its consecutive steps."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ last; the sum of all, that until the largest row; the greatest."""
 
 
 class Runs:
-    """Each row stands for some steps of its key; columns are attributes, by their names.
+    """Runs of steps of keys; columns are attributes, by their names.
 
     Parameters
     ----------
@@ -43,17 +43,17 @@ class Runs:
 
     @property
     def ends(self) -> Flags:
-        """Whether each row is the last of its key, of rows that are in order and not none."""
+        """True if each row is the last of its key, of rows that are in order and not none."""
         return np.append((np.diff(self.keys, axis=0) != 0).any(axis=1), True)
 
     def at(self, rows: NDArray[Any]) -> Runs:
-        """Return some of the rows."""
+        """Return the selected rows."""
         columns = {name: (kind, each[rows]) for name, (kind, each) in self.columns.items()}
         return Runs(self.keys[rows], columns)
 
     @staticmethod
     def listed(parts: Sequence[Runs]) -> Runs:
-        """Return the rows of several, one after the other."""
+        """Concatenate rows of several."""
         columns = {
             name: (kind, np.concatenate([each.columns[name][1] for each in parts]))
             for name, (kind, _) in parts[0].columns.items()
@@ -90,6 +90,6 @@ class Runs:
         return Runs(them.keys[starts], columns)
 
     def greatest(self, sizes: Float64) -> Runs:
-        """Return of each key the row with the greatest of some sizes."""
+        """Return for each key the row with the greatest of some sizes."""
         them = self.at(np.lexsort((-self.count, -sizes, *self.keys.T[::-1])))
         return them.at(np.append(True, them.ends[:-1]))

@@ -1,4 +1,4 @@
-"""Why a script stopped."""
+"""The reason why a script stopped."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def script_failed(inputs: Inputs) -> Iterator[Said]:
 def failure(
     origin: Mapping[str, Any], raised: Call | None, calls: Log, *, printed: str = ""
 ) -> Said | None:
-    """Return what is said of the error that a script failed with; None if it did not.
+    """Return the sentence on a script's error; None if it did not fail.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def failure(
 
 
 def _why(call: Call, calls: Log) -> str:
-    """Return what is behind PyBullet's words, as far as the call tells."""
+    """Return the meaning of PyBullet's error, as far as the call shows."""
     if call.act is Act.LOAD and call.arguments.startswith(("'", "fileName='")):
         return Message(", a file that it cannot find or read")
     numbers = next((n for name in BODY_NAMES if (n := given(call, name))), ())

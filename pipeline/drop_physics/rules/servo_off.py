@@ -1,7 +1,7 @@
-"""`off-target` of a joint whose actuator is a spring: what its force is short of, where it rests.
+"""`off-target` of a joint whose actuator is a spring: its missing force at rest.
 
 A position actuator of gain kp gives kp (ctrl - gear q), times its gear, and has no integral part.
-At rest the forces on its joint sum to zero, so what the pose takes tells how far off it is.
+At rest the forces on its joint sum to zero, so the gap follows from the torque that the pose takes.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ TRIES = 5
 
 @dataclass(frozen=True)
 class ServoGap:
-    """A joint off its target, and why; forces [N] or [N m] on the joint."""
+    """A joint off its target, with the cause; forces [N] or [N m] on the joint."""
 
     reason: str
     gap: float
@@ -74,7 +74,7 @@ class ServoGap:
 
     @property
     def bound(self) -> float:
-        """Where its range ends, short of the target."""
+        """The end of its range, short of the target."""
         return self.range[self.gap < 0]
 
 
@@ -135,7 +135,7 @@ def _(worst: Worst) -> Said:
 
 
 def _level(worst: Worst, held: ServoGap) -> Level | None:
-    """Return how grave a gap is where it is less than others."""
+    """Return the level of a gap that is small beside others."""
     if held.reason == "spring" and abs(held.gap) < SAGS * OFF[worst.unit]:
         return "note"
     # Controls that are never written are 0, too: nobody may have asked for that.
@@ -247,13 +247,13 @@ def _more(held: ServoGap) -> float | None:
 
 
 def _last_of_targets(joints: JointColumns) -> Flags:
-    """Return which steps are the last before a target is another, or a call sets the joint."""
+    """Flag the last steps before a target changes, or a call sets the joint."""
     new = (np.diff(joints.asked.began, axis=0) != 0) | joints.steps.put[1:, None]
     return np.append(new, np.ones((1, new.shape[1]), np.bool_), axis=0)
 
 
 def _rests(joints: JointColumns) -> Flags:
-    """Return in which of the last steps of targets joints rest, or hardly move any more."""
+    """Flag the last steps of targets in which joints rest, or hardly move."""
     stood = joints.step[:, None] - joints.asked.began
     rests = np.asarray(joints.resting & (stood >= REST_STEPS))
     for row, k in np.argwhere(_last_of_targets(joints) & ~rests & (stood >= SETTLED_STEPS)):
@@ -263,7 +263,7 @@ def _rests(joints: JointColumns) -> Flags:
 
 
 def _cause(joints: JointColumns, row: int, k: int, *, rests: bool) -> ServoGap | None:
-    """Return why a joint is off its target; None if that is not sure."""
+    """Return the cause of a joint's distance from its target; None if that is not sure."""
     driven, steps, actuator = joints.driven, joints.steps, _servo(joints, k)
     if actuator is None or not steps.closes[row]:
         return None

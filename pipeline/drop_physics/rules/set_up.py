@@ -1,4 +1,4 @@
-"""Rules about how a simulation is set up: its gravity and timestep, and who makes its steps."""
+"""Rules about the set-up of a simulation: its gravity, its timestep, and its stepping."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def no_gravity(inputs: Inputs) -> Iterator[Said]:
 
 
 def _would_fall_m(inputs: Inputs, body: Body, life: BodyLife) -> float:
-    """Return how far a body would have fallen from rest in its life."""
+    """Return the free-fall distance of a body from rest in its life."""
     times = inputs.scene.times[body.client]
     return STANDARD_M_S2 * (times.of(life.last) - times.of(life.first - 1)) ** 2 / 2
 

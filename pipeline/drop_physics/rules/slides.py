@@ -228,11 +228,11 @@ def _free_bodies(scene: Scene) -> list[BodySteps]:
 
 
 def _acting(pair: PairColumns, rows: Rows) -> tuple[Float64, ...]:
-    """Return what a body's weight, and moving with its support, ask of the contact, (n, 3) [N].
+    """Return the load of a body's weight and acceleration on its contact, (n, 3) [N].
 
-    Then what other bodies do to it, and pushes and constraints, shape (n,) [N]; how its centre
-    moves past the support [m/s], and where it is from the contact [m], shape (n, 3). NaN where the
-    sum says nothing.
+    The acceleration is that of moving with its support. Then the forces of other bodies, and of
+    pushes and constraints, shape (n,) [N]; the velocity of its centre past the support [m/s], and
+    its place relative to the contact [m], shape (n, 3). NaN where the sum says nothing.
     """
     asked, way, arm = np.full((3, len(rows), 3), np.nan)
     others, pushed = np.full((2, len(rows)), np.nan)
@@ -363,5 +363,5 @@ def _(worst: Worst) -> Said | None:
 
 
 def _along(ways: Float64, line: Float64) -> Float64:
-    """Return the parts of ways along a contact, given its normals, shape (n, 3)."""
+    """Return the parts of paths along a contact, given its normals, shape (n, 3)."""
     return np.asarray(ways - np.einsum("mi,mi->m", ways, line)[:, None] * line)

@@ -1,7 +1,7 @@
 """`joint-damping`, `armature`, `off-target`: a MuJoCo joint stays slow.
 
-What drives it goes where the model's damping, dry friction or armature is; and an actuator for
-rates, a damper itself, gives nothing at its target.
+The effort of its drive goes into the model's damping, dry friction or armature; an actuator for
+rates, itself a damper, gives nothing at its target.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def _(runs: Runs, scene: Scene) -> Float64:
 
 
 def _taken(runs: Runs) -> tuple[Float64, NDArray[np.intp]]:
-    """Return the most of the drives that one of the causes takes, and which that is."""
+    """Return the largest share of the drives that one cause takes, and that cause."""
     taken = np.column_stack([getattr(runs, name) for name in TAKERS])
     return taken.max(axis=1), taken.argmax(axis=1)
 

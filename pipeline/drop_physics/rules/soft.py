@@ -1,4 +1,4 @@
-"""`deep-penetration`, `constraint-lags`: what a model holds apart or together softly."""
+"""`deep-penetration`, `constraint-lags`: soft contacts and soft constraints of a model."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def sinks_in(pair: PairColumns) -> Match:
 
 
 def _loaded(pair: PairColumns) -> Flags:
-    """Return whether a free body presses on either body in the step of each row, shape (m, 2)."""
+    """Flag the sides on which a free body presses in the step of each row, shape (m, 2)."""
     bodies, seen = pair.pairs.body, pair.scene.seen.bodies
     free = [number for number, body in seen.items() if body.base_moves]
     presses = np.isin(bodies[:, ::-1], free) & (pair.normal_n > 0)[:, None]
@@ -106,7 +106,7 @@ def _(worst: Worst) -> Said | None:
 
 
 def _carries(worst: Worst, solref: Sequence[float], solimp: Sequence[float]) -> Said | None:
-    """Return what is said of a contact of usual softness that carries much more than a body weighs.
+    """Return the sentence on a contact of usual softness that carries much more than a body weighs.
 
     Its stiffness is that of the time constant for the mass of the bodies, whatever lies on them.
     """

@@ -1,7 +1,7 @@
 """Docstrings, thresholds and advice of rules, read from their sources for `drop explain`.
 
-A rule's sentence, its thresholds, what it says and what it advises stand in its source; here they
-are only gathered. A code that several rules share has those of all.
+A rule's sentence, its thresholds, its words and its advice stand in its source; here they are only
+gathered. A code that several rules share has those of all.
 """
 
 from __future__ import annotations
@@ -105,9 +105,10 @@ def _thresholds() -> dict[str, Limit]:
 def _rules_in(
     module: ast.Module,
 ) -> Iterator[tuple[list[ast.FunctionDef], str, str | None, str | None]]:
-    """Yield each rule of a module: its functions, its code, reason and level.
+    """Yield the rules of a module: functions, code, reason and level.
 
-    Where there is only one, all that the module says is its; keys of a table there are its reasons.
+    If there is only one, all texts of the module are its own; keys of a table there are its
+    reasons.
     """
     functions = [node for node in ast.walk(module) if isinstance(node, ast.FunctionDef)]
     beside = defaultdict[str, list[ast.FunctionDef]](list)
@@ -145,7 +146,7 @@ def _limits_in(module: ast.Module) -> set[str]:
 
 
 def _add(known: RuleTexts, parts: list[ast.FunctionDef], limits: set[str], level: Any) -> None:  # noqa: ANN401
-    """Add to what is known of a name what one more rule of it tells."""
+    """Add the texts of one more rule of a name."""
     inside = [inner for each in parts for inner in ast.walk(each)]
     measured = [_first(ast.get_docstring(each)) for each in parts[:1]]
     names = {node.id for node in inside if isinstance(node, ast.Name)}
@@ -178,7 +179,7 @@ def _add(known: RuleTexts, parts: list[ast.FunctionDef], limits: set[str], level
 
 
 def _add_row(known: RuleTexts, rule: Rule, row: SayingRow) -> None:
-    """Add to what is known of a name what a row of it tells."""
+    """Add the texts of a row of a rule."""
     proposed = rule.proposes if row.proposed is None else row.proposed
     engine = MUJOCO if rule.engines == MUJOCOS else PYBULLET
     told: list[tuple[list[Any], list[Any]]] = [
@@ -193,7 +194,7 @@ def _add_row(known: RuleTexts, rule: Rule, row: SayingRow) -> None:
 
 
 def _cure(call: ast.Call) -> Cure:
-    """Return a cure as its rule writes it, with nan for what depends on the run."""
+    """Return a cure in its rule's form, with nan for numbers that depend on the run."""
     given = next((each.value for each in call.keywords if each.arg == "given"), None)
     keys = given.keys if isinstance(given, ast.Dict) else []
     has_value = len(call.args) > VALUE or any(each.arg == "value" for each in call.keywords)

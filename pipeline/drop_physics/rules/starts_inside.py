@@ -1,7 +1,7 @@
-"""`starts-in-contact`, `static-parent`: what overlaps as a run or an episode begins.
+"""`starts-in-contact`, `static-parent`: overlaps at the start of a run or an episode.
 
-MuJoCo's contacts push what overlaps apart over many steps, so how fast they do is known only when
-they have let go.
+MuJoCo's contacts push overlapping bodies apart over many steps, so the speed is known only once
+they have separated.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ def starts_inside(pair: PairColumns) -> Match:
 
 
 def _lifts(pair: PairColumns) -> Flags:
-    """Return where all points of a pair push its body up: its depth higher, it only touches."""
+    """Flag the rows in which all points of a pair push its body up, so that it can be lifted."""
     points, side = pair.points, np.where(pair.keys[:, 0] == pair.pairs.body[:, 0], 1, -1)
     down = np.where(points.distance_m < -DEEP_M, -points.normal[:, 2] * side[pair.row], -1.0)
     return np.asarray(pair.most(down) < HALF - 1)
 
 
 def _chained(pair: PairColumns, rows: Rows, starts: Flags) -> Flags:
-    """Return which rows have a body that can move and overlaps another one, too, as they start."""
+    """Flag the rows with a movable body that overlaps another one, too, at the start."""
     bodies = pair.pairs.body[rows]
     keys = pair.step[rows, None] * (bodies.max(initial=0) + 1) + bodies
     found, counts = np.unique(
@@ -152,7 +152,7 @@ def _(worst: Worst) -> Said:
 
 
 def _is_parent(body: Body, parent: int, link: int) -> bool:
-    """Return whether a link hangs on one that cannot move: of several joints, through them all."""
+    """Return whether a link hangs on one that cannot move, through all joints between."""
     above = body.joints[link].parent
     while above != BASE and body.links[above + 1].startswith(f"{body.links[link + 1]}/"):
         above = body.joints[above].parent

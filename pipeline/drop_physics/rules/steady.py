@@ -9,7 +9,7 @@ from drop_physics.rules.thresholds import SINKS_STEPS, STEADY_SHARE
 
 
 def is_steady(values: Float64) -> Flags:
-    """Return where the last SINKS_STEPS of some values, (n,) or (n, k), hardly changed, (n,)."""
+    """Flag the values, (n,) or (n, k), that hardly changed over the last SINKS_STEPS, (n,)."""
     columns = values if values.ndim > 1 else values[:, None]
     found = np.zeros(len(columns), np.bool_)
     if len(columns) >= SINKS_STEPS:

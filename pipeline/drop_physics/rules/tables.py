@@ -49,7 +49,7 @@ class RuleTable(Protocol):
 
     @property
     def keys(self) -> Int64:
-        """The bodies that each row is about: their numbers, shape (n, k)."""
+        """The bodies of each row: their numbers, shape (n, k)."""
 
     @property
     def step(self) -> Int64:
@@ -57,7 +57,7 @@ class RuleTable(Protocol):
 
     @property
     def noted(self) -> Mapping[str, Float64]:
-        """Numbers that every rule notes of the worst."""
+        """Numbers of the worst case that every rule notes."""
 
 
 def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
@@ -92,7 +92,7 @@ def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
 class JointColumns:
     """The joints of a body in n of its steps: columns of shape (n, joint_rates).
 
-    What `JointTelemetry` and what calls asked for hold, by name, and some that rules share.
+    They are those of `JointTelemetry`, the requests of calls, and some that rules share.
     """
 
     def __init__(self, scene: Scene, driven: JointTelemetry) -> None:
@@ -127,7 +127,7 @@ class JointColumns:
 
     @cached_property
     def inertia(self) -> Float64:
-        """What each joint's motion has of inertia in the last step, others at rest: a column."""
+        """The inertia of each joint's motion in the last step, others at rest: a column."""
         steps = self.driven.steps
         (matrix,) = mass_matrix(kinematics(steps.law.tree, steps.before.at(np.array([-1]))))
         return np.broadcast_to(np.diag(matrix)[steps.law.tree.first_rate :], self.target.shape)
@@ -154,7 +154,7 @@ class JointColumns:
         return np.vstack([before, values[:-1]])
 
     def came(self, name: str) -> Float64:
-        """Return states of the body after the step before each; nan where it made none."""
+        """Return states of the body after the previous step; nan where it made none."""
         return self.scene.came(self.driven.steps, [(0, self.driven.steps)], name)
 
     def term(self, name: str) -> Float64:
@@ -205,11 +205,11 @@ class PairColumns:
         return getattr(self.pairs, name)
 
     def own(self, name: str) -> Any:  # noqa: ANN401 - a column of `Pairs`
-        """Return a column that both sides have, of its body."""
+        """Return the column of its own body, from one that both sides have."""
         return getattr(self.pairs, name)[:, self.side]
 
     def others(self, name: str) -> Any:  # noqa: ANN401 - a column of `Pairs`
-        """Return a column that both sides have, of the other body."""
+        """Return the column of the other body, from one that both sides have."""
         return getattr(self.pairs, name)[:, 1 - self.side]
 
     @cached_property
@@ -219,7 +219,7 @@ class PairColumns:
         return np.asarray(self.points.link[order[self.starts]])
 
     def before(self, rows: Rows) -> Rows:
-        """Return which of some rows is the same pair's one step before each; -1 if none is."""
+        """Return the row of the same pair one step before each; -1 if there is none."""
         step, keys = self.step[rows], self.pairs.body[rows]
         order = np.lexsort((step, *keys.T))
         follows = (np.diff(keys[order], axis=0) == 0).all(axis=1) & (np.diff(step[order]) == 1)
@@ -228,7 +228,7 @@ class PairColumns:
         return found
 
     def of_bodies(self, rows: Rows) -> Iterator[tuple[Steps, Rows, Rows]]:
-        """Yield steps of the bodies of some rows: which of these rows, and the steps' rows."""
+        """Yield steps of the bodies of some rows, with the rows and the steps' rows."""
         return self.scene.steps_at(self.body[rows], self.step[rows])
 
 
@@ -248,7 +248,7 @@ class BodyColumns:
         return np.repeat([value(each) for each in bodies], [len(each) for each in bodies], axis=0)
 
     def greatest(self, name: str, values: Float64) -> Float64:
-        """Return for each row the greatest value so far of its body, also of earlier pieces.
+        """Return for each row the greatest value of its body so far, also of earlier pieces.
 
         Both have the shape (n, k). `name` tells apart the values that are kept.
         """
@@ -267,7 +267,7 @@ class BodyColumns:
         return (each for each in self.scene.driven() if each.steps.whole is self.of)
 
     def came(self, name: str) -> Float64:
-        """Return states of the body after the step before each; nan where it made none."""
+        """Return states of the body after the previous step; nan where it made none."""
         parts = [(each.rows.start, each) for each in self.batch.bodies if len(each)]
         return self.scene.came(self.of, parts, name)
 

@@ -1,4 +1,4 @@
-"""The table of targets: each that a position motor was given, while it stood."""
+"""The table of position motors' targets, while they stood."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD, HALF_THE_S
 
 
 def target_columns(scene: Scene) -> Iterator[TargetColumns]:
-    """Yield the targets of each joint that ended in the latest piece, and that which goes on."""
+    """Yield the targets of joints that ended in the latest piece, and the ones still in effect."""
     for driven in scene.driven():
         targets = scene.targets.setdefault(driven.body.number, Targets())
         for stood, going in targets.see(driven):
@@ -37,7 +37,7 @@ def target_columns(scene: Scene) -> Iterator[TargetColumns]:
 
 
 def left_standing(scene: Scene) -> Iterator[TargetColumns]:
-    """Yield the targets that stood at the last of their bodies' steps, after all of these."""
+    """Yield the targets in effect at the last of their bodies' steps, after all pieces."""
     for table in scene.going.values():
         table.late, table.ends_run = True, np.ones(1, np.bool_)
         yield table
@@ -89,7 +89,7 @@ class TargetColumns:
 
     @cached_property
     def reached(self) -> Flags:
-        """Return which targets the joint reached before they had changed by more than `least`."""
+        """Flag the targets that the joint reached before they had changed by more than `least`."""
         steps = np.abs(np.diff(self.stood.target))
         changed = np.append(0.0, np.cumsum(steps))[: len(self.stood)]
         alike = np.floor(changed / self.least)

@@ -128,9 +128,9 @@ def _(worst: Worst) -> Said:
 
 
 def _stopping(worst: Worst, thick_m: float, speed_m_s: float) -> Cure:
-    """Return a contact that stops a body within half of what it would pass, and steps that let it.
+    """Return a contact that stops a body within half of an obstacle, and steps that allow it.
 
-    At critical damping it is stopped within 1 / e of what it goes in a time constant.
+    At critical damping a body stops within 1 / e of its path in a time constant.
     """
     constant_s = float(f"{thick_m / (2 * speed_m_s):.1g}")
     finer = max(1, math.ceil(shortest_s(worst.timestep) / constant_s - 1e-6))
@@ -183,7 +183,7 @@ def _(worst: Worst) -> Said | None:
 
 
 def _standing(scene: Scene) -> list[tuple[Body, Collision]]:
-    """Return the bodies that nothing moves, with each of their boxes."""
+    """Return the bodies that nothing moves, with their boxes."""
     puts = Counter(each.body.number for each in scene.seen.puts)
     return [
         (body, each)
@@ -195,7 +195,7 @@ def _standing(scene: Scene) -> list[tuple[Body, Collision]]:
 
 
 def _may_meet(body: Body, other: Body, box: Collision) -> bool:
-    """Return whether the model lets a body touch a box, if it has a say in that."""
+    """Return whether the model lets a body touch a box, if it has filters."""
     if (BASE, other.number, BASE) in body.apart or (BASE, body.number, BASE) in other.apart:
         return False
     bits = [each.bits for each in body.collisions if each.bits]
@@ -213,7 +213,7 @@ def _touching(bodies: BodyColumns, rows: Int64, others: Int64) -> Flags:
 
 
 def _why(scene: Scene, body: Body, other: Body) -> Call | str | None:
-    """Return the call that switched a pair off, or that a body has no shape; else None."""
+    """Return the call that switched a pair off, or a remark that a body has no shape; else None."""
     if not body.collisions:
         return "shapeless"
     return scene.inputs.passes.get(frozenset(((body.number, BASE), (other.number, BASE))))
@@ -222,9 +222,9 @@ def _why(scene: Scene, body: Body, other: Body) -> Call | str | None:
 def _crossing(
     before_m: Float64, after_m: Float64, base: Float64, box: Collision
 ) -> tuple[Float64, Float64]:
-    """Return at which shares of their ways points come into a box and leave it, shape (n,) each.
+    """Return the shares of points' paths at which they enter and leave a box, shape (n,) each.
 
-    Slab by slab; a way misses the box where it leaves one before it is in all.
+    Slab by slab; a path misses the box if it leaves one slab before it is in all.
     """
     half_m = np.array(box.size_m) / 2
     begins, ends = (_in_box(each, base, box) for each in (before_m, after_m))
@@ -310,6 +310,6 @@ def _(worst: Worst) -> Said:
 
 
 def _thick_m(steps: BodySteps) -> float:
-    """Return the shortest edge of a single body's box; 0 of one with joints."""
+    """Return the shortest edge of a single body's box; 0 for one with joints."""
     box = np.array(steps.body.bounds_m[:6])
     return 0.0 if steps.body.joints or len(box) < 6 else float((box[3:] - box[:3]).min())

@@ -107,7 +107,7 @@ DRIVES = "actuator", "applied", "tendon"
 
 
 def _turner(joints: JointColumns, rows: NDArray[np.intp], place: int) -> NDArray[np.object_]:
-    """Return the term that pushes a rate most to where some steps bring it."""
+    """Return the term that pushes a rate most in the direction of its turns."""
     steps = joints.driven.steps
     names = [*steps.terms]
     change = (steps.after.velocity - steps.before.velocity)[rows, place]
@@ -116,7 +116,7 @@ def _turner(joints: JointColumns, rows: NDArray[np.intp], place: int) -> NDArray
 
 
 def _by(joints: JointColumns, k: int) -> str:
-    """Return the name of the term of the only actuator of a joint; empty if there is none."""
+    """Return the term of a joint's only actuator; empty if there is none."""
     its = actuators_on(joints.driven.body, k)
     return f"actuator {its[0].name}" if len(its) == 1 else ""
 
@@ -159,7 +159,7 @@ def _servos(joints: JointColumns, k: int) -> tuple[Servos, int] | None:
 
 
 def _limits(servos: Servos, place: int) -> dict[str, float]:
-    """Return where a joint would hold, each number changed alone; nan where none would do."""
+    """Return the stability limits of a joint, for each number changed alone; nan without one."""
     alone = servos.alone(place)
     now = {
         "stiffness": float(alone.stiffness[0]),
@@ -189,7 +189,7 @@ def _limits(servos: Servos, place: int) -> dict[str, float]:
 
 
 def _growth(before: Float64, tops: Float64, drives: Flags, ends: Flags) -> Float64:
-    """Return by what the speed of a joint grows with each of its turns, shape (turns,); else 0.
+    """Return the growth of a joint's speed with each of its turns, shape (turns,); else 0.
 
     It grows GROWN times in all in RINGS_STEPS turns or more, or doubles with each until the sum no
     longer closes. `drives` says whether what turns it may be its cause, `ends` where that is.
@@ -243,7 +243,7 @@ def _(worst: Worst) -> Said:
 
 
 def _by_script(worst: Worst) -> tuple[Message, Message, Cure]:
-    """Return the words where the law of what turns a joint is not known."""
+    """Return the words for a joint that turns around by an unknown law."""
     cure = Cure("armature", worst.joint)
     if worst.turner.startswith("tendon "):
         message = Message(
@@ -272,7 +272,7 @@ def _by_script(worst: Worst) -> tuple[Message, Message, Cure]:
 
 
 def _by_law(worst: Worst) -> tuple[Message, Message, Cure]:
-    """Return the words where the law is known, and what holds by it."""
+    """Return the words for a joint that turns around by a known law, with its limits."""
     gain, name = worst.gain / worst.gear**2, "kp" if worst.springs else "kv"
     cure = Cure("gains", worst.joint, gain, form=f"{name}-below")
     if worst.springs:
@@ -319,6 +319,6 @@ def _unit(worst: Worst) -> str:
 
 
 def _within(limit: float) -> float:
-    """Return a number of two digits that is no more than a limit."""
+    """Return the largest number of two digits that is no more than a limit."""
     digit = 10.0 ** (np.floor(np.log10(abs(limit))) - 1)
     return float(f"{np.floor(limit / digit) * digit:.2g}")

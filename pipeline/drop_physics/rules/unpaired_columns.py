@@ -1,4 +1,4 @@
-"""The table of links that the engine makes no contacts of, in the steps in which they overlap."""
+"""The table of links between which the engine makes no contacts, in overlapping steps."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class UnpairedColumns:
 
 
 def unpaired_columns(scene: Scene) -> Iterator[UnpairedColumns]:
-    """Yield the pairs of the latest piece that no contact keeps apart, as far as they overlap."""
+    """Yield the pairs of the latest piece that overlap without a contact between them."""
     shapes: Shapes = {}
     for one, body in scene.seen.bodies.items():
         for shape in filter(is_convex, body.collisions):
@@ -74,7 +74,7 @@ def unpaired_columns(scene: Scene) -> Iterator[UnpairedColumns]:
 
 
 def _unpaired(scene: Scene, shapes: Shapes) -> Iterator[tuple[Pair, str, Call | None]]:
-    """Yield pairs of links that the engine makes no contact of, and why."""
+    """Yield pairs of links between which the engine makes no contact, with the reason."""
     bodies, inputs = scene.seen.bodies, scene.inputs
     for both, call in inputs.passes.items():
         if len(both) == 2:
@@ -135,7 +135,7 @@ def _counts_static(body: Body, link: int) -> bool:
 def _overlapping(
     scene: Scene, shapes: Shapes, pair: Pair, reason: str, call: Call | None
 ) -> Iterator[UnpairedColumns]:
-    """Yield the samples in which two links overlap that did not at first, and nothing pushes."""
+    """Yield the samples in which two links overlap that did not at first, without any push."""
     bodies = [scene.body(place[0]) for place in pair]
     if bodies[0].client != bodies[1].client:
         return
@@ -176,7 +176,7 @@ def _pressed(scene: Scene, pair: Pair) -> Int64:
 
 
 def _placed(scene: Scene, shapes: Shapes, place: Place, samples: Int64) -> list[PlacedShape]:
-    """Return the shapes of a link at samples; a point in place of none."""
+    """Return the shapes of a link at samples; a point if it has none."""
     centre_m, axes = scene.placed(*place, samples)
     if np.isnan(centre_m).any():
         return []

@@ -1,4 +1,4 @@
-"""`unstable`, `velocity-clamped`: rates that ring from step to step, and what the clamp takes."""
+"""`unstable`, `velocity-clamped`: rates that ring from step to step, and losses to the clamp."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ CURES = {"joint damping": "joint-damping", "damping": "damping"}
 
 
 def _own(bodies: BodyColumns) -> Flags:
-    """Return in which steps no motor's gains turn a joint around: that is `motor-gain`."""
+    """Flag the steps without a motor whose gains turn a joint around: that is `motor-gain`."""
     own = np.ones(len(bodies.step), np.bool_)
     for driven in bodies.driven:
         own[driven.steps.rows] &= ~(flips(driven) & (driven.asked.impulse > 0)).any(axis=1)
@@ -61,7 +61,7 @@ def _own(bodies: BodyColumns) -> Flags:
 
 
 def _name(worst: Worst) -> tuple[str | None, str, str]:
-    """Return the joint of a degree of freedom, what it is called, and the unit of its rate."""
+    """Return the joint of a degree of freedom, its name, and the unit of its rate."""
     k = int(worst.noted.keys[0, 1]) - worst.first_rate
     if k < 0:
         return None, AXES[k], "rad/s" if k < -3 else "m/s"

@@ -1,4 +1,4 @@
-"""`auto-reset`, `not-finite`, `buffer-full`: what the engine itself warned of."""
+"""`auto-reset`, `not-finite`, `buffer-full`: warnings of the engine itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`wheel-slip`: wheels turn, and the robot does not go as far as they roll, or farther."""
+"""`wheel-slip`: wheels that turn more, or less, than the robot moves."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ class Rolling:
                 self.lying[rows] = np.einsum("ki,ki->k", axis, self._normal[rows])
 
     def held(self, wheel: Flags) -> Flags:
-        """Return in which steps something besides the ground's friction acts along it."""
+        """Flag the steps in which something besides the ground's friction acts along it."""
         steps, n = self._steps, len(self._steps)
         timestep_s = steps.reported.timestep_s[:, None]
         outside = sum(steps.terms[name][:, 3:6] for name in ("contacts", "constraints", "applied"))
@@ -226,7 +226,7 @@ class Rolling:
 
 
 def _share(rolled: Float64, slipped: Float64, limited: Float64) -> Float64:
-    """Return what of a way slips; 0 where that is not due to friction at its limit."""
+    """Return the slipping share of a path; 0 where that is not due to friction at its limit."""
     slipped = np.abs(slipped)
     return np.where(np.abs(limited) > 0.5 * slipped, slipped / np.abs(rolled), 0.0)
 

@@ -96,7 +96,7 @@ class Check(Printable, reported_by="drop_physics.report.check"):
 
     @property
     def same(self) -> bool:
-        """Whether no difference exceeds the tolerance, and nothing was left out."""
+        """True if no difference exceeds the tolerance, and nothing was left out."""
         return self.first is None and (self.comparison is None or self.comparison.same)
 
 

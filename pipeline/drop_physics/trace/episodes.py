@@ -42,7 +42,7 @@ class Episode:
 
     @property
     def failed(self) -> bool:
-        """Whether it ended short of its goal, according to its environment."""
+        """True if it ended short of its goal, according to its environment."""
         told = self.told
         if told is None or told.success is not None:
             return told is not None and not told.success and self.ended in ENDS

@@ -259,7 +259,7 @@ class Body:
 
     @property
     def base_moves(self) -> bool:
-        """Whether its base can move in a step; its state is then sampled."""
+        """True if its base can move in a step; its state is then sampled."""
         return -1 in self.moving
 
 

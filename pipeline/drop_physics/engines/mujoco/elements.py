@@ -163,12 +163,12 @@ class Matched:
 
     @property
     def is_same_layout(self) -> bool:
-        """Whether both have the same elements in the same order."""
+        """True if both have the same elements in the same order."""
         return all(map(self.is_identity, KINDS))
 
     @property
     def is_reordered(self) -> bool:
-        """Whether bodies or joints of both models stand in another order."""
+        """True if bodies or joints of both models stand in another order."""
         return any(
             [theirs for _, theirs in self._pairs[kind]]
             != sorted(theirs for _, theirs in self._pairs[kind])

@@ -158,7 +158,7 @@ class KeptFrames:
 
     @property
     def is_full(self) -> bool:
-        """Whether the run is too long to be explained at once: nothing is kept then."""
+        """True if the run is too long to be explained at once: nothing is kept then."""
         return self._steps >= FEW_STEPS
 
     def add(self, frames: Frames) -> None:

@@ -240,7 +240,7 @@ class MujocoDecoder:
 
     @property
     def is_long(self) -> bool:
-        """Whether its steps are too many to be explained before somebody asks for them."""
+        """True if its steps are too many to be explained before somebody asks for them."""
         return self._frames.is_full
 
     @property

@@ -118,7 +118,7 @@ class GatheredWorld:
 
     @property
     def is_full(self) -> bool:
-        """Whether enough samples are gathered to be yielded."""
+        """True if enough samples are gathered to be yielded."""
         return (
             len(self._samples) >= self._room
             or self._bytes > self._room_bytes

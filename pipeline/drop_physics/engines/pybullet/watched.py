@@ -100,7 +100,7 @@ class BulletDecoder:
 
     @property
     def is_used(self) -> bool:
-        """Whether the script has a simulation in PyBullet."""
+        """True if the script has a simulation in PyBullet."""
         return bool(self._worlds)
 
     @property

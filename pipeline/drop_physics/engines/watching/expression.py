@@ -75,12 +75,12 @@ class Expression:
 
     @property
     def reads_prints(self) -> bool:
-        """Whether it refers to the script's printed output."""
+        """True if it refers to the script's printed output."""
         return any(getattr(node, "id", None) == PRINTED for node in ast.walk(self._tree))
 
     @property
     def reads_episodes(self) -> bool:
-        """Whether it refers to episodes of environments."""
+        """True if it refers to episodes of environments."""
         return any(getattr(node, "id", None) in EPISODE for node in ast.walk(self._tree))
 
     def judged(self, script: Mapping[str, Any], ours: Mapping[str, Any]) -> Judged:

@@ -65,7 +65,7 @@ class CallUnit:
 
     @property
     def kind(self) -> object:
-        """The same for differences of the same calls of the script, at whatever step."""
+        """A key shared by differences of the same calls of the script, at whatever step."""
         calls = [[(e.function, e.site) for e in s] for s in (self.removed, self.added)]
         return str(calls), self.argument
 
@@ -148,7 +148,7 @@ class WhyCalls:
         return [*least], self._same_until(states, count)
 
     def _second(self, swapped: Sequence[CallUnit], until: int) -> list[CallUnit]:
-        """Return what makes both part again though the first cause is swapped."""
+        """Return the calls that part both runs again after the first cause is swapped."""
         first = {*map(id, swapped)}
         others = [each for each in self._units if id(each) not in first and each.step <= until]
         if not others or len(others) > MOST_UNITS:

@@ -100,7 +100,7 @@ def steps_of(side: RunSide) -> int:
 def _bodies(
     a: RunSide, b: RunSide, mine: LogOf, theirs: LogOf, twin: dict[Made, Made]
 ) -> tuple[list[tuple[int, PairedBody]], dict[int, tuple[Body, Body]]]:
-    """Return the bodies that both have, with their numbers in the logs, and these as pairs."""
+    """Return the bodies of both runs, with their numbers in the logs, and as pairs."""
     of_a, of_b = (
         {made: _body_of(side, call) for made, call in log.made if made[0] == BODY}
         for side, log in ((a, mine), (b, theirs))

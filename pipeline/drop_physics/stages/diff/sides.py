@@ -45,7 +45,7 @@ class Asked:
 
     @property
     def is_recording(self) -> bool:
-        """Whether it has been recorded already."""
+        """True if it has been recorded already."""
         return self.target.endswith(RECORDING)
 
     def named(self, other: Asked) -> str:

@@ -64,7 +64,7 @@ class Sweep(Printable, reported_by="drop_physics.report.sweep"):
 
     @property
     def at_samples(self) -> bool:
-        """Whether every run has a sample at `at_s`; if not, the nearest one counts."""
+        """True if every run has a sample at `at_s`; if not, the nearest one counts."""
         times_s = [row["time_s"] for row in self.rows if row["time_s"] is not None]
         return all(abs(time_s - self.at_s) <= 1e-9 * self.at_s for time_s in times_s)
 

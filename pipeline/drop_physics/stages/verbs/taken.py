@@ -75,7 +75,7 @@ class VerbParameter:
 
     @property
     def is_inverse(self) -> bool:
-        """Whether giving the flag means False."""
+        """True if giving the flag means False."""
         return self.names != () and self.names[0].startswith("--no-")
 
 

@@ -206,7 +206,7 @@ class WatchedData:
 
     @property
     def is_written(self) -> bool:
-        """Whether the state, apart from the time, differs from what was last sent."""
+        """True if the state, apart from the time, differs from what was last sent."""
         return any(each.saved != each.view for each in self._stretches)
 
     def before(self, d: Any, site: int) -> None:

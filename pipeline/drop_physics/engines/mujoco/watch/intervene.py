@@ -102,7 +102,7 @@ class ModelChanges:
 
     @property
     def any(self) -> bool:
-        """Whether anything differs."""
+        """True if anything differs."""
         return bool(self._operations) or self.finer > 1 or self._nudge > 0
 
     def fire(self, number: int) -> None:
@@ -412,7 +412,7 @@ class ChangedData:
 
     @property
     def is_posed(self) -> bool:
-        """Whether data belong to the current positions."""
+        """True if data belong to the current positions."""
         d = self.ref()
         return d is not None and self._posed == d.qpos.tobytes()
 

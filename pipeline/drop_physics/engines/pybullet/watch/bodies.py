@@ -92,7 +92,7 @@ class WatchedBody:
 
     @property
     def moves(self) -> bool:
-        """Whether steps move it, and not only calls."""
+        """True if steps move it, and not only calls."""
         return not self.soft and (self.base_moves or bool(self.joints))
 
     def is_carried(self) -> bool:

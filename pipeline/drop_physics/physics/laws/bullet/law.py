@@ -55,7 +55,7 @@ class BulletLaw(BulletBody, Law):
 
     @property
     def moves_exactly(self) -> bool:
-        """Whether `moved` has the engine's positions to the last bit."""
+        """True if `moved` has the engine's positions to the last bit."""
         return self.substeps == 1
 
     def step(self, before: Motion) -> Motion:

@@ -39,12 +39,12 @@ class MujocoLaw(Law):
 
     @property
     def semi_implicit(self) -> bool:
-        """Whether the body moves with the end-of-step velocity."""
+        """True if the body moves with the end-of-step velocity."""
         return self.integrator not in EXACT_INTEGRATORS
 
     @property
     def moves_exactly(self) -> bool:
-        """Whether `moved` has the engine's positions to the last bit."""
+        """True if `moved` has the engine's positions to the last bit."""
         return self.semi_implicit
 
     @property
