@@ -58,7 +58,7 @@ class Forked:
         env: Mapping[str, str] | None = None,
         also: str = "",
     ) -> None:
-        self.args, self.returncode, self.stdout = command, None, None
+        self.args, self.returncode, self.stdin, self.stdout = command, None, None, None
         reading, writing = os.pipe()
         self._status = reading
         numbers = {0: 0, 1: 1 if stdout is None else stdout, 2: 2 if stderr is None else stderr}
@@ -68,6 +68,11 @@ class Forked:
         null = os.open(os.devnull, os.O_RDWR)
         if stdin == subprocess.DEVNULL:
             numbers[0] = null
+        elif stdin == subprocess.PIPE:
+            numbers[0], to_it = os.pipe()
+            self.stdin: BinaryIO | None = os.fdopen(to_it, "wb")
+        if stderr == subprocess.DEVNULL:
+            numbers[2] = null
         numbers |= {number: number for number in pass_fds}
         request = {
             "arguments": [*command[1:]],
@@ -79,6 +84,8 @@ class Forked:
         _ask(_server(also), request, [writing, *numbers.values()])
         os.close(writing)
         os.close(null)
+        if stdin == subprocess.PIPE:
+            os.close(numbers[0])
         if stdout == subprocess.PIPE:
             os.close(numbers[1])
         self.pid = self._read()
@@ -91,8 +98,8 @@ class Forked:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.stdout is not None:
-            self.stdout.close()
+        for pipe in filter(None, (self.stdin, self.stdout)):
+            pipe.close()
         self.wait()
 
     def poll(self) -> int | None:
@@ -120,14 +127,13 @@ class Forked:
 
 
 def fork_scripts() -> None:
-    """Let scripts, and what explains MuJoCo's, start in a moment in this process."""
+    """Let scripts, and what takes their steps again, start in a moment in this process."""
     from drop_physics.engines import script
-    from drop_physics.engines.mujoco import explained
+    from drop_physics.engines.mujoco import stepping
+    from drop_physics.engines.pybullet import replayed
 
-    for module in (script, explained):
-        vars(module)["subprocess"] = SimpleNamespace(
-            Popen=popen, PIPE=subprocess.PIPE, DEVNULL=subprocess.DEVNULL
-        )
+    for module in (script, stepping, replayed):
+        vars(module)["subprocess"] = SimpleNamespace(**vars(subprocess) | {"Popen": popen})
 
 
 def popen(command: Sequence[str], **how: Any) -> Any:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import jsonschema
 import pytest
+from command import drop_here
 from drop_physics.account.rows import AccountRow, RowTerm
 from drop_physics.engines.watching.single_changes import Change
 from drop_physics.stages.why.row import row_expectation
@@ -51,11 +50,8 @@ main()
 def why(folder: Path, script: str, *options: str) -> tuple[int, dict[str, Any], str]:
     """Return the exit code, the JSON and the messages of a search of a script."""
     folder.joinpath("script.py").write_text(script)
-    command = [sys.executable, "-m", "drop_physics", "why", "--json", "--budget", "600", *options]
     script_of = [] if "-m" in options else ["script.py"]
-    done = subprocess.run(
-        [*command, *script_of], cwd=folder, capture_output=True, text=True, check=False
-    )
+    done = drop_here("why", "--json", "--budget", "600", *options, *script_of, folder=folder)
     found = json.loads(done.stdout)
     if "error" not in found:
         jsonschema.validate(found, SCHEMA)

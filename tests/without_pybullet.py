@@ -25,6 +25,13 @@ IS_HERE = find_spec("pybullet") is not None
 
 
 @cache
+def _file_of(name: str) -> Path | None:
+    """Return the file of a module of ours."""
+    files = (folder / f"{name.replace('.', '/')}.py" for folder in FOLDERS)
+    return next((each for each in files if each.is_file()), None)
+
+
+@cache
 def imported(module: Path) -> frozenset[str]:
     """Return the names that a module imports when it is imported."""
     names = set[str]()
@@ -44,8 +51,8 @@ def imports_pybullet(module: Path) -> bool:
         names = imported(left.pop())
         if names & THEIRS:
             return True
-        files = {folder / f"{name.replace('.', '/')}.py" for name in names for folder in FOLDERS}
-        left += [each for each in files - known if each.is_file()]
+        files = {file for name in names if (file := _file_of(name))}
+        left += [*(files - known)]
         known |= files
     return False
 
@@ -57,12 +64,14 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark tests that need it, and leave them out where it is not."""
-    for item in items:
-        fixtures = set(getattr(item, "fixturenames", ()))
-        if fixtures & FIXTURES or imports_pybullet(item.path):
-            item.add_marker(pytest.mark.pybullet)
+    """Leave out tests that need it where it is not."""
     if not IS_HERE:
-        needing = [item for item in items if item.get_closest_marker("pybullet")]
-        config.hook.pytest_deselected(items=needing)
+        needing = {item for item in items if _needs(item)}
+        config.hook.pytest_deselected(items=[*needing])
         items[:] = [item for item in items if item not in needing]
+
+
+def _needs(item: pytest.Item) -> bool:
+    fixtures = set(getattr(item, "fixturenames", ()))
+    marked = item.get_closest_marker("pybullet") is not None
+    return marked or bool(fixtures & FIXTURES) or imports_pybullet(item.path)
