@@ -8,12 +8,12 @@ has changed since the verb's first run.
 from __future__ import annotations
 
 import itertools
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import forked
 import pytest
 from conftest import some
 from drop_physics.errors import DropError
@@ -197,7 +197,7 @@ def test_files_are_as_after_one_run(
         tmp_path.joinpath(name, "elsewhere", "there.txt").write_text("there")
     monkeypatch.setenv("ELSEWHERE", str(tmp_path / "bare" / "elsewhere"))
     monkeypatch.chdir(tmp_path / "bare" / "here")
-    subprocess.run([sys.executable, "script.py"], check=True)
+    forked.run([sys.executable, "script.py"], Path.cwd()).check_returncode()
     monkeypatch.setenv("ELSEWHERE", str(tmp_path / "ours" / "elsewhere"))
     monkeypatch.chdir(tmp_path / "ours" / "here")
     first_ended: list[dict[str, Any]] = []
