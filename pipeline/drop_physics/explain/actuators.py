@@ -52,6 +52,8 @@ class _Sums:
 
     given: float = np.nan
     force: float = np.nan
+    most: float = 0.0
+    """The greatest size of what it was given."""
     beyond: int = 0
     at_limit: int = 0
     energy_j: float = 0.0
@@ -76,10 +78,16 @@ class ActuatorTable:
         """Return the actuators of a body."""
         return [self._row(body, actuator) for actuator in body.actuators]
 
+    def sends(self, body: Body) -> bool:
+        """Return whether a position actuator of a body was ever given anything but 0."""
+        places = (each.number for each in body.actuators if each.kind == "position")
+        return any(self._sums[body.number, each].most for each in places)
+
     def _add(self, actuator: Actuator, steps: BodySteps, piece: Piece) -> None:
         sums = self._sums.setdefault((steps.body.number, actuator.number), _Sums())
         given = control_of(actuator, steps.body, piece, steps.steps)
         sums.given = float(given[-1])
+        sums.most = max(sums.most, float(np.nan_to_num(np.abs(given)).max()))
         if actuator.ctrl_range is not None:
             low, high = actuator.ctrl_range
             sums.beyond += int(((given < low) | (given > high)).sum())

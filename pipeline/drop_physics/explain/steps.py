@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -171,8 +171,19 @@ class Steps:
         return np.bincount(step, self.point_energy_j, minlength=len(self)).astype(np.float64)
 
 
+class BodyColumn:
+    """A column of `Steps`, of which a body's rows are cut out when it is first read."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __get__(self, steps: BodySteps, _: type[BodySteps]) -> object:
+        cut = vars(steps)[self._name] = steps.cut(getattr(steps.whole, self._name))
+        return cut
+
+
 class BodySteps(Steps):
-    """Steps of one body, as rows of a batch; a column is sliced on first access."""
+    """Steps of one body, as rows of a batch."""
 
     def __init__(
         self, whole: Steps, rows: slice, config: BodyConfig, body: Body, changes: Changes
@@ -192,11 +203,8 @@ class BodySteps(Steps):
     points: slice
     """The rows of their contact points in the batch."""
 
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of the batch
-        vars(self)[name] = cut = self._cut(getattr(self.whole, name))
-        return cut
-
-    def _cut(self, column: Any) -> Any:  # noqa: ANN401
+    def cut(self, column: Any) -> Any:  # noqa: ANN401
+        """Return the rows of this body of a column of the batch."""
         if isinstance(column, Mapping):
             return {name: each[self.rows] for name, each in column.items()}
         if isinstance(column, Sides):
@@ -218,6 +226,10 @@ class BodySteps(Steps):
     def contact_j(self) -> Float64:
         """The energy that all contact points together gave the body in each step."""
         return self.whole.contact_j[self.rows]
+
+
+for _column in fields(Steps):
+    setattr(BodySteps, _column.name, BodyColumn(_column.name))
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,8 @@ from drop_physics.messages import Message, joined
 from drop_physics.physics.tree import States
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.body_properties import AskedOfBodies
-from drop_physics.rules.inputs import Inputs
+from drop_physics.rules.filtered_pairs import FilteredPairs
+from drop_physics.rules.inputs import Inputs, Place
 from drop_physics.rules.placing import Placing
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import BODY_NAMES, Call
@@ -37,7 +38,12 @@ from drop_physics.trace.episodes import Episode
 from drop_physics.trace.events import Body, Site
 from drop_physics.trace.history import Piece, Seen
 
+if TYPE_CHECKING:
+    from drop_physics.rules.target_columns import TargetColumns
+
 Rows = NDArray[np.intp]
+Column = Callable[[States], Float64]
+"""A column of states."""
 Proof = Literal["sum", "call", "trial", "none"]
 """How a finding is proved: by the sum of impulses, by a call or a file that asks for one thing and
 an engine that does another, or by a trial; advice without a proof is only to be tried."""
@@ -190,6 +196,9 @@ class Scene:
     asked: AskedOfBodies = field(init=False)
     placing: Placing = field(init=False)
     inputs: Inputs = field(init=False)
+    filtered: FilteredPairs = field(init=False)
+    apart: set[tuple[Place, Place]] = field(init=False, default_factory=set)
+    """Pairs of links without contacts that have been apart."""
     piece: Piece = field(init=False)
     """The latest piece, and what its bodies did in it, by their numbers."""
     batches: Sequence[tuple[StepBatch, StepVerdicts]] = field(init=False)
@@ -202,13 +211,11 @@ class Scene:
     """The last sample of each body, by its number."""
     targets: dict[int, Targets] = field(init=False, default_factory=dict)
     """Targets of the position motors of each body, by its number."""
-    going: dict[tuple[int, int], Any] = field(init=False, default_factory=dict)
+    going: dict[tuple[int, int], TargetColumns] = field(init=False, default_factory=dict)
     """The table of the target in effect, by body and rate."""
     carried: dict[tuple[str, int], NDArray[Any]] = field(init=False, default_factory=dict)
     """Values that columns keep from piece to piece, by name and the number of a body."""
     _explained: ExplainedPiece = field(init=False)
-    kept: dict[object, Any] = field(init=False, default_factory=dict)
-    """Values that rules compute once, by rule and subject."""
     _ends: dict[int, dict[int, tuple[int, States]]] = field(init=False, default_factory=dict)
     """The last step of each body before the latest piece, and the state after it: by its number
     and which of those that had it is meant."""
@@ -216,7 +223,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         self.asked, self.placing = AskedOfBodies(self.seen.appearances), Placing(self.seen)
-        self.inputs = Inputs(self)
+        self.inputs, self.filtered = Inputs(self), FilteredPairs(self.seen)
 
     def see(self, explained: ExplainedPiece) -> None:
         """Add a piece, before any rule is asked."""
@@ -236,13 +243,13 @@ class Scene:
         self.placing.see(self.piece)
         self.inputs.see()
 
-    def came(self, steps: Steps, parts: Iterable[tuple[int, BodySteps]], name: str) -> Float64:
+    def came(self, steps: Steps, parts: Iterable[tuple[int, BodySteps]], column: Column) -> Float64:
         """Return a column of the states after the previous steps of bodies.
 
         nan where there was none, or where the body was loaded since; shape (n, k). `parts`: the
         steps of each body, and their first row, in order.
         """
-        values = np.array(getattr(steps.after, name))
+        values = np.array(column(steps.after))
         came, before = np.vstack([values[:1], values[:-1]]), np.append(-1, steps.steps[:-1])
         for row, part in parts:
             number, ends = part.body.number, dict(self._ends.get(part.body.number, ()))
@@ -251,8 +258,8 @@ class Scene:
                     break
                 ends[each.config.life] = int(each.steps[-1]), each.after.at(np.array([-1]))
             before[row], end = ends.get(part.config.life, (-1, None))
-            if end is not None and getattr(end, name).shape[1:] == values.shape[1:]:
-                came[row] = getattr(end, name)[0]
+            if end is not None and column(end).shape[1:] == values.shape[1:]:
+                came[row] = column(end)[0]
             else:
                 came[row] = values[row]
         came[steps.steps - before != 1] = np.nan

@@ -46,7 +46,11 @@ from drop_physics.trace.requests import Request
 def joint_friction(joints: JointColumns) -> Match:
     """PyBullet never uses `<dynamics friction>` of a joint, which coasts with its motor off."""
     friction = joints.of_joints(lambda joint: joint.friction)
-    off = (joints.impulse == 0) & (joints.pd != 1) & (joints.steps.reported.commanded == 0)
+    off = (
+        (joints.asked.impulse == 0)
+        & (joints.asked.pd != 1)
+        & (joints.steps.reported.commanded == 0)
+    )
     where = off & (friction > 0) & (np.abs(joints.rate) > COASTS_RAD_S)
     return Match(where, np.abs(joints.rate), {"friction": friction})
 
@@ -67,7 +71,7 @@ def _(worst: Worst) -> Said:
 def without_force(joints: JointColumns) -> Match:
     """A position motor with a force of 0 is off, whatever target it is given."""
     off = np.abs(joints.after - joints.asked.target)
-    where = (joints.mode == POSITION) & (joints.force == 0) & (joints.pd != 1)
+    where = (joints.mode == POSITION) & (joints.asked.force == 0) & (joints.asked.pd != 1)
     where &= (joints.steps.reported.commanded == 0) & (off > joints.at_target)
     target = joints.asked.target
     return Match(where, off, {"target": target}, most={"high": target, "low": -target})
@@ -99,11 +103,11 @@ def _(worst: Worst) -> Said:
 def speed_without_force(joints: JointColumns) -> Match:
     """A velocity motor with a force of 0 is off, whatever speed it is asked for."""
     asked = joints.target_velocity
-    where = (joints.mode == VELOCITY) & (joints.force == 0) & (asked != 0)
+    where = (joints.mode == VELOCITY) & (joints.asked.force == 0) & (asked != 0)
     where &= joints.steps.reported.commanded == 0
-    told = {"told_last": joints.told}
+    told = {"told_last": joints.asked.told}
     return Match(
-        where, np.abs(asked), {"asked": asked}, most=told, firsts={"told_first": joints.told}
+        where, np.abs(asked), {"asked": asked}, most=told, firsts={"told_first": joints.asked.told}
     )
 
 
@@ -129,7 +133,7 @@ def ball_velocity(joints: JointColumns) -> Match:
     """The motor of a ball joint takes no target velocity."""
     ball = joints.of_joints(lambda joint: float(joint.kind == "spherical")) > 0
     asked = np.abs(joints.target_velocity)
-    where = ball & (asked > 0) & (joints.kp == 0) & (joints.torque == 0) & (joints.rate == 0)
+    where = ball & (asked > 0) & (joints.asked.kp == 0) & (joints.torque == 0) & (joints.rate == 0)
     return Match(where, asked, {"asked": joints.target_velocity})
 
 

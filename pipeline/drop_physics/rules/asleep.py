@@ -17,10 +17,10 @@ from drop_physics.rules.thresholds import UNBALANCED
 @body_rule("asleep", "asked")
 def asleep(bodies: BodyColumns) -> Match | None:
     """A body's state stays the same to the bit, though something was to move it."""
-    if "asleep" not in bodies.config.reasons or not bodies.terms:
+    if "asleep" not in bodies.whole.config.reasons or not bodies.terms:
         return None
-    unbalanced = bodies.unexplained > UNBALANCED
-    left = np.abs(bodies.remainder)
+    unbalanced = bodies.whole.unexplained > UNBALANCED
+    left = np.abs(bodies.whole.remainder)
     rows = np.arange(len(left)), left.argmax(axis=1)
     terms = np.array([*bodies.terms], object)
     largest = np.argmax([np.abs(each[rows]) for each in bodies.terms.values()], axis=0)
@@ -54,7 +54,7 @@ def _off_target(bodies: BodyColumns) -> Flags:
     for driven in bodies.driven:
         joints = JointColumns(bodies.scene, driven)
         far = np.abs(joints.after - joints.target) > joints.at_target
-        free = ~joints.at_limit & (joints.limit > 0) & (joints.kp > 0)
+        free = ~joints.at_limit & (joints.limit > 0) & (joints.asked.kp > 0)
         off[joints.steps.rows] |= (far & free).any(axis=1)
     return off
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,16 +34,24 @@ def no_restitution(pair: PairColumns) -> Match | None:
     springy = np.isin(body, [number for number, value in asked.items() if value > 0])
     if not springy.any():
         return None
-    approach, rebound = pair.approach_m_s, pair.parting_m_s
+    approach, rebound = pair.pairs.approach_m_s, pair.pairs.parting_m_s
     meets = springy.any(axis=1) & (body[:, 0] != body[:, 1])
     # What is placed, not dropped, comes slowly; what takes longer than a step to stop is soft.
     meets &= (approach > PLACED_M_S) & (rebound > -SOFTLY * approach)
     first = (np.isin(body, scene.moving) * 2 + springy).argmax(axis=1)
     rows = np.arange(len(body))
     # A corner that comes down after the impact is faster: the first that may bounce counts.
-    may_bounce = 1.0 + (approach > BOUNCES_M_S)
-    numbers = {"approach": approach, "rebound": rebound, "product": pair.restitution}
-    numbers |= {"gap": pair.gap_m, "lost": pair.gap_m / pair.timestep_s, "step": pair.step}
+    may_bounce = np.where(approach > BOUNCES_M_S, 2.0, 1.0)
+    numbers: dict[str, NDArray[Any]] = {
+        "approach": approach,
+        "rebound": rebound,
+        "product": pair.pairs.restitution,
+    }
+    numbers |= {
+        "gap": pair.pairs.gap_m,
+        "lost": pair.pairs.gap_m / pair.timestep_s,
+        "step": pair.step,
+    }
     keys = np.stack([body[rows, first], body[rows, 1 - first]], axis=1)
     return Match(meets, may_bounce, numbers, keys=keys)
 
@@ -132,25 +142,28 @@ FINER = 4.0
 @pair_rule("energy-gained", "broken", consecutive=True, argument="restitution", engines=ANY)
 def energy_gained(pair: PairColumns) -> Match:
     """Bodies leave a contact with more energy than they brought; no call moves them, no joints."""
-    rows = np.flatnonzero((pair.normal_n > 0) & (pair.body != pair.other))
+    rows = np.flatnonzero((pair.pairs.normal_n > 0) & (pair.body != pair.other))
     bodies, steps = pair.pairs.body[rows], pair.step[rows]
     moved = pair.scene.placing.moved(bodies, steps[:, None]).any(axis=1)
     solref = _solref(pair, rows)
     # Less damped than critically, or by a number of its own; what else did it is not sure.
     springs = ((solref[:, 0] < 0) | (solref[:, 1] < 1)).astype(float)
-    restitution = np.where(np.isnan(solref[:, 0]), pair.restitution[rows], springs)
+    restitution = np.where(np.isnan(solref[:, 0]), pair.pairs.restitution[rows], springs)
     return Match(
         rows,
         np.zeros(len(rows)),
-        sums={"gained": pair.energy_j[rows].sum(axis=1)},
-        most={"unsure": moved | ~pair.explained[rows].all(axis=1), "restitution": restitution},
+        sums={"gained": pair.pairs.energy_j[rows].sum(axis=1)},
+        most={
+            "unsure": moved | ~pair.pairs.explained[rows].all(axis=1),
+            "restitution": restitution,
+        },
         firsts={
             "brought": _kinetic_j(pair, rows),
-            "approach": pair.approach_m_s[rows],
+            "approach": pair.pairs.approach_m_s[rows],
             "solref": solref,
             "timestep": pair.timestep_s[rows],
         },
-        lasts={"parting": pair.parting_m_s[rows]},
+        lasts={"parting": pair.pairs.parting_m_s[rows]},
         keys=pair.keys[rows],
     )
 

@@ -32,11 +32,13 @@ ROLLS_WITH = 6
 )
 def without_friction(pair: PairColumns) -> Match:
     """Contacts of condim 1 have no friction, and what lies on them slides."""
-    where = (pair.normal_n > 0) & (pair.summed(pair.points.friction) == 0)
+    where = (pair.pairs.normal_n > 0) & (pair.pairs.summed(pair.points.friction) == 0)
     where &= pair.body != pair.other
     numbers = {"bodies": pair.pairs.body, "links": pair.links}
-    way = pair.slip_m_s * pair.timestep_s
-    return Match(where, pair.slip_m_s, numbers, {"slid": way}, firsts={"began": pair.slip_m_s})
+    way = pair.pairs.slip_m_s * pair.timestep_s
+    return Match(
+        where, pair.pairs.slip_m_s, numbers, {"slid": way}, firsts={"began": pair.pairs.slip_m_s}
+    )
 
 
 @without_friction.counts
@@ -69,15 +71,15 @@ def rolls_on(pair: PairColumns) -> Match | None:
         return None
     # What is carried goes along with what it touches; what rolls turns, on what stands still.
     stands = ~pair.points.moves[pair.starts, 1 - pair.side]
-    rows = np.flatnonzero((pair.normal_n > 0) & stands)
-    touching, (way, turn) = pair.own("ended_m_s"), np.zeros((2, len(pair.step)))
+    rows = np.flatnonzero((pair.pairs.normal_n > 0) & stands)
+    touching, (way, turn) = pair.own(pair.pairs.ended_m_s), np.zeros((2, len(pair.step)))
     for steps, which, at in pair.of_bodies(rows):
         if not steps.law.tree.fixed:
             spin, velocity = np.split(steps.after.velocity[at, :6], 2, axis=1)
             turn[rows[which]] = lengths(spin)
             way[rows[which]] = lengths(velocity - touching[rows[which]])
     # What slips little does not slide.
-    rolls, dt = pair.slip_m_s < ROLLS_SLIP * way, pair.timestep_s
+    rolls, dt = pair.pairs.slip_m_s < ROLLS_SLIP * way, pair.timestep_s
     numbers = {"bodies": pair.pairs.body, "links": pair.links}
     return Match(rolls, way * dt, numbers, {"way": way * dt, "turn": turn * dt})
 

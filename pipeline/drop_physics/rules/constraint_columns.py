@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -68,9 +68,9 @@ class ConstraintColumns:
                 sizes.append(diagonal or size_m(body))
         return min(sizes)
 
-    def of_held(self, name: str) -> Float64:
-        """Return a field of the constraint in each step, shape (n,)."""
-        return np.array([getattr(each, name) for each in self._told], np.float64)[self._which]
+    def of_held(self, number: Callable[[ConstraintVersion], float]) -> Float64:
+        """Return a number of the constraint in each step, shape (n,)."""
+        return np.array([number(each) for each in self._told], np.float64)[self._which]
 
     def apart_at_first(self) -> tuple[float, float]:
         """Return gap [m] and angle [rad] of a new or changed constraint before its first step.

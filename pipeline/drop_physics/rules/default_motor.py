@@ -38,10 +38,14 @@ TORQUE = np.array([[[False, True]]])
 @joint_rule("default-motor", "asked", least_count=COASTS_STEPS)
 def default_motor(joints: JointColumns) -> Match | None:
     """A joint that torques, weight or a hit should move, and its motor does not let."""
-    steps, default, torqued = joints.steps, joints.mode == DEFAULT, ~np.isnan(joints.torque_since)
+    steps, default, torqued = (
+        joints.steps,
+        joints.mode == DEFAULT,
+        ~np.isnan(joints.asked.torque_since),
+    )
     # Until a call gives it another motor, it was to stay where it was.
     sent = ~default & ~torqued
-    on = (joints.impulse > 0) & (joints.asked.pd != 1) & (steps.closes & ~steps.put)[:, None]
+    on = (joints.asked.impulse > 0) & (joints.asked.pd != 1) & (steps.closes & ~steps.put)[:, None]
     on &= steps.covered and not joints.body.before
     terms = {name: joints.term(name) for name in steps.terms if name != "motors"}
     acting = sum(terms.values(), np.zeros(on.shape))
@@ -67,7 +71,7 @@ def default_motor(joints: JointColumns) -> Match | None:
     }
     own = on & ~torqued & default & ~sent.any(axis=0)
     # In the step of the first torque it may still get a motor, as it does in turn with torques.
-    torques = on & (joints.torque_since < joints.step[:, None] - 1)
+    torques = on & (joints.asked.torque_since < joints.step[:, None] - 1)
     planes = np.stack([own, torques], axis=2)
     where = planes | np.stack([sent, np.zeros_like(sent)], axis=2)
     return Match(
@@ -82,7 +86,7 @@ def default_motor(joints: JointColumns) -> Match | None:
             "limit": joints.limit,
             "motor_site": joints.asked.site,
             "inertia": joints.inertia,
-            "torque_site": joints.torque_site,
+            "torque_site": joints.asked.torque_site,
         },
         counts=planes.astype(np.int64),
     )

@@ -7,7 +7,7 @@ from drop_physics.quantities import gap as distance
 from drop_physics.rules.answer import Cure, Effect
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.filtered_columns import FilteredColumns, filtered_pairs
+from drop_physics.rules.filtered_columns import FilteredColumns
 from drop_physics.rules.rows import Said, Worst
 from drop_physics.rules.rule import Match, filtered_rule
 from drop_physics.rules.thresholds import DEEP_M, OVERLAPS_STEPS
@@ -22,7 +22,7 @@ def filtered_out(pairs: FilteredColumns) -> Match:
 
 @filtered_out.says
 def _(worst: Worst) -> Said | None:
-    pair, scene = filtered_pairs(worst.scene)[worst.pair], worst.scene
+    pair, scene = worst.scene.filtered.pairs[worst.pair], worst.scene
     if pair.bodies in scene.inputs.touched:
         return None
     bodies = [scene.body(number) for number in pair.bodies]

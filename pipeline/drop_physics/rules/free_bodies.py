@@ -167,7 +167,7 @@ def _taken(bodies: BodyColumns, term: str, where: Flags) -> Match | None:
 @body_rule("default-damping", "note", subject=1, proposes=True)
 def default_damping(bodies: BodyColumns) -> Match | None:
     """Damping that no call set takes a share of the energy of what nothing touches."""
-    if bodies.config.damping != (None, None):
+    if bodies.whole.config.damping != (None, None):
         return None
     # In the air is also a robot whose motors hold its joints, and what hangs on a constraint.
     near = np.full(len(bodies.step), bodies.law.tree.fixed)

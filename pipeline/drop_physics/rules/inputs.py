@@ -114,6 +114,19 @@ class BaseMotion:
         return float(np.linalg.norm(self.last_m - self.first_m))
 
 
+@dataclass(frozen=True, eq=False)
+class FileInertia:
+    """The inertia that a body's file gives, beside the one that it came with."""
+
+    added: Float64
+    """The file's minus the one that is used, the diagonal of M [kg m²], shape (size,); 0 where they
+    are alike, or the file's is not known."""
+    used: Float64
+    """The one that is used, shape (size,)."""
+    changed: Call | None
+    """The call that set a mass, and so computed an inertia anew."""
+
+
 @dataclass
 class BodyLife:
     """The steps of a body from its loading to its removal."""
@@ -137,6 +150,8 @@ class BodyLife:
     """Whether a constraint acted on it."""
     tilt_rad: float = 0.0
     """The angle by which its base has tipped over in the end."""
+    of_file: FileInertia | None = None
+    """The inertia of its file, once a rule has asked for it."""
 
     def add(self, steps: BodySteps) -> None:
         """Add one or more steps."""

@@ -87,7 +87,7 @@ def _(worst: Worst) -> Said:
 def weak_constraint(joined: ConstraintColumns) -> Match:
     """Where a constraint ends, it is at its limit, or the solver has used up its iterations."""
     n, held = len(joined.step), joined.last
-    limit_n = joined.of_held("limit_n_s") / joined.timestep_s
+    limit_n = joined.of_held(lambda held: held.limit_n_s) / joined.timestep_s
     at_limit = np.abs(joined.forces_n).max(axis=1) >= limit_n * FULL
     rows = np.arange(max(n - CLOSES_STEPS - 1, 0), n)
     points_m = joined.tail("points", joined.points_m(rows), CLOSES_STEPS + 1)
@@ -106,7 +106,7 @@ def weak_constraint(joined: ConstraintColumns) -> Match:
     lasts |= {"stays": stays, "hangs": not (dragged or leans.any())}
     numbers = {name: np.full(n, each) for name, each in lasts.items()}
     numbers["held"] = np.full(n, held, object)
-    since = joined.step > joined.of_held("limited_since")
+    since = joined.step > joined.of_held(lambda held: held.limited_since)
     step = joined.step.astype(np.float64)
     most = {"swings": np.full(n, _swings_m_s(joined))}
     return Match(np.ones(n, np.bool_), step, numbers, sums={"full": at_limit & since}, most=most)

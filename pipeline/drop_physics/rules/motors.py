@@ -95,7 +95,7 @@ def motor_gain(joints: JointColumns) -> Match:
 
     Off its limit a motor leaves gaps e with e' = (2 - kp - kd) e - (1 - kd) e_before.
     """
-    kp, kd, at_place = joints.kp, joints.kd, joints.position_motor
+    kp, kd, at_place = joints.asked.kp, joints.asked.kd, joints.position_motor
     before, after = joints.before - joints.target, joints.after - joints.target
     visible = np.maximum(np.abs(before), np.abs(after)) > joints.at_target
     # At its limit a motor overshoots with any gains.
@@ -138,7 +138,7 @@ motor_gain.rows(
 @joint_rule("timestep-after-motor", "asked")
 def timestep_after_motor(joints: JointColumns) -> Match:
     """PyBullet keeps force × timestep of the call, which a later timestep divides again."""
-    force, limit = joints.force, joints.limit / joints.steps.substeps
+    force, limit = joints.asked.force, joints.limit / joints.steps.substeps
     share = np.round(np.abs(limit - force) / force, 9)
     given = np.abs(joints.torque) / joints.steps.substeps
     met = joints.at_limit | (given > (1 + OTHER_FORCE) * force)
@@ -193,7 +193,7 @@ FORCE = np.array([[[False, True]]])
 @joint_rule("beyond-urdf", "note", least_count=COASTS_STEPS, proposes=True)
 def beyond_urdf(joints: JointColumns) -> Match:
     """`getJointInfo` reports the effort and velocity of a file, and no motor heeds them."""
-    told = (joints.mode != DEFAULT) | (joints.pd == 1)
+    told = (joints.mode != DEFAULT) | (joints.asked.pd == 1)
     limits = [
         joints.of_joints(lambda each: each.velocity * (each.widths[1] == 1)),
         joints.of_joints(lambda each: each.effort * (each.widths[1] == 1)),
@@ -258,7 +258,7 @@ def joint_damping(joints: JointColumns) -> Match:
     damping, applied = joints.steps.law.joint_damping, joints.term("applied")
     # One that a call set is meant.
     told = joints.of_joints(lambda each: each.damping)
-    where = (applied != 0) & ~np.isnan(joints.torque_since) & (damping > 0)
+    where = (applied != 0) & ~np.isnan(joints.asked.torque_since) & (damping > 0)
     drive = applied + joints.term("gravity")
     driven, taken = np.abs(drive), np.abs(joints.term("joint damping"))
     return Match(
@@ -266,7 +266,7 @@ def joint_damping(joints: JointColumns) -> Match:
         taken,
         {"damping": damping},
         {"driven": driven, "net": drive, "taken": taken},
-        firsts={"torque_site": joints.torque_site},
+        firsts={"torque_site": joints.asked.torque_site},
         lasts={"inertia": joints.inertia},
     )
 

@@ -16,7 +16,7 @@ from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import BASE, RATES, Tree
 from drop_physics.rules.answer import Cure, Effect, Scene, and_more
 from drop_physics.rules.arguments import site_of
-from drop_physics.rules.inputs import Inputs
+from drop_physics.rules.inputs import FileInertia, Inputs
 from drop_physics.rules.joint import link_of
 from drop_physics.rules.rows import Said, Worst
 from drop_physics.rules.rule import Match, body_rule, input_rule
@@ -35,8 +35,6 @@ from drop_physics.trace.properties import link_reached
 
 FROM_FILE = 2
 """`URDF_USE_INERTIA_FROM_FILE`, of the flags of `loadURDF`."""
-KEPT = "inertia-from-shape"
-"""What a scene keeps of each body: what `_other` returns."""
 
 
 def moving_links(tree: Tree) -> list[int]:
@@ -139,16 +137,18 @@ def _is_possible(moments: Sequence[float]) -> bool:
 def inertia_from_shape(bodies: BodyColumns) -> Match | None:
     """PyBullet computes inertias from shapes; the file's would change how something turns."""
     found = {each.body.number: _other(bodies.scene, each) for each in bodies.batch.bodies}
-    whole = all(len(each[0]) == bodies.law.tree.size for each in found.values())
-    if not bodies.terms or not whole or not any(each[0].any() for each in found.values()):
+    whole = all(len(each.added) == bodies.law.tree.size for each in found.values())
+    if not bodies.terms or not whole or not any(each.added.any() for each in found.values()):
         return None
-    more = bodies.of_each(lambda each: found[each.body.number][0])
-    used = bodies.of_each(lambda each: found[each.body.number][1])
+    more = bodies.of_each(lambda each: found[each.body.number].added)
+    used = bodies.of_each(lambda each: found[each.body.number].used)
     changes = np.abs(bodies.after.velocity - bodies.before.velocity)
     missing, first = changes * np.abs(more), bodies.law.tree.first_rate
     largest = np.max([changes * used, *map(np.abs, bodies.terms.values())], axis=0)
     # A motor that has force left, or a constraint, leads its joint as fast with any inertia.
-    limit = bodies.substeps * np.concatenate([each.asked.impulse for each in bodies.batch.bodies])
+    limit = bodies.whole.substeps * np.concatenate(
+        [each.asked.impulse for each in bodies.batch.bodies]
+    )
     motors = np.abs(bodies.terms["motors"][:, first:])
     missing[:, first:][(limit > 0) & (motors < AT_LIMIT * limit)] = 0
     missing[bodies.terms["constraints"] != 0] = 0
@@ -172,7 +172,8 @@ def _(runs: Runs, _: Scene) -> Float64:
 def _(worst: Worst) -> Said:
     body, row = worst.subject, int(worst.noted.keys[0, 1]) - 6 * worst.subject.base_moves
     joint = None if row < 0 else body.joints[link_of(body, row)].name
-    changed: Call | None = worst.scene.kept[KEPT, body.number][2]
+    of_file = worst.scene.inputs.first_lives[body.number].of_file
+    changed = None if of_file is None else of_file.changed
     cause = Message("PyBullet computes it from the collision shape")
     if not body.collisions:
         cause = Message("PyBullet computes it from the collision shape, and there is none")
@@ -209,15 +210,10 @@ def _(worst: Worst) -> Said:
     )
 
 
-def _other(scene: Scene, steps: BodySteps) -> tuple[Float64, Float64, Call | None]:
-    """Compare the inertias in a body's file with its initial ones; once for each body.
-
-    Return the difference file minus used, and the used one, as diagonals of M [kg m²], shape
-    (size,) both; the first is 0 if they are alike, or the file's is not known. Also return the call
-    that set a mass, and so computed an inertia anew.
-    """
-    body, key = steps.body, (KEPT, steps.body.number)
-    if key not in scene.kept:
+def _other(scene: Scene, steps: BodySteps) -> FileInertia:
+    """Compare the inertias in a body's file with its initial ones; once for each body."""
+    body, life = steps.body, scene.inputs.first_lives[steps.body.number]
+    if life.of_file is None:
         inertias, masses = set[int](), dict[int, Call]()
         for use in scene.inputs.of(Act.SET_PROPERTY):
             if use.body is not None and use.body.number == body.number:
@@ -226,7 +222,7 @@ def _other(scene: Scene, steps: BodySteps) -> tuple[Float64, Float64, Call | Non
                     inertias.add(link)
                 elif "mass" in use.low:
                     masses[link] = use.last
-        life, changed = scene.inputs.first_lives[body.number], None
+        changed: Call | None = None
         used = np.diagonal(mass_matrix(kinematics(life.tree, life.before))[0])
         added = np.zeros(life.tree.size)
         if len(body.links) == life.tree.links + 1 and "planar" not in steps.config.reasons:
@@ -234,9 +230,8 @@ def _other(scene: Scene, steps: BodySteps) -> tuple[Float64, Float64, Call | Non
             added = np.nan_to_num(np.diagonal(mass_matrix(kinematics(tree, life.before))[0]) - used)
             changed = next(iter(masses.values()), None)
         differs = (np.abs(added) > OTHER_INERTIA * used) & (added > -used)
-        scene.kept[key] = np.where(differs, added, 0), used, changed
-    found: tuple[Float64, Float64, Call | None] = scene.kept[key]
-    return found
+        life.of_file = FileInertia(np.where(differs, added, 0), used, changed)
+    return life.of_file
 
 
 def _of_file(body: Body, tree: Tree, inertias: Container[int], masses: Container[int]) -> Float64:

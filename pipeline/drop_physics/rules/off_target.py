@@ -24,7 +24,7 @@ from drop_physics.rules.held_off import (
     holds_off,
 )
 from drop_physics.rules.rows import Said, Worst
-from drop_physics.rules.rule import Match, joint_rule, target_rule
+from drop_physics.rules.rule import Match, Sized, joint_rule, target_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.target_columns import TargetColumns
@@ -45,12 +45,14 @@ from drop_physics.trace.motors import VELOCITY
 def rests_off(targets: TargetColumns) -> Match | None:
     """A target stood until its joint was at rest, and the joint is not there."""
     # One that began in an earlier piece has been noted, and may have been reached since.
-    rests = targets.resting & (targets.off >= targets.least)
-    where = (targets.row >= 0) & (rests | (targets.first < targets.driven.steps.steps[0]))
+    rests = targets.stood.resting & (targets.off >= targets.least)
+    where = (targets.stood.row >= 0) & (
+        rests | (targets.stood.first < targets.driven.steps.steps[0])
+    )
     if targets.late or not where.any():
         return None
     lasts = {**targets.numbers, "cause": _causes(targets, where & rests)}
-    keys = np.column_stack([targets.keys, targets.first])
+    keys = np.column_stack([targets.keys, targets.stood.first])
     return Match(where, targets.off, lasts=lasts, keys=keys)
 
 
@@ -65,10 +67,10 @@ def _causes(targets: TargetColumns, which: Flags) -> NDArray[Any]:
 
 
 @rests_off.counts
-def _(runs: Runs, _: Scene) -> Float64:
+def _(runs: Runs, _: Scene) -> Sized:
     asked = [each is not None and each.level == "asked" for each in runs.cause]
     said = np.array([each is not None for each in runs.cause], np.bool_)
-    return np.where(said, runs.share + 1e6 * np.array(asked), 0.0)
+    return Sized(np.where(said, runs.share, 0.0), graver=np.array(asked, np.bool_))
 
 
 @rests_off.says
@@ -80,7 +82,7 @@ def _missed(worst: Worst, cause: Cause) -> Said:
     """Return the sentence on a missed target, with its cause."""
     message = Message("{joint}{more} misses a target of {target} by {off} at step {last}: {why}")
     going = worst.scene.going.get(tuple(worst.noted.keys[0, :2].tolist()))
-    if going is not None and going.first[0] == worst.stood[0]:
+    if going is not None and going.stood.first[0] == worst.stood[0]:
         message = Message("{joint}{more} ends {off} off its target of {target}: {why}")
     off, target = distance(worst.off, worst.unit), place(worst.target, worst.unit)
     cure = cause.cure
@@ -110,7 +112,9 @@ def _replaced(targets: TargetColumns) -> Flags:
 
     Without targets left from before, and those that press joints onto something.
     """
-    return np.asarray(~targets.left & ~targets.resting & ~targets.pressed & (targets.row >= 0))
+    return np.asarray(
+        ~targets.stood.left & ~targets.stood.resting & ~targets.pressed & (targets.stood.row >= 0)
+    )
 
 
 def _followed(targets: TargetColumns, which: Flags) -> Match | None:
@@ -119,22 +123,22 @@ def _followed(targets: TargetColumns, which: Flags) -> Match | None:
     if not moved.any():
         return None
     size = np.where(which & (targets.off > targets.least) & ~targets.reached, targets.off, 0.0)
-    sums = {"moved": targets.ended & moved, "limited": targets.at_limit}
-    numbers = {**targets.numbers, "left": np.abs(targets.lawful) / targets.least}
-    return Match(moved, size, numbers, sums=sums, counts=targets.steps)
+    sums = {"moved": targets.ended & moved, "limited": targets.stood.at_limit}
+    numbers = {**targets.numbers, "left": np.abs(targets.stood.lawful) / targets.least}
+    return Match(moved, size, numbers, sums=sums, counts=targets.stood.steps)
 
 
 def _lawful(targets: TargetColumns) -> Flags:
     """Flag the gaps that the motor's law leaves."""
-    off = np.abs(targets.gap - targets.lawful)
+    off = np.abs(targets.stood.gap - targets.stood.lawful)
     return np.asarray(off <= np.maximum(LAWFUL_GAP * targets.off, targets.least * LAWFUL_GAP))
 
 
 @target_rule("off-target", "note")
 def follows_behind(targets: TargetColumns) -> Match | None:
     """Targets change before their joint is there: its gains leave a share of each change."""
-    asked = targets.driven.asked.target_velocity[targets.row, targets.k]
-    match = _followed(targets, _lawful(targets) & (targets.at_limit == 0) & (asked == 0))
+    asked = targets.driven.asked.target_velocity[targets.stood.row, targets.stood.k]
+    match = _followed(targets, _lawful(targets) & (targets.stood.at_limit == 0) & (asked == 0))
     # The first change may be a jump that no other is like.
     sums = {"behind": match.size, "behinds": match.size > 0} if match else {}
     return match and replace(match, sums={**match.sums, **sums})
@@ -168,7 +172,7 @@ def _(worst: Worst) -> Said | None:
 @target_rule("off-target", "asked")
 def falls_behind(targets: TargetColumns) -> Match | None:
     """Targets change before their joint is there, and its motor is at its limit."""
-    weak = ~_lawful(targets) & ~np.isnan(targets.lawful) & (targets.at_limit > 0)
+    weak = ~_lawful(targets) & ~np.isnan(targets.stood.lawful) & (targets.stood.at_limit > 0)
     match = _followed(targets, weak)
     if match is None:
         return None
@@ -224,12 +228,16 @@ def still_moves(targets: TargetColumns) -> Match | None:
         return None
     # What rings is motor-gain's; at rest in a run too short to tell it may be there or not.
     alone = moved & targets.ends_run & ~targets.at_rest & (targets.off >= targets.least)
-    alone &= ~rings_with(targets.kp, targets.kd)
-    lasts = {**targets.numbers, "alone": alone, "lawful": targets.lawful / targets.gap}
-    lasts |= {"away": targets.rate * targets.gap > 0}
-    lasts |= {"rate": targets.rate, "at_limit": targets.at_limit, "steps_stood": targets.steps}
+    alone &= ~rings_with(targets.stood.kp, targets.kd)
+    lasts = {**targets.numbers, "alone": alone, "lawful": targets.stood.lawful / targets.stood.gap}
+    lasts |= {"away": targets.stood.rate * targets.stood.gap > 0}
+    lasts |= {
+        "rate": targets.stood.rate,
+        "at_limit": targets.stood.at_limit,
+        "steps_stood": targets.stood.steps,
+    }
     timestep_s = targets.driven.steps.reported.timestep_s[-1]
-    lasts["stiffness"] = targets.kp / timestep_s
+    lasts["stiffness"] = targets.stood.kp / timestep_s
     lasts["as_usual"] = np.full(len(where), USUAL_STIFFNESS_HZ * timestep_s)
     return Match(where, targets.off, lasts=lasts, sums={"moved": targets.ended & moved})
 
@@ -291,7 +299,7 @@ def too_slow(joints: JointColumns) -> Match:
     stands for a constant force.
     """
     goal = joints.target_velocity
-    told = (joints.mode == VELOCITY) & (joints.impulse > 0) & (goal != 0)
+    told = (joints.mode == VELOCITY) & (joints.asked.impulse > 0) & (goal != 0)
     told &= np.abs(goal) < joints.steps.law.velocity_limit
     weak = told & joints.at_limit & ~flips(joints.driven)  # else that is motor-gain's
     takes = np.full_like(goal, np.nan)

@@ -29,8 +29,8 @@ from drop_physics.trace.acts import Act
 def pose_set_in_contact(pair: PairColumns) -> Match:
     """A pose that is set step after step has no force: it goes through what it meets."""
     posed = _posed(pair)
-    deep = posed & (pair.normal_n > 0) & (pair.depth_m > DEEP_M)
-    return Match(posed, np.where(deep, pair.depth_m, 0.0), sums={"deep": deep * 1})
+    deep = posed & (pair.pairs.normal_n > 0) & (pair.pairs.depth_m > DEEP_M)
+    return Match(posed, np.where(deep, pair.pairs.depth_m, 0.0), sums={"deep": deep * 1})
 
 
 def _posed(pair: PairColumns) -> Flags:
@@ -81,7 +81,7 @@ def rate_gathers(bodies: BodyColumns) -> Match | None:
     """A pose is set step after step and its velocity is not, which gathers what acts on it."""
     if bodies.law.tree.fixed:
         return None
-    came, at = bodies.came("position_m"), bodies.before.position_m
+    came, at = bodies.came(lambda states: states.position_m), bodies.before.position_m
     moved = bodies.scene.placing.moved(bodies.body, bodies.step)
     speed = lengths(bodies.before.velocity[:, 3:6])
     way = lengths(np.diff(at, axis=0, append=at[-1:])) / bodies.reported.timestep_s
@@ -118,7 +118,7 @@ def falls_no_faster(bodies: BodyColumns) -> Match | None:
     if bodies.law.tree.fixed:
         return None
     given = bodies.reported.gravity_m_s2 * bodies.reported.timestep_s[:, None]
-    taken = bodies.came("velocity")[:, 3:6] - bodies.before.velocity[:, 3:6]
+    taken = bodies.came(lambda states: states.velocity)[:, 3:6] - bodies.before.velocity[:, 3:6]
     moved = bodies.scene.placing.moved(bodies.body, bodies.step)
     where = moved & (lengths(taken - given) <= NO_FORCE * lengths(given)) & given.any(axis=1)
     return Match(where, lengths(given))

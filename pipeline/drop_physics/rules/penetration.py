@@ -42,11 +42,11 @@ NOT_SURE = {CARRIED.template, FEW.template, FAST.template}
 @pair_rule("deep-penetration", "model", consecutive=True)
 def deep_penetration(pair: PairColumns) -> Match:
     """Bodies that were not placed so overlap by a good part of the thinner one."""
-    rows = np.flatnonzero((pair.depth_m > DEEP_M) & (pair.body != pair.other))
+    rows = np.flatnonzero((pair.pairs.depth_m > DEEP_M) & (pair.body != pair.other))
     points, placing = pair.points, pair.scene.placing
-    steps, bodies, depth_m = pair.step[rows], pair.pairs.body[rows], pair.depth_m[rows]
+    steps, bodies, depth_m = pair.step[rows], pair.pairs.body[rows], pair.pairs.depth_m[rows]
     moved = placing.moved(bodies, steps[:, None])
-    came_m = pair.most(points.approach_m_s)[rows].clip(0.0) * pair.timestep_s[rows]
+    came_m = pair.pairs.most(points.approach_m_s)[rows].clip(0.0) * pair.timestep_s[rows]
     # A body that came with the step before may be listed as touching only now.
     late = placing.moved(bodies, steps[:, None] - 1).any(axis=1) & (depth_m > JUMPED * came_m)
     still = ~points.began_m_s[pair.starts[rows]].any(axis=2)
@@ -186,21 +186,21 @@ def starts_in_contact(pair: PairColumns) -> Match | None:
     """The engine pushes what overlaps apart: faster, the deeper and the shorter the timestep."""
     points, placing, both = pair.points, pair.scene.placing, pair.pairs.body
     # How fast the deepest parts leave each other after the step.
-    parting = pair.most(np.where(points.distance_m < -DEEP_M, points.parting_m_s, 0.0))
-    pressed = pair.normal_n > 0
+    parting = pair.pairs.most(np.where(points.distance_m < -DEEP_M, points.parting_m_s, 0.0))
+    pressed = pair.pairs.normal_n > 0
     # With substeps the last one is reported: the push may be over, and they have parted since.
     substeps = _substeps(pair)
-    pushed = parting + pair.most(points.approach_m_s) > PUSHED_APART_M_S
+    pushed = parting + pair.pairs.most(points.approach_m_s) > PUSHED_APART_M_S
     pressed |= (substeps > 1) & pushed
-    depth_m = pair.depth_m + parting * pair.timestep_s * (1 - 1 / substeps)
-    rows = np.flatnonzero((pair.depth_m > DEEP_M) & pressed & (parting > PUSHED_APART_M_S))
+    depth_m = pair.pairs.depth_m + parting * pair.timestep_s * (1 - 1 / substeps)
+    rows = np.flatnonzero((pair.pairs.depth_m > DEEP_M) & pressed & (parting > PUSHED_APART_M_S))
     if not len(rows):
         return None
     follows, presses = np.zeros(len(both), np.bool_), np.flatnonzero(pressed)
     follows[presses] = pair.before(presses) >= 0
     bodies, steps = both[rows], pair.step[rows, None]
-    came_m = pair.most(points.approach_m_s)[rows].clip(0.0) * pair.timestep_s[rows]
-    jumped = (pair.depth_m[rows] > JUMPED * came_m + DEEP_M)[:, None]
+    came_m = pair.pairs.most(points.approach_m_s)[rows].clip(0.0) * pair.timestep_s[rows]
+    jumped = (pair.pairs.depth_m[rows] > JUMPED * came_m + DEEP_M)[:, None]
     # A body that came with the step before may be listed as touching only now.
     late = placing.posed(bodies, steps - 1) & ~follows[rows, None]
     late &= ~np.any(placing.moved(bodies, steps), axis=1, keepdims=True)
@@ -210,7 +210,7 @@ def starts_in_contact(pair: PairColumns) -> Match | None:
     # Of two, that which was loaded last, or which alone was placed; none if calls move the other.
     its = placed.any(axis=1) & ~np.any(placing.moved(bodies, steps) & ~placed, axis=1)
     rows, second = rows[its], placed[its, 1:]
-    order = np.lexsort((points.distance_m, pair.row))  # in each pair the deepest is first
+    order = np.lexsort((points.distance_m, pair.pairs.row))  # in each pair the deepest is first
     deepest = order[pair.starts[rows]]
     links = points.link[deepest]
     keys, step = np.where(second, both[rows, ::-1], both[rows]), pair.step[rows]

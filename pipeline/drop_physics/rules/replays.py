@@ -80,7 +80,7 @@ def floats_without_gravity(bodies: BodyColumns) -> Match | None:
     body = bodies.batch.bodies[0].body
     if not body.base_moves:
         return None
-    acts = bodies.after.velocity.any(axis=1)
+    acts = np.any(bodies.after.velocity, axis=1)
     if not is_off(bodies.scene.seen, body.client, NO_GRAVITY):
         acts |= bodies.reported.gravity_m_s2.any(axis=1)
     acts[bodies.reported.contacts.step] = True
@@ -96,7 +96,7 @@ def floats_by_compensation(bodies: BodyColumns) -> Match | None:
     if not bodies.batch.bodies[0].body.base_moves or lifts is None:
         return None
     weight, lift = bodies.terms["gravity"][:, 3:6], lifts[:, 3:6]
-    still = lift.any(axis=1) & (np.abs(lift + weight) <= 1e-9 * np.abs(weight)).all(axis=1)
+    still = np.any(lift, axis=1) & np.all(np.abs(lift + weight) <= 1e-9 * np.abs(weight), axis=1)
     acts = np.zeros(len(still), np.bool_)
     acts[bodies.reported.contacts.step] = True
     return Match(still & ~acts & ~bodies.after.velocity.any(axis=1), np.ones(len(still)))

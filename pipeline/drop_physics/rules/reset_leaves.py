@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
 from drop_physics.quantities import gap as distance
@@ -15,7 +14,7 @@ from drop_physics.quantities import place
 from drop_physics.rules.answer import Cure, Effect, Level, Scene
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.rows import Said, Worst
-from drop_physics.rules.rule import Match, body_rule, joint_rule
+from drop_physics.rules.rule import Match, Sized, body_rule, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns, JointColumns
 from drop_physics.rules.thresholds import BACK, EACH_STEP, KEPT, TELEPORTED_M_S, TURNS_RAD_S
@@ -27,7 +26,7 @@ def left_targets(joints: JointColumns, anew: Collection[int] = ()) -> Match:
 
     `anew`: the steps before which targets were set back, too.
     """
-    steps, before, told = joints.steps, joints.before, joints.told
+    steps, before, told = joints.steps, joints.before, joints.asked.told
     step = np.broadcast_to(joints.step[:, None], before.shape).astype(np.float64)
     came = joints.previous("reset-leaves after", joints.after)
     puts = (steps.put & ~np.isin(joints.step - 1, [*anew]))[:, None]
@@ -49,10 +48,10 @@ def left_targets(joints: JointColumns, anew: Collection[int] = ()) -> Match:
     )
 
 
-def driven_off(runs: Runs, _: Scene) -> Float64:
+def driven_off(runs: Runs, _: Scene) -> Sized:
     """Return the distance that motors drove joints; those set back to their start count first."""
     off = runs.put & (runs.until_work > 0) & (runs.size >= runs.least)
-    return np.where(off, runs.size + 1e6 * runs.back, 0.0)
+    return Sized(np.where(off, runs.size, 0.0), graver=off & runs.back)
 
 
 def _said(worst: Worst, message: Message, cure: Cure, level: Level | None = None) -> Said:
@@ -119,8 +118,8 @@ def teleported(bodies: BodyColumns) -> Match | None:
     """A call puts a body elsewhere while it moves; a restored state is none of these."""
     if bodies.law.tree.fixed:
         return None
-    way = lengths(bodies.before.position_m - bodies.came("position_m"))
-    speed = lengths(bodies.came("velocity")[:, 3:6])
+    way = lengths(bodies.before.position_m - bodies.came(lambda states: states.position_m))
+    speed = lengths(bodies.came(lambda states: states.velocity)[:, 3:6])
     where = bodies.put & (way > 0) & (speed > TELEPORTED_M_S)
     where &= ~bodies.scene.placing.restored(bodies.body, bodies.step)
     # Of all the first is told.
@@ -149,8 +148,12 @@ def rates_left(joints: JointColumns) -> Match | None:
     if steps.law.tree.fixed:
         return None
     put = steps.put & joints.scene.placing.placed(number, joints.step)
-    put &= (np.abs(steps.before.position_m - joints.came("position_m")) > KEPT).any(axis=1)
-    put &= ~(np.abs(steps.before.joints - joints.came("joints")) > KEPT).any(axis=1)
+    put &= (
+        np.abs(steps.before.position_m - joints.came(lambda states: states.position_m)) > KEPT
+    ).any(axis=1)
+    put &= ~(np.abs(steps.before.joints - joints.came(lambda states: states.joints)) > KEPT).any(
+        axis=1
+    )
     rates = np.abs(joints.rate_before)
     where = put[:, None] & (rates > TURNS_RAD_S)
     return Match(where, rates, {"sent": joints.target_velocity != 0})

@@ -112,6 +112,27 @@ class Match:
         return found if self.holds is None else found.at(self.holds)
 
 
+@dataclass(frozen=True, eq=False)
+class Sized:
+    """How large runs are for a rule, and what it notes of them when it knows them all."""
+
+    sizes: Float64
+    """The sizes, shape (runs,); 0 for runs that do not count."""
+    numbers: Numbers = field(default_factory=dict)
+    graver: Flags | None = None
+    """Flags of those that come before others, whatever their sizes."""
+
+    @property
+    def ranks(self) -> Float64:
+        """Whether each is graver, and its size, by which they are sorted, shape (runs, 2)."""
+        graver = np.zeros(len(self.sizes)) if self.graver is None else self.graver
+        return np.column_stack([graver, self.sizes])
+
+
+Measure = Callable[[Runs, Scene], Sized | Float64]
+"""A function that returns the sizes of runs: those of 0 do not count."""
+
+
 def every_run(runs: Runs, _: Scene) -> Float64:
     """Return the sizes of runs; all of them count."""
     return runs.size
@@ -141,7 +162,7 @@ class Rule:
     """The engines for which the rule has words: only their recordings are examined."""
     proposes: bool = False
     """Whether its advice is only to be tried: the message says what is seen, and no cause."""
-    sizes: Callable[[Runs, Scene], Float64] = every_run
+    sizes: Measure = every_run
     words: Callable[[Worst], Said | None] = lambda _: None
     told: Sequence[SayingRow] = ()
     """Its rows, where what it says is data."""
@@ -179,7 +200,7 @@ class Rule:
         self.words = words
         return words
 
-    def counts(self, sizes: Callable[[Runs, Scene], Float64]) -> Callable[[Runs, Scene], Float64]:
+    def counts(self, sizes: Measure) -> Measure:
         """Set the function that measures runs, shape (runs,); 0 for runs that do not count."""
         self.sizes = sizes
         return sizes
@@ -318,14 +339,14 @@ class Rules:
         before = self._ended[place]
         runs = ended if before is None else Runs.listed([before, ended])
         if len(runs):
-            self._ended[place] = runs.greatest(self._sizes(place, runs))
+            self._ended[place] = runs.greatest(self._sized(place, runs).ranks)
 
     def _note(self, place: int, ended: Runs) -> None:
         """Note the episodes in which a rule has a match for a key."""
         episodes = self.scene.episodes
         if len(episodes) < 2 or not len(ended):
             return
-        counting = ended.at(self._sizes(place, ended) > 0)
+        counting = ended.at(self._sized(place, ended).sizes > 0)
         clients = {n: self.scene.body(n).client for n in np.unique(counting.keys[:, 0]).tolist()}
         for number, client in clients.items():
             its = counting.at(counting.keys[:, 0] == number)
@@ -339,9 +360,11 @@ class Rules:
         return len({row[-1] for row in self._in.get(place, ()) if row[:-1] in known}) or 1
 
     @np.errstate(all="ignore")
-    def _sizes(self, place: int, runs: Runs) -> Float64:
+    def _sized(self, place: int, runs: Runs) -> Sized:
         rule = self._rules[place]
-        return np.where(runs.count < rule.least_count, 0.0, rule.sizes(runs, self.scene))
+        found = rule.sizes(runs, self.scene)
+        sized = found if isinstance(found, Sized) else Sized(found)
+        return replace(sized, sizes=np.where(runs.count < rule.least_count, 0.0, sized.sizes))
 
     def findings(self) -> Iterator[Finding]:
         """Yield the findings of rules: of a robot's joints the worst, of other subjects each."""
@@ -352,15 +375,16 @@ class Rules:
             runs = self._ended[place]
             if runs is None:
                 continue
-            sizes = self._sizes(place, runs)
-            runs, sizes = runs.at(sizes > 0), sizes[sizes > 0]
+            sized = self._sized(place, runs)
+            counts = sized.sizes > 0
+            runs, ranks = runs.noting(sized.numbers).at(counts), sized.ranks[counts]
             subjects = runs.keys[:, : 1 if rule.table in PARTS else rule.subject]
             if rule.table == "targets":  # what is at its limit is another matter
                 subjects = np.column_stack([subjects, runs.weak])
             for subject in np.unique(subjects, axis=0):
                 its = np.flatnonzero((subjects == subject).all(axis=1))
                 mine = runs.at(its)
-                worst = mine.at(np.lexsort((-mine.count, -sizes[its]))[:1])
+                worst = mine.at(np.lexsort((-mine.count, *-ranks[its].T[::-1]))[:1])
                 alike = ~(mine.size < MINOR * worst.size[0])
                 joints, among = (
                     len(np.unique(each[:, :2], axis=0)) for each in (mine.keys, mine.keys[alike])

@@ -89,7 +89,16 @@ class Runs:
         }
         return Runs(them.keys[starts], columns)
 
-    def greatest(self, sizes: Float64) -> Runs:
-        """Return for each key the row with the greatest of some sizes."""
-        them = self.at(np.lexsort((-self.count, -sizes, *self.keys.T[::-1])))
+    def noting(self, numbers: Mapping[str, NDArray[Any]]) -> Runs:
+        """Return the rows with further columns."""
+        more: dict[str, tuple[Kind, NDArray[Any]]]
+        more = {name: ("at", each) for name, each in numbers.items()}
+        return Runs(self.keys, {**self.columns, **more})
+
+    def greatest(self, ranks: Float64) -> Runs:
+        """Return of each key the row with the greatest rank, shape (n, k): its first number counts.
+
+        Where that is equal the next does.
+        """
+        them = self.at(np.lexsort((-self.count, *-ranks.T[::-1], *self.keys.T[::-1])))
         return them.at(np.append(True, them.ends[:-1]))

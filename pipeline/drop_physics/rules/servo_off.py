@@ -84,8 +84,6 @@ def off_its_servo(joints: JointColumns) -> Match | None:
 
     Of each joint it is the greatest gap of the piece whose cause is sure.
     """
-    kept, key = joints.scene.kept, ("sent", joints.driven.body.number)
-    kept[key] = kept.get(key, False) or bool(np.nan_to_num(joints.target).any())
     gap, rests = joints.after - joints.target, _rests(joints)
     judged = _last_of_targets(joints) & (np.abs(gap) > joints.at_target)
     judged[:-1] &= rests[:-1]
@@ -139,7 +137,7 @@ def _level(worst: Worst, held: ServoGap) -> Level | None:
     if held.reason == "spring" and abs(held.gap) < SAGS * OFF[worst.unit]:
         return "note"
     # Controls that are never written are 0, too: nobody may have asked for that.
-    return None if worst.scene.kept["sent", worst.subject.number] else "model"
+    return None if worst.scene.actuators.sends(worst.subject) else "model"
 
 
 Why = tuple[Message, Cure | None, Message | None]

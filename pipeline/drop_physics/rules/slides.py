@@ -58,7 +58,7 @@ Rows = NDArray[np.intp]
 )
 def slides(pair: PairColumns) -> Match:
     """Gravity and the support's acceleration, no push, ask more of friction than it can give."""
-    return _slips(pair, pair.slip_m_s > SLIPS_M_S)
+    return _slips(pair, pair.pairs.slip_m_s > SLIPS_M_S)
 
 
 @slides.counts
@@ -130,7 +130,7 @@ def _(worst: Worst) -> Said | None:
 )
 def creeps(pair: PairColumns) -> Match:
     """The solver ends before contacts are at rest: once it changes little, or has no iterations."""
-    return _slips(pair, (pair.slip_m_s > TREMBLES_M_S) & (pair.slip_m_s < CREEPS_M_S))
+    return _slips(pair, (pair.pairs.slip_m_s > TREMBLES_M_S) & (pair.pairs.slip_m_s < CREEPS_M_S))
 
 
 @creeps.counts
@@ -174,46 +174,51 @@ def _slips(pair: PairColumns, slips: Flags) -> Match:
     of forces in a grip leave out the steps in which it closes.
     """
     free = np.isin(pair.body, [each.body.number for each in _free_bodies(pair.scene)])
-    rows = np.flatnonzero(slips & free & (pair.normal_n > 0) & (pair.body != pair.other))
+    rows = np.flatnonzero(slips & free & (pair.pairs.normal_n > 0) & (pair.body != pair.other))
     asked, others, pushed, way, arm = _acting(pair, rows)
-    line, normal = pair.line[rows], pair.normal_n[rows]
+    line, normal = pair.pairs.line[rows], pair.pairs.normal_n[rows]
     along = _dot(asked, line)
     needed, way = asked - along[:, None] * line, way - _dot(way, line)[:, None] * line
     # What is held from both sides hangs back, whoever else carries it; elsewhere that is a push.
-    gripped = lengths(pair.pressed_n[rows]) < GRIPPED * normal
+    gripped = lengths(pair.pairs.pressed_n[rows]) < GRIPPED * normal
     alone = (pushed <= NO_FORCE * normal) & (gripped | (others <= NO_FORCE * normal))
-    alone &= pair.one_line[rows] & pair.own("explained")[rows]
+    alone &= pair.pairs.one_line[rows] & pair.own(pair.pairs.explained)[rows]
     # What lies on one side presses with what it needs, on average: step by step it chatters.
     pressed = np.where(gripped, normal, np.abs(along))
-    steady = ~gripped | (np.abs(pair.approach_m_s[rows]) < LANDS_M_S)
+    steady = ~gripped | (np.abs(pair.pairs.approach_m_s[rows]) < LANDS_M_S)
     # How the links that touch slip past each other: they may turn together, and go along an arc,
     # which either end of the step shows from one side.
-    ends = (pair.own(name) - pair.others(name) for name in ("ended_m_s", "carried_m_s"))
+    ends = (
+        pair.own(each) - pair.others(each)
+        for each in (pair.pairs.ended_m_s, pair.pairs.carried_m_s)
+    )
     slip = np.mean([*ends], axis=0)[rows]
     slip -= _dot(slip, line)[:, None] * line
     moved = lengths(way)
     needs = lengths(needed).clip(1e-300)
     turning, held = np.zeros((2, len(rows)))
     if gripped.any():
-        turning = gripped * np.abs(_dot(np.cross(arm, asked), line))
-        held = gripped * pair.own("held_n_m")[rows]
+        turning = np.abs(_dot(np.cross(arm, asked), line)) * gripped
+        held = gripped * pair.own(pair.pairs.held_n_m)[rows]
     dt = pair.timestep_s[rows]
     forces = {
         "time": np.ones(len(rows)),
         "normal": pressed,
-        "available": pair.available_n[rows] / normal * pressed,
-        "used": pair.sign * _dot(pair.tangential_n[rows], needed) / needs,
+        "available": pair.pairs.available_n[rows] / normal * pressed,
+        "used": pair.sign * _dot(pair.pairs.tangential_n[rows], needed) / needs,
         "against": -_dot(needed, way) / moved.clip(1e-300),
         "turning": turning,
         "held": held,
     }
     sums = {name: each * steady * dt for name, each in forces.items()}
-    sums |= {"slid": pair.slip_m_s[rows] * dt, "moved": moved * dt, "way": slip * dt[:, None]}
+    sums |= {"slid": pair.pairs.slip_m_s[rows] * dt, "moved": moved * dt, "way": slip * dt[:, None]}
     sums["needed"] = needed * (steady * dt)[:, None]
-    firsts = {"began": pair.began_slip_m_s[rows]}
+    firsts = {"began": pair.pairs.began_slip_m_s[rows]}
     bodies, step, placing = pair.body[rows], pair.step[rows], pair.scene.placing
     begins = placing.moved(bodies, step) | placing.restored(bodies, step)
-    return Match(rows, pair.slip_m_s[rows], sums=sums, firsts=firsts, holds=alone, begins=begins)
+    return Match(
+        rows, pair.pairs.slip_m_s[rows], sums=sums, firsts=firsts, holds=alone, begins=begins
+    )
 
 
 def _is_free(steps: Steps) -> bool:
@@ -237,7 +242,8 @@ def _acting(pair: PairColumns, rows: Rows) -> tuple[Float64, ...]:
     asked, way, arm = np.full((3, len(rows), 3), np.nan)
     others, pushed = np.full((2, len(rows)), np.nan)
     began, ended, goes = (
-        pair.others(f"{name}_m_s")[rows] for name in ("began", "carried", "ended")
+        pair.others(each)[rows]
+        for each in (pair.pairs.began_m_s, pair.pairs.carried_m_s, pair.pairs.ended_m_s)
     )
     step, dt = pair.step[rows], pair.timestep_s[rows, None]
     support = ended - began
@@ -256,11 +262,11 @@ def _acting(pair: PairColumns, rows: Rows) -> tuple[Float64, ...]:
         }
         weight = support[its] / dt[its] - steps.reported.gravity_m_s2[at]
         asked[its] = steps.law.tree.masses_kg[0] * weight
-        touched = terms["contacts"] - pair.sign * pair.force_n[rows[its]]
+        touched = terms["contacts"] - pair.sign * pair.pairs.force_n[rows[its]]
         others[its] = lengths(touched)
         pushed[its] = lengths(terms["constraints"] + terms["applied"])
         way[its] = steps.after.velocity[at, 3:6] - goes[its]
-        arm[its] = steps.before.position_m[at] - pair.own("centre_m")[rows[its]]
+        arm[its] = steps.before.position_m[at] - pair.own(pair.pairs.centre_m)[rows[its]]
     return asked, others, pushed, way, arm
 
 
@@ -276,11 +282,15 @@ def friction_pyramid(pair: PairColumns) -> Match | None:
     """Friction is more than μN in most steps, or turns a slide, with enableConeFriction=0."""
     clients = pair.scene.clients_with("set_enableConeFriction", 0)
     bodies = [number for number, body in pair.scene.seen.bodies.items() if body.client in clients]
-    slides = (pair.slip_m_s > PYRAMID_M_S) & (pair.available_n > 0) & (pair.body != pair.other)
-    used = lengths(pair.tangential_n) / pair.available_n
+    slides = (
+        (pair.pairs.slip_m_s > PYRAMID_M_S)
+        & (pair.pairs.available_n > 0)
+        & (pair.body != pair.other)
+    )
+    used = lengths(pair.pairs.tangential_n) / pair.pairs.available_n
     more = used > PYRAMID
     where = slides & np.isin(pair.body, bodies)
-    along = pair.tangential_n / lengths(pair.tangential_n)[:, None]
+    along = pair.pairs.tangential_n / lengths(pair.pairs.tangential_n)[:, None]
     return Match(
         where,
         used,
@@ -317,7 +327,7 @@ def _(worst: Worst) -> Said:
 def dragged_by_nothing(pair: PairColumns) -> Match | None:
     """Friction acts on velocities: where only poses are set, there is none to be dragged by."""
     moves = pair.points.moves[pair.starts]
-    lies = moves[:, pair.side] & ~moves[:, 1 - pair.side] & (pair.available_n > 0)
+    lies = moves[:, pair.side] & ~moves[:, 1 - pair.side] & (pair.pairs.available_n > 0)
     ahead_m, where = np.zeros((len(lies), 3)), np.zeros(len(lies), np.bool_)
     for support, (steps, bases) in pair.scene.placing.animated.items():
         rows = np.flatnonzero(lies & (pair.other == support))
@@ -326,15 +336,15 @@ def dragged_by_nothing(pair: PairColumns) -> Match | None:
         moved &= steps[held] - steps[held - 1] <= NEAR
         moved &= np.abs(bases[held, 7:13]).max(axis=1, initial=0.0) < 1e-9
         where[rows] = moved
-        now, then, at_m = bases[held], bases[held - 1], pair.others("centre_m")[rows]
+        now, then, at_m = bases[held], bases[held - 1], pair.others(pair.pairs.centre_m)[rows]
         # Where the point of the support that it touches was before the call.
         turned_m = rotate(now[:, 3:7], rotate_inverse(then[:, 3:7], at_m - then[:, :3]))
         ahead_m[rows] = now[:, :3] + turned_m - at_m
     if not where.any():
         return None
-    went_m = pair.own("ended_m_s") * pair.timestep_s[:, None]
-    ways = {"ahead_m": _along(ahead_m, pair.line), "went_m": _along(went_m, pair.line)}
-    return Match(where, pair.normal_n, sums=ways)
+    went_m = pair.own(pair.pairs.ended_m_s) * pair.timestep_s[:, None]
+    ways = {"ahead_m": _along(ahead_m, pair.pairs.line), "went_m": _along(went_m, pair.pairs.line)}
+    return Match(where, pair.pairs.normal_n, sums=ways)
 
 
 @dragged_by_nothing.says

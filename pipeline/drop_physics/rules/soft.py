@@ -49,23 +49,23 @@ def _staying(pair: PairColumns, depth_m: Float64, least_m: float) -> Int64:
 @pair_rule("deep-penetration", "model", engines=MUJOCOS)
 def sinks_in(pair: PairColumns) -> Match:
     """A contact that is soft, or soft for what it carries, lets a body that rests on it sink in."""
-    rows = _staying(pair, pair.depth_m, SINKS_M)
+    rows = _staying(pair, pair.pairs.depth_m, SINKS_M)
     numbers = {
         "links": pair.links[rows],
         "bodies": pair.pairs.body[rows],
-        "force": np.linalg.norm(pair.pressed_n[rows], axis=1),
-        "pressed": pair.normal_n[rows],
+        "force": np.linalg.norm(pair.pairs.pressed_n[rows], axis=1),
+        "pressed": pair.pairs.normal_n[rows],
         "loaded": _loaded(pair)[rows],
         "timestep": pair.timestep_s[rows],
     }
-    return Match(rows, pair.depth_m[rows], numbers, keys=pair.keys[rows])
+    return Match(rows, pair.pairs.depth_m[rows], numbers, keys=pair.keys[rows])
 
 
 def _loaded(pair: PairColumns) -> Flags:
     """Flag the sides on which a free body presses in the step of each row, shape (m, 2)."""
     bodies, seen = pair.pairs.body, pair.scene.seen.bodies
     free = [number for number, body in seen.items() if body.base_moves]
-    presses = np.isin(bodies[:, ::-1], free) & (pair.normal_n > 0)[:, None]
+    presses = np.isin(bodies[:, ::-1], free) & (pair.pairs.normal_n > 0)[:, None]
     keys = pair.step[:, None] * len(seen) + np.searchsorted(sorted(seen), bodies)
     return np.isin(keys, keys[presses])
 
@@ -172,8 +172,8 @@ def _left_m(
 @pair_rule("margin", "note", engines=MUJOCOS)
 def held_apart(pair: PairColumns) -> Match:
     """A margin lets contacts push before bodies touch, and one rests above the other."""
-    rows = _staying(pair, pair.gap_m, SINKS_M)
-    return Match(rows, pair.gap_m[rows], keys=pair.keys[rows])
+    rows = _staying(pair, pair.pairs.gap_m, SINKS_M)
+    return Match(rows, pair.pairs.gap_m[rows], keys=pair.keys[rows])
 
 
 @held_apart.says

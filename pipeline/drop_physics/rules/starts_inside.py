@@ -30,13 +30,13 @@ def starts_inside(pair: PairColumns) -> Match:
     """Bodies of different trees that overlap as they are placed, and are thrown apart."""
     rows = np.flatnonzero(pair.body != pair.other)
     placed = pair.scene.placing.placed(pair.pairs.body[rows], pair.step[rows, None]).any(axis=1)
-    starts = placed & (pair.depth_m[rows] > DEEP_M) & (pair.normal_n[rows] > 0)
+    starts = placed & (pair.pairs.depth_m[rows] > DEEP_M) & (pair.pairs.normal_n[rows] > 0)
     return Match(
         rows,
-        pair.most(pair.points.parting_m_s)[rows],
+        pair.pairs.most(pair.points.parting_m_s)[rows],
         firsts={
             "starts": starts,
-            "depth_m": pair.depth_m[rows],
+            "depth_m": pair.pairs.depth_m[rows],
             "lifts": _lifts(pair)[rows] & ~_chained(pair, rows, starts),
         },
         keys=pair.keys[rows],
@@ -47,8 +47,8 @@ def starts_inside(pair: PairColumns) -> Match:
 def _lifts(pair: PairColumns) -> Flags:
     """Flag the rows in which all points of a pair push its body up, so that it can be lifted."""
     points, side = pair.points, np.where(pair.keys[:, 0] == pair.pairs.body[:, 0], 1, -1)
-    down = np.where(points.distance_m < -DEEP_M, -points.normal[:, 2] * side[pair.row], -1.0)
-    return np.asarray(pair.most(down) < HALF - 1)
+    down = np.where(points.distance_m < -DEEP_M, -points.normal[:, 2] * side[pair.pairs.row], -1.0)
+    return np.asarray(pair.pairs.most(down) < HALF - 1)
 
 
 def _chained(pair: PairColumns, rows: Rows, starts: Flags) -> Flags:
@@ -116,7 +116,9 @@ def static_parent(pair: PairColumns) -> Match:
     is_so = [_is_parent(pair.scene.body(number), a, b) for number, a, b in known.tolist()]
     own = own[np.array(is_so, np.bool_)[which.ravel()]]
     both = both[np.array(is_so, np.bool_)[which.ravel()]]
-    keys, which = np.unique(np.column_stack([pair.row[own], both]), axis=0, return_inverse=True)
+    keys, which = np.unique(
+        np.column_stack([pair.pairs.row[own], both]), axis=0, return_inverse=True
+    )
     force, depth = np.zeros(len(keys)), np.zeros(len(keys))
     np.add.at(force, which.ravel(), points.normal_n[own])
     np.maximum.at(depth, which.ravel(), -points.distance_m[own])

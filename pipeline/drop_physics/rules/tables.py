@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, Protocol, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from drop_physics.explain.step_status import StepVerdicts
 from drop_physics.explain.steps import BodySteps, StepBatch, Steps
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
-from drop_physics.rules.answer import Scene
+from drop_physics.rules.answer import Column, Scene
 from drop_physics.rules.constraint_columns import constraint_columns
 from drop_physics.rules.filtered_columns import filtered_columns
 from drop_physics.rules.joint import units_of
@@ -27,6 +27,7 @@ from drop_physics.trace.events import Joint
 from drop_physics.trace.motors import POSITION
 
 Rows = NDArray[np.intp]
+Value = TypeVar("Value", bound=np.generic)
 
 TableName = Literal[
     "inputs",
@@ -92,12 +93,17 @@ def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
 class JointColumns:
     """The joints of a body in n of its steps: columns of shape (n, joint_rates).
 
-    They are those of `JointTelemetry`, the requests of calls, and some that rules share.
+    They are those of `driven`, the requests of calls, `asked`, and some that rules share.
     """
 
     def __init__(self, scene: Scene, driven: JointTelemetry) -> None:
         self.scene, self.driven, self.asked = scene, driven, driven.asked
         self._settings = scene.settings(driven.body.client)
+        self.body, self.steps = driven.body, driven.steps
+        self.before, self.after, self.rate = driven.before, driven.after, driven.rate
+        self.torque, self.limit, self.at_limit = driven.torque, driven.limit, driven.at_limit
+        self.resting, self.mode = driven.resting, self.asked.mode
+        self.target_velocity = self.asked.target_velocity
         law, shape = driven.steps.law, driven.asked.target.shape
         self.step, self.noted = driven.steps.steps, {"site": self.asked.site}
         self.keys = np.full((shape[0], 1), driven.body.number)
@@ -153,18 +159,15 @@ class JointColumns:
         self.scene.carried[key] = values[-1]
         return np.vstack([before, values[:-1]])
 
-    def came(self, name: str) -> Float64:
+    def came(self, column: Column) -> Float64:
         """Return states of the body after the previous step; nan where it made none."""
-        return self.scene.came(self.driven.steps, [(0, self.driven.steps)], name)
+        return self.scene.came(self.steps, [(0, self.steps)], column)
 
     def term(self, name: str) -> Float64:
         """Return the impulses of a cause on the joints; 0 where it has none."""
         steps = self.driven.steps
         found = steps.terms.get(name, np.zeros((len(steps), steps.law.tree.size)))
         return found[:, steps.law.tree.first_rate :]
-
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of either
-        return getattr(self.driven if hasattr(self.driven, name) else self.asked, name)
 
 
 class ActuatorColumns:
@@ -191,31 +194,30 @@ class ActuatorColumns:
 
 
 class PairColumns:
-    """Steps of pairs of bodies that touch, from the side of one body: the columns of `Pairs`."""
+    """Steps of pairs of bodies that touch, from the side of one body: the columns of `pairs`."""
 
     def __init__(self, scene: Scene, side: int) -> None:
         self.scene, self.side, self.pairs = scene, side, scene.touches.pairs
+        self.step, self.timestep_s = self.pairs.step, self.pairs.timestep_s
+        self.points, self.starts = self.pairs.points, self.pairs.starts
         self.noted: dict[str, Float64] = {}
         self.sign = -1.0 if side else 1.0
         """Sign of what acts on this side's body, in columns that hold what acts on side 0."""
         self.keys = self.pairs.body[:, [side, 1 - side]]
         self.body, self.other = self.pairs.body[:, side], self.pairs.body[:, 1 - side]
 
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of `Pairs`
-        return getattr(self.pairs, name)
+    def own(self, column: NDArray[Value]) -> NDArray[Value]:
+        """Return what a column of both sides, shape (m, 2, …), has of this side's body."""
+        return np.asarray(column[:, self.side])
 
-    def own(self, name: str) -> Any:  # noqa: ANN401 - a column of `Pairs`
-        """Return the column of its own body, from one that both sides have."""
-        return getattr(self.pairs, name)[:, self.side]
-
-    def others(self, name: str) -> Any:  # noqa: ANN401 - a column of `Pairs`
-        """Return the column of the other body, from one that both sides have."""
-        return getattr(self.pairs, name)[:, 1 - self.side]
+    def others(self, column: NDArray[Value]) -> NDArray[Value]:
+        """Return what a column of both sides has of the other body."""
+        return np.asarray(column[:, 1 - self.side])
 
     @cached_property
     def links(self) -> Int64:
         """Links of the deepest point of each, on both sides, shape (m, 2)."""
-        order = np.lexsort((self.points.distance_m, self.row))
+        order = np.lexsort((self.points.distance_m, self.pairs.row))
         return np.asarray(self.points.link[order[self.starts]])
 
     def before(self, rows: Rows) -> Rows:
@@ -233,11 +235,13 @@ class PairColumns:
 
 
 class BodyColumns:
-    """The steps of equal bodies, one body after the other, with the columns of `Steps`."""
+    """The steps of equal bodies, one body after the other: the columns of `whole`."""
 
     def __init__(self, scene: Scene, batch: StepBatch, verdict: StepVerdicts) -> None:
-        self.scene, self.batch, self.of, self.verdict = scene, batch, batch.whole, verdict
-        self.step = batch.whole.steps
+        self.scene, self.batch, self.whole, self.verdict = scene, batch, batch.whole, verdict
+        self.law, self.terms, self.reported = self.whole.law, self.whole.terms, self.whole.reported
+        self.before, self.after, self.put = self.whole.before, self.whole.after, self.whole.put
+        self.step = self.whole.steps
         self.noted: dict[str, Float64] = {}
         self.body = batch.body
         self.keys = self.body[:, None]
@@ -264,12 +268,12 @@ class BodyColumns:
     @property
     def driven(self) -> Iterator[JointTelemetry]:
         """Yield the joints of its bodies that calls command; `steps.rows` are theirs."""
-        return (each for each in self.scene.driven() if each.steps.whole is self.of)
+        return (each for each in self.scene.driven() if each.steps.whole is self.whole)
 
-    def came(self, name: str) -> Float64:
+    def came(self, column: Column) -> Float64:
         """Return states of the body after the previous step; nan where it made none."""
         parts = [(each.rows.start, each) for each in self.batch.bodies if len(each)]
-        return self.scene.came(self.of, parts, name)
+        return self.scene.came(self.whole, parts, column)
 
     @property
     def puts(self) -> Int64:
@@ -284,6 +288,3 @@ class BodyColumns:
     def segment(self) -> Int8:
         """The segment of each sample: an index into `SEGMENTS`."""
         return self.verdict.segment
-
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of `Steps`
-        return getattr(self.of, name)

@@ -27,7 +27,7 @@ def target_columns(scene: Scene) -> Iterator[TargetColumns]:
             key = driven.body.number, stood.k
             before = scene.going.pop(key, None)
             # Where what a body is changes, a target ends that nobody saw end.
-            if before is not None and before.first[0] != stood.first[0]:
+            if before is not None and before.stood.first[0] != stood.first[0]:
                 before.ended, before.late = np.ones(1, np.bool_), True
                 yield before
             table = TargetColumns(scene, driven, stood, going=going)
@@ -44,7 +44,7 @@ def left_standing(scene: Scene) -> Iterator[TargetColumns]:
 
 
 class TargetColumns:
-    """Targets of one joint in order: columns of shape (m,), and those of `HeldTargets`."""
+    """Targets of one joint in order: columns of shape (m,), and those of `stood`."""
 
     def __init__(
         self, scene: Scene, driven: JointTelemetry, stood: HeldTargets, *, going: bool
@@ -83,9 +83,6 @@ class TargetColumns:
         """Whether each ends with the motor at its limit, against what touches its links."""
         self.pressed = self._pressed()
         """Whether each of these ends with the joint pressed onto a body that it holds."""
-
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a column of `HeldTargets`
-        return getattr(self.stood, name)
 
     @cached_property
     def reached(self) -> Flags:

@@ -268,7 +268,7 @@ def far(bodies: BodyColumns) -> Match | None:
     """Before or after a contact, a body moves further in a step than it is thick."""
     if bodies.law.tree.size != 6:
         return None
-    step_s = bodies.reported.timestep_s / bodies.substeps
+    step_s = bodies.reported.timestep_s / bodies.whole.substeps
     way_m = lengths(bodies.after.velocity[:, 3:6]) * step_s
     thick_m = bodies.of_each(_thick_m)
     meets = [bodies.scene.touching(bodies.body, bodies.step + later) for later in (0, 1)]
@@ -293,7 +293,7 @@ def _(worst: Worst) -> Said:
 @body_rule("timestep-too-long", "model", engines=ANY)
 def long(bodies: BodyColumns) -> Match:
     """A robot's steps are so long that motors and contacts act late."""
-    step_s = bodies.reported.timestep_s / bodies.substeps
+    step_s = bodies.reported.timestep_s / bodies.whole.substeps
     jointed = bodies.of_each(lambda each: len(each.body.joints) > 0)
     return Match((step_s > LONG_S) & jointed, step_s)
 

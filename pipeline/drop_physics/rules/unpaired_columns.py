@@ -156,10 +156,9 @@ def _overlapping(
     for one, two in product(*placed):
         deep |= overlaps(one, two, DEEP_M)
     deep &= ~np.isin(samples, _pressed(scene, pair))
-    apart: set[Pair] = scene.kept.setdefault("apart", set())
     if not deep[0] or not moving:
-        apart.add(pair)
-    if deep.any() and pair in apart:
+        scene.apart.add(pair)
+    if deep.any() and pair in scene.apart:
         steps = (samples[deep][:, None] + np.arange(every)).ravel()  # those between two looks
         keys = np.tile(
             [each.number for each in bodies] + [link for _, link in pair], (len(steps), 1)

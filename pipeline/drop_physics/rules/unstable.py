@@ -145,7 +145,7 @@ def velocity_clamped(bodies: BodyColumns) -> Match | None:
     taken, limit = np.abs(bodies.terms["clamp"]), bodies.law.velocity_limit
     # What rounding leaves is none, and what one rate's clamp takes of others is not theirs.
     fastest = np.maximum(np.abs(bodies.before.velocity), np.abs(bodies.after.velocity))
-    held = (fastest >= FULL * limit) & (taken > 1e-9 * bodies.largest[:, None])
+    held = (fastest >= FULL * limit) & (taken > 1e-9 * bodies.whole.largest[:, None])
     held &= _own(bodies) & (bodies.verdict.why < 0)[:, None]
     placed, first = np.zeros(taken.shape, np.bool_), bodies.law.tree.first_rate
     for driven in bodies.driven:

@@ -15,7 +15,7 @@ from drop_physics.physics.vectors import lengths, summed
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import ANY, MUJOCO
 from drop_physics.rules.rows import Said, Worst
-from drop_physics.rules.rule import Match, joint_rule
+from drop_physics.rules.rule import Match, Sized, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import (
@@ -35,9 +35,6 @@ SUMS = ("rolled", "slipped", "limited", "across", "available", "normal", "second
 """What a wheel rolls, what of it slips, the same where friction is at its limit, what it slips
 across [m]; friction available, normal impulse [N s]; time [s]."""
 
-DRAGGED, TURNED = "robots with dragged wheels", "robots that turn on dragged wheels"
-"""Keys of the robots of which some wheels slip the other way, or all across: the more friction, the
-more so."""
 ADVICE = Message("{call} of the wheels or the ground, or change the wheels' speed more slowly")
 OF_BOTH = {PYBULLET: Message("the product of both"), MUJOCO: Message("the larger of both")}
 """The coefficient of a pair that the engine uses."""
@@ -47,7 +44,7 @@ OF_BOTH = {PYBULLET: Message("the product of both"), MUJOCO: Message("the larger
 def wheel_slip(joints: JointColumns) -> Match | None:
     """A wheel slips: the joint alone would move its contact point otherwise than it moves."""
     steps, number = joints.steps, joints.body.number
-    drives = (joints.mode == VELOCITY) & (joints.impulse > 0)
+    drives = (joints.mode == VELOCITY) & (joints.asked.impulse > 0)
     if not steps.terms or steps.law.tree.fixed or not drives.any():
         return None
     sums, ground = np.zeros((*drives.shape, len(SUMS))), np.full(drives.shape, -1)
@@ -93,7 +90,7 @@ def wheel_slip(joints: JointColumns) -> Match | None:
 
 
 @wheel_slip.counts
-def _(runs: Runs, scene: Scene) -> Float64:
+def _(runs: Runs, _: Scene) -> Sized:
     turns = runs.high + runs.low > WHEEL_TURN_RAD
     # One that touches only where it starts and brakes slips little of its way.
     in_all = runs.rolled * runs.turned_in_all / runs.turned
@@ -109,10 +106,10 @@ def _(runs: Runs, scene: Scene) -> Float64:
         )
     )
     dragged = (runs.slipped * slipped < 0) & (abs(runs.slipped) > WHEEL_SLIPS * in_all)
-    scene.kept[DRAGGED] = {*runs.keys[dragged, 0].tolist()}
-    scene.kept[TURNED] = {*runs.keys[sideways > 0, 0].tolist()}
     loses = turns & (held < free) & (_share(rolled, slipped, limited) > WHEEL_SLIPS)
-    return np.where(loses, _share(runs.rolled, runs.slipped, runs.limited), 0.0)
+    sizes = np.where(loses, _share(runs.rolled, runs.slipped, runs.limited), 0.0)
+    # Of such robots some wheels slip the other way, or all across: the more friction, the more so.
+    return Sized(sizes, {"dragged": np.bincount(robot, dragged)[robot], "turns": sideways > 0})
 
 
 @wheel_slip.says
@@ -123,17 +120,16 @@ def _(worst: Worst) -> Said:
         "{joint} spins at {rolls:.3g} m/s (rim) on {ground} but travels at {goes:.3g} m/s: "
         "friction is at its limit (coefficient {friction:.3g}, {of})"
     )
-    turns = worst.subject.number in scene.kept[TURNED]
-    if turns:
+    if worst.turns:
         message = Message(
             "{joint} spins at {rolls:.3g} m/s (rim) on {ground} but travels at {goes:.3g} m/s: "
             "the robot's turn drags it sideways, too, with friction at its limit (coefficient "
             "{friction:.3g}, {of})"
         )
     advice = cure = None
-    if not turns and worst.subject.number in scene.kept[DRAGGED]:
+    if worst.dragged and not worst.turns:
         advice = Message("give its wheels speeds that go together: others are dragged")
-    elif not turns:
+    elif not worst.turns:
         advice, cure = ADVICE, Cure("friction", worst.body)
     return Said(
         message=message,
