@@ -14,12 +14,17 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from drop_physics.account.episodes import EpisodeRow
+from drop_physics.engines import whole_episodes
 from drop_physics.engines.watching.environments import _unhealthy
+from drop_physics.errors import ScenarioError
+from drop_physics.recording.reader import read
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.record import record_script
 from drop_physics.stages.why import why
+from drop_physics.trace.episodes import episodes_of
 
 Told = Callable[..., tuple[list[EpisodeRow], Any]]
 
@@ -251,6 +256,55 @@ def test_the_account_is_of_the_end_of_what_failed(tmp_path: Path) -> None:
     assert not [row for row in third.account if row.kind == "moved"]  # by then it lies
 
 
+@pytest.mark.parametrize(
+    ("episodes", "kept"),
+    [("failing", [1, 2, 4]), ("2", [2]), (3, [3]), (None, [2, 4])],
+)
+def test_of_the_other_episodes_a_line_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, episodes: Any, kept: list[int]
+) -> None:
+    """What is kept is the same to the bit, and each of its steps leads to the next one.
+
+    None keeps all until there are too many; the last one has not ended, and may have failed.
+    """
+    file, rolled = tmp_path / "script.py", ROLLED.replace("env.reset()", RESET)
+    file.write_text(ENVIRONMENT + rolled)
+    whole = record_script(str(file), out=tmp_path / "whole.rrd", episodes="all")
+    monkeypatch.setattr(whole_episodes, "MANY_BYTES", 0 if episodes is None else 1 << 27)
+    some = record_script(str(file), out=tmp_path / "some.rrd", episodes=episodes)
+    for recorded in (whole, some):
+        assert recorded.replay is not None
+        assert recorded.replay.explained == recorded.replay.steps == recorded.samples - 1
+    sides = [read(each.recording).seen for each in (whole, some)]
+    rows, its = map(episodes_of, sides)
+    assert [each.number for each in its if each.kept] == kept
+    assert [each.told and (each.told.length, each.told.how, each.told.reward) for each in its] == [
+        each.told and (each.told.length, each.told.how, each.told.reward) for each in rows
+    ]
+    for number in kept:
+        states = [
+            seen.sampled.piece(each.first + 1, each.last + 1).bases["position_m"]
+            for seen, each in zip(sides, (rows[number - 1], its[number - 1]), strict=True)
+        ]
+        assert len(states[0])
+        assert np.array_equal(*states)
+
+
+RESET = "env.reset(); env.unwrapped.data.xfrc_applied[1, 0] = 0.3"
+"""A reset and a force that is the same in all episodes: it is sent with the first alone."""
+
+
+def test_an_episode_without_steps_is_not_looked_at(tmp_path: Path) -> None:
+    file = tmp_path / "script.py"
+    file.write_text(ENVIRONMENT + ROLLED)
+    recorded = record_script(str(file), out=tmp_path / "run.rrd", episodes=1)
+    assert analyze(recorded.recording).episode == 1
+    with pytest.raises(ScenarioError, match="drop record --episodes 2"):
+        analyze(recorded.recording, episode=2)
+    with pytest.raises(ScenarioError, match="failing, all, or the number"):
+        record_script(str(file), out=tmp_path / "run.rrd", force=True, episodes="0")
+
+
 WATCHED = """
 import drop_physics
 from drop_physics.stages.analyze import analyze
@@ -296,7 +350,8 @@ def _last(rows: list[EpisodeRow], client: int) -> int:
 def test_each_worker_that_steps_apart_has_a_recording(tmp_path: Path) -> None:
     out = str(tmp_path / "run.rrd")
     said = _python(
-        ENVIRONMENT
+        "import warnings; warnings.simplefilter('error')\n"
+        + ENVIRONMENT
         + WATCHED
         + f"""
 make = lambda: drop_physics.watch(Falling(), {out!r})
@@ -312,6 +367,7 @@ except drop_physics.DropError as error:
         + END
     )
     assert "must be in the workers" in said
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["run-0.rrd", "run-1.rrd"]
     for worker in (0, 1):
         rows = analyze(tmp_path / f"run-{worker}.rrd").episodes
         assert rows[0].ended == "terminated"

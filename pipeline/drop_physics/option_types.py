@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, Literal
 
 from drop_physics.errors import ScenarioError
 
@@ -138,3 +138,28 @@ def checked_windows(given: Iterable[str]) -> list[tuple[int, int]]:
             )
         windows.append((int(first), int(end)))
     return windows
+
+
+def checked_episodes(
+    given: str | int | Sequence[str] | None,
+) -> Literal["failing", "all"] | int | None:
+    """Return which episodes are recorded step by step, given as `failing`, `all` or a number.
+
+    Raises
+    ------
+    ScenarioError
+        If it is anything else.
+    """
+    if not given and given != 0:
+        return None
+    text = str(given)
+    if text == "failing":
+        return "failing"
+    if text == "all":
+        return "all"
+    if not (text.isascii() and text.isdecimal() and int(text)):
+        raise ScenarioError(
+            "--episodes must be failing, all, or the number of an episode, from 1; got {text!r}",
+            text=text,
+        )
+    return int(text)

@@ -75,6 +75,8 @@ class EpisodeRow:
     """Simulated time of the first, which goes on from episode to episode."""
     end_s: float
     """Simulated time of the last."""
+    kept: bool
+    """Whether its steps are recorded; else how it ended is all that is known."""
     ended: str
     """`terminated` or `truncated`, as its environment returned; `reset`, by a call or by a start
     state that was written; or `run`: the run ended."""
@@ -232,6 +234,7 @@ class EpisodeTable:
             last_step=episode.last,
             start_s=times.of(episode.first),
             end_s=times.of(episode.last),
+            kept=episode.kept,
             ended=episode.ended,
             why=None if told is None or not told.why else told.why,
             failed=episode.failed,

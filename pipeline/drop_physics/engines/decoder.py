@@ -18,6 +18,7 @@ from drop_physics.engines.mujoco.frames import STEP
 from drop_physics.engines.mujoco.watched import MujocoDecoder
 from drop_physics.engines.pybullet.watched import NOTES, BulletDecoder
 from drop_physics.engines.watching import pipe
+from drop_physics.engines.whole_episodes import Episodes, WholeEpisodes
 from drop_physics.errors import DropError
 from drop_physics.fields import counted
 from drop_physics.messages import Message
@@ -37,10 +38,13 @@ class Decoder:
     ----------
     finer
         Steps of the engine for each of the script's.
+    episodes
+        Which episodes of MuJoCo's environments are kept step by step.
     """
 
-    def __init__(self, finer: int = 1) -> None:
+    def __init__(self, finer: int = 1, episodes: Episodes = "all") -> None:
         self._finer = finer
+        self.whole = WholeEpisodes(episodes)
         self.engine = ""
         """The engine whose frames become events: the first that steps; empty until then."""
         self._kept: IO[bytes] | None = None
@@ -76,7 +80,8 @@ class Decoder:
         """Evaluation made in the run, or the reason why it could not be."""
         self.timing = ""
         """File and line that first read a time after a step."""
-        self.bullet, self.mujoco = BulletDecoder(finer, self.faults), MujocoDecoder()
+        self.bullet = BulletDecoder(finer, self.faults)
+        self.mujoco = MujocoDecoder(self.whole)
         self._frames = FrameStream()
         self.counters: Sequence[int] = ()
         """The number of readings of each place, as counted in the memory shared with the
@@ -238,7 +243,7 @@ class Decoder:
         self.python, self.main_sha256, self._kept = {}, None, None
         self.timing, self.unseeded = "", []
         self.bullet = BulletDecoder(self._finer, self.faults)
-        self.mujoco = MujocoDecoder()
+        self.mujoco = MujocoDecoder(self.whole)
 
     def _on_replaced(self, program: str) -> None:
         self.faults.append(

@@ -24,6 +24,7 @@ from drop_physics.engines.decoder import MUJOCO, Decoder
 from drop_physics.engines.other_processes import OtherProcesses
 from drop_physics.engines.reached import Reached, reached_of, state_of
 from drop_physics.engines.watching import pipe
+from drop_physics.engines.whole_episodes import Episodes
 from drop_physics.errors import DropError
 from drop_physics.messages import Message
 from drop_physics.trace.events import Ending, Event, located
@@ -120,6 +121,8 @@ class Program:
     """Variables that it has besides the user's."""
     evaluator: Mapping[str, Any] | None = None
     """What is evaluated in its process: `file` and `name` of a class, and its `arguments`."""
+    episodes: Episodes = "all"
+    """Episodes of its environments that are kept step by step."""
 
 
 def _seeded(seed: int | None) -> dict[str, str]:
@@ -359,7 +362,7 @@ class Script(Listener):
         reading, writing = wide_pipe()
         super().__init__(reading, self._block.fileno())
         self.kept = None if asks is None else bytearray()
-        self.decoder = Decoder((program.variation or {}).get("finer", 1))
+        self.decoder = Decoder((program.variation or {}).get("finer", 1), program.episodes)
         self.target, self.python = program.target, program.python
         self.explains_with = program.python if program.explain else None
         self._interrupted_at: float | None = None

@@ -66,6 +66,13 @@ def line_of(row: EpisodeRow, count: int) -> Message:
             time=row.end_s,
             how=how,
         )
+        if row.kept
+        else Message(
+            "{number} of {count}, of which no step is recorded ({how})",
+            number=row.number,
+            count=count,
+            how=how,
+        )
     ]
     if row.success is not None:
         reached = Message("its goal reached"), Message("its goal not reached")

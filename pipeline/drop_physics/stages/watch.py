@@ -10,16 +10,18 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from drop_physics.errors import DropError, ScenarioError
+from drop_physics.errors import DropError, ScenarioError, check_suffix
+from drop_physics.files.outputs import check_target
 from drop_physics.stages.block import Block, record
 
 
 def watch(env: Any, out: Path | str | None = None, *, force: bool = False) -> Any:  # noqa: ANN401
-    """Record an environment of gymnasium's from now until it is closed, or the program ends.
+    """Record an environment of gymnasium's from its first reset until it is closed.
 
-    The recording is that of the process: environments that are watched while it is open are in it,
-    too. In a worker of `AsyncVectorEnv`, which steps in a process of its own, the worker's number
-    is added to the file's name: `run-0.rrd`.
+    If it never is, it is recorded until the program ends. The recording is that of the process:
+    environments that are watched while it is open are in it, too. In a worker of `AsyncVectorEnv`,
+    which steps in a process of its own, the worker's number is added to the file's name:
+    `run-0.rrd`.
 
     Parameters
     ----------
@@ -58,17 +60,27 @@ def watch(env: Any, out: Path | str | None = None, *, force: bool = False) -> An
             "AsyncVectorEnv([lambda: drop_physics.watch(gymnasium.make(…), {out!r})] * n)",
             out=str(out),
         )
-    recording = _Recording.of_process(_named_for_worker(Path(out)), force=force)
+    path = _named_for_worker(Path(out))
+    check_target(path, force=force)
+    check_suffix("out", path, (".rrd",))
     base: Any = VectorWrapper if isinstance(env, VectorEnv) else Wrapper
 
     class Watched(base):  # type: ignore[misc]
         """An environment with recorded steps."""
 
         recorded = None
+        recording: _Recording | None = None
 
-        def close(self, **how: Any) -> None:  # noqa: ANN401 - as its environment takes it
+        # A vector of environments makes one in its own process, too, only to ask for its spaces.
+        def reset(self, **how: Any) -> Any:  # noqa: ANN401 - as its environment takes it
+            if self.recording is None:
+                self.recording = _Recording.of_process(path, force=force)
+            return super().reset(**how)
+
+        def close(self, **how: Any) -> None:  # noqa: ANN401 - likewise
             super().close(**how)
-            self.recorded = recording.leave()
+            if self.recording is not None:
+                self.recorded, self.recording = self.recording.leave(), None
 
     return Watched(env)
 

@@ -41,16 +41,14 @@ class Episode:
     """What an environment told of it."""
 
     @property
+    def kept(self) -> bool:
+        """True if its steps are recorded; else only its end is known."""
+        return self.last > self.first
+
+    @property
     def failed(self) -> bool:
         """True if it ended short of its goal, according to its environment."""
-        told = self.told
-        if told is None or told.success is not None:
-            return told is not None and not told.success and self.ended in ENDS
-        return self.ended == "terminated"
-
-
-ENDS = "terminated", "truncated"
-"""How an environment ends an episode."""
+        return self.told is not None and self.told.failed
 
 
 def episode_at(episodes: Sequence[Episode], client: int, steps: Int64 | Sequence[int]) -> Int64:
@@ -63,19 +61,25 @@ def episode_at(episodes: Sequence[Episode], client: int, steps: Int64 | Sequence
 
 
 def looked_at(episodes: Sequence[Episode], number: int | None) -> Episode | None:
-    """Return the episode with a number; without a number, the last that failed, if any.
+    """Return the episode with a number; without a number, the last that failed and is kept.
 
     Raises
     ------
     ScenarioError
-        If there is no such episode.
+        If there is no such episode, or its steps were not kept.
     """
     if number is None:
-        return next((each for each in reversed(episodes) if each.failed), None)
+        return next((each for each in reversed(episodes) if each.failed and each.kept), None)
     if not 1 <= number <= len(episodes):
         raise ScenarioError(
             "--episode must be from 1 to {count}, got {number}",
             count=len(episodes),
+            number=number,
+        )
+    if not episodes[number - 1].kept:
+        raise ScenarioError(
+            "--episode must be of an episode whose steps are recorded, got {number}, of which only "
+            "the end is; drop record --episodes {number}, before the script, keeps them",
             number=number,
         )
     return episodes[number - 1]

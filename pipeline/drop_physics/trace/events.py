@@ -677,6 +677,24 @@ class EpisodeEnd:
     success: bool | None
     """Whether the environment's goal was reached; None if it says nothing of one."""
 
+    @property
+    def failed(self) -> bool:
+        """True if it ended short of its goal, according to its environment."""
+        return has_failed(self.how, self.success)
+
+
+def has_failed(how: str, success: bool | None) -> bool:
+    """Return whether an episode that an environment has told ended short of its goal.
+
+    One that says whether its goal is reached says so as it ends; of others being terminated fails.
+    """
+    if success is None:
+        return how == "terminated"
+    return not success and how in ENDS
+
+
+ENDS = "terminated", "truncated"
+"""How an environment ends an episode."""
 
 Event = (
     Appearance

@@ -16,12 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.engines.mujoco import frames
-from drop_physics.engines.mujoco.frames import CAUSES
+from drop_physics.engines.mujoco.frames import ASLEEP, CAUSES, USER
+from drop_physics.engines.whole_episodes import LONGEST_BYTES, Decision, WholeEpisodes
 
 Float64 = NDArray[np.float64]
 
 PIECE_STEPS, PIECE_BYTES = 1 << 12, 1 << 22
 """A piece has at most so many steps, and bytes of states."""
+LEFT_OUT = "imported"
+"""The cause of a state that steps led to which are not recorded: no call of the script's."""
 WHERE = struct.Struct("<4xII")
 """Simulation and site in a `frames.STEP_HEAD`."""
 STEP_HEAD = np.dtype(
@@ -57,6 +60,10 @@ class ScriptLine:
     via_line: int
 
 
+WrittenParts = Mapping[str, tuple[NDArray[np.uint32] | None, NDArray[Any]]]
+"""Elements (None: all of them) and their values, by name of a part of the state."""
+
+
 class ReceivedWrite(NamedTuple):
     """Values written into a state before a step."""
 
@@ -72,8 +79,8 @@ class ReceivedWrite(NamedTuple):
     """The site of the call before, or -1: a write without a call lies between the two."""
     time_s: float
     """The time of the state afterwards [s]."""
-    parts: dict[str, tuple[NDArray[np.uint32] | None, NDArray[Any]]]
-    """The elements (None: all of them) that were written, and their values, by name of the part."""
+    parts: WrittenParts
+    """What was written."""
 
 
 class Edited(NamedTuple):
@@ -156,16 +163,99 @@ class _World:
     """Number of steps before the current episode."""
     answers: list[tuple[int, bytes]] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=dict)
+    settled: int = 0
+    """Number of steps before those that may yet be left out."""
+    decided: int = 0
+    """Number of steps up to the end of the last episode, of which is known whether it is kept."""
+    latest: int | None = None
+    """Number of steps before the failure that is kept until the next one, which ends there."""
+    left_out: int = 0
+    """Number of steps that were made, and are not recorded."""
+    held: dict[str, NDArray[Any]] = field(default_factory=dict)
+    """What only the script changes in the state, as far as it was written, and what sleeps."""
 
     def __post_init__(self) -> None:
         size = self.size + 8 * sum(self.widths.values())
         self.most = min(PIECE_STEPS, -(-PIECE_BYTES // max(size, 1)))
         """Number of steps that make a piece."""
 
-    def piece(self) -> StepPiece:
-        """Return the gathered steps, and start a new piece."""
-        n, begins = len(self.payloads), STEP_HEAD.itemsize
-        raw = np.frombuffer(b"".join(self.payloads), np.uint8).reshape(n, begins + self.size)
+    @property
+    def first(self) -> int:
+        """The number of the first step gathered."""
+        return self.step - len(self.payloads)
+
+    def parts(self, payload: bytes) -> WrittenParts:
+        """Return the whole state after a step, but for what was never written."""
+        core = memoryview(payload)[STEP_HEAD.itemsize :]
+        return {
+            **{name: (None, held) for name, held in self.held.items()},
+            **{
+                name: (None, np.frombuffer(core[begin : begin + size], np.float64))
+                for name, begin, size in self.core
+            },
+        }
+
+    def hold(self, parts: WrittenParts) -> None:
+        """Keep what was written into the parts of the state that no step sends."""
+        for name, (indices, values) in parts.items():
+            if name not in USER and name != ASLEEP:
+                continue
+            if indices is None:
+                self.held[name] = values
+                continue
+            old = self.held.get(name, np.zeros(0, values.dtype))
+            size = max(len(old), 1 + int(indices.max())) if len(indices) else len(old)
+            new = self.held[name] = np.zeros(size, values.dtype)
+            new[: len(old)] = old
+            new[indices] = values
+
+    def leave_out(self, begin: int, end: int) -> None:
+        """Forget the steps from `begin` to before `end`: those before lead to the state after them.
+
+        What was edited in the model in them stays edited; episodes that end with them have no step.
+        """
+        gone = end - begin
+        if not gone:
+            return
+        at = begin - self.first
+        left = self.payloads[at + gone - 1]
+        *_, clock_s = frames.STEP_HEAD.unpack_from(left)
+        del self.payloads[at : at + gone]
+        became = ReceivedWrite(begin, LEFT_OUT, -1, self.site, self.site, clock_s, self.parts(left))
+
+        def after(step: int) -> int:
+            return step - gone if step >= end else min(step, begin)
+
+        before = [each for each in self.written if each.step < begin]
+        later = [each._replace(step=each.step - gone) for each in self.written if each.step >= end]
+        self.written = [*before, became, *later]
+        self.edited = [each._replace(step=after(each.step)) for each in self.edited]
+        self.warnings = [
+            (after(step), kind, count, info)
+            for step, kind, count, info in self.warnings
+            if not begin <= step < end
+        ]
+        self.answers = [
+            (after(step), payload) for step, payload in self.answers if not begin <= step < end
+        ]
+        self.episodes = [
+            each._replace(first=after(each.first), end=after(each.end)) for each in self.episodes
+        ]
+        self.step, self.episode = after(self.step), after(self.episode)
+        self.settled, self.left_out = after(self.settled), self.left_out + gone
+
+    def pieces(self) -> Iterator[StepPiece]:
+        """Yield the steps that are settled, as far as they make whole pieces."""
+        while self.settled - self.first >= self.most:
+            yield self.piece(self.most)
+
+    def piece(self, n: int) -> StepPiece:
+        """Return the first `n` of the gathered steps, and keep the others."""
+        begins, first = STEP_HEAD.itemsize, self.first
+        taken, self.payloads = self.payloads[:n], self.payloads[n:]
+        end = first + n if self.payloads else self.step + 1
+        """What lies between two pieces is of the second, if there is one."""
+        raw = np.frombuffer(b"".join(taken), np.uint8).reshape(n, begins + self.size)
         heads = np.ascontiguousarray(raw[:, :begins]).view(STEP_HEAD)[:, 0]
         raw, functions = raw[:, begins:], heads["function"]
         parts = {
@@ -175,21 +265,24 @@ class _World:
         found = StepPiece(
             world=self.number,
             model=self.model,
-            first=self.step - n,
+            first=first,
             times_s=heads["time_s"].copy(),
             functions=(functions & 15).astype(np.uint8),
             flags=(functions & 0xF0).astype(np.uint8),
             sites=heads["site"].astype(np.int32),
             parts=parts,
             widths=self.widths,
-            written=self.written,
-            edited=self.edited,
-            warnings=self.warnings,
-            episodes=self.episodes,
-            answers=self.answers,
+            written=[each for each in self.written if each.step < end],
+            edited=[each for each in self.edited if each.step < end],
+            warnings=[each for each in self.warnings if each[0] < end],
+            episodes=[each for each in self.episodes if each.end <= end],
+            answers=[each for each in self.answers if each[0] < end],
         )
-        self.payloads, self.written, self.edited = [], [], []
-        self.warnings, self.episodes, self.answers = [], [], []
+        self.written = [each for each in self.written if each.step >= end]
+        self.edited = [each for each in self.edited if each.step >= end]
+        self.warnings = [each for each in self.warnings if each[0] >= end]
+        self.episodes = [each for each in self.episodes if each.end > end]
+        self.answers = [each for each in self.answers if each[0] >= end]
         return found
 
 
@@ -200,10 +293,12 @@ class Received:
     ----------
     models
         A folder that gets each model in MuJoCo's binary form, under its digest; None for no models.
+    whole
+        Decides which episodes are kept.
     """
 
-    def __init__(self, models: Path | None = None) -> None:
-        self._models_folder = models
+    def __init__(self, models: Path | None, whole: WholeEpisodes) -> None:
+        self._models_folder, self._whole = models, whole
         self.version = self.python = ""
         self.models: dict[int, MujocoModel] = {}
         self.sites: list[ScriptLine] = []
@@ -235,8 +330,13 @@ class Received:
 
     @property
     def steps(self) -> int:
-        """Steps received so far."""
-        return sum(world.step for world in self._worlds.values())
+        """Steps received so far, with those that are left out."""
+        return sum(world.step + world.left_out for world in self._worlds.values())
+
+    @property
+    def left_out(self) -> int:
+        """Steps that are left out so far."""
+        return sum(world.left_out for world in self._worlds.values())
 
     def take(self, payload: bytes) -> Iterable[StepPiece]:
         """Read a payload; return the pieces that it completes."""
@@ -273,8 +373,10 @@ class Received:
     def rest(self) -> Iterator[StepPiece]:
         """Yield the rest, at the end of the stream."""
         for world in self._worlds.values():
+            self._settle(world)
+            yield from world.pieces()
             if world.payloads:
-                yield world.piece()
+                yield world.piece(len(world.payloads))
 
     # -- numbers ----------------------------------------------------------------------------------
 
@@ -282,10 +384,18 @@ class Received:
         number, site = WHERE.unpack_from(payload)
         world = self._worlds[number]
         # Only now all is known that lies between the steps of the piece before.
-        whole = (world.piece(),) if len(world.payloads) >= world.most else ()
+        whole = (*world.pieces(),) if len(world.payloads) >= world.most else ()
         world.payloads.append(payload)
         world.step, world.site = world.step + 1, site
+        waiting = (world.step - world.settled) * len(payload)
+        if self._whole.all_so_far or waiting > LONGEST_BYTES:
+            self._settle(world)
         return whole
+
+    def _settle(self, world: _World) -> None:
+        """Keep the steps of a simulation so far."""
+        self._whole.kept_bytes += (world.step - world.settled) * (STEP_HEAD.itemsize + world.size)
+        world.settled, world.latest = world.step, None
 
     def _on_written(self, payload: bytes) -> None:
         _, cause, count, number, site, argument, time_s = frames.WRITTEN_HEAD.unpack_from(payload)
@@ -294,6 +404,7 @@ class Received:
             name, indices, values, at = frames.part_of(payload, at)
             parts[name] = indices, values
         world = self._worlds[number]
+        world.hold(parts)
         if CAUSES[cause] == "mj_forward" and not world.step and "qpos" in parts:
             self.posed_without_steps[number] = self.posed_without_steps.get(number, 0) + 1
         world.written.append(
@@ -371,8 +482,10 @@ class Received:
 
     def _on_model_of(self, world: int, model: int) -> Iterator[StepPiece]:
         its = self._worlds[world]
+        self._settle(its)
+        yield from its.pieces()
         if its.payloads:
-            yield its.piece()
+            yield its.piece(len(its.payloads))
         its.model = model
         its.edited = [each._replace(step=its.step) for each in self._edits.get(model, ())]
 
@@ -388,7 +501,23 @@ class Received:
         its = self._worlds[world]
         if how != "begins":
             its.episodes.append(EndedEpisode(its.episode, its.step, {"how": how, **told}))
+            self._ended(its, self._whole.decide(how, **told))
         its.episode = its.step
+
+    def _ended(self, its: _World, decision: Decision) -> None:
+        """Keep the episode of a simulation that has ended, or leave it out."""
+        if decision == "whole" or its.settled > its.decided:
+            self._settle(its)
+        elif decision == "latest":
+            if its.latest is None:
+                its.latest = its.decided
+            else:
+                its.leave_out(its.latest, its.decided)
+                self._whole.left_out += 1
+        else:
+            its.leave_out(its.decided, its.step)
+            self._whole.left_out += 1
+        its.decided = its.step
 
     def _on_uncaught(self, **what: Any) -> None:  # noqa: ANN401
         self.uncaught.append(what)

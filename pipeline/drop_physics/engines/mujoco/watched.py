@@ -44,6 +44,7 @@ from drop_physics.engines.mujoco.sensed import sensors_of
 from drop_physics.engines.mujoco.stepping import Stepper, StepsWanted
 from drop_physics.engines.surfaces import surfaces_of
 from drop_physics.engines.watching.pipe import EXTREMES
+from drop_physics.engines.whole_episodes import WholeEpisodes
 from drop_physics.fields import all_of, counted
 from drop_physics.messages import Message
 from drop_physics.temporary import TemporaryFolder
@@ -194,9 +195,15 @@ class MujocoDecoder:
     """Interprets payloads of a stream as events, in order; `close` it.
 
     Files of replays are kept in a folder of its own.
+
+    Parameters
+    ----------
+    whole
+        Decides which episodes are kept.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, whole: WholeEpisodes | None = None) -> None:
+        self._whole = whole or WholeEpisodes()
         self._temporary: TemporaryFolder | None = None
         self._folder: Path | None = None
         self._frames = KeptFrames()
@@ -239,6 +246,11 @@ class MujocoDecoder:
         return 0 if self._received is None else self._received.steps
 
     @property
+    def kept_steps(self) -> int:
+        """Number of these that are recorded."""
+        return 0 if self._received is None else self._received.steps - self._received.left_out
+
+    @property
     def is_long(self) -> bool:
         """True if its steps are too many to be explained before somebody asks for them."""
         return self._frames.is_full
@@ -258,7 +270,7 @@ class MujocoDecoder:
         if self._received is None:
             self._temporary = TemporaryFolder()
             self._folder = self._temporary.path
-            self._received = Received(self._folder)
+            self._received = Received(self._folder, self._whole)
         pieces = self._received.take(payload)
         return self._on_pieces(pieces) if pieces else ()
 

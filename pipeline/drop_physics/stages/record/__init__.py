@@ -28,9 +28,10 @@ from drop_physics.engines import script as running
 from drop_physics.engines.reached import Reached
 from drop_physics.engines.script import Program
 from drop_physics.errors import DropError
-from drop_physics.fields import all_of
+from drop_physics.fields import all_of, counted
 from drop_physics.files.outputs import check_apart
 from drop_physics.messages import Message, shell_command
+from drop_physics.option_types import checked_episodes
 from drop_physics.printable import Printable
 from drop_physics.recording import schema
 from drop_physics.recording.about import about_script
@@ -163,6 +164,7 @@ def record_script(asked: verbs.RecordArguments) -> Recorded:
         explain=asked.explain,
         listens=asked.listens or asked.twice,
         evaluator=asked.evaluator,
+        episodes=checked_episodes(asked.episodes),
     )
     recording_id = uuid.uuid4().hex
     placed = target_of(
@@ -294,9 +296,9 @@ def recorded_beside(
 def _replay(decoder: Decoder) -> ReplayedSteps | None:
     """Return the outcome of replaying the steps of MuJoCo."""
     mujoco = decoder.mujoco
-    if not mujoco.steps or not mujoco.samples or mujoco.is_long:
+    if not mujoco.kept_steps or not mujoco.samples or mujoco.is_long:
         return None
-    return ReplayedSteps(mujoco.steps, mujoco.replayed, mujoco.explains, mujoco.remainder)
+    return ReplayedSteps(mujoco.kept_steps, mujoco.replayed, mujoco.explains, mujoco.remainder)
 
 
 def origin_of(program: Program, digest: str | None) -> dict[str, Any]:
@@ -347,6 +349,13 @@ def _worth_knowing(
             place=decoder.timing,
         )
     yield from ended.notes
+    if decoder.whole.left_out:
+        yield Message(
+            "{some} of {count} are one line each; --episodes all keeps their steps, "
+            "--episodes N those of one",
+            some=f"{decoder.whole.left_out:,}",
+            count=counted(decoder.whole.ended, "episode"),
+        )
     if decoder.unseeded:
         yield Message(
             "unseeded random numbers are drawn by {names}; --seed 0 makes them the same in "

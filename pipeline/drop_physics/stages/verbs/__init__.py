@@ -8,7 +8,7 @@ from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from drop_physics.option_types import checked_windows, times
+from drop_physics.option_types import checked_episodes, checked_windows, times
 from drop_physics.scenario import STANDARD_CAMERA, Camera, Scenario
 from drop_physics.scenario import View as CameraView
 from drop_physics.stages.verbs.taken import argument, flag, takes
@@ -155,6 +155,15 @@ class RecordArguments(OfScript):
     keep: Annotated[bool, flag("Keep earlier recordings of the script, and number this one.")] = (
         False
     )
+    episodes: Annotated[
+        Literal["failing", "all"] | int | None,
+        takes(
+            "failing|all|N",
+            "Keep the steps of these episodes of MuJoCo's environments, and a line of each other. "
+            "[default: all; after half a million steps of a small robot, the last that failed]",
+            read=checked_episodes,
+        ),
+    ] = None
     explain: Annotated[
         bool, flag("Do not replay MuJoCo's steps: record them, unexplained.", "--no-explain")
     ] = True

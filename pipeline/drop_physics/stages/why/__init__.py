@@ -160,6 +160,7 @@ def why(asked: verbs.WhyArguments) -> Why:
         listens=True,
         explain=asked.expect is None,
         evaluator=evaluator_of(asked.expect),
+        episodes="all",
         stdout=asked.stdout,
         note=asked.note,
     )
