@@ -46,6 +46,7 @@ from drop_physics.stages.record import record_script
 from drop_physics.stages.simulate.recorded import BATCH
 from drop_physics.stages.sweep import sweep
 from drop_physics.sweeping.plan import plan_of
+from drop_physics.temporary import temporary_folder
 from drop_physics.workers import cores
 from PIL import Image
 from rerun.chunk import LazyChunkStream
@@ -730,6 +731,34 @@ def test_a_recording_that_does_not_verify_is_not_reported_as_kept(
     assert {file.name for file in new.parent.iterdir()} == {"run.rrd", "new.rrd.part"}
     assert "sealed" not in str(raised.value)
     assert raised.value.__notes__ == [f"what had been recorded is in {new}.part"]
+
+
+def test_where_rerun_gets_no_memory_the_file_is_not_said_to_be_wrong(
+    run_rrd: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With `ulimit -v 1300000` it prints this, and ends with 102."""
+    rerun = run_rrd.with_name("rerun")
+    text = "thread 'main' panicked at 'OS can't spawn worker thread'"
+    rerun.write_text(f'#!/bin/sh\necho "{text}" >&2\nexit 102\n')
+    rerun.chmod(0o755)
+    monkeypatch.setattr(sealing, "binary", lambda: str(rerun))
+    with pytest.raises(
+        OutputError, match=r"rerun rrd route has failed \(OS can't spawn worker thread\); is there"
+    ):
+        simulate(Scenario(duration_s=0.1), run_rrd.with_name("new.rrd"), camera=None)
+
+
+def test_no_file_that_goes_with_its_folder_is_said_to_be_kept() -> None:
+    with temporary_folder() as folder:
+        new = folder / "new.rrd"
+        with pytest.raises(OutputError, match="created by another process") as raised:
+            simulate(
+                Scenario(duration_s=0.1),
+                new,
+                camera=None,
+                progress=lambda *_: new.write_text("theirs"),
+            )
+        assert not getattr(raised.value, "__notes__", [])
 
 
 @pytest.mark.long

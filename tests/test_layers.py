@@ -61,7 +61,7 @@ def room_of(*parts: str) -> str:
     """Return the room of a path or module below the package: `scenario` has three files."""
     first = parts[0].removesuffix(".py")
     parts_of = {"scenario": ("fields", "option_types")}
-    parts_of["workers"] = ("loading", "installed", "temporary")
+    parts_of["workers"] = ("loading", "installed", "temporary", "address_space")
     return next((room for room, files in parts_of.items() if first in files), first)
 
 

@@ -36,3 +36,19 @@ except ModuleNotFoundError:
 def test_a_lazy_package_loads_what_is_used_and_has_every_name() -> None:
     done = subprocess.run([sys.executable, "-c", LAZILY], capture_output=True, text=True)
     assert done.stdout == "whole\n", done.stderr
+
+
+def test_where_there_is_no_room_for_a_library_that_aborts_it_is_not_loaded() -> None:
+    """Polars ends the process where an allocation fails."""
+    code = """
+import resource
+from drop_physics import loading
+loading.load_less()
+resource.setrlimit(resource.RLIMIT_AS, (1 << 30, 1 << 30))
+try:
+    import polars
+except MemoryError:
+    print("one line")
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout == "one line\n", done.stderr

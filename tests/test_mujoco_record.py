@@ -384,3 +384,26 @@ def test_edits_that_another_state_of_the_model_saw_count(tmp_path: Path) -> None
     assert masses == [(0, [0.5]), (5, [2.0])]
     told = [call for call in seen.calls if call.function == "body_mass"]
     assert [(call.at.step, call.numbers[1]) for call in told] == [(5, 2.0)]
+
+
+MESHES = """
+import mujoco
+mesh = (
+    '<mesh name="m" inertia="shell" vertex="0 0 0  0 1 0  {0} 0 {0}  {0} 1 {0}  -{0} 0 {0}'
+    '  -{0} 1 {0}" face="0 1 2  1 3 2  0 4 1  1 4 5"/>'
+)
+body = '<body><freejoint/><geom type="mesh" mesh="m"/></body>'
+for size in (1, 3):
+    m = mujoco.MjModel.from_xml_string(
+        f"<mujoco><asset>{mesh.format(size)}</asset><worldbody>{body}</worldbody></mujoco>")
+    mujoco.mj_step(m, mujoco.MjData(m))
+"""
+
+
+def test_meshes_of_one_name_in_two_models_are_each_its_own(tmp_path: Path) -> None:
+    """A valley of two faces is 1 m long; one is 2 m wide, one 6 m."""
+    (tmp_path / "script.py").write_text(MESHES)
+    record_script(str(tmp_path / "script.py"), out=tmp_path / "run.rrd")
+    surfaces = read(tmp_path / "run.rrd").seen.surfaces
+    widths_m = [np.ptp(each.corners_m, axis=0).max() for each in surfaces]
+    assert np.allclose(widths_m, [2.0, 6.0], atol=1e-5)

@@ -779,3 +779,19 @@ except TypeError as error:
     print(error.__traceback__.tb_next)
 """
     assert watched(tmp_path, text).printed == "True True\nNone\n"
+
+
+def test_what_a_state_leaves_is_not_filled(tmp_path: Path) -> None:
+    """A state of one body has an arena of 14 MB; a second one is where the first has been."""
+    text = """
+import mujoco
+def peak_kb():
+    with open("/proc/self/status") as file:
+        return int(file.read().partition("VmHWM:")[2].split()[0])
+m = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
+before = peak_kb()
+for _ in range(5):
+    mujoco.MjData(m)
+print(m.narena > 13e6, peak_kb() - before < 5_000)
+"""
+    assert watched(tmp_path, text).printed == "True True\n"

@@ -17,6 +17,8 @@ from importlib.machinery import PathFinder, SourceFileLoader
 from types import ModuleType
 from typing import Any
 
+from drop_physics.address_space import check_address_space
+
 _BLUEPRINT = ("archetypes", "components", "encodings", "views", "visualizers")
 _RERUN = (
     *("archetypes", "blueprint", "catalog", "chunk", "components", "encodings", "experimental"),
@@ -29,6 +31,8 @@ LAZY: Mapping[str, Mapping[str, str]] = {
     "scipy.linalg": {},
 }
 """Packages, and the modules of names that their `__init__` imports with a star."""
+POLARS_BYTES = 1 << 30
+"""Polars reserves 1.6 GB with its first tables on two processors, and aborts where it gets none."""
 
 
 class LazyLoader(SourceFileLoader):
@@ -65,12 +69,17 @@ class LazyLoader(SourceFileLoader):
 
 
 class LazyFinder:
-    """Finder of these packages, and of no pandas, for `sys.meta_path`."""
+    """Finder of these packages, and of no pandas, for `sys.meta_path`.
+
+    MemoryError is raised where there is no room for a library that would end the process.
+    """
 
     def find_spec(self, name: str, path: Sequence[str] | None = None, *_: object) -> Any:  # noqa: ANN401
         """Return the specification of a lazily loaded package; None for any other."""
         if name == "pandas":
             raise ModuleNotFoundError(name, name=name)
+        if name == "polars":
+            check_address_space(POLARS_BYTES)
         spec = PathFinder.find_spec(name, path) if name in LAZY else None
         if spec is not None and isinstance(spec.loader, SourceFileLoader):
             spec.loader = LazyLoader(name, spec.loader.path)

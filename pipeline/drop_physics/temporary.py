@@ -58,6 +58,11 @@ def temporary_folder() -> Iterator[Path]:
         folder.close()
 
 
+def is_temporary(path: Path) -> bool:
+    """Return whether a file is below such a folder, and goes with it."""
+    return any(NAME.fullmatch(each.name) for each in path.parents)
+
+
 def remove_leftovers() -> None:
     """Remove the folders of killed processes of ours; where `/proc` is, on Linux."""
     if _started(os.getpid()) is None:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 PANIC = "PanicException"
 """An error of libraries that are written in Rust, which is no `Exception`."""
+UNMAPPED = "failed to map segment"
+"""What the loader of libraries says where one has no room in memory (glibc)."""
 COLLECTED_EVERY = 1_000_000
 """New objects that trigger the garbage collector: more than the imports create.
 
@@ -166,7 +168,8 @@ def _verdict(error: BaseException) -> tuple[str, int]:
     """Return the message of an error, and the exit code."""
     if isinstance(error, DropError):
         return error.in_options, error.exit_code
-    if isinstance(error, MemoryError):
+    unmapped = isinstance(error, ImportError) and UNMAPPED in str(error)
+    if unmapped or isinstance(error, MemoryError):
         return NO_MEMORY, 1
     if type(error).__name__ == PANIC:
         return Message("a library has failed; is there enough memory? See: ulimit -a"), 1

@@ -115,6 +115,8 @@ def packed(values: Values) -> str:
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever an event holds
     """Return the JSON form of a value; `asdict` would copy each number."""
+    if value is None or isinstance(value, float | str | int):  # most are; the next ask for more
+        return value
     if isinstance(value, Body):
         return value.number
     if is_dataclass(value) and not isinstance(value, At):
@@ -129,7 +131,12 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever an event holds
 
 
 def _plain_values(held: Any) -> Values:  # noqa: ANN401 - any dataclass
-    return {each.name: _plain(getattr(held, each.name)) for each in fields(held)}
+    return {name: _plain(getattr(held, name)) for name in _names_of(type(held))}  # type: ignore[arg-type]
+
+
+@cache
+def _names_of(kind: Any) -> tuple[str, ...]:  # noqa: ANN401 - any dataclass
+    return tuple(each.name for each in fields(kind))
 
 
 def _plain_body(body: Body) -> Values:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import signal
 import subprocess
 from collections.abc import Callable, Iterator, Mapping
@@ -16,6 +17,10 @@ from drop_physics.files.whole import growing, onto_disk, renamed
 from drop_physics.messages import Message
 from drop_physics.recording import rrd, schema
 from drop_physics.recording.viewer import binary
+from drop_physics.temporary import is_temporary
+
+PANIC = re.compile(r"panicked at '?(.+?)'?$", re.MULTILINE)
+"""What Rerun's command line prints where it fails by no fault of the file."""
 
 
 @contextlib.contextmanager
@@ -63,7 +68,7 @@ def unfinished(
             with contextlib.suppress(OSError):  # its folder may be gone
                 if not os.path.samestat(part.stat(), ours_at):
                     pass  # somebody else's: it has taken the name
-                elif salvage and _holds_something(part):
+                elif salvage and not is_temporary(part) and _holds_something(part):
                     failure.add_note(Message("what had been recorded is in {part}", part=part))
                 else:
                     part.unlink()
@@ -207,6 +212,12 @@ def _rerun(*arguments: str | Path, stdout: BinaryIO | int = subprocess.PIPE) -> 
             "rerun {command} was ended by {signal}; is there room for its file?",
             command=f"{arguments[0]} {arguments[1]}",
             signal=name,
+        )
+    if found := PANIC.search(output):  # as where it gets no memory, or no thread
+        raise OutputError(
+            "rerun {command} has failed ({reason}); is there enough memory? See: ulimit -a",
+            command=f"{arguments[0]} {arguments[1]}",
+            reason=found[1],
         )
     if done.returncode != 0:
         raise RuntimeError(f"rerun {arguments[0]} {arguments[1]}: {output.strip()[-300:]}")

@@ -21,8 +21,9 @@ A part of a state is `PART_HEAD`, the indices (uint32) if not all elements are s
 from __future__ import annotations
 
 import json
+import math
 from struct import Struct
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -166,14 +167,34 @@ def arrays_bytes(what: str, arrays: dict[str, Any], **values: Any) -> bytes:
     return b"".join([*parts, *(array.tobytes() for array in held.values())])
 
 
-def arrays_of(payload: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the JSON head of an ARRAYS payload, without `arrays`, and the arrays by name."""
+class ArrayPlace(NamedTuple):
+    """Where an array is in a payload."""
+
+    dtype: Any
+    shape: tuple[int, ...]
+    size: int
+    """The number of its elements."""
+    begin: int
+    """Its first byte."""
+
+    def of(self, payload: bytes) -> Any:
+        """Return the array."""
+        return np.frombuffer(payload, self.dtype, self.size, self.begin).reshape(self.shape)
+
+
+def places_of(payload: bytes) -> tuple[dict[str, Any], dict[str, ArrayPlace]]:
+    """Return the JSON head of an ARRAYS payload, without `arrays`, and the places of these."""
     length = int.from_bytes(payload[1:5], "little")
     head = json.loads(payload[5 : 5 + length])
-    at, arrays = 5 + length, {}
+    at, places = 5 + length, {}
     for name, kind, shape in head.pop("arrays"):
-        dtype = np.dtype(kind)
-        count = int(np.prod(shape, dtype=np.int64))
-        arrays[name] = np.frombuffer(payload, dtype, count, at).reshape(shape)
-        at += count * dtype.itemsize
-    return head, arrays
+        dtype, size = np.dtype(kind), math.prod(shape)
+        places[name] = ArrayPlace(dtype, tuple(shape), size, at)
+        at += size * dtype.itemsize
+    return head, places
+
+
+def arrays_of(payload: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the JSON head of an ARRAYS payload, without `arrays`, and the arrays by name."""
+    head, places = places_of(payload)
+    return head, {name: place.of(payload) for name, place in places.items()}

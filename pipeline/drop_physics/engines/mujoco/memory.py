@@ -19,7 +19,7 @@ ALIGNED = 64
 NEAR = 1024
 """Arrays of a model with gaps of at most so many bytes are compared together."""
 MOST_HFIELD = 1 << 16
-"""Number of bytes of height fields that are compared at each step."""
+"""Number of bytes of height fields that are compared at each step, and analyzed."""
 EDITABLE = re.compile(
     r"qpos0|qpos_spring"
     r"|body_(pos|quat|ipos|iquat|mass|subtreemass|inertia|invweight0|gravcomp|margin)"
@@ -160,10 +160,14 @@ def fields_of(m: Any) -> list[Field]:
         array = getattr(m, name)
         if not isinstance(array, np.ndarray) or not array.nbytes or not array.flags.c_contiguous:
             continue
-        if name == "hfield_data" and array.nbytes > MOST_HFIELD:
+        if _is_large_hfield(name, array):
             continue
         found.append(Field(name, array.ctypes.data, array.dtype, array.shape))
     return sorted(found, key=lambda field: field.address)
+
+
+def _is_large_hfield(name: str, array: Any) -> bool:
+    return name == "hfield_data" and array.nbytes > MOST_HFIELD
 
 
 def options_of(m: Any) -> list[Field]:
@@ -216,7 +220,7 @@ def constants_of(m: Any) -> dict[str, Any]:
             continue
         value = getattr(m, name)
         if isinstance(value, np.ndarray):
-            if value.size:
+            if value.size and not _is_large_hfield(name, value):
                 found[name] = value
         elif isinstance(value, (int, float)):
             found[name] = np.array(value)

@@ -36,16 +36,44 @@ STEP_HEAD = np.dtype(
 """A `frames.STEP_HEAD`."""
 
 
+class Constants(Mapping[str, NDArray[Any]]):
+    """The constants that an analysis reads of a model, by MuJoCo's names.
+
+    Options are named as `opt.timestep`. An array is made of the received bytes where it is asked
+    for: kept, the arrays of a small model would take four times the bytes.
+
+    Parameters
+    ----------
+    payload
+        The bytes of all.
+    places
+        Type, shape and first byte of each.
+    """
+
+    def __init__(self, payload: bytes, places: Mapping[str, frames.ArrayPlace]) -> None:
+        self._payload, self._places = payload, places
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        found: NDArray[Any] = self._places[name].of(self._payload)
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
 @dataclass
 class MujocoModel:
     """A model, at the time of its first step."""
 
     number: int
     digest: str
-    fields: list[tuple[str, np.dtype[Any], tuple[int, ...]]]
+    fields: tuple[tuple[str, np.dtype[Any], tuple[int, ...]], ...]
     """The fields that may be edited: name, type and shape."""
-    arrays: dict[str, NDArray[Any]]
-    """The constants that an analysis reads, by MuJoCo's names; options as `opt.timestep`."""
+    arrays: Mapping[str, NDArray[Any]]
+    """Its `Constants`."""
     held: dict[int, NDArray[Any]] = field(default_factory=dict)
     """The values of its edited fields, by number of the field."""
 
@@ -323,7 +351,9 @@ class Received:
         self.posed_without_steps: dict[int, int] = {}
         """How often positions were changed for `mj_forward` before the first step, by simulation:
         a script that integrates by itself makes no step that is seen."""
-        self._constants: dict[str, dict[str, NDArray[Any]]] = {}
+        self._constants: dict[str, Constants] = {}
+        self._alike: dict[tuple[Any, ...], Any] = {}
+        """The places of constants, and fields, which models of one kind have in common."""
         self._worlds: dict[int, _World] = {}
         self._edits: dict[int, list[Edited]] = {}
         """All edits of each model so far."""
@@ -359,15 +389,16 @@ class Received:
             world = self._worlds[number]
             world.answers.append((world.step, payload))
         elif kind == frames.ARRAYS:
-            head, arrays = frames.arrays_of(payload)
+            head, places = frames.places_of(payload)
             if head["what"] == "constants":
-                self._constants[head["digest"]] = arrays
+                alike = self._alike.setdefault(tuple(places.items()), places)
+                self._constants[head["digest"]] = arrays = Constants(payload, alike)
                 for model in self.models.values():
                     if model.digest == head["digest"]:
                         model.arrays = arrays
             elif self._models_folder is not None:
                 with (self._models_folder / f"{head['digest']}.mjb").open("ab") as file:
-                    file.write(arrays["bytes"].data)
+                    file.write(places["bytes"].of(payload).data)
         return ()
 
     def rest(self) -> Iterator[StepPiece]:
@@ -456,7 +487,8 @@ class Received:
         self.version, self.python = version, python
 
     def _on_model(self, number: int, digest: str, fields: list[Any], **_: Any) -> None:  # noqa: ANN401
-        of_fields = [(name, np.dtype(kind), tuple(shape)) for name, kind, shape in fields]
+        made = tuple((name, np.dtype(kind), tuple(shape)) for name, kind, shape in fields)
+        of_fields = self._alike.setdefault(made, made)
         self.models[number] = MujocoModel(
             number, digest, of_fields, self._constants.get(digest, {})
         )

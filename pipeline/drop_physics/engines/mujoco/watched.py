@@ -115,9 +115,11 @@ class MujocoSimulation:
     """The parts of the state as they are, flat."""
     held_at: int
     """The number of steps of the MjData so far."""
-    arrays: dict[str, NDArray[Any]]
+    arrays: Mapping[str, NDArray[Any]]
     """The model's constants, with what was edited."""
     frames: FramesOfSteps
+    folder: Path
+    """The folder of its model's meshes: those of another may have the same names."""
     apart_s: float | None = None
     """The time between two of its states [s], if that is not one timestep of the model."""
     began: bool = False
@@ -209,6 +211,10 @@ class MujocoDecoder:
         self._frames = KeptFrames()
         self._received: Received | None = None
         self._simulations: dict[tuple[int, int], MujocoSimulation] = {}
+        self._latest: dict[int, MujocoSimulation] = {}
+        """The last simulation of each state of the script."""
+        self._bodies = 0
+        """Bodies of all simulations."""
         self._described_before: dict[str, tuple[DescribedBody, ...]] = {}
         """The bodies of each model, by its digest: many states may have the same."""
         self._models: dict[str, int] = {}
@@ -422,23 +428,24 @@ class MujocoDecoder:
         assert self._received is not None
         assert self._folder is not None
         model = self._received.models[number_of_model]
-        arrays = dict(model.arrays)
-        number = sum(len(s.described.bodies) for s in self._simulations.values())
-        client = len(self._simulations)
+        number, client = self._bodies, len(self._simulations)
         alike = enumerate(self._described_before.get(model.digest, ()), number)
         known = {each: body.as_number(each, client) for each, body in alike}
-        made = described(arrays, client=client, first=number, folder=self._folder, known=known)
+        folder = self._folder / model.digest
+        folder.mkdir(exist_ok=True)
+        made = described(model.arrays, client=client, first=number, folder=folder, known=known)
         self._described_before[model.digest] = made.bodies
-        before = [each for (of, _), each in self._simulations.items() if of == world]
-        held = dict(before[-1].held) if before else {}
-        clock_s = before[-1].frames.clock_s if before else 0.0
+        before = self._latest.get(world)
+        held = {} if before is None else dict(before.held)
+        clock_s = 0.0 if before is None else before.frames.clock_s
         which = self._models.setdefault(model.digest, len(self._models))
         frames = FramesOfSteps(client, which, first, held, clock_s)
         found = MujocoSimulation(
-            client, number_of_model, first, made, number, held, first, arrays, frames
+            client, number_of_model, first, made, number, held, first, model.arrays, frames, folder
         )
         found.apart_s = self._received.apart_s.get(world)
-        self._simulations[key] = found
+        self._simulations[key] = self._latest[world] = found
+        self._bodies += len(made.bodies)
         return found
 
     def _on_steps(
@@ -501,7 +508,7 @@ class MujocoDecoder:
         for made in its.described.bodies:
             yield Appearance(at, made.body, there=True, came=True)
             yield Dynamics(at, made.body, reported_of(its.arrays, made))
-            yield from surfaces_of(at, made.body, self._folder)
+            yield from surfaces_of(at, made.body, its.folder)
             if made.body.number in puts:
                 yield puts[made.body.number]
 
@@ -524,12 +531,14 @@ class MujocoDecoder:
 
     def _settings(self, its: MujocoSimulation, at: At) -> Settings:
         assert self._received is not None
+        named_options = (name for name in its.arrays if name.startswith("opt."))
+        values_of = {name: its.arrays[name] for name in named_options}
         options = {
             name.removeprefix("opt."): value.ravel().tolist()
             if value.size > 1
             else float(value.item())
-            for name, value in its.arrays.items()
-            if name.startswith("opt.") and name not in ("opt.timestep", "opt.gravity")
+            for name, value in values_of.items()
+            if name not in ("opt.timestep", "opt.gravity")
         }
         gravity = np.ravel(its.arrays["opt.gravity"]).tolist()
         named = {f"gravityAcceleration{axis}": g for axis, g in zip("XYZ", gravity, strict=True)}
@@ -539,7 +548,6 @@ class MujocoDecoder:
 
     def _changed(self, its: MujocoSimulation, edits: list[Edited], step: int) -> Iterator[Event]:
         """Yield the settings and bodies changed by edits of the model."""
-        assert self._folder is not None
         at = At(step, its.time_s(step), self._calls)
         if any(edit.name.startswith("opt.") for edit in edits):
             its.since_s, its.since_step = its.time_s(step), step
@@ -563,13 +571,12 @@ class MujocoDecoder:
 
     def _described(self, its: MujocoSimulation, edited: Set[int] | None = None) -> DescribedModel:
         """Describe the model as it is now: all of it, or some bodies anew, by number."""
-        assert self._folder is not None
         bodies = {made.body.number: made for made in its.described.bodies}
         return described(
             its.arrays,
             client=its.client,
             first=its.number,
-            folder=self._folder,
+            folder=its.folder,
             known={} if edited is None else {n: bodies[n] for n in bodies.keys() - edited},
         )
 
@@ -737,8 +744,7 @@ class MujocoDecoder:
 
     def _on_edit(self, its: MujocoSimulation, edit: Edited, rows: _Rows) -> None:
         """Note that elements of the model were edited in place."""
-        its.arrays = dict(its.arrays)
-        _edit(its.arrays, edit)
+        its.arrays = _edited(its.arrays, edit)
         if id(edit.new) in self._edited:
             return
         self._edited.add(id(edit.new))
@@ -830,11 +836,13 @@ def _place(line: ScriptLine) -> str:
     return located(line.file, line.line)
 
 
-def _edit(arrays: dict[str, NDArray[Any]], edit: Edited) -> None:
-    """Write edits into a model's constants."""
-    if edit.name in arrays:
-        held = arrays[edit.name] = np.array(arrays[edit.name])
-        held.reshape(-1)[edit.indices] = edit.new
+def _edited(arrays: Mapping[str, NDArray[Any]], edit: Edited) -> Mapping[str, NDArray[Any]]:
+    """Return a model's constants with what was edited."""
+    if edit.name not in arrays:
+        return arrays
+    held = np.array(arrays[edit.name])
+    held.reshape(-1)[edit.indices] = edit.new
+    return {**arrays, edit.name: held}
 
 
 def _edited_bodies(its: MujocoSimulation, edits: list[Edited]) -> set[int]:

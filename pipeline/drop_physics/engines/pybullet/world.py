@@ -9,7 +9,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import math
-import mmap
 from collections.abc import Iterator
 from dataclasses import replace
 from operator import itemgetter
@@ -18,6 +17,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from drop_physics.address_space import check_address_space
 from drop_physics.arrays import Float64
 from drop_physics.engine_report import EngineReport
 from drop_physics.engines.finite import drop_samples
@@ -66,7 +66,7 @@ class World:
         self._round_cylinders = round_cylinders
         self._urdf = find_body(scenario.body)
         self._own: tuple[float, tuple[float, ...]] | None = None  # the URDF's mass and inertia
-        _check_memory()
+        check_address_space(CLIENT_BYTES)  # Bullet would end this process
         self._client: int = p.connect(p.DIRECT)
         try:
             self._body = self._load_body()
@@ -431,11 +431,3 @@ def _rest_height(
     scenario = Scenario(body=body, mass_kg=1.0, orientation=orientation_xyzw)
     with World(scenario, round_cylinders=round_cylinders) as world:
         return world._touching_height()
-
-
-def _check_memory() -> None:
-    """Raise MemoryError if there is no memory for a client: Bullet would end this process."""
-    try:
-        mmap.mmap(-1, CLIENT_BYTES).close()
-    except OSError:
-        raise MemoryError from None

@@ -4,6 +4,10 @@ A watched script's process fills new memory with a fixed value (glibc's `MALLOC_
 values read before they are set are the same in each run. MuJoCo allocates the arena of a state at
 its largest possible size, 530 MB for 500 boxes, and uses next to nothing of it: filled, all of it
 is real memory. MuJoCo writes to its arena before it reads from it.
+
+Freed memory is filled, too, 14 MB for a state of one body; but not what is returned to the system
+at once. glibc does so with large pieces until one was freed: from then on pieces of that size are
+of its heap, unless it is told the size.
 """
 
 from __future__ import annotations
@@ -18,8 +22,11 @@ from typing import Any
 from ...watching.hidden import hiding
 
 VARIABLE = "MALLOC_PERTURB_"
-M_PERTURB = -6
-"""Number of the option in glibc's `malloc.h`."""
+M_PERTURB, M_MMAP_THRESHOLD, M_TRIM_THRESHOLD = -6, -3, -1
+"""Numbers of options in glibc's `malloc.h`."""
+OWN_BYTES, LARGEST_BYTES = 1 << 17, 1 << 25
+"""Pieces from which on memory is returned at once: glibc's own first value, and its largest, which
+it takes after a script has freed so large an array."""
 MAKES = {
     "MjData": ("__init__", "__copy__", "__deepcopy__"),
     "MjSpec": ("compile", "recompile"),
@@ -51,9 +58,12 @@ def _plain(function: Any) -> Any:
 def _unfilled(original: Any, allocator: Any, fill: int) -> Any:
     def made(*args: Any, **kwargs: Any) -> Any:
         allocator(M_PERTURB, 0)
+        allocator(M_MMAP_THRESHOLD, OWN_BYTES)
         try:
             return original(*args, **kwargs)
         finally:
             allocator(M_PERTURB, fill)
+            allocator(M_MMAP_THRESHOLD, LARGEST_BYTES)
+            allocator(M_TRIM_THRESHOLD, 2 * LARGEST_BYTES)
 
     return wraps(original)(hiding(made))
