@@ -71,3 +71,32 @@ def test_only_what_is_known_to_be_left_is_removed(place: Path) -> None:
     os.close(lock)
     own.close()
     assert not own.path.exists()
+
+
+WRITES_MEANWHILE = """
+import os, shutil, sys
+from drop_physics import temporary
+real, meanwhile = shutil.rmtree, []
+def removing(folder, **how):
+    if not meanwhile:
+        meanwhile.append((folder / "late").mkdir())
+        return
+    real(folder, **how)
+shutil.rmtree = removing
+with temporary.temporary_folder() as folder:
+    pass
+left = temporary.TemporaryFolder()
+if os.fork() == 0:
+    sys.exit()
+os.wait()
+print(folder.exists(), left.path.exists())
+"""
+
+
+def test_nothing_is_left_of_what_is_written_meanwhile_or_never_closed(place: Path) -> None:
+    """As by a signal that comes while a process starts; what was forked removes nothing."""
+    done = subprocess.run(
+        [sys.executable, "-c", WRITES_MEANWHILE], capture_output=True, text=True, check=False
+    )
+    assert done.stdout == "False True\n", done.stderr
+    assert not [*place.iterdir()]

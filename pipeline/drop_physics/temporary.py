@@ -2,15 +2,19 @@
 
 A folder's name has the process that made it: its number, and when it started. As long as that
 process lives it also holds a lock on the folder, which another machine or container sees, too.
+A signal may come before whoever asked for a folder has it: what is left is removed at the end.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import re
+import secrets
 import shutil
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,6 +27,8 @@ NAME = re.compile(r"drop-(\d+)-(\d+)-\w+")
 """Process number and start time, in the system's ticks, in the name of a folder."""
 STARTED = 19
 """Place of the start time in `/proc/PID/stat`, behind the program's name."""
+WAITS_S = 0.0, 0.01, 0.1, 0.5
+"""Times after which a folder is removed again: a process that ends may still have written [s]."""
 
 
 class TemporaryFolder:
@@ -35,17 +41,24 @@ class TemporaryFolder:
     """
 
     def __init__(self) -> None:
-        number = os.getpid()
-        prefix = f"drop-{number}-{_started(number) or 0}-"
-        self.path = Path(tempfile.mkdtemp(prefix=prefix))
+        self._owner, self._lock = os.getpid(), None
+        name = f"drop-{self._owner}-{_started(self._owner) or 0}-{secrets.token_hex(4)}"
+        self.path = Path(tempfile.gettempdir(), name)
+        atexit.register(self._close_at_end)
+        self.path.mkdir(mode=0o700)
         self._lock = _locked(self.path)
 
     def close(self) -> None:
         """Remove the folder with its contents."""
         _remove(self.path)
+        atexit.unregister(self._close_at_end)
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
+
+    def _close_at_end(self) -> None:
+        if os.getpid() == self._owner:  # not what was forked
+            self.close()
 
 
 @contextlib.contextmanager
@@ -106,9 +119,13 @@ def _locked(folder: Path) -> int | None:
 
 
 def _remove(folder: Path) -> None:
-    for at, folders, _ in os.walk(folder):
-        for each in folders:  # overlayfs lets nobody look into its own
-            if not Path(at, each).is_symlink():
-                with contextlib.suppress(OSError):
-                    Path(at, each).chmod(0o700)
-    shutil.rmtree(folder, ignore_errors=True)
+    for wait_s in WAITS_S:
+        time.sleep(wait_s)
+        for at, folders, _ in os.walk(folder):
+            for each in folders:  # overlayfs lets nobody look into its own
+                if not Path(at, each).is_symlink():
+                    with contextlib.suppress(OSError):
+                        Path(at, each).chmod(0o700)
+        shutil.rmtree(folder, ignore_errors=True)
+        if not folder.exists():
+            return
