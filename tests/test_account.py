@@ -202,10 +202,12 @@ def test_what_could_have_acted_is_told_with_the_reason(
 
 
 def test_a_state_that_is_written_each_step_is_told(told: Told) -> None:
-    row = the(
-        told(SLIDE.format(damping=0), before="data.qpos[0] = 0.2", steps=300), "set", "0_mass"
-    )
-    assert "before 299 of 300 steps" in row.told or "before 300 of 300 steps" in row.told
+    wall = "<geom name='wall' type='plane' size='5 5 1' pos='0 0 1.11'/>"
+    world = wall + SLIDE.format(damping=0)
+    row = the(told(world, before="data.qpos[0] = 0.2", steps=300), "set", "1_mass")
+    assert "before 300 of 300 steps" in row.told or "before 299 of 300 steps" in row.told
+    # A sphere of 0.1 m around z = 1.2 reaches 10 mm below the plane.
+    assert "up to 10 mm into world" in row.told
 
 
 def test_rows_of_equal_bodies_are_one(told: Told) -> None:
@@ -407,6 +409,100 @@ def test_a_flexible_body_is_one_row_of_each_kind(told: Told) -> None:
     assert not [row for row in rows if row.terms]  # its steps have no sum
 
 
+def test_what_falls_on_a_flexible_body_is_told_without_terms(told: Told) -> None:
+    """It ends at rest, so that all it loses is potential energy; no step has a sum."""
+    world = """<flexcomp name="cloth" type="grid" count="3 3 1" spacing="0.1 0.1 0.1" pos="0 0 .3"
+    radius="0.01" dim="2" mass="0.5"><contact selfcollide="none"/></flexcomp>
+    <body name="ball" pos="2 0 0.3"><freejoint/><geom size="0.1" mass="1"/></body>"""
+    rows = told(FLOOR + world, steps=400)
+    lost = the(rows, "energy", next(row.body or "" for row in rows if "ball" in (row.body or "")))
+    assert lost.gap == pytest.approx(-G * 0.2, rel=0.05)
+    assert not lost.terms
+
+
+PARTS = """
+<body name="hung" pos="0 0 3"><joint name="up" type="slide" axis="0 0 1"/>
+  <geom size="0.1" mass="3"/></body>
+<body name="box" pos="3 0 0.1"><freejoint/><geom type="box" size="0.1 0.1 0.1" mass="1"/></body>
+<body name="top" pos="0 3 4"><freejoint/><geom size="0.1" mass="1"/></body>
+<body name="load" pos="0 -3 1"><joint name="lift" type="slide" axis="0 0 1"/>
+  <geom size="0.1" mass="2"/></body>
+<body name="pincer" pos="-3 0 1"><geom size="0.01" contype="0" conaffinity="0"/>
+  <body name="one" pos="-0.1 0 0"><joint name="push" type="slide" axis="1 0 0"/>
+    <geom type="box" size="0.1 0.1 0.1" mass="1"/></body>
+  <body name="other" pos="0.1 0 0"><joint name="stay" type="slide" axis="1 0 0" damping="100"/>
+    <geom type="box" size="0.1 0.1 0.1" mass="1"/></body></body>
+<body name="rod" pos="-3 3 2"><joint name="socket" type="ball" damping="0.1"/>
+  <geom type="capsule" fromto="-0.3 0 0 0.3 0 0" size="0.02" mass="1"/></body>
+"""
+OF_PARTS = """
+<equality><connect name="left" body1="hung" anchor="0 0.1 0" solref="-100 -20"/>
+  <connect name="right" body1="hung" anchor="0 -0.1 0" solref="-100 -20"/></equality>
+<tendon><fixed name="cord"><joint joint="lift" coef="1"/></fixed></tendon>
+<actuator><position name="hold" tendon="cord" kp="200" kv="30"/>
+  <motor name="close" joint="push"/><motor name="spin" joint="socket" gear="0 0 1"/></actuator>
+"""
+EACH = """data.xfrc_applied[2, 0] = 4
+    data.ctrl[1:] = 5, 0.01
+    data.qvel[12] = 3 if step == 0 else data.qvel[12]"""
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory: pytest.TempPathFactory) -> list[AccountRow]:
+    """Return the rows of several bodies side by side, a closed form each."""
+    folder = tmp_path_factory.mktemp("parts")
+    script = folder / "script.py"
+    model = MODEL.format(world=FLOOR + PARTS, more=OF_PARTS)
+    script.write_text(RUN.format(model=model, steps=500, before=EACH))
+    return [*analyze(record_script(str(script), out=folder / "script.rrd").recording).account]
+
+
+def test_each_equality_is_a_term_of_its_own(parts: list[AccountRow]) -> None:
+    row = the(parts, "moved", "up")  # the weight that gives way, half of it by each
+    names = [str(term.words) for term in row.terms]
+    assert {"constraint left", "constraint right"} <= {*names}
+    assert value(row, "constraint left") == pytest.approx(value(row, "constraint right"))
+
+
+def test_what_friction_holds_against_a_push_is_told(parts: list[AccountRow]) -> None:
+    row = the(parts, "held", "2_box")
+    assert row.asked == pytest.approx(4)
+    assert value(row, "friction world") == pytest.approx(-4, rel=1e-3)
+
+
+def test_what_spins_without_a_torque_has_it_from_the_start(parts: list[AccountRow]) -> None:
+    row = the(parts, "turned", "3_top")
+    assert row.got == pytest.approx(3 * 500 * 0.002, rel=0.01)
+    assert "no force gives it that: its start velocity" in row.told
+
+
+def test_an_actuator_on_a_tendon_is_told_by_its_length(parts: list[AccountRow]) -> None:
+    row = the(parts, "asked", "hold")  # kp (ctrl - length) = m g
+    assert row.gap == pytest.approx(-2 * G / 200, rel=0.01)
+    assert "the length of cord 0, got " in row.told
+
+
+def test_a_contact_of_own_links_is_one_term(parts: list[AccountRow]) -> None:
+    of_pincer = [row for row in parts if row.body == "5_pincer"]
+    (row,) = [row for row in of_pincer if row.joint == "push"]
+    assert row.kind == "given"
+    for each in of_pincer:
+        names = [str(term.words) for term in each.terms if term.cause == "contact"]
+        assert names in ([], ["contact one/other"])
+    # The two move as one at 5 N / (100 N s/m): what one loses to the contact, the other gains.
+    energy = the(parts, "energy", "5_pincer")
+    assert value(energy, "joint damping") == pytest.approx(-value(energy, "actuator"), rel=0.05)
+    assert not [term for term in energy.terms if term.cause == "contact"]
+
+
+def test_an_axis_of_a_ball_is_that_of_its_link(parts: list[AccountRow]) -> None:
+    """A rod along x has its z axis of inertia along x; its motor turns it about its own z."""
+    (row,) = [row for row in parts if row.kind == "given" and "socket" in str(row.joint)]
+    assert str(row.joint) in ("socket[z]", "socket[-z]")
+    assert row.asked == pytest.approx(0.01)
+    assert "gear" not in row.told
+
+
 BULLET = """
 import pybullet as p
 p.connect(p.DIRECT)
@@ -474,6 +570,39 @@ def test_damping_that_the_engine_does_not_read_is_told(tmp_path: Path) -> None:
     assert "its file gives it a damping of 1, the engine has 0" in row.told
 
 
+@pytest.mark.pybullet
+def test_inverse_dynamics_stands_beside_the_gravity_that_it_is_to_balance(tmp_path: Path) -> None:
+    """It takes gravity in the axes of the base; here that is turned by a right angle."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        textwrap.dedent(
+            """
+            import math
+            import pybullet as p
+            p.connect(p.DIRECT)
+            p.setGravity(0, 0, -9.81)
+            turned = p.getQuaternionFromEuler([math.pi / 2, 0, 0])
+            pole = p.createMultiBody(0, baseOrientation=turned, linkMasses=[2],
+                linkCollisionShapeIndices=[-1], linkVisualShapeIndices=[-1],
+                linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+                linkInertialFramePositions=[[0.5, 0, 0]],
+                linkInertialFrameOrientations=[[0, 0, 0, 1]], linkParentIndices=[0],
+                linkJointTypes=[p.JOINT_REVOLUTE], linkJointAxis=[[0, 0, 1]])
+            p.setJointMotorControl2(pole, 0, p.VELOCITY_CONTROL, force=0)
+            for _ in range(10):
+                q, v, *_ = p.getJointState(pole, 0)
+                p.calculateInverseDynamics(pole, [q], [v], [0.0])
+                p.stepSimulation()
+            """
+        )
+    )
+    rows = [*analyze(record_script(str(script), out=tmp_path / "script.rrd").recording).account]
+    (row,) = [row for row in rows if row.kind == "reads"]
+    # Its axis is level in the world, along gravity in the base: m g l against 0.
+    assert "0 N m for " in row.told
+    assert f"gravity acts on it with {-2 * G * 0.5:.3g} N m" in row.told
+
+
 # -- rows that were false once --------------------------------------------------------------------
 
 
@@ -507,7 +636,7 @@ def test_no_torque_is_told_of_steps_without_a_sum(told: Told) -> None:
     pos="0.1 0 0"/></body>"""
     more = "<option integrator='RK4'/><actuator><motor joint='j'/></actuator>"
     for row in told(world, more, "data.ctrl[0] = 1", 20):
-        assert "as it began 0 N m" not in row.told
+        assert "at first 0 N m" not in row.told
 
 
 @pytest.mark.pybullet
@@ -565,6 +694,8 @@ def test_the_account_begins_with_what_is_asked_about(told: Told, tmp_path: Path)
     assert "one  " in shown
     assert "other" not in shown
     assert f"--account {len(analysis.account)}" in shown
+    assert f"| --at {analysis.account[0].time_s:g} |" in shown
+    assert f".view(at_s={analysis.account[0].time_s:g})" in analysis._repr_html_()
     moments = [line for _, _, line in events(analysis)]
     assert any("asked: one" in line for line in moments)
     with pytest.raises(ScenarioError, match=r"such as .*one"):
@@ -739,7 +870,7 @@ def test_a_torque_that_begins_small_is_told_with_its_most(told: Told) -> None:
     more = "<actuator><motor name='m' joint='up'/></actuator>"
     before = "data.ctrl[0] = 0 if step < 60 else 0.01 if step < 90 else 5.0"
     row = the(told(SLIDE.format(damping=1), more, before, 64), "given", "up")
-    assert "as it began" in row.told
+    assert "at first" in row.told
     assert value(row, "gravity") == pytest.approx(-2 * G, rel=1e-6)
     late = the(told(SLIDE.format(damping=1), more, before, 400), "given", "up")
-    assert late.told.endswith("5 N at most")
+    assert late.told.endswith("at most 5 N")

@@ -46,10 +46,11 @@ class Printable:
     def _repr_html_(self) -> str:
         return str(importlib.import_module(NOTEBOOK).html_of(self))
 
-    def view(self, *, height_px: int = 700) -> Any:  # noqa: ANN401 - a widget of Rerun's
+    def view(self, *, height_px: int = 700, at_s: float | None = None) -> Any:  # noqa: ANN401 - a widget of Rerun's
         """Return Rerun's viewer of the result's recording, with its analysis, for a notebook.
 
+        With `at_s` it opens at this simulated time [s].
         It needs `rerun-notebook`, which `pip install '.[notebook]'` brings, and a page in which
         widgets live. Elsewhere a film of the recording stands in for it.
         """
-        return importlib.import_module(NOTEBOOK).Viewed(self, height_px)
+        return importlib.import_module(NOTEBOOK).Viewed(self, height_px, at_s)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from drop_physics.account.idle import (
 from drop_physics.account.ledger import Ledger, bins_for
 from drop_physics.account.names import Names
 from drop_physics.account.ranking import ranked
-from drop_physics.account.read import Sensed, reading_rows
+from drop_physics.account.read import Sensed, reading_rows, tendon_rows
 from drop_physics.account.rows import AccountRow
 from drop_physics.account.series import BaseTrack, JointSeries
 from drop_physics.account.subjects import MeasuredBody, subject_of
@@ -30,6 +31,7 @@ from drop_physics.account.words import RowWords
 from drop_physics.account.written import WrittenStates, energy_row
 from drop_physics.arrays import Float64
 from drop_physics.explain.causes import Totals
+from drop_physics.explain.contact_points import Points
 from drop_physics.explain.driving import control_of
 from drop_physics.explain.joints import JointTable
 from drop_physics.explain.recording import ExplainedPiece
@@ -37,6 +39,7 @@ from drop_physics.explain.steps import BodySteps
 from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touches import TouchTable
 from drop_physics.messages import Message
+from drop_physics.trace.acts import MAKES
 from drop_physics.trace.events import Actuator, Body
 from drop_physics.trace.history import Seen
 
@@ -51,7 +54,7 @@ class Account:
             if not body.soft
         )
         self._seen, self._bins = seen, bins_for(freedoms)
-        self._words = RowWords(Names(seen.bodies), times)
+        self._words = RowWords(Names(seen.bodies, seen.dynamics), times)
         self._servos = {number: servos_of(body) for number, body in seen.bodies.items()}
         self._ledgers: dict[int, Ledger] = {}
         self._series: dict[int, list[JointSeries]] = {}
@@ -70,6 +73,8 @@ class Account:
         self._sensed, self._pushed = Sensed(seen), PushedSoft()
         self._filtered: dict[frozenset[int], str] = {}
         """The line that may have ended contacts of two bodies, or of one, by their numbers."""
+        self._made: dict[tuple[int, int], set[str]] = {}
+        """The lines that made bodies, by client and the engine's id."""
 
     def see(self, explained: ExplainedPiece, joints: JointTable, touches: TouchTable) -> None:
         """Add a piece."""
@@ -77,13 +82,17 @@ class Account:
         for number, judged in explained.bodies.items():
             for steps in judged.intervals:
                 if len(steps) and steps.law.tree.size:
-                    self._add(number, steps, normals)
+                    self._add(number, steps, normals, touches.pairs.points)
         for number, found in joints.latest.items():
             self._series.setdefault(number, []).extend(map(JointSeries.of, found))
             for driven in found:
                 self._add_controls(driven.body, explained, driven.steps)
         for call, bodies in explained.piece.calls.filters():
             self._filtered[frozenset(bodies)] = call.site.place
+        for call in explained.piece.calls.of(*MAKES):
+            if np.isfinite(call.result):
+                made = self._made.setdefault((call.client, int(call.result)), set())
+                made.add(call.site.place)
         self._touching.add(touches.pairs)
         self._sensed.add(explained, touches.pairs.points)
         self._held.add(explained)
@@ -109,8 +118,16 @@ class Account:
         }
         read = read if len(read) < len(subjects) else set()
         with np.errstate(all="ignore"):  # of states that are no numbers
-            rows = [*self._rows(subjects, joints, totals)]
+            rows = [*map(self._placed, self._rows(subjects, joints, totals))]
         return ranked(rows, read, about)
+
+    def _placed(self, row: AccountRow) -> AccountRow:
+        """Return a row with the label of its body and the time of its step."""
+        body = row.subject
+        if body is None:
+            return row
+        time_s = None if row.step is None else self._words.seconds(body, row.step)
+        return replace(row, body=body.label, time_s=time_s)
 
     def _rows(
         self, subjects: Mapping[int, MeasuredBody], joints: JointTable, totals: Mapping[int, Totals]
@@ -140,15 +157,16 @@ class Account:
                 self._seen,
                 self._gravity[number],
                 written.steps,
-                words,
                 self._last[number],
             )
             if idle is None:
-                idle = coasting_row(subject, self._seen, words)
+                idle = coasting_row(subject, self._seen)
             yield from filter(None, (written.row(subject, words), idle))
             if number in self._carried:
-                carried = self._carried[number].row(subject, self._gravity[number], words)
-                yield from filter(None, (carried,))
+                lines = self._made.get((subject.body.client, subject.body.engine_id), set())
+                line = next(iter(lines)) if len(lines) == 1 else None
+                row = self._carried[number].row(subject, self._gravity[number], line)
+                yield from filter(None, (row,))
         pairs = self._touching.pairs
         yield from reading_rows(self._seen, subjects, pairs, self._filtered, words)
         yield from self._sensed.rows(self._seen, subjects, pairs, words)
@@ -170,8 +188,9 @@ class Account:
             return
         series = JointSeries.joined(parts)
         controls = self._controls_of(subject.body, len(series))
-        yield from asked.clamped_rows(subject, controls, series.steps, words)
+        yield from asked.clamped_rows(subject, controls, series.steps)
         yield from idle_actuator_rows(subject, self._seen, controls)
+        yield from tendon_rows(subject, self._seen, controls)
         given = GivenControls(subject, series, controls, words)
         yield from given.rows
         for k, aim in given.aims.items():
@@ -200,7 +219,7 @@ class Account:
             if row is not None:
                 yield row
 
-    def _add(self, number: int, steps: BodySteps, normals: Float64) -> None:
+    def _add(self, number: int, steps: BodySteps, normals: Float64, points: Points) -> None:
         tree, first = steps.law.tree, int(steps.steps[0])
         ledger = self._ledgers.get(number)
         if ledger is None or ledger.tree.size != tree.size:
@@ -210,7 +229,7 @@ class Account:
             ledger.add(steps, impulses_by_term(steps, normals, self._servos[number]))
             if tree.fixed:
                 self._carried.setdefault(number, Carried()).add(steps)
-        self._written.setdefault(number, WrittenStates()).add(steps)
+        self._written.setdefault(number, WrittenStates()).add(steps, points)
         self._last[number] = int(steps.steps[-1])
         pull = steps.reported.gravity_m_s2
         strongest = pull[int(np.argmax(np.linalg.norm(pull, axis=1)))].copy()
@@ -251,14 +270,12 @@ def _not_finite(subject: MeasuredBody, step: int, words: RowWords) -> AccountRow
     """Return the row of a body whose state is no longer finite."""
     return AccountRow(
         kind="moved",
-        body=subject.body.label,
         told=Message(
             "its state is no number from step {step:,} on ({time})",
             step=step,
             time=words.time(subject, step),
         ),
         step=step,
-        time_s=words.seconds(subject, step),
         salience=1e3,
         subject=subject.body,
         group=("not finite",),

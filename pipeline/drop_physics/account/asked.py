@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drop_physics.account.ledger import OWN
+from drop_physics.account.names import main_axis
 from drop_physics.account.rows import AccountRow
 from drop_physics.account.series import JointSeries
 from drop_physics.account.shaped import off_axle
@@ -100,12 +101,13 @@ def position_row(
     near = slice(max(0, at - 2), at + 3)
     at_limit = bool(series.at_limit[near, k].mean() > 0.5)
     told = Message(
-        "{asked}, got {got} ({gap}) at {time}",
+        "{asked}, got {got}",
         asked=quantity(float(target[at]), axis.unit),
         got=quantity(float(after[at]), axis.unit),
-        gap=quantity(float(off[at]), axis.unit, "+"),
-        time=words.time(subject, int(steps[at])),
     )
+    if target[at]:
+        told = told + Message(" ({gap})", gap=quantity(float(off[at]), axis.unit, "+"))
+    told = told + Message(" at {time}", time=words.time(subject, int(steps[at])))
     if stiffness is not None:
         unit = f"{axis.force_unit}/{axis.unit}"
         told = Message("by its control, {stiffness}: ", stiffness=quantity(stiffness, unit)) + told
@@ -128,7 +130,6 @@ def position_row(
     salience = float(gap[at]) / axis.scale / (asked / axis.scale + 0.1)
     return AccountRow(
         kind="asked",
-        body=subject.body.label,
         joint=axis.name,
         told=told,
         asked=float(target[at]),
@@ -136,7 +137,6 @@ def position_row(
         gap=float(off[at]),
         unit=axis.unit,
         step=int(steps[at]),
-        time_s=words.seconds(subject, int(steps[at])),
         at_limit=at_limit,
         terms=terms,
         salience=salience,
@@ -170,7 +170,7 @@ def rate_row(
     got = float(np.mean(rate[spell]))
     at_limit = bool(series.at_limit[spell, k].mean() > 0.5)
     told = Message(
-        "{asked}, got {got} about {time}; {wanted} in all, came {came}",
+        "{asked}, got {got} around {time}; {wanted} in all, got {came}",
         asked=quantity(aim, f"{axis.unit}/s"),
         got=quantity(got, f"{axis.unit}/s"),
         time=words.time(subject, int(steps[at])),
@@ -180,10 +180,9 @@ def rate_row(
     if at_limit:
         told = told + Message("; its drive at its limit")
     along, off = _axis_at_end(subject, axis), off_axle(subject, axis.joint)
-    told = told + Message("; about {axis}", axis=along) + off
+    told = told + Message("; about the world's {axis}", axis=along) + off
     return AccountRow(
         kind="asked",
-        body=subject.body.label,
         joint=axis.name,
         told=told,
         asked=aim,
@@ -191,7 +190,6 @@ def rate_row(
         gap=got - aim,
         unit=f"{axis.unit}/s",
         step=int(steps[at]),
-        time_s=words.seconds(subject, int(steps[at])),
         at_limit=at_limit,
         terms=words.terms(subject, forces, axis.force_unit, drives=DRIVES),
         salience=float(np.abs(lost).max()) / (float(np.abs(wanted).max()) + 0.1 * axis.scale),
@@ -228,7 +226,7 @@ def torque_row(
     for cause in ("gravity", "spring", "gravity compensation"):
         if Term(cause) in ledger.impulse:
             balance = balance + ledger.impulse[Term(cause)][:, axis.rate]
-    begins, when = int(acting[0]), Message("as it began")
+    begins, when = int(acting[0]), Message("at first")
     if np.abs(balance[acting[:3]]).max() < 0.05 * np.abs(drive[acting[:3]]).max():
         broken = acting[np.abs(balance[acting]) > 0.1 * np.abs(drive[acting]).max()]
         if len(broken) and Term("gravity") in ledger.impulse:
@@ -247,25 +245,25 @@ def torque_row(
         way = float(np.abs(np.cumsum(series.rate[:, k] * words.timesteps_s(subject, steps))).max())
     took = -sum(f for term, f in forces.items() if f < 0 and term is not OWN and term != OWN)
     cancelled = min(1.0, took / max(abs(given), 1e-12))
-    told = _controls(actuators) + Message("moved {way}", way=quantity(way, axis.unit))
+    told = _controls(actuators, axis.joint.widths[1]) + Message(
+        "moved {way}", way=quantity(way, axis.unit)
+    )
     if forces:
         force = quantity(abs(given), axis.force_unit)
         told = told + Message("; {when} {force}", when=when, force=force)
         most = _most_mean(drive, ledger.seconds, lasts)
         if abs(given) < FEEBLE * most:
-            told = told + Message(", {most} at most", most=quantity(most, axis.force_unit))
+            told = told + Message(", at most {most}", most=quantity(most, axis.force_unit))
     still = way / axis.scale < 0.1
     step = ledger.first + begins * ledger.width
     return AccountRow(
         kind="given",
-        body=subject.body.label,
         joint=axis.name,
         told=told,
         asked=abs(given),
         got=-forces.get(OWN, 0.0) if forces else None,
         unit=axis.force_unit,
         step=step,
-        time_s=words.seconds(subject, step),
         terms=words.terms(subject, forces, axis.force_unit, drives=COMMANDED),
         salience=max(min(way / axis.scale, 1.0) * 0.6, cancelled * 0.7 if still else 0.0),
         subject=subject.body,
@@ -288,7 +286,7 @@ def given_j(subject: MeasuredBody, axis: Axis, words: RowWords) -> float:
     return sum((float(work[work > 0].sum()) for work in driven), start=0.0)
 
 
-def _controls(actuators: Mapping[Actuator, Float64]) -> Message:
+def _controls(actuators: Mapping[Actuator, Float64], width: int) -> Message:
     """Return the script's controls of the motors on a joint, and the effect of range and gear."""
     told = Message("")
     for actuator, given in actuators.items():
@@ -300,14 +298,14 @@ def _controls(actuators: Mapping[Actuator, Float64]) -> Message:
             clipped = float(np.clip(most, *actuator.ctrl_range))
             if clipped != most:
                 told = told + Message(" clamped to {clipped}", clipped=number(clipped))
-        if actuator.gear != 1:
+        if actuator.gear != 1 and width == 1:  # those of a ball's three axes are not recorded
             told = told + Message(" × gear {gear}", gear=number(actuator.gear))
         told = told + Message("; ")
     return told
 
 
 def clamped_rows(
-    subject: MeasuredBody, controls: Mapping[Actuator, Float64], steps: Int64, words: RowWords
+    subject: MeasuredBody, controls: Mapping[Actuator, Float64], steps: Int64
 ) -> Iterator[AccountRow]:
     """Yield a row for each actuator whose control was clamped by its range in some steps."""
     for actuator, given in controls.items():
@@ -321,7 +319,6 @@ def clamped_rows(
         asked, got = float(given[at]), float(np.clip(given[at], low, high))
         yield AccountRow(
             kind="asked",
-            body=subject.body.label,
             actuator=actuator.name,
             told=Message(
                 "ctrl {asked}, clamped to {got} by its range {low} to {high} in {steps:,} of "
@@ -338,7 +335,6 @@ def clamped_rows(
             gap=got - asked,
             unit="",
             step=int(steps[at]),
-            time_s=words.seconds(subject, int(steps[at])),
             salience=0.9 * abs(asked - got) / max(abs(asked), 1e-12) + 0.3 * float(outside.mean()),
             subject=subject.body,
             group=("clamped", subject.kind, round(asked, 6)),
@@ -422,9 +418,3 @@ def turned_axis(subject: MeasuredBody, axis: Axis) -> Message:
 def magnitude(salience: float) -> int:
     """Return the power of ten of a salience, which similar rows share."""
     return int(np.floor(np.log10(np.clip(np.nan_to_num(salience, nan=1.0), 1e-12, 1e12)) + 0.5))
-
-
-def main_axis(direction: Float64) -> str:
-    """Return the world axis nearest to a direction: `x`, `-z`."""
-    most = int(np.argmax(np.abs(direction)))
-    return ("-" if direction[most] < 0 else "") + "xyz"[most]

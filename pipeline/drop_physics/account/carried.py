@@ -8,7 +8,6 @@ import numpy as np
 
 from drop_physics.account.rows import AccountRow
 from drop_physics.account.subjects import MeasuredBody
-from drop_physics.account.words import RowWords
 from drop_physics.arrays import Float64
 from drop_physics.explain.steps import BodySteps
 from drop_physics.messages import Message
@@ -21,6 +20,8 @@ INSTANT_S = 1e-6
 """Time over which the way of the centres of mass gives their velocities."""
 SETTLED = 0.1
 """Share of the weight below which what takes up momentum has to be for a mean to tell anything."""
+ROUNDED = 1e-9
+"""Share of the weight below which the force of contacts is rounding."""
 OUTSIDE = {"applied", "constraints", "gravity compensation", "fluid", "remainder", "contacts"}
 """Causes that act on a body from outside, besides gravity and contacts with a known force."""
 FREE = ("site", "body")
@@ -54,10 +55,11 @@ class Carried:
             self.impulse_n_s += (contacts.force_n * timestep_s[:, None]).sum(axis=0)
 
     def row(
-        self, subject: MeasuredBody, gravity_m_s2: Float64, words: RowWords
+        self, subject: MeasuredBody, gravity_m_s2: Float64, line: str | None
     ) -> AccountRow | None:
         """Return the row of the base's load; None if it is not known.
 
+        `line` is that of the call which made the body, None where it is not known.
         The mean force of the base is the change of momentum without gravity's and contacts'; where
         other forces act from outside, or that change counts, there is no row.
         """
@@ -79,24 +81,30 @@ class Carried:
         base_n = weight_n + taken_n - rest_n
         return AccountRow(
             kind="held",
-            body=body.label,
-            told=Message(
-                "its base is fixed and carries {base}, and what moves of it weighs {weight}; "
-                "contacts {push} it with {rest}",
-                base=quantity(base_n, "N"),
-                weight=quantity(weight_n, "N"),
-                push=Message("lift") if rest_n >= 0 else Message("press"),
-                rest=quantity(abs(rest_n), "N"),
-            ),
+            told=self._told(base_n, weight_n, rest_n, line),
             asked=weight_n,
             got=base_n,
             unit="N",
             step=ledger.last,
-            time_s=words.seconds(subject, ledger.last),
             salience=0.03,
             subject=body,
             group=("carried", subject.kind),
         )
+
+    def _told(self, base_n: float, weight_n: float, rest_n: float, line: str | None) -> Message:
+        told = Message("its base is fixed")
+        if line is not None:
+            told = told + Message(" since {line}", line=line)
+        told = told + Message(
+            " and carries {base}; what moves of it weighs {weight}",
+            base=quantity(base_n, "N"),
+            weight=quantity(weight_n, "N"),
+        )
+        if abs(rest_n) <= ROUNDED * weight_n:
+            return told + Message(", and no contact lifts it")
+        push = Message("lift") if rest_n > 0 else Message("press")
+        rest = quantity(abs(rest_n), "N")
+        return told + Message(", and contacts {push} it with {rest}", push=push, rest=rest)
 
 
 def momentum_n_s(tree: Tree, state: States) -> Float64:

@@ -247,8 +247,13 @@ def _equality_row(
         told = told + Message("it is not active in any step, and pulls with nothing")
     else:
         unit, size = ("m", min(each.size_m for each in its)) if not joints else ("", 1.0)
+        template = (
+            Message("{gap} off at {time} ({end} at the end)")
+            if joints
+            else Message("its points are {gap} apart at {time} ({end} at the end)")
+        )
         told = told + Message(
-            "0 asked, got {gap} at {time} ({end} at the end)",
+            template,
             gap=quantity(held.gap, unit),
             time=words.time(lighter, held.gap_step),
             end=quantity(held.end, unit),
@@ -259,7 +264,6 @@ def _equality_row(
             )
     row = AccountRow(
         kind="idle" if idle else "asked",
-        body=lighter.body.label,
         constraint=equality.name,
         told=told,
         salience=0.8,
@@ -274,7 +278,6 @@ def _equality_row(
         gap=held.gap,
         unit=unit or "rad",
         step=held.gap_step,
-        time_s=words.seconds(lighter, held.gap_step),
         salience=held.gap / size / EXACT,
     )
 
@@ -287,8 +290,8 @@ def _gap_row(held: HeldConstraint, its: list[MeasuredBody], words: RowWords) -> 
         for body, link in zip(held.last.bodies, held.last.links, strict=True)
     ]
     told = Message(
-        "its ends together, got {gap} apart at {time} ({end} at the end); pulls {pull} of {limit}, "
-        "at most {most}, {weights} weights",
+        "its ends are {gap} apart at {time} ({end} at the end), where it pulls with {pull} of "
+        "{limit}; at most with {most}, {weights} times the weight of {lighter}",
         gap=quantity(held.gap_m, "m"),
         time=words.time(lighter, held.gap_step),
         end=quantity(held.end_m, "m"),
@@ -296,10 +299,10 @@ def _gap_row(held: HeldConstraint, its: list[MeasuredBody], words: RowWords) -> 
         limit=quantity(held.limit_n, "N"),
         most=quantity(held.most_n, "N"),
         weights=number(held.most_n / lighter.weight_n),
+        lighter=words.names.body(lighter.body.number),
     )
     return AccountRow(
         kind="asked",
-        body=lighter.body.label,
         constraint=" – ".join(names),
         told=told,
         asked=0.0,
@@ -307,7 +310,6 @@ def _gap_row(held: HeldConstraint, its: list[MeasuredBody], words: RowWords) -> 
         gap=held.gap_m,
         unit="m",
         step=held.gap_step,
-        time_s=words.seconds(lighter, held.gap_step),
         at_limit=held.pull_n >= 0.999 * held.limit_n,
         salience=held.gap_m / size_m / EXACT,
         subject=lighter.body,
@@ -342,7 +344,6 @@ def _gear_row(
     subject = subjects[gear.bodies[0]]
     return AccountRow(
         kind="asked",
-        body=subject.body.label,
         constraint=f"gear {one} – {other}",
         told=told,
         asked=gear.ratio,

@@ -11,7 +11,7 @@ from drop_physics.account.names import Names
 from drop_physics.account.touching import LIMIT
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.contact_points import Pairs, Points
-from drop_physics.explain.driving import clamped, control_of
+from drop_physics.explain.driving import at_bound, control_of, largest_force
 from drop_physics.explain.joints import JointTable, JointTelemetry
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.times import StepTimes
@@ -152,7 +152,7 @@ class EpisodeTable:
         looked_at: Episode | None,
     ) -> None:
         self._seen, self._times, self._episodes = seen, times, episodes
-        self._looked_at, self._names = looked_at, Names(seen.bodies)
+        self._looked_at, self._names = looked_at, Names(seen.bodies, seen.dynamics)
         self._counts = [_Counts() for _ in episodes]
         self._held: dict[tuple[int, int], _Held] = {}
         """Joints at their limits, by body and rate."""
@@ -296,18 +296,10 @@ def _limited(driven: JointTelemetry, explained: ExplainedPiece) -> tuple[Flags, 
     body, ends = driven.body, driven.steps.steps
     at_limit = driven.at_limit.copy()
     limits = np.where(driven.limit[-1] > 0, driven.limit[-1], np.inf)
-    rates = {
-        joint.name: place.start
-        for joint, place in zip(body.joints, body.rates, strict=True)
-        if joint.widths[1] == 1
-    }
     for actuator in body.actuators:
-        rate = rates.get(actuator.target) if actuator.acts_on == "joint" else None
-        if rate is None or actuator.ctrl_range is None or actuator.kind == "position":
-            continue
-        given = clamped(actuator, control_of(actuator, body, explained.piece, ends))
-        low, high = actuator.ctrl_range
-        at_limit[:, rate] |= (given <= low) | (given >= high)
-        most = max(abs(low), abs(high)) * abs(actuator.gear) * abs(actuator.kp)
-        limits[rate] = min(limits[rate], most)
+        rate = body.rate_of(actuator)
+        if rate is not None and actuator.ctrl_range is not None and actuator.kind != "position":
+            given = control_of(actuator, body, explained.piece, ends)
+            at_limit[:, rate] |= at_bound(actuator, given)
+            limits[rate] = min(limits[rate], largest_force(actuator))
     return at_limit, limits

@@ -19,6 +19,7 @@ from drop_physics.account.series import JointSeries
 from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.words import RowWords
 from drop_physics.arrays import Flags, Float64, Int64
+from drop_physics.explain.driving import at_bound, largest_force
 from drop_physics.messages import Message
 from drop_physics.quantities import number, quantity
 from drop_physics.trace.events import Actuator
@@ -187,17 +188,12 @@ class GivenControls:
             return
         at, period = updates
         body = self._subject.body
-        rates = {
-            joint.name: place.start
-            for joint, place in zip(body.joints, body.rates, strict=True)
-            if joint.widths[1] == 1
-        }
-        self._limit(controls, rates)
+        self._limit(controls)
         position, rate = self._series.before[at], self._series.rate[at - 1]
         known = np.flatnonzero(np.isfinite(position).all(axis=0) & np.isfinite(rate).all(axis=0))
         for actuator, given in controls.items():
-            own, control = rates.get(actuator.target), given[at]
-            if actuator.acts_on != "joint" or actuator.kind not in ("motor", "general"):
+            own, control = body.rate_of(actuator), given[at]
+            if actuator.kind not in ("motor", "general"):
                 continue
             if own not in known or not np.isfinite(control).all():
                 continue
@@ -215,17 +211,14 @@ class GivenControls:
             elif found.stiffness:
                 self.aims[own] = self._aim(actuator, own, control, found, at)
 
-    def _limit(self, controls: Mapping[Actuator, Float64], rates: Mapping[str, int]) -> None:
+    def _limit(self, controls: Mapping[Actuator, Float64]) -> None:
         """Note the motors at their limit whose control is at an end of its range."""
         series = self._series
         for actuator, given in controls.items():
-            own = rates.get(actuator.target) if actuator.acts_on == "joint" else None
-            if own is None or actuator.ctrl_range is None or actuator.kind != "motor":
-                continue
-            low, high = actuator.ctrl_range
-            most = max(abs(low), abs(high)) * abs(actuator.gear * actuator.kp)
-            series.at_limit[:, own] |= (given <= low) | (given >= high)
-            series.limit[:, own] = np.fmin(series.limit[:, own], most)
+            own = self._subject.body.rate_of(actuator)
+            if own is not None and actuator.ctrl_range is not None and actuator.kind == "motor":
+                series.at_limit[:, own] |= at_bound(actuator, given)
+                series.limit[:, own] = np.fmin(series.limit[:, own], largest_force(actuator))
 
     def _aim(
         self, actuator: Actuator, own: int, control: Float64, found: Feedback, at: Int64
@@ -305,7 +298,6 @@ class GivenControls:
     ) -> AccountRow:
         return AccountRow(
             kind="given",
-            body=self._subject.body.label,
             joint=self._words.names.rate(self._subject.body, own),
             actuator=actuator.name,
             told=told,

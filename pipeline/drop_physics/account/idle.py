@@ -116,13 +116,11 @@ class Overlaps:
             )
             yield AccountRow(
                 kind="idle",
-                body=its[0].body.label,
                 pair=(names[0], names[1]),
                 told=told,
                 got=pair.deepest_m,
                 unit="m",
                 step=pair.step,
-                time_s=words.seconds(its[0], pair.step),
                 salience=min(1.2, 0.4 + pair.deepest_m / size_m),
                 subject=its[0].body,
                 group=("overlap", tuple(str(each.kind) for each in its), str(pair.why)),
@@ -276,7 +274,6 @@ class PushedSoft:
             most = float(np.linalg.norm(push.vector))
             yield AccountRow(
                 kind="idle",
-                body=push.body.label,
                 told=Message(
                     "pushed with up to {force} in {calls:,} calls; it is soft, and no such force "
                     "acts on what is soft",
@@ -288,14 +285,13 @@ class PushedSoft:
                 gap=-most,
                 unit=unit,
                 step=push.at.step,
-                time_s=push.at.time_s,
                 salience=0.8,
                 subject=push.body,
             )
 
 
 def weightless_row(
-    subject: MeasuredBody, seen: Seen, gravity_m_s2: Float64, steps: int, words: RowWords, step: int
+    subject: MeasuredBody, seen: Seen, gravity_m_s2: Float64, steps: int, step: int
 ) -> AccountRow | None:
     """Return the row of a free body on which nothing ever acts; None if anything does."""
     acting = [
@@ -314,17 +310,15 @@ def weightless_row(
         told = told + Message(", which a flag of the model switches off")
     return AccountRow(
         kind="idle",
-        body=subject.body.label,
         told=told,
         step=step,
-        time_s=words.seconds(subject, step),
         salience=0.7,
         subject=subject.body,
         group=("weightless", subject.kind),
     )
 
 
-def coasting_row(subject: MeasuredBody, seen: Seen, words: RowWords) -> AccountRow | None:
+def coasting_row(subject: MeasuredBody, seen: Seen) -> AccountRow | None:
     """Return the row of a free body that keeps moving at the end without any force.
 
     None if a force acts in the last tenth of its steps, or these are not explained.
@@ -353,12 +347,10 @@ def coasting_row(subject: MeasuredBody, seen: Seen, words: RowWords) -> AccountR
         )
     return AccountRow(
         kind="idle",
-        body=subject.body.label,
         told=told,
         got=speed,
         unit="m/s",
         step=ledger.last,
-        time_s=words.seconds(subject, ledger.last),
         salience=0.6,
         subject=subject.body,
         group=("coasting", subject.kind),
@@ -397,7 +389,6 @@ def idle_actuator_rows(
                 told = told + Message("; a flag of the model switches actuators off")
             yield AccountRow(
                 kind="idle",
-                body=subject.body.label,
                 actuator=actuator.name,
                 told=told,
                 asked=most,

@@ -151,7 +151,7 @@ class Ledger:
             for term, values in self.impulse.items()
         }
         gained = self.gained[window].sum(axis=0)
-        row = -self._inertia(rate, window) * gained / seconds * sign
+        row = -self._at_middle(window)[rate] * gained / seconds * sign
         found[OWN] = float(row[rate])
         row[rate] = 0.0
         base = self.tree.first_rate
@@ -173,6 +173,15 @@ class Ledger:
         if self.tree.links and len(rates) < self.tree.size:
             found[OTHERS] = self._gained_j(rates, window) - sum(found.values())
         return {term: values for term, values in found.items() if values.any()}
+
+    def mean_kinetic_j(self, rates: Sequence[int], window: slice) -> float:
+        """Return the kinetic energy of the mean motion along some rates over a window [J]."""
+        seconds = float(self.seconds[window].sum())
+        if not seconds:
+            return 0.0
+        block = self._at_middle(window)[np.ix_(rates, rates)]
+        mean = self.way[window][:, rates].sum(axis=0) / seconds
+        return float(0.5 * mean @ block @ mean)
 
     def _gained_j(self, rates: Sequence[int], window: slice) -> Float64:
         """Return the gain of kinetic energy of some rates alone in the bins of a window [J].
@@ -196,11 +205,11 @@ class Ledger:
         found[known] = mass_matrix(kinematics(self.tree, self.ends.at(known)))
         return found
 
-    def _inertia(self, rate: int, window: slice) -> Float64:
-        """Return a row of the mass matrix at the middle of a window, shape (size,)."""
+    def _at_middle(self, window: slice) -> Float64:
+        """Return the mass matrix at the middle of a window, shape (size, size)."""
         known = np.flatnonzero(self.counts[window]) + window.start
         middle = known[[len(known) // 2]]
-        return np.asarray(mass_matrix(kinematics(self.tree, self.ends.at(middle)))[0, rate])
+        return np.asarray(mass_matrix(kinematics(self.tree, self.ends.at(middle)))[0])
 
 
 def given_and_taken(works: Mapping[Term, Float64]) -> tuple[dict[Term, float], dict[Term, float]]:

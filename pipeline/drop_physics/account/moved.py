@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drop_physics.account.asked import Axis, magnitude, turned_axis
-from drop_physics.account.ledger import OWN, given_and_taken
+from drop_physics.account.ledger import OWN, Ledger, given_and_taken
 from drop_physics.account.rows import AccountRow, RowTerm
 from drop_physics.account.series import BaseTrack, JointSeries
 from drop_physics.account.shaped import mass_outside
 from drop_physics.account.subjects import MeasuredBody, turning_rad_s
-from drop_physics.account.terms import Term
-from drop_physics.account.words import RowWords
+from drop_physics.account.terms import CONTACT, FRICTION, Term
+from drop_physics.account.words import LEAST_SHARE, RowWords
 from drop_physics.account.written import WrittenStates
 from drop_physics.arrays import Flags, Float64
 from drop_physics.messages import Message
@@ -23,11 +23,14 @@ from drop_physics.quantities import number, quantity
 MOVED = 0.01
 """A way below this share of the body's size, or below this angle [rad], is no motion."""
 TURNED_RAD = 0.03
+APPLIED = Term("applied")
 UPRIGHT = 0.999
 """Cosine from which gravity is along an axis."""
 LITTLE = 0.1
 """Share of the energy of its mean motion, and of what it loses, below which what forces gave a body
 did not move it."""
+BEGUN = 0.01
+"""Share of a turn from which it has begun."""
 FALL = 5.0
 """A fall by less than this many sizes, with nothing but gravity giving, is what falls do."""
 
@@ -51,9 +54,9 @@ def joint_row(
         for term in ledger.impulse
         if term.cause.startswith("actuator ") and ledger.impulse[term][:, axis.rate].any()
     ]
-    pushed = Term("applied")
-    if way[at] / axis.scale < 0.1 and pushed in ledger.impulse:
-        row = _pushed(subject, axis, float(way[at]), step, words)
+    if way[at] / axis.scale < LITTLE and APPLIED in ledger.impulse:
+        pushed = _Pushed(axis.rate, axis.name, axis.unit, axis.force_unit)
+        row = _held(subject, pushed, float(way[at]), step, words)
         if row is not None:
             return row
     if way[at] / axis.scale <= MOVED:
@@ -71,7 +74,7 @@ def joint_row(
             "no call commands it: the engine's own motor holds its rate at 0 with {limit} at most",
             limit=quantity(limit, axis.force_unit),
         )
-    elif pushed in ledger.impulse and ledger.impulse[pushed][:, axis.rate].any():
+    elif APPLIED in ledger.impulse and ledger.impulse[APPLIED][:, axis.rate].any():
         why = Message("no motor commands it; the script pushes it")
     elif subject.body.actuators and not ledger.seconds.any():
         why = Message("what drives it is not known, as no step is explained")
@@ -80,7 +83,6 @@ def joint_row(
     why = why + _mimicked(subject, axis) + _reached(subject, axis) + _undamped(subject, axis)
     return AccountRow(
         kind="moved",
-        body=subject.body.label,
         joint=axis.name,
         told=Message(
             "{start} to {end} at {time}; {why}",
@@ -94,7 +96,6 @@ def joint_row(
         gap=float(after[at]) - start,
         unit=axis.unit,
         step=step,
-        time_s=words.seconds(subject, step),
         terms=_works(subject, gave, took, words),
         salience=float(way[at]) / axis.scale * 0.8,
         subject=subject.body,
@@ -131,13 +132,13 @@ def _undamped(subject: MeasuredBody, axis: Axis) -> Message:
 
 def _reached(subject: MeasuredBody, axis: Axis) -> Message:
     """Return the share of a push that reaches a joint at first and at last, if it changes."""
-    ledger, pushed = subject.ledger, Term("applied")
-    if pushed not in ledger.impulse:
+    ledger = subject.ledger
+    if APPLIED not in ledger.impulse:
         return Message("")
-    acting = np.flatnonzero(ledger.impulse[pushed].any(axis=1))
+    acting = np.flatnonzero(ledger.impulse[APPLIED].any(axis=1))
     few = max(1, len(acting) // 20)
     ends = [slice(int(part[0]), int(part[-1]) + 1) for part in (acting[:few], acting[-few:])]
-    first, last = (ledger.forces(axis.rate, end).get(pushed, 0.0) for end in ends)
+    first, last = (ledger.forces(axis.rate, end).get(APPLIED, 0.0) for end in ends)
     if abs(first - last) <= 0.5 * max(abs(first), abs(last)):
         return Message("")
     told = Message(
@@ -148,36 +149,48 @@ def _reached(subject: MeasuredBody, axis: Axis) -> Message:
     return told + turned_axis(subject, axis)
 
 
-def _pushed(
-    subject: MeasuredBody, axis: Axis, way: float, step: int, words: RowWords
+@dataclass(frozen=True)
+class _Pushed:
+    """One degree of freedom that a force pushes."""
+
+    rate: int
+    """Index in the generalised velocity."""
+    joint: str | None
+    """Name of the joint; None of a free base."""
+    unit: str
+    """Unit of its position."""
+    force_unit: str
+    """Unit of its force."""
+
+
+def _held(
+    subject: MeasuredBody, pushed: _Pushed, way: float, step: int, words: RowWords
 ) -> AccountRow | None:
-    """Return the row of a joint that a force pushes and that hardly moves."""
+    """Return the row of a degree of freedom that is pushed and hardly moves; None if it is not."""
     ledger = subject.ledger
-    acting = np.flatnonzero(ledger.impulse[Term("applied")][:, axis.rate])
+    acting = np.flatnonzero(ledger.impulse[APPLIED][:, pushed.rate])
     if not len(acting):
         return None
     window = slice(int(acting[0]), int(acting[-1]) + 1)
-    forces = ledger.forces(axis.rate, window)
+    forces = ledger.forces(pushed.rate, window)
     if not forces:
         return None
-    push = forces.get(Term("applied"), 0.0)
+    push = forces.get(APPLIED, 0.0)
     forces = {term: force * (float(np.sign(push)) or 1.0) for term, force in forces.items()}
     against = -sum(force for force in forces.values() if force < 0)
     return AccountRow(
         kind="held",
-        body=subject.body.label,
-        joint=axis.name,
+        joint=pushed.joint,
         told=Message(
             "pushed with {push}, moved {way}",
-            push=quantity(abs(push), axis.force_unit),
-            way=quantity(way, axis.unit),
+            push=quantity(abs(push), pushed.force_unit),
+            way=quantity(way, pushed.unit),
         ),
         asked=abs(push),
         got=-forces.get(OWN, 0.0),
-        unit=axis.force_unit,
+        unit=pushed.force_unit,
         step=step,
-        time_s=words.seconds(subject, step),
-        terms=words.terms(subject, forces, axis.force_unit),
+        terms=words.terms(subject, forces, pushed.force_unit),
         salience=0.5 * min(1.0, against / max(abs(push), 1e-12)),
         subject=subject.body,
         group=("held", subject.kind, words.opposing(forces)),
@@ -197,7 +210,14 @@ def base_rows(
     """
     way = track.farthest_m - track.start_m
     distance = float(np.linalg.norm(way))
-    if distance / subject.size_m > MOVED and track.farthest_step >= 0:
+    row = None
+    if distance / subject.size_m < LITTLE and APPLIED in subject.ledger.impulse:
+        push = subject.ledger.impulse[APPLIED][:, 3:6].sum(axis=0)
+        pushed = _Pushed(3 + int(np.argmax(np.abs(push))), None, "m", "N")
+        row = _held(subject, pushed, distance, max(track.farthest_step, 1), words)
+    if row is not None:
+        yield row
+    elif distance / subject.size_m > MOVED and track.farthest_step >= 0:
         yield from _ways(subject, track, way, gravity_m_s2, written, words)
     if track.most_turned_rad > TURNED_RAD:
         yield _turn(subject, track, written, words)
@@ -241,30 +261,44 @@ def _way(
     rates = [3 + int(k) for k in np.flatnonzero(axes)]
     gave, took = given_and_taken(ledger.works(rates, window))
     far = float(np.linalg.norm(way))
+    stepped_m = ledger.way[window, 3:6].sum(axis=0) @ main / max(float(np.linalg.norm(main)), 1e-12)
+    put = bool(written.written) and ledger.covers(window) and 2 * stepped_m < np.linalg.norm(main)
     besides = way - main
     told = Message("{way}", way=_along_axes(main, far))
     if np.linalg.norm(besides) > 0.1 * far:
         told = told + Message(" (and {besides})", besides=_along_axes(besides, far))
     told = told + Message(" by {time}", time=words.time(subject, step))
-    mean_m_s = float(np.linalg.norm(main)) / max(float(ledger.seconds[window].sum()), 1e-12)
-    moving_j = max(0.5 * subject.mass_kg * mean_m_s**2, -sum(took.values(), start=0.0))
-    if ledger.covers(window) and sum(gave.values()) < LITTLE * moving_j:
-        if written.first_step is not None and written.first_step <= step:
-            told = told + Message("; no force gives it that: the script wrote its state")
-        else:
-            told = told + Message("; no force gives it that: its start velocity")
+    if put:
+        told = told + Message(
+            "; the script wrote its state, steps move it by {stepped}",
+            stepped=quantity(float(stepped_m), "m", "+"),
+        )
+        gave, took = {}, {}
+    else:
+        told = told + _from_start(ledger, rates, window, written, step)
     return AccountRow(
         kind="moved",
-        body=subject.body.label,
         told=told,
         got=far,
         unit="m",
         step=step,
-        time_s=words.seconds(subject, step),
         terms=_works(subject, gave, took, words),
         subject=subject.body,
         group=("base", subject.kind, _most(gave), int(np.argmax(np.abs(main))), magnitude(far)),
     )
+
+
+def _from_start(
+    ledger: Ledger, rates: Sequence[int], window: slice, written: WrittenStates, step: int
+) -> Message:
+    """Return the source of a motion along some rates up to a step if no force is, or nothing."""
+    gave, took = given_and_taken(ledger.works(rates, window))
+    moving_j = max(ledger.mean_kinetic_j(rates, window), -sum(took.values(), start=0.0))
+    if not ledger.covers(window) or sum(gave.values()) >= LITTLE * moving_j:
+        return Message("")
+    if written.first_step is not None and written.first_step <= step:
+        return Message("; no force gives it that: the script wrote its state")
+    return Message("; no force gives it that: its start velocity")
 
 
 def _along_axes(way: Float64, far: float) -> str:
@@ -286,26 +320,57 @@ def _turn(
     turned = ledger.way[window, :3].sum(axis=0)
     spin = turning_rad_s(subject)
     told = Message(
-        "by {angle}°, mostly about {axis}, by {time}",
+        "{angle}°, mostly about {axis}, by {time}",
         angle=number(float(np.degrees(angle_rad))),
         axis="xyz"[int(np.argmax(np.abs(turned)))],
         time=words.time(subject, step),
     )
     if spin > 0.05:
         told = told + Message("; still {spin} rad/s at the end", spin=number(spin))
-    told = told + mass_outside(subject)
+    told = told + _from_start(ledger, [0, 1, 2], window, written, step)
+    told = told + _pressed_beside(subject, window, words) + mass_outside(subject)
     return AccountRow(
         kind="turned",
-        body=subject.body.label,
         told=told,
         got=angle_rad,
         unit="rad",
         step=step,
-        time_s=words.seconds(subject, step),
         terms=_works(subject, gave, took, words),
         salience=track.most_turned_rad * 0.45,
         subject=subject.body,
         group=("turned", subject.kind, _most(gave)),
+    )
+
+
+def _pressed_beside(subject: MeasuredBody, window: slice, words: RowWords) -> Message:
+    """Return the arm of the contact on a body of one link as it began to turn, or nothing.
+
+    The arm of a force F about the centre of mass is T / F, with T the moment that it has about it.
+    """
+    ledger = subject.ledger
+    known = np.flatnonzero(ledger.counts[window]) + window.start
+    if subject.tree.links or not len(known):
+        return Message("")
+    turned = np.linalg.norm(np.cumsum(ledger.way[known, :3], axis=0), axis=1)
+    begins = int(known[np.argmax(turned > BEGUN * turned.max())])
+    few = slice(max(0, begins - 2), begins + 3)
+    sums = {term: each[few, :6].sum(axis=0) for term, each in ledger.impulse.items()}
+    pressing = [term for term in sums if term.cause == CONTACT]
+    if not pressing:
+        return Message("")
+    term = max(pressing, key=lambda each: float(np.linalg.norm(sums[each][3:])))
+    moments = {each: float(np.linalg.norm(part[:3])) for each, part in sums.items()}
+    if moments[term] <= LEAST_SHARE * max(moments.values()):
+        return Message("")
+    pushed = float(np.linalg.norm(sums[term][3:]))
+    rubbed = sums.get(replace(term, cause=FRICTION), np.zeros(6))
+    return Message(
+        "; as it began, at {time}, {partner} pressed it {arm} beside its centre of mass and "
+        "rubbed with {share} of that force",
+        time=words.time(subject, ledger.first + begins * ledger.width),
+        partner=words.names.partner(subject.body.number, term),
+        arm=quantity(moments[term] / pushed, "m"),
+        share=number(float(np.linalg.norm(rubbed[3:])) / pushed),
     )
 
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from drop_physics.account.terms import CONTACT, DRAG, FRICTION, GAP, GIVEN, RATE, Term
+import numpy as np
+
+from drop_physics.account.terms import CONTACT, DRAG, FRICTION, GAP, GIVEN, HELD, RATE, Term
+from drop_physics.arrays import Float64
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.messages import Message
-from drop_physics.trace.events import Body
+from drop_physics.physics.rotations import rotate
+from drop_physics.trace.events import Body, Dynamics
 
 WORDS = {
     "motors": Message("motor"),
@@ -29,8 +33,9 @@ WORDS = {
 class Names:
     """The names of a recording's bodies, their links and terms."""
 
-    def __init__(self, bodies: Mapping[int, Body]) -> None:
+    def __init__(self, bodies: Mapping[int, Body], dynamics: Sequence[Dynamics] = ()) -> None:
         self._bodies = bodies
+        self._reported = {each.body.number: each.reported for each in dynamics}
         self._counts = Counter(_short(body) for body in bodies.values())
 
     def body(self, number: int) -> str:
@@ -63,11 +68,20 @@ class Names:
         return f"{self.body(term.other)}.{name}"
 
     def rate(self, body: Body, joint_rate: int) -> str:
-        """Return the name of a joint's rate, with the axis where the joint has three."""
+        """Return the name of a joint's rate, with the axis where the joint has three.
+
+        Its rates are about the principal axes of the link's inertia; the name has that of the
+        link's own axes which is nearest.
+        """
         for joint, place in zip(body.joints, body.rates, strict=True):
             if place.start <= joint_rate < place.stop:
-                wide = place.stop - place.start > 1
-                return joint.name + (f"[{'xyz'[joint_rate - place.start]}]" if wide else "")
+                if place.stop - place.start == 1:
+                    return joint.name
+                frames = self._reported.get(body.number, {}).get("inertial_orientation")
+                axis = np.eye(3)[[joint_rate - place.start]]
+                if frames is not None and np.isfinite(frames[joint.link + 1]).all():
+                    axis = rotate(frames[[joint.link + 1]], axis)
+                return f"{joint.name}[{main_axis(axis[0])}]"
         return self.body(body.number)
 
     def term(self, body: Body, term: Term, first_rate: int) -> str:
@@ -89,11 +103,19 @@ class Names:
             if term.rate < first_rate:
                 return Message("drag of its base")
             return Message("drag of {joint}", joint=self.rate(body, term.rate - first_rate))
+        if term.cause == HELD and term.name:
+            return Message("constraint {name}", name=term.name)
         if term.cause == GAP:
             return Message("kp × gap")
         if term.cause == RATE:
             return Message("kv × rate")
         return WORDS.get(term.cause) or cause_in_words(term.cause)
+
+
+def main_axis(direction: Float64) -> str:
+    """Return the axis that a direction is nearest to: `x`, `-z`."""
+    most = int(np.argmax(np.abs(direction)))
+    return ("-" if direction[most] < 0 else "") + "xyz"[most]
 
 
 def _short(body: Body) -> str:

@@ -8,8 +8,10 @@ import numpy as np
 
 from drop_physics.account.rows import AccountRow
 from drop_physics.account.subjects import MeasuredBody
+from drop_physics.account.terms import Term
 from drop_physics.account.touching import PairKey, Touched
 from drop_physics.account.words import RowWords
+from drop_physics.arrays import Float64
 from drop_physics.explain.contact_points import Points
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.solids import solid_of
@@ -17,10 +19,11 @@ from drop_physics.messages import Message
 from drop_physics.physics.columns import rotation
 from drop_physics.physics.tree import BASE
 from drop_physics.quantities import number, quantity
-from drop_physics.trace.events import Sensor, located
+from drop_physics.trace.events import TENDON, Actuator, Sensor, located
 from drop_physics.trace.history import Seen
 from drop_physics.trace.readings import (
     DISTANCE,
+    EFFORT,
     FIRST_FORCE,
     FORCE,
     POINTS,
@@ -62,18 +65,18 @@ def reading_rows(
                 continue
             told, got = _reaction(answers) + _beyond(subject, link), None
             whom = words.names.link(subject.body.number, link)
+        elif (balance := _balance(reading, subject, words)) is not None:
+            told, got, whom = balance, None, words.names.body(subject.body.number)
         else:
             continue
         step = min(reading.last_step, subject.ledger.last)
         yield AccountRow(
             kind="reads",
-            body=subject.body.label,
             site=located(reading.file, reading.line),
             told=Message("{function} of {whom}: ", function=reading.function, whom=whom) + told,
             got=None if got is None else got.last,
             unit=None if got is None else "N",
             step=step,
-            time_s=words.seconds(subject, step),
             salience=0.4,
             subject=subject.body,
         )
@@ -135,13 +138,11 @@ class Sensed:
             last = subject.ledger.last
             yield AccountRow(
                 kind="reads",
-                body=subject.body.label,
                 site=sensor.name,
                 told=told,
                 got=sensor.answers[0].last if len(sensor.answers) == 1 else None,
                 unit="N",
                 step=last,
-                time_s=words.seconds(subject, last),
                 salience=0.4,
                 subject=subject.body,
             )
@@ -159,6 +160,50 @@ class Sensed:
                 outside=quantity(outside_m, "m"),
             )
         return told
+
+
+def tendon_rows(
+    subject: MeasuredBody, seen: Seen, controls: Mapping[Actuator, Float64]
+) -> Iterator[AccountRow]:
+    """Yield a row for each actuator on a tendon: its control and the length of the tendon.
+
+    `controls` has its control in each step, shape (n,).
+    """
+    lengths = {
+        each.name: each.answers[0]
+        for each in seen.sensors
+        if each.kind == TENDON and each.client == subject.body.client
+    }
+    last = subject.ledger.last
+    for actuator, given in controls.items():
+        length = lengths.get(actuator.target) if actuator.acts_on == TENDON else None
+        if length is None or not len(given) or not np.isfinite(given[-1]):
+            continue
+        asks = actuator.kind == "position" and actuator.gear == 1
+        last_given, gap = float(given[-1]), length.last - float(given[-1])
+        template = (
+            Message("the length of {tendon} {given}, got {length} at the end")
+            if asks
+            else Message("ctrl {given} on {tendon}, whose length is {length} at the end")
+        )
+        told = Message(
+            template,
+            given=number(last_given),
+            tendon=actuator.target,
+            length=number(length.last),
+        )
+        yield AccountRow(
+            kind="asked" if asks else "given",
+            actuator=actuator.name,
+            told=told + _range(length),
+            asked=last_given,
+            got=length.last if asks else None,
+            gap=gap if asks else None,
+            unit="",
+            step=last,
+            salience=abs(gap) / (abs(last_given) + 0.1) if asks else 0.4,
+            subject=subject.body,
+        )
 
 
 def _whom(reading: Reading, words: RowWords) -> str:
@@ -251,6 +296,35 @@ def _reaction(answers: Mapping[str, Answer]) -> Message:
         force=force,
         torque=torque,
         size=quantity(float(np.linalg.norm(its[:3])), "N"),
+    )
+
+
+def _balance(reading: Reading, subject: MeasuredBody, words: RowWords) -> Message | None:
+    """Return the effort of inverse dynamics where it balances gravity worst; None without one.
+
+    Without velocities and accelerations it is the opposite of what gravity gives the joint.
+    """
+    efforts = [each.first for each in reading.answers if each.name.startswith(EFFORT)]
+    tree, ledger = subject.tree, subject.ledger
+    if not efforts or not tree.fixed or len(efforts) < tree.joint_rates:
+        return None
+    window = ledger.window(reading.first_step + 1, reading.first_step + 1)
+    pulls = [ledger.forces(rate, window).get(Term("gravity"), 0.0) for rate in range(tree.size)]
+    if not any(pulls):
+        return None
+    left = np.abs(np.add(efforts[: tree.joint_rates], pulls))
+    worst = int(np.argmax(left))
+    joint = next(
+        joint
+        for joint, place in zip(subject.body.joints, subject.body.rates, strict=True)
+        if place.start <= worst < place.stop
+    )
+    unit = "N" if joint.kind == "prismatic" else "N m"
+    return Message(
+        "{effort} for {joint} in the first reading, where gravity acts on it with {pull}",
+        effort=quantity(efforts[worst], unit),
+        joint=words.names.rate(subject.body, worst),
+        pull=quantity(pulls[worst], unit),
     )
 
 

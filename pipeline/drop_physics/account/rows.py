@@ -45,7 +45,7 @@ class AccountRow:
     kind: Kind
     """`asked`, `given`, `moved`, `turned`, `held`, `set`, `press`, `slips`, `energy`, `reads` or
     `idle`."""
-    body: str | None
+    body: str | None = None
     """Label of the body that it is about."""
     joint: str | None = None
     """Name of the joint, with its axis where it has three."""

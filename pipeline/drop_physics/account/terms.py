@@ -18,6 +18,8 @@ CONTACT, FRICTION, DRAG, GIVEN, GAP, RATE = "contact", "friction", "drag", "give
 """Causes that the sum of a step has as parts of others: the normal and the tangential force of a
 contact; the inertia that couples a rate to another one's acceleration; the torque of a call; the
 two parts of a position servo, its stiffness times the gap and its damping times the rate."""
+HELD = "constraints"
+"""Cause of what constraints and equalities pull with, by name where these are known apart."""
 ROUNDED = 1e-9
 """A part of a term below this share of it is rounding."""
 SINGLE = 1e-6
@@ -66,6 +68,8 @@ def impulses_by_term(
             found |= _servo(steps, cause, impulse, *servo)
         elif cause == "applied":
             found |= _applied(steps, impulse)
+        elif cause == HELD and steps.pulls:
+            found |= {Term(HELD, name): part for name, part in steps.pulls.items() if part.any()}
         else:
             found[Term(cause)] = impulse
     return found
@@ -73,15 +77,10 @@ def impulses_by_term(
 
 def servos_of(body: Body) -> dict[str, tuple[int, float]]:
     """Return the rate and the damping of each position servo, by the name of its term."""
-    rates = {
-        joint.name: place.start
-        for joint, place in zip(body.joints, body.rates, strict=True)
-        if joint.widths[1] == 1
-    }
     return {
-        f"actuator {each.name}": (rates[each.target], each.kv * each.gear**2)
+        f"actuator {each.name}": (rate, each.kv * each.gear**2)
         for each in body.actuators
-        if each.kind == "position" and each.kv and each.acts_on == "joint" and each.target in rates
+        if each.kind == "position" and each.kv and (rate := body.rate_of(each)) is not None
     }
 
 
@@ -122,7 +121,10 @@ def _contacts(steps: BodySteps, normals: Float64, impulse: Float64) -> Impulses:
     along = np.einsum("ki,ki->k", contacts.force_n, normal)[:, None] * normal
     pressed = replace(here, force_n=along, torque_n_m=np.zeros_like(contacts.torque_n_m))
     normal_only = impulses_of(kin, pressed, timestep_s)
-    partners = np.stack([contacts.link, sides.other_body, sides.other_link], axis=1)
+    links = np.stack([contacts.link, sides.other_link], axis=1)
+    own = sides.other_body == steps.body.number
+    links[own] = np.sort(links[own], axis=1)  # both sides of a contact between own links are one
+    partners = np.stack([links[:, 0], sides.other_body, links[:, 1]], axis=1)
     kinds, _, which = distinct_rows(partners)
     strength = np.bincount(which, np.abs(whole).sum(axis=1), minlength=len(kinds))
     found, left = {}, impulse.copy()

@@ -13,6 +13,7 @@ from drop_physics.account.terms import Term
 from drop_physics.account.words import RowWords
 from drop_physics.arrays import Float64
 from drop_physics.explain.contact_points import Pairs
+from drop_physics.explain.touches import PRESSED
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import distinct_rows
 from drop_physics.quantities import number as number_of
@@ -26,8 +27,8 @@ MOST_PAIRS = 1 << 12
 WEIGHTS, DEEP, SLID = 8.0, 0.03, 0.03
 """A press is told from WEIGHTS weights of the lighter body on; an overlap, and a slide, from these
 shares of the smaller body's size on."""
-SLIDING = 3
-"""Dimensions of the force of a contact that has sliding friction alone."""
+FRICTIONLESS, SLIDING = 1, 3
+"""Dimensions of the force of a contact without friction, and with sliding friction alone."""
 TURNING_RAD_S = 0.05
 STEADY = 1.5
 """Factor by which what turns on at one rate may be faster or slower than shortly before."""
@@ -42,15 +43,14 @@ class Touched:
     first_step: int
     last_step: int = -1
     steps: int = 0
+    """Steps in which a normal force acts."""
     normals_n: list[Float64] = field(default_factory=list)
-    """The normal force of each step [N], piece by piece."""
+    """The normal force of each of these [N], piece by piece."""
     deepest_m: float = 0.0
     deepest_step: int = -1
     slid_m: float = 0.0
     at_limit: int = 0
     """Steps in which the friction of all points together is at its limit."""
-    limited: int = 0
-    """Steps in which friction may act."""
     friction: float = 0.0
     """The largest coefficient."""
     rubs: bool = False
@@ -59,9 +59,7 @@ class Touched:
     @property
     def normal_n(self) -> float:
         """The median normal force of the steps in which one acts [N]."""
-        forces = np.concatenate(self.normals_n) if self.normals_n else np.zeros(0)
-        forces = forces[forces > 0]
-        return float(np.median(forces)) if len(forces) else 0.0
+        return float(np.median(np.concatenate(self.normals_n))) if self.steps else 0.0
 
 
 class TouchedPairs:
@@ -87,23 +85,22 @@ class TouchedPairs:
             if key not in self.pairs and len(self.pairs) >= MOST_PAIRS:
                 continue
             touched = self.pairs.setdefault(key, Touched(int(points.step[its[0]])))
-            steps, row = np.unique(points.step[its], return_inverse=True)
+            steps, which_step = np.unique(points.step[its], return_inverse=True)
+            row = which_step.reshape(-1)
             touched.last_step = int(steps[-1])
-            touched.steps += len(steps)
-            normal_n = np.bincount(row.reshape(-1), points.normal_n[its]).astype(np.float64)
-            touched.normals_n.append(normal_n)
             deepest = int(its[np.argmin(points.distance_m[its])])
             if -points.distance_m[deepest] > touched.deepest_m:
                 touched.deepest_m = float(-points.distance_m[deepest])
                 touched.deepest_step = int(points.step[deepest])
-            pressed = points.normal_n[its] > 1e-9
-            each_m = np.bincount(row.reshape(-1), np.where(pressed, slip_m[its], 0.0))
-            points_of = np.maximum(np.bincount(row.reshape(-1), pressed), 1)
-            touched.slid_m += float((each_m / points_of).sum())
-            whole_n = np.bincount(row.reshape(-1), tangential_n[its])
-            most_n = np.bincount(row.reshape(-1), limit_n[its])
-            touched.limited += int((most_n > 1e-9).sum())
-            touched.at_limit += int(((whole_n >= LIMIT * most_n) & (most_n > 1e-9)).sum())
+            normal_n, rubbed_n, most_n, slid = (
+                np.bincount(row, each[its])
+                for each in (points.normal_n, tangential_n, limit_n, slip_m * points.normal_n)
+            )
+            pressed = normal_n > PRESSED
+            touched.steps += int(pressed.sum())
+            touched.normals_n.append(normal_n[pressed])
+            touched.slid_m += float((slid[pressed] / normal_n[pressed]).sum())
+            touched.at_limit += int((pressed & (rubbed_n >= LIMIT * most_n)).sum())
             touched.friction = max(touched.friction, float(points.friction[its].max()))
             pressing_n = float(points.normal_n[its].max())
             touched.rubs |= bool((tangential_n[its] > 1e-6 * pressing_n).any())
@@ -115,7 +112,7 @@ class TouchedPairs:
         for key, touched in self.pairs.items():
             its = [subjects[number] for number in dict.fromkeys(key[:2]) if number in subjects]
             if its:
-                yield from _rows(key, touched, its, words)
+                yield from _rows(key, touched, its, seen, words)
         for subject in subjects.values():
             row = self._turning_row(subject, subjects, seen, words)
             if row is not None:
@@ -156,13 +153,11 @@ class TouchedPairs:
         names = (str(words.names.link(key[0], key[2])), str(words.names.link(key[1], key[3])))
         return AccountRow(
             kind="idle",
-            body=subject.body.label,
             pair=names,
             told=told,
             got=spin,
             unit="rad/s",
             step=ledger.last,
-            time_s=words.seconds(subject, ledger.last),
             salience=0.6,
             subject=subject.body,
             group=("turning", subject.kind),
@@ -183,8 +178,9 @@ def _resists_turning(key: PairKey, seen: Seen) -> bool:
 
 
 def _rows(
-    key: PairKey, touched: Touched, its: list[MeasuredBody], words: RowWords
+    key: PairKey, touched: Touched, its: list[MeasuredBody], seen: Seen, words: RowWords
 ) -> Iterator[AccountRow]:
+    """Yield the rows of two links: what they press each other with, and how far they slid."""
     pair = (str(words.names.link(key[0], key[2])), str(words.names.link(key[1], key[3])))
     weight_n = min(subject.weight_n for subject in its)
     size_m = min(subject.size_m for subject in its)
@@ -196,9 +192,10 @@ def _rows(
     deep = touched.deepest_step if touched.deepest_step >= 0 else touched.first_step
     if (weights > WEIGHTS and touched.steps >= 5) or depth > DEEP:
         told = Message(
-            "{force} in the median, {weights} weights, in {steps:,} steps",
+            "{force} in the median, {weights} times the weight of {lighter}, in {steps:,} steps",
             force=quantity(normal_n, "N"),
             weights=number_of(weights),
+            lighter=words.names.body(lighter.body.number),
             steps=touched.steps,
         )
         if depth > 1e-3:
@@ -206,7 +203,6 @@ def _rows(
         heavy = np.log10(max(weights, 1e-9)) / 2.5 if weights > WEIGHTS else 0.0
         yield AccountRow(
             kind="press",
-            body=lighter.body.label,
             pair=pair,
             told=told,
             got=normal_n,
@@ -214,7 +210,6 @@ def _rows(
             besides=((touched.deepest_m, "m"),),
             other=other,
             step=deep,
-            time_s=words.seconds(lighter, deep),
             salience=max(float(heavy), 3.0 * depth if depth > DEEP else 0.0),
             group=("press", kinds, round(float(np.log10(max(weights, 1e-9))))),
             subject=lighter.body,
@@ -222,18 +217,21 @@ def _rows(
     slid = touched.slid_m / size_m
     if slid > SLID and normal_n > 0:
         if not touched.rubs:
+            only_normal = seen.condim(key[:2], key[2:])[0] == FRICTIONLESS
             told = Message(
-                "slid {slid} in {steps:,} steps; no friction acts: the coefficient is {friction}",
+                "slid {slid} in {steps:,} steps; no friction acts: {why}",
                 slid=quantity(touched.slid_m, "m"),
                 steps=touched.steps,
-                friction=number_of(touched.friction),
+                why=Message("their contact has a normal force only")
+                if only_normal
+                else Message("the coefficient is {mu}", mu=number_of(touched.friction)),
             )
             salience = 0.8
         else:
-            share = touched.at_limit / max(touched.limited, 1)
+            share = touched.at_limit / touched.steps
             told = Message(
                 "slid {slid} in {steps:,} steps; friction at its limit, coefficient {friction}, "
-                "in {share:.0%}",
+                "in {share:.0%} of them",
                 slid=quantity(touched.slid_m, "m"),
                 steps=touched.steps,
                 friction=number_of(touched.friction),
@@ -242,14 +240,12 @@ def _rows(
             salience = 0.35 * min(slid, 1.0) * max(share, 0.3)
         yield AccountRow(
             kind="slips",
-            body=lighter.body.label,
             pair=pair,
             told=told,
             got=touched.slid_m,
             unit="m",
             other=other,
             step=touched.last_step,
-            time_s=words.seconds(lighter, touched.last_step),
             salience=salience,
             group=("slips", kinds, round(slid, 1)),
             subject=lighter.body,

@@ -13,6 +13,7 @@ from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.times import StepTimes
 from drop_physics.messages import Message
 from drop_physics.quantities import number
+from drop_physics.trace.events import Body
 
 MOST_TERMS = 6
 """Most terms of a row."""
@@ -28,13 +29,13 @@ class RowWords:
     def __init__(self, names: Names, times: Mapping[int, StepTimes]) -> None:
         self.names, self._times = names, times
 
-    def seconds(self, subject: MeasuredBody, step: int) -> float:
-        """Return the time of a sample [s]."""
-        return self._times[subject.body.client].of(step)
+    def seconds(self, body: Body, step: int) -> float:
+        """Return the time of a sample of a body [s]."""
+        return self._times[body.client].of(step)
 
     def time(self, subject: MeasuredBody, step: int) -> Message:
         """Return the time of a sample in readers' form."""
-        return Message("{time} s", time=number(self.seconds(subject, step)))
+        return Message("{time} s", time=number(self.seconds(subject.body, step)))
 
     def timesteps_s(self, subject: MeasuredBody, steps: Int64) -> Float64:
         """Return the timestep of the steps to some samples [s]."""

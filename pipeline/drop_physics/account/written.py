@@ -9,8 +9,11 @@ import numpy as np
 
 from drop_physics.account.rows import AccountRow
 from drop_physics.account.subjects import MeasuredBody
-from drop_physics.account.terms import CONTACT, FRICTION, GIVEN, Term
+from drop_physics.account.terms import CONTACT, FRICTION, GIVEN, HELD, Term
+from drop_physics.account.touching import DEEP
 from drop_physics.account.words import RowWords
+from drop_physics.arrays import Int64
+from drop_physics.explain.contact_points import Points
 from drop_physics.explain.steps import BodySteps
 from drop_physics.messages import Message
 from drop_physics.physics.tree import States
@@ -43,12 +46,18 @@ class WrittenStates:
     first_step: int | None = None
     """The first sample that a step led to from a state that the script wrote."""
     last_step: int = -1
+    deepest_m: float = 0.0
+    """The deepest overlap with another body in a state that calls wrote."""
+    into: tuple[int, int] | None = None
+    """The number of that body, and its link."""
     _last: States | None = None
 
-    def add(self, steps: BodySteps) -> None:
-        """Add steps of the body."""
+    def add(self, steps: BodySteps, points: Points) -> None:
+        """Add steps of the body; `points` are all contact points of these steps."""
         before, after = steps.before, steps.after
         put = np.flatnonzero(steps.put)
+        if len(put):
+            self._meet(steps.body.number, points, steps.steps[put])
         moved = np.linalg.norm(after.position_m - before.position_m, axis=1)
         self.steps += len(steps)
         self.stepped += float(moved.sum() + np.abs(after.joints - before.joints).sum())
@@ -59,6 +68,16 @@ class WrittenStates:
             end = after.at(np.array([row - 1]))
             self._jump(int(steps.steps[row]), end, before.at(np.array([row])))
         self._last = after.at(np.array([len(steps) - 1]))
+
+    def _meet(self, number: int, points: Points, steps: Int64) -> None:
+        """Look for the deepest overlap of a body, by its number, as steps to samples begin."""
+        its = (points.body == number).sum(axis=1) == 1
+        rows = np.flatnonzero(its & np.isin(points.step, steps))
+        if len(rows) and -points.distance_m[rows].min() > self.deepest_m:
+            row = rows[np.argmin(points.distance_m[rows])]
+            other = int(points.body[row, 0] == number)
+            self.deepest_m = float(-points.distance_m[row])
+            self.into = int(points.body[row, other]), int(points.link[row, other])
 
     def _jump(self, step: int, end: States, begin: States) -> None:
         """Add the change from the end of a step to the beginning of the next, to a sample."""
@@ -81,22 +100,31 @@ class WrittenStates:
         )
         if self.way:
             told = told + Message(
-                ": moved it by {way} m or rad in all, steps by {stepped}",
+                ": that moved it by {way} m or rad in all, its steps by {stepped}",
                 way=number(self.way),
                 stepped=number(self.stepped),
             )
         if self.velocity:
             told = told + Message(
-                "; changed its velocities by {velocity} in all", velocity=number(self.velocity)
+                "; it changed its velocities by {velocity} in all", velocity=number(self.velocity)
+            )
+        if self.way and self.into is not None and self.deepest_m > DEEP * subject.size_m:
+            told = told + Message(
+                ", up to {depth} into {other}",
+                depth=quantity(self.deepest_m, "m"),
+                other=words.names.link(*self.into),
             )
         return AccountRow(
             kind="set",
-            body=subject.body.label,
             told=told,
             got=self.way,
-            besides=((self.way, "m"), (self.way, "rad"), (self.velocity, "m/s")),
+            besides=(
+                (self.way, "m"),
+                (self.way, "rad"),
+                (self.velocity, "m/s"),
+                (self.deepest_m, "m"),
+            ),
             step=self.last_step,
-            time_s=words.seconds(subject, self.last_step),
             salience=min(1.0, self.written / self.steps + 0.4 * min(way, 1.0)),
             subject=subject.body,
             group=("set", subject.kind, self.written),
@@ -112,14 +140,15 @@ def energy_row(
 ) -> AccountRow | None:
     """Return the row of the sources and sinks of a body's energy; contacts by partner."""
     values = {Term(cause): value for cause, value in by_cause_j.items() if value}
-    contacts = {
-        term: float(work.sum())
-        for term, work in subject.ledger.work.items()
-        if term.cause in (CONTACT, FRICTION)
-    }
-    if contacts and Term("contacts") in values:
-        del values[Term("contacts")]
-        values |= contacts
+    for cause, parts in (("contacts", (CONTACT, FRICTION)), (HELD, (HELD,))):
+        apart = {
+            term: float(work.sum())
+            for term, work in subject.ledger.work.items()
+            if term.cause in parts
+        }
+        if apart and Term(cause) in values:
+            del values[Term(cause)]
+            values |= apart
     commanded = subject.ledger.work.get(Term(GIVEN))
     if commanded is not None and Term("applied") in values:
         values[Term(GIVEN)] = float(commanded.sum())
@@ -136,7 +165,6 @@ def energy_row(
     main = max(values, key=lambda term: abs(values[term])).cause if values else ""
     return AccountRow(
         kind="energy",
-        body=subject.body.label,
         told=Message(
             "{start} to {end}",
             start=quantity(_rounded(start_j, turnover), "J"),
@@ -147,7 +175,6 @@ def energy_row(
         gap=end_j - start_j,
         unit="J",
         step=subject.ledger.last,
-        time_s=words.seconds(subject, subject.ledger.last),
         terms=words.terms(subject, values, "J"),
         salience=max(1.2 * odd * large if odd > TURNOVER else 0.0, 0.22 * large),
         subject=subject.body,

@@ -120,15 +120,8 @@ class ActuatorTable:
 
 def _force(actuator: Actuator, steps: BodySteps, name: str) -> Float64 | None:
     """Return the force of an actuator in steps, shape (n,); None unless it drives one joint."""
-    place = next(
-        (
-            at.start
-            for joint, at in zip(steps.body.joints, steps.body.rates, strict=True)
-            if joint.name == actuator.target and joint.widths[1] == 1
-        ),
-        None,
-    )
-    if actuator.acts_on != "joint" or place is None or not actuator.gear or not steps.covered:
+    place = steps.body.rate_of(actuator)
+    if place is None or not actuator.gear or not steps.covered:
         return None
     term = steps.terms.get(name)
     if term is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from drop_physics.arrays import Float64, Int64
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.commands import NAMES, Commanded
 from drop_physics.trace.events import Actuator, Body
 from drop_physics.trace.history import Piece
@@ -46,6 +46,18 @@ def clamped(actuator: Actuator, given: Float64) -> Float64:
     return given if actuator.ctrl_range is None else np.clip(given, *actuator.ctrl_range)
 
 
+def at_bound(actuator: Actuator, given: Float64) -> Flags:
+    """Return where a control is at an end of its range, or beyond it, shape (n,)."""
+    low, high = actuator.ctrl_range or (-np.inf, np.inf)
+    return np.asarray((given <= low) | (given >= high))
+
+
+def largest_force(actuator: Actuator) -> float:
+    """Return the force that a motor exerts at the end of its control's range [N] or [N m]."""
+    most = max(map(abs, actuator.ctrl_range)) if actuator.ctrl_range else np.inf
+    return most * abs(actuator.gear * actuator.kp)
+
+
 def limit_of(actuator: Actuator) -> float:
     """Return the largest force that an actuator exerts on a joint [N] or [N m]."""
     if actuator.force_range is None:
@@ -61,13 +73,8 @@ def actuator_commands(body: Body, piece: Piece, ends: Int64, timestep_s: Float64
     n, rates = len(ends), sum(joint.widths[1] for joint in body.joints)
     columns = {name: np.full((n, rates), np.nan) for name in NAMES}
     columns["mode"][:], columns["impulse"][:] = VELOCITY, 0.0
-    place = {
-        joint.name: at.start
-        for joint, at in zip(body.joints, body.rates, strict=True)
-        if joint.widths[1] == 1
-    }
     for actuator in sorted(body.actuators, key=lambda each: LOUDER[each.kind]):
-        k = place.get(actuator.target) if actuator.acts_on == "joint" else None
+        k = body.rate_of(actuator)
         if k is None:
             continue
         given = clamped(actuator, control_of(actuator, body, piece, ends))

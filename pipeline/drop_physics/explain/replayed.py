@@ -7,7 +7,7 @@ add up to the change of momentum, and the velocities at the end of the step must
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -48,7 +48,8 @@ ANOTHER = "another engine"
 """What an imported step has beyond this engine's: its pose is rounded, too."""
 NAMED = (ACTUATOR, "tendon", TENDON_LIMIT.strip())
 """The kinds of causes of which a body has several, told apart by name."""
-ALWAYS = (PULLED, MOVED, "damping", "applied", "contacts", "constraints", "stops")
+CONSTRAINTS = "constraints"
+ALWAYS = (PULLED, MOVED, "damping", "applied", "contacts", CONSTRAINTS, "stops")
 """Causes that every step has a term for, even where they do not act."""
 NEVER, LATER = REPLAYS.index("not replayed"), REPLAYS.index("not asked")
 RUNGE_KUTTA = 1.0
@@ -59,7 +60,7 @@ a body within 1 m of the origin; measured: 3e-15."""
 SEGMENT_OF = (
     (DRIVEN, f"{ACTUATOR} "),
     (CONTACT, "contacts"),
-    (CONSTRAINED, "constraints"),
+    (CONSTRAINED, CONSTRAINTS),
     (CONSTRAINED, "tendon "),
     (PUSHED, "applied"),
 )
@@ -120,6 +121,7 @@ class Replayed(Explanation):
         if terms and size:
             turned = _frame_turn(record, before, after) if not tree.fixed else None
             added = _sum(law, states, rows, terms, turned)
+            added = _without_causes(added, where[status != 0])
         sides, at = touching.of([body.number], np.zeros(n, np.int64), ends)
         joints = slice(tree.first_rate, None)
         motors = np.zeros((n, tree.joint_rates))
@@ -151,6 +153,7 @@ class Replayed(Explanation):
             closes=np.asarray((unexplained <= EXPLAINED) & (status == 0)),
             unknown=np.zeros(n, np.bool_),
             alone=None,
+            pulls={} if acted is None else acted.pulls_of(body, ends, size),
         )
         stages = self._by_stages(body.client, ends)
         judged = tree.size and ANOTHER not in terms
@@ -204,14 +207,27 @@ class _Acted:
     def terms_of(self, body: Body, ends: Int64, size: int) -> dict[str, Float64]:
         """Return the impulses on a body by cause in the steps to some samples, (n, size) each."""
         terms = {name: np.zeros((len(ends), size)) for name in ALWAYS}
+        for cause, impulse in self._impulses(body, ends, size):
+            name = cause_name(cause)
+            terms[name] = terms[name] + impulse if name in terms else impulse
+        return terms
+
+    def pulls_of(self, body: Body, ends: Int64, size: int) -> dict[str, Float64]:
+        """Return the impulses of constraints on a body by their names, (n, size) each."""
+        its = self._impulses(body, ends, size)
+        return {cause.name: impulse for cause, impulse in its if cause.kind == CONSTRAINTS}
+
+    def _impulses(
+        self, body: Body, ends: Int64, size: int
+    ) -> Iterator[tuple[ImpulseCause, Float64]]:
+        """Yield each cause that acts on a body, with its impulses, shape (n, size)."""
         for cause, rows, begin in self._of.get(body.number, ()):
             found, at = rows_of(self.steps[rows], ends)
-            if not len(found):
-                continue
-            held = terms.setdefault(cause_name(cause), np.zeros((len(ends), size)))
-            index = begin[found][:, None] + np.arange(len(cause.places))
-            held[at[:, None], np.array(cause.places)] += self._values[index]
-        return terms
+            if len(found):
+                impulse = np.zeros((len(ends), size))
+                index = begin[found][:, None] + np.arange(len(cause.places))
+                impulse[at[:, None], np.array(cause.places)] = self._values[index]
+                yield cause, impulse
 
 
 def _sum(
@@ -232,6 +248,28 @@ def _sum(
     forces_n_s = np.zeros(len(rows.real))
     found = Sum(matrices, states.velocity, spread, left, lifted, forces_n_s)
     return found.summed(fixed=law.tree.fixed)
+
+
+def _without_causes(added: Summed, unknown: Int64) -> Summed:
+    """Return sums whose changes are all the remainder's in steps without known impulses."""
+    if not len(unknown):
+        return added
+    parts = (added.energy_j, added.changed_j), (added.momentum_kg_m_s, added.moved_kg_m_s)
+    energy_j, momentum_kg_m_s = (
+        {name: _but(values, unknown, 0.0) for name, values in causes.items()}
+        | {"remainder": _but(causes["remainder"], unknown, whole[unknown])}
+        if causes
+        else {}
+        for causes, whole in parts
+    )
+    return replace(added, energy_j=energy_j, momentum_kg_m_s=momentum_kg_m_s)
+
+
+def _but(values: Float64, rows: Int64, others: Float64 | float) -> Float64:
+    """Return values with others in some rows."""
+    found = values.copy()
+    found[rows] = others
+    return found
 
 
 def _arms(record: Record, states: States) -> Float64:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -136,6 +136,9 @@ class Steps:
     """Whether a constraint acts that the law does not cover."""
     alone: Int8 | None
     """Segments by the law of a body without links (`alone`); None for other bodies."""
+    pulls: Mapping[str, Float64] = field(default_factory=dict)
+    """The parts of the constraints' impulses by name, shape (n, size) each, where they are known
+    apart."""
 
     def __len__(self) -> int:
         """Return the number of steps."""

@@ -168,8 +168,8 @@ def wait(process: subprocess.Popen[bytes]) -> None:
         )
 
 
-def in_notebook(files: Sequence[Path], height_px: int) -> Any:  # noqa: ANN401 - its own class
-    """Return a viewer of these files as a notebook's widget.
+def in_notebook(files: Sequence[Path], height_px: int, at_s: float | None = None) -> Any:  # noqa: ANN401 - its own class
+    """Return a viewer of these files as a notebook's widget, its cursor at a time [s].
 
     Raises
     ------
@@ -187,6 +187,8 @@ def in_notebook(files: Sequence[Path], height_px: int) -> Any:  # noqa: ANN401 -
     widget = Widget(width="auto", height=height_px, use_global_recording=False)
     for file in files:
         widget._flush_hook(file.read_bytes())
+    if at_s is not None:
+        widget.set_time_ctrl(duration=at_s, timeline=schema.TIME_TIMELINE)
     return widget
 
 

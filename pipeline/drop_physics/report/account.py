@@ -59,7 +59,8 @@ def account_of(rows: Sequence[AccountRow], most: int) -> list[Section]:
 
 def facts_of(row: AccountRow) -> list[Fact]:
     """Return a row as facts: what was asked and came, and the terms for and against it."""
-    facts = [Fact(WORDS[row.kind], joined("  ", [who_of(row), row.told]), "bold")]
+    told = joined("  ", [who_of(row), row.told])
+    facts = [Fact(WORDS[row.kind], told, "bold", at_s=row.time_s)]
     if row.terms:
         facts.append(Fact("", joined("", ["  ", sides_of(row.terms)])))
     return facts

@@ -44,6 +44,8 @@ class Fact:
     """Style of the title."""
     is_command: bool = False
     """Whether the words are a command to be pasted into a shell."""
+    at_s: float | None = None
+    """Simulated time of the moment that it tells [s]; renderers link to it."""
 
 
 @dataclass(frozen=True)

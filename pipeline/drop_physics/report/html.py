@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import singledispatch
 from html import escape
 from pathlib import Path
 
 from drop_physics.fields import counted
 from drop_physics.messages import Message, harmless, joined, translated
+from drop_physics.quantities import number
 from drop_physics.report.blocks import (
     DataTable,
     Fact,
@@ -27,9 +28,16 @@ CURVES = "<!-- curves -->"
 """Placeholder of curves; recorded texts cannot contain it, as they are escaped."""
 AROUND = 2
 """Number of lines of a script shown before and after that of a finding."""
+Moment = Callable[[float], str]
+"""Returns the HTML of a simulated time [s], linked to its frame where one is shown."""
 
 
-def html_of(report: Report, heading: str = "h1") -> Iterator[str]:
+def time_html(at_s: float) -> str:
+    """Return the HTML of a time without a link."""
+    return f"{number(at_s)} s"
+
+
+def html_of(report: Report, heading: str = "h1", moment: Moment = time_html) -> Iterator[str]:
     """Yield a report's verdict, as a heading, and its sections, in the reader's language."""
     verdict = report.verdict
     if report.error is not None:
@@ -43,7 +51,7 @@ def html_of(report: Report, heading: str = "h1") -> Iterator[str]:
     for section in report.sections:
         yield "<section>"
         for block in section.blocks:
-            yield from block_html(block)
+            yield from block_html(block, moment)
         yield "</section>"
 
 
@@ -52,19 +60,19 @@ def _said(text: str) -> str:
 
 
 @singledispatch
-def block_html(block: object) -> Iterator[str]:
+def block_html(block: object, moment: Moment) -> Iterator[str]:
     """Yield the HTML of a block."""
-    raise TypeError(block)
+    raise TypeError(block, moment)
 
 
 @block_html.register
-def _(words: Words) -> Iterator[str]:
+def _(words: Words, moment: Moment) -> Iterator[str]:  # noqa: ARG001
     tag = "h2" if words.style == "bold" else "p"
     yield f'<{tag} class="{words.style}">{_said(words.text)}</{tag}>'
 
 
 @block_html.register
-def _(facts: Facts) -> Iterator[str]:
+def _(facts: Facts, moment: Moment) -> Iterator[str]:
     if not facts.rows:
         return
     yield '<table class="facts">'
@@ -73,12 +81,14 @@ def _(facts: Facts) -> Iterator[str]:
         text = _said(words)
         if isinstance(row, Fact) and row.is_command:
             text = f"<code>{text}</code>"
-        yield f"<tr><th>{_said(row.title)}</th><td>{text}</td></tr>"
+        at_s = row.at_s if isinstance(row, Fact) else None
+        when = "" if at_s is None else f'<td class="when">{moment(at_s)}</td>'
+        yield f"<tr><th>{_said(row.title)}</th><td>{text}</td>{when}</tr>"
     yield "</table>"
 
 
 @block_html.register
-def _(table: DataTable) -> Iterator[str]:
+def _(table: DataTable, moment: Moment) -> Iterator[str]:  # noqa: ARG001
     first, *others = table.columns
     columns = [first, *(each for each in others if each.head or any(each.cells))]
     yield '<div class="wide"><table>'
@@ -86,11 +96,11 @@ def _(table: DataTable) -> Iterator[str]:
         heads = [table.title or first.head, *(each.head for each in columns[1:])]
         cells = zip(heads, columns, strict=True)
         yield f"<tr>{''.join(_cell('th', text, right=each.right) for text, each in cells)}</tr>"
-    for number in range(len(first.cells)):
-        failed = number < len(table.failed) and table.failed[number]
-        total = table.has_total and number == len(first.cells) - 1
+    for place in range(len(first.cells)):
+        failed = place < len(table.failed) and table.failed[place]
+        total = table.has_total and place == len(first.cells) - 1
         name = "failed" if failed else "total" if total else ""
-        row = "".join(_cell("td", each.cells[number], right=each.right) for each in columns)
+        row = "".join(_cell("td", each.cells[place], right=each.right) for each in columns)
         yield f'<tr class="{name}">{row}</tr>'
     yield "</table></div>"
 
@@ -101,7 +111,7 @@ def _cell(tag: str, text: str, *, right: bool) -> str:
 
 
 @block_html.register
-def _(found: FindingList) -> Iterator[str]:
+def _(found: FindingList, moment: Moment) -> Iterator[str]:  # noqa: ARG001
     if (words := besides(found)) is not None:
         yield f"<p>{_said(words)}</p>"
     yield from _listed(found.findings[: found.most], found.first, found.sources)
@@ -136,13 +146,13 @@ def _source(finding: Finding, sources: Mapping[str, Path]) -> Iterator[str]:
     if lines:
         cited = int(str(finding.site).rpartition(":")[2])
         yield "<pre>"
-        for number, text in lines.items():
-            tag = "mark" if number == cited else "span"
-            yield f"<{tag}>{number:>5}  {escape(harmless(text.expandtabs()))}</{tag}>\n"
+        for line, text in lines.items():
+            tag = "mark" if line == cited else "span"
+            yield f"<{tag}>{line:>5}  {escape(harmless(text.expandtabs()))}</{tag}>\n"
         yield "</pre>"
 
 
 @block_html.register
-def _(_: Graphs) -> Iterator[str]:
+def _(_: Graphs, moment: Moment) -> Iterator[str]:  # noqa: ARG001
     """Yield the places where a page draws curves, with what it loads for them."""
     yield CURVES

@@ -20,6 +20,8 @@ from drop_physics.report.blocks import (
 from drop_physics.report.words import beneath, besides
 from drop_physics.rules.answer import Finding
 
+MOMENTS = ("| | | drop analyze |", "| --- | --- | --- |")
+"""Heads of facts that tell moments: with this option the command shows the sum at each."""
 Say = Callable[[str], str]
 """Gives a text in the language of the page: `translated`, or `str` for English."""
 
@@ -62,11 +64,14 @@ def _(words: Words, say: Say) -> Iterator[str]:
 
 @block_markdown.register
 def _(facts: Facts, say: Say) -> Iterator[str]:
+    times_s = [row.at_s if isinstance(row, Fact) else None for row in facts.rows]
+    of_moments = any(at_s is not None for at_s in times_s)
     if facts.rows:
-        yield from ("| | |", "| --- | --- |")
-    for row in facts.rows:
+        yield from ("| | |", "| --- | --- |") if not of_moments else MOMENTS
+    for row, at_s in zip(facts.rows, times_s, strict=True):
         words = str(row.path) if isinstance(row, File) else row.words
-        yield _row([row.title, words], say)
+        when = "" if at_s is None else f"--at {at_s:g}"
+        yield _row([row.title, words, *([when] if of_moments else [])], say)
     yield ""
 
 

@@ -72,10 +72,16 @@ def _without_commands(report: Report) -> Report:
     return replace(report, sections=sections)
 
 
+def moment_in_python(at_s: float) -> str:
+    """Return the HTML of the method that opens the viewer at a time."""
+    return f"<code>.view(at_s={at_s:g})</code>"
+
+
 def html_of(result: Printable) -> str:
     """Return a result's report as HTML, followed by its tables and pictures."""
     report = _without_commands(result.report())
-    told = in_python("\n".join(html.html_of(report, HEADING)).replace(html.CURVES, ""))
+    shown = html.html_of(report, HEADING, moment_in_python)
+    told = in_python("\n".join(shown).replace(html.CURVES, ""))
     styled = f'<div style="font-family: monospace">\n{told}\n</div>'
     return "\n".join([styled, *_tables(result), *_pictures(report)])
 
@@ -113,14 +119,14 @@ def _drawn(plot: Plot) -> str:
 class Viewed:
     """Rerun's viewer in a notebook; if that cannot be shown, a film, or the result's plot."""
 
-    def __init__(self, result: Any, height_px: int) -> None:  # noqa: ANN401
+    def __init__(self, result: Any, height_px: int, at_s: float | None) -> None:  # noqa: ANN401
         from drop_physics.stages.render import film_of
         from drop_physics.stages.view import in_notebook, recording_of
 
         self._widget, note = None, ""
         recording = recording_of(result)
         try:
-            self._widget = in_notebook(result, height_px)
+            self._widget = in_notebook(result, height_px, at_s)
         except DropError as missing:  # the viewer
             note = escape(str(missing))
         try:

@@ -21,7 +21,7 @@ from drop_physics.files.outputs import check_apart, check_target
 from drop_physics.files.whole import written_whole
 from drop_physics.messages import Message, harmless, translated
 from drop_physics.report.blocks import Graphs, Report
-from drop_physics.report.html import CURVES, html_of
+from drop_physics.report.html import CURVES, html_of, time_html
 from drop_physics.stages.render import ShortFilm
 from drop_physics.stages.render import film_of as drawn_film
 
@@ -53,6 +53,10 @@ pre { border: 1px solid var(--line); border-radius: 6px; padding: .5rem; overflo
 mark { background: var(--mark); color: inherit }
 .moment { display: flex; flex-wrap: wrap; align-items: center; gap: 1rem }
 .moment .curves { flex: 2 1 24rem } .moment .frame { flex: 1 1 12rem }
+a { color: inherit } .facts td { white-space: pre-wrap } .facts td.when { white-space: nowrap }
+.moments { display: flex; flex-wrap: wrap; gap: 1rem }
+figure { margin: 0; width: 13rem } figure:target { outline: 2px solid var(--advice) }
+figcaption { color: var(--faint); font-size: .85rem; text-align: center }
 img { max-width: 100% } .strip { display: none }
 @media print {
   :root { font-size: 12px } body { margin: 0; padding: 0; max-width: none }
@@ -101,7 +105,10 @@ def write_page(
     """
     report: Report = result.report(**how)
     films = _films(film_of)
-    shown = "\n".join([*_curves(report, films), *_film(films)])
+    frames = Frames(films)
+    shown = "\n".join([*_curves(report, frames), *_film(films)])
+    told = "".join(html_of(report, moment=frames.link if films else time_html))
+    told = told.replace(CURVES, shown, 1).replace(CURVES, "")
     title = report.title or getattr(report.verdict, "text", "drop")
     text = f"""<!doctype html>
 <html lang="{translated(LANGUAGE)}">
@@ -113,7 +120,7 @@ def write_page(
 <style>{STYLE}</style>
 </head>
 <body>
-{"".join(html_of(report)).replace(CURVES, shown, 1).replace(CURVES, "")}
+{told}{"".join(frames.figures())}
 </body>
 </html>
 """
@@ -129,7 +136,50 @@ def _films(recording: Path | None) -> list[ShortFilm]:
     return []
 
 
-def _curves(report: Report, films: Sequence[ShortFilm]) -> Iterator[str]:
+class Frames:
+    """The frames of a recording's films at the moments that a page tells.
+
+    Parameters
+    ----------
+    films
+        The film for a light page and that for a dark one, or none.
+    """
+
+    def __init__(self, films: Sequence[ShortFilm]) -> None:
+        self._films = films
+        self._shown: set[int] = set()
+        """The frames that the page links to."""
+
+    def link(self, at_s: float) -> str:
+        """Return a link to the frame nearest to a time."""
+        place = self._nearest(at_s)
+        self._shown.add(place)
+        return f'<a href="#frame-{place}">{time_html(at_s)}</a>'
+
+    def picture(self, at_s: float) -> str | None:
+        """Return the picture nearest to a time; None without films."""
+        return self._picture(self._nearest(at_s)) if self._films else None
+
+    def figures(self) -> Iterator[str]:
+        """Yield the frames that links lead to, each with its time."""
+        if self._shown:
+            yield '<section class="moments">'
+            for place in sorted(self._shown):
+                time = time_html(self._films[0].times_s[place])
+                yield f'<figure id="frame-{place}">{self._picture(place)}'
+                yield f"<figcaption>{time}</figcaption></figure>"
+            yield "</section>"
+
+    def _nearest(self, at_s: float) -> int:
+        times_s = self._films[0].times_s
+        return min(range(len(times_s)), key=lambda place: abs(times_s[place] - at_s))
+
+    def _picture(self, place: int) -> str:
+        light, dark = (_data(_frame(each, place), "png") for each in self._films)
+        return _picture("frame", light, dark)
+
+
+def _curves(report: Report, frames: Frames) -> Iterator[str]:
     """Yield the plots of a report, for a light or dark page, and the picture of a moment."""
     for section in report.sections:
         for block in section.blocks:
@@ -140,8 +190,7 @@ def _curves(report: Report, films: Sequence[ShortFilm]) -> Iterator[str]:
                 )
                 curves = _picture("curves", light, dark)
                 at_s = plot.panels[0].moment_s
-                if films and at_s is not None:
-                    frame = _picture("frame", *(_data(_frame(each, at_s), "png") for each in films))
+                if at_s is not None and (frame := frames.picture(at_s)) is not None:
                     curves = f'<div class="moment">{curves}{frame}</div>'
                 yield curves
 
@@ -154,11 +203,10 @@ def _film(films: Sequence[ShortFilm]) -> Iterator[str]:
         yield f'<img class="strip" alt="" src="{_data(_strip(light.gif), "gif")}">'
 
 
-def _frame(film: ShortFilm, at_s: float) -> bytes:
-    """Return the picture of a film that is nearest to a time."""
-    nearest = min(range(len(film.times_s)), key=lambda place: abs(film.times_s[place] - at_s))
+def _frame(film: ShortFilm, place: int) -> bytes:
+    """Return one picture of a film."""
     with Image.open(io.BytesIO(film.gif)) as frames:
-        frames.seek(min(nearest, getattr(frames, "n_frames", 1) - 1))
+        frames.seek(min(place, getattr(frames, "n_frames", 1) - 1))
         stream = io.BytesIO()
         frames.convert("RGB").save(stream, "png")
     return stream.getvalue()

@@ -236,8 +236,12 @@ def recording_of(result: Any) -> Path:  # noqa: ANN401
     return recording
 
 
-def in_notebook(result: Any, height_px: int) -> Any:  # noqa: ANN401 - a widget of Rerun's
-    """Return Rerun's viewer of a result's recording, for a notebook.
+def in_notebook(
+    result: Any,  # noqa: ANN401 - a widget of Rerun's
+    height_px: int,
+    at_s: float | None = None,
+) -> Any:  # noqa: ANN401
+    """Return Rerun's viewer of a result's recording, for a notebook, at a time [s].
 
     Raises
     ------
@@ -248,7 +252,7 @@ def in_notebook(result: Any, height_px: int) -> Any:  # noqa: ANN401 - a widget 
     """
     recording = recording_of(result)
     layer = getattr(result, "layer", None) or layer_of(recording)
-    return viewer.in_notebook([recording, *([layer] if layer.is_file() else [])], height_px)
+    return viewer.in_notebook([recording, *([layer] if layer.is_file() else [])], height_px, at_s)
 
 
 def spawn() -> str:

@@ -257,6 +257,21 @@ class Body:
         """The slice of each joint's rates among those of all joints."""
         return places(joint.widths[1] for joint in self.joints)
 
+    def rate_of(self, actuator: Actuator) -> int | None:
+        """Return the rate of the joint that an actuator drives.
+
+        None where it drives something else, or a joint that has several.
+        """
+        return self._rates_by_joint.get(actuator.target) if actuator.acts_on == "joint" else None
+
+    @cached_property
+    def _rates_by_joint(self) -> dict[str, int]:
+        return {
+            joint.name: place.start
+            for joint, place in zip(self.joints, self.rates, strict=True)
+            if joint.widths[1] == 1
+        }
+
     @property
     def base_moves(self) -> bool:
         """True if its base can move in a step; its state is then sampled."""
@@ -639,6 +654,10 @@ class Equality:
     """These positions of both joints [rad] or [m]."""
 
 
+TENDON = "tendon"
+"""Kind of what tells the length of a tendon."""
+
+
 @dataclass(frozen=True)
 class Sensor:
     """A sensor of a model, with its readings in all steps."""
@@ -648,7 +667,7 @@ class Sensor:
     name: str
     kind: str
     """`touch`, `force`, `torque`, `accelerometer`, `velocimeter`, `gyro`, `magnetometer`,
-    `rangefinder`; empty of any other."""
+    `rangefinder`; `tendon` of a tendon's length; empty of any other."""
     body: int
     """Number of the body that it is on; -1 if it is on none, or that is not known."""
     link: int

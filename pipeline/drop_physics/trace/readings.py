@@ -29,6 +29,8 @@ POINTS, FIRST_FORCE, FORCE, DISTANCE = "points", "force of the first", "force of
 """Names of the numbers of contact points: how many, normal forces [N], least distance [m]."""
 REACTION, TORQUE = "reaction", "torque"
 """Beginning of the names of what a joint's sensor reads, and what a motor gives [N] or [N m]."""
+EFFORT = "effort"
+"""Beginning of the names of the efforts that inverse dynamics gives, a rate each [N] or [N m]."""
 
 
 @dataclass(frozen=True)

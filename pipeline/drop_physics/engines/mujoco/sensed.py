@@ -1,4 +1,4 @@
-"""The sensors of a MuJoCo model, with their readings."""
+"""The sensors of a MuJoCo model, with their readings, and the lengths of its tendons."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drop_physics.engines.mujoco.described import GEOMS, Arrays, DescribedModel, size_of, xyzw
 from drop_physics.physics.rotations import products, rotate_inverse
-from drop_physics.trace.events import At, Collision, Sensor
+from drop_physics.trace.events import TENDON, At, Collision, Sensor
 from drop_physics.trace.readings import Answer
 from drop_physics.trace.states import BASE
 
@@ -27,9 +27,12 @@ def sensors_of(
 ) -> Iterator[Sensor]:
     """Yield the sensors of a model, given first, last, least and greatest of each number.
 
-    `kept` has the shape (4, numbers).
+    `kept` has the shape (4, numbers); the lengths of tendons are the last of the numbers.
     """
-    arrays = described.arrays
+    arrays, tendons = described.arrays, described.names["tendon"]
+    for number, name in enumerate(tendons[:MOST]):
+        length = kept[:, [kept.shape[1] - len(tendons) + number]]
+        yield Sensor(At(0, 0.0, number), client, name, TENDON, -1, BASE, (*_answers(length),))
     for number, name in enumerate(described.names["sensor"][:MOST]):
         which, of = (int(np.ravel(arrays[f"sensor_{each}"])[number]) for each in ("type", "objid"))
         at, width = (int(np.ravel(arrays[f"sensor_{each}"])[number]) for each in ("adr", "dim"))

@@ -11,6 +11,7 @@ from drop_physics.engines.pybullet.gathered import GatheredWorld
 from drop_physics.engines.watching import pipe
 from drop_physics.trace.readings import (
     DISTANCE,
+    EFFORT,
     FIRST_FORCE,
     FORCE,
     POINTS,
@@ -41,6 +42,7 @@ NAMES: Mapping[str, tuple[str, ...]] = {
         *(f"velocity {axis}" for axis in PLACE),
         *(f"spin {axis}" for axis in PLACE),
     ),
+    "calculateInverseDynamics": tuple(f"{EFFORT} {k}" for k in range(pipe.ANSWERS)),
     "rayTest": ("body", "link", "fraction", *PLACE),
 }
 """The names of the numbers that are kept of an answer; those of other functions are numbered."""

@@ -117,35 +117,41 @@ class WatchedModel:
 class SensorExtremes:
     """The first and last, least and greatest readings of the numbers of all sensors.
 
-    They are in memory that the recorder shares: no crash loses any.
+    So are those of the lengths of tendons, which come after them. They are in memory that the
+    recorder shares: no crash loses any.
     """
 
     @staticmethod
     def of(watch: MujocoWatch, d: Any) -> SensorExtremes | None:
-        """Return the extremes of an MjData's sensors; None without a sensor, or without room."""
-        size = EXTREMES * d.sensordata.size
+        """Return the extremes of an MjData; None without sensor and tendon, or without room."""
+        read = [each for each in (d.sensordata, d.ten_length) if each.size]
+        size = EXTREMES * sum(each.size for each in read)
         begin = PLACES * ANSWERS * EXTREMES - watch.sensed - size  # from behind
         if not size or begin < 0 or not watch.pipe.open:
             return None
         watch.sensed += size
-        view = memory.view_of(d.sensordata.ctypes.data, d.sensordata.nbytes)
-        return SensorExtremes(watch.pipe.answers[begin : begin + size], view, begin)
+        views = [memory.view_of(each.ctypes.data, each.nbytes) for each in read]
+        return SensorExtremes(watch.pipe.answers[begin : begin + size], views, begin)
 
-    def __init__(self, kept: Any, now: memoryview, begin: int) -> None:
-        self._now = np.frombuffer(now)
-        self._kept = np.frombuffer(kept).reshape(EXTREMES, -1)
+    def __init__(self, kept: Any, views: list[memoryview], begin: int) -> None:
+        now = [np.frombuffer(view) for view in views]
+        ends = np.cumsum([len(each) for each in now])[:-1]
+        parts = np.split(np.frombuffer(kept).reshape(EXTREMES, -1), ends, axis=1)
+        self._parts = [*zip(parts, now)]
+        """What is kept of some numbers, shape (EXTREMES, numbers), and what they are now."""
         self._is_first = True
-        self.place = begin, len(self._now)
+        self.place = begin, sum(map(len, now))
         """Where they begin among the answers, and how many numbers there are of each."""
 
     def add(self) -> None:
         """Add the readings after a step."""
-        kept, now = self._kept, self._now
-        if self._is_first:
-            self._is_first, kept[:] = False, now
-        kept[1] = now
-        np.fmin(kept[2], now, out=kept[2])
-        np.fmax(kept[3], now, out=kept[3])
+        for kept, now in self._parts:
+            if self._is_first:
+                kept[:] = now
+            kept[1] = now
+            np.fmin(kept[2], now, out=kept[2])
+            np.fmax(kept[3], now, out=kept[3])
+        self._is_first = False
 
 
 class WatchedData:
