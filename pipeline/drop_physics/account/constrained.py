@@ -239,9 +239,10 @@ def _equality_row(
         else str(words.names.link(body, link))
         for (body, link), of_world in zip(sides, equality.of_world, strict=True)
     ]
-    told = Message(
-        "{kind} of {one} and {other}: ", kind=equality.kind, one=names[0], other=names[1]
-    )
+    told = Message("{kind} of {one}", kind=equality.kind, one=names[0])
+    if sides[0] != sides[1]:
+        told = told + Message(" and {other}", other=names[1])
+    told = told + Message(": ")
     idle = not held.active
     if idle:
         told = told + Message("it is not active in any step, and pulls with nothing")

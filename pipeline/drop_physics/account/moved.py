@@ -13,7 +13,7 @@ from drop_physics.account.rows import AccountRow, RowTerm
 from drop_physics.account.series import BaseTrack, JointSeries
 from drop_physics.account.shaped import mass_outside
 from drop_physics.account.subjects import MeasuredBody, turning_rad_s
-from drop_physics.account.terms import CONTACT, FRICTION, Term
+from drop_physics.account.terms import CONTACT, FRICTION, HELD, Term
 from drop_physics.account.words import LEAST_SHARE, RowWords
 from drop_physics.account.written import WrittenStates
 from drop_physics.arrays import Flags, Float64
@@ -76,6 +76,8 @@ def joint_row(
         )
     elif APPLIED in ledger.impulse and ledger.impulse[APPLIED][:, axis.rate].any():
         why = Message("no motor commands it; the script pushes it")
+    elif any(each.cause == HELD and of[:, axis.rate].any() for each, of in ledger.impulse.items()):
+        why = Message("no motor commands it; a constraint acts on it")
     elif subject.body.actuators and not ledger.seconds.any():
         why = Message("what drives it is not known, as no step is explained")
     else:

@@ -633,7 +633,8 @@ class Equality:
     client: int
     name: str
     kind: str
-    """`connect` or `weld`; `joint` of two joints, which are those before the links."""
+    """`connect` or `weld`; `joint` of two joints, those before the links, or of one that is held
+    where it is, which then is both sides."""
     body_a: int
     link_a: int
     body_b: int

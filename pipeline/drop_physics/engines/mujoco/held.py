@@ -79,7 +79,9 @@ def _of_bodies(
 
 def _of_joints(described: DescribedModel, number: int, ids: list[int]) -> dict[str, Any] | None:
     """Return the coupling of a joint to another; None if it stands still, or is not known."""
-    arrays = described.arrays
+    arrays, coefficients = described.arrays, _numbers(described.arrays["eq_data"][number][:5])
+    if ids[1] < 0:  # it holds the first where it is
+        ids, coefficients = [ids[0]] * 2, coefficients[:1]
     places = {
         link.joint: (made.body.number, index)
         for made in described.bodies
@@ -95,7 +97,7 @@ def _of_joints(described: DescribedModel, number: int, ids: list[int]) -> dict[s
         "link_a": link_a,
         "body_b": body_b,
         "link_b": link_b,
-        "coefficients": _numbers(arrays["eq_data"][number][:5]),
+        "coefficients": coefficients,
         "rest": _numbers(np.asarray(arrays["qpos0"])[starts]),
     }
 
