@@ -371,6 +371,9 @@ steps(240)
     end = table_of(recording.seen.states).filter(pl.col("body") == 0)["x_m"][-1]
     assert end == pytest.approx(1, abs=1e-9)
     assert "energy-gained" not in codes(analysis)  # the belt gave it
+    box = table_of(recording.seen.states).filter(pl.col("body") == 1)["x_m"][-1]
+    # It slides by what the belt is ahead of it, not by its own way.
+    assert body_of(analysis, 1).touches[0].slid_m == pytest.approx(end - box, rel=0.05)
 
 
 def test_the_energy_of_links_is_that_after_the_step(analyzed: Analyzed) -> None:

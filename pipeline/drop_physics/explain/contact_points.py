@@ -344,7 +344,7 @@ def _points(explained: ExplainedPiece) -> Points:
     swapped = table["body_a"] > table["body_b"]
     flip = np.where(swapped, -1.0, 1.0)
     bodies, links = (_by_side(table, what, "", swapped) for what in ("body", "link"))
-    sides = _Sides(explained, table["step"], bodies, _by_side(table, "position", "_m", swapped))
+    sides = _Sides(table["step"], bodies, _by_side(table, "position", "_m", swapped))
     sides.move(explained, places, swapped)
     friction = (
         sum(table[f"friction_{k}_direction"] * table[f"friction_{k}_n"][:, None] for k in (1, 2))
@@ -391,10 +391,8 @@ def _by_side(table: Rows, what: str, unit: str, swapped: Flags) -> NDArray[Any]:
 class _Sides:
     """Velocities of both sides of k contact points; arrays have the shapes (k, 2, …)."""
 
-    def __init__(
-        self, explained: ExplainedPiece, ends: Int64, bodies: Int64, at_m: Float64
-    ) -> None:
-        self._ends, self._bodies, self._records = ends, bodies, explained.records
+    def __init__(self, ends: Int64, bodies: Int64, at_m: Float64) -> None:
+        self._ends, self._bodies = ends, bodies
         count = len(ends)
         self.at_m = at_m
         self.began_m_s, self.ended_m_s, self.carried_m_s = np.zeros((3, count, 2, 3))
@@ -412,7 +410,7 @@ class _Sides:
             still = np.flatnonzero(~self.moves[:, side])
             for number, its in groups(self._bodies[still, side]):
                 rows = still[its]
-                base = self._records[number].base_at(self._ends[rows])
+                base = _base_at(explained, number, self._ends[rows])
                 if not base[:, 7:].any():
                     continue
                 arm = self.at_m[rows, side] - base[:, :3]
@@ -458,6 +456,18 @@ class _Sides:
         self.timestep_s[point] = steps.reported.timestep_s[row]
         self.explained[point, side] = explained[row]
         self.moves[point, side] = True
+
+
+def _base_at(explained: ExplainedPiece, number: int, ends: Int64) -> Float64:
+    """Return the state of a base without mass at samples, shape (n, 13): a belt's is recorded."""
+    base = explained.records[number].base_at(ends)
+    history = explained.histories.get(number)
+    if history is not None:
+        rows = np.flatnonzero(history.sampled)
+        at = np.minimum(np.searchsorted(history.steps[rows], ends), len(rows) - 1)
+        known = history.steps[rows[at]] == ends
+        base[known] = history.base[rows[at[known]]]
+    return base
 
 
 def _known(
