@@ -434,16 +434,22 @@ PARTS = """
     <geom type="box" size="0.1 0.1 0.1" mass="1"/></body></body>
 <body name="rod" pos="-3 3 2"><joint name="socket" type="ball" damping="0.1"/>
   <geom type="capsule" fromto="-0.3 0 0 0.3 0 0" size="0.02" mass="1"/></body>
+<body name="stamp" pos="3 3 0.1"><joint name="down" type="slide" axis="0 0 1"/>
+  <geom type="box" size="0.1 0.1 0.1" mass="0.5"/></body>
+<body name="fixed" pos="3 -3 1"><joint name="held" axis="0 1 0"/>
+  <geom size="0.1" pos="0.2 0 0" mass="1"/></body>
 """
 OF_PARTS = """
 <equality><connect name="left" body1="hung" anchor="0 0.1 0" solref="-100 -20"/>
-  <connect name="right" body1="hung" anchor="0 -0.1 0" solref="-100 -20"/></equality>
+  <connect name="right" body1="hung" anchor="0 -0.1 0" solref="-100 -20"/>
+  <joint name="lock" joint1="held" polycoef="0.3 0 0 0 0"/></equality>
 <tendon><fixed name="cord"><joint joint="lift" coef="1"/></fixed></tendon>
 <actuator><position name="hold" tendon="cord" kp="200" kv="30"/>
-  <motor name="close" joint="push"/><motor name="spin" joint="socket" gear="0 0 1"/></actuator>
+  <motor name="close" joint="push"/><motor name="spin" joint="socket" gear="0 0 1"/>
+  <motor name="stamps" joint="down"/></actuator>
 """
 EACH = """data.xfrc_applied[2, 0] = 4
-    data.ctrl[1:] = 5, 0.01
+    data.ctrl[1:] = 5, 0.01, -100
     data.qvel[12] = 3 if step == 0 else data.qvel[12]"""
 
 
@@ -493,6 +499,20 @@ def test_a_contact_of_own_links_is_one_term(parts: list[AccountRow]) -> None:
     energy = the(parts, "energy", "5_pincer")
     assert value(energy, "joint damping") == pytest.approx(-value(energy, "actuator"), rel=0.05)
     assert not [term for term in energy.terms if term.cause == "contact"]
+
+
+def test_a_press_is_told_with_its_force_in_weights(parts: list[AccountRow]) -> None:
+    row = the(parts, "press", "world × stamp")
+    assert row.got == pytest.approx(100 + 0.5 * G, rel=1e-2)
+    assert f"{(100 + 0.5 * G) / (0.5 * G):.3g} times the weight of stamp" in row.told
+
+
+def test_an_equality_that_locks_a_joint_commands_it(parts: list[AccountRow]) -> None:
+    row = the(parts, "asked", "lock")
+    assert row.got == pytest.approx(0.3, rel=0.05)  # as it begins, at 0
+    moved = the(parts, "moved", "held")
+    assert "no motor commands it; a constraint acts on it" in moved.told
+    assert value(moved, "constraint lock") == pytest.approx(-value(moved, "gravity"), rel=0.1)
 
 
 def test_an_axis_of_a_ball_is_that_of_its_link(parts: list[AccountRow]) -> None:
