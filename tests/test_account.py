@@ -591,6 +591,29 @@ def test_damping_that_the_engine_does_not_read_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.pybullet
+def test_each_constraint_is_named_by_what_it_holds_to(tmp_path: Path) -> None:
+    """A pendulum of two: the world gives the first nothing to speak of, its neighbour swings it."""
+    before = (
+        "p.resetBasePositionAndOrientation(box, [0.3, 0, 1], [0, 0, 0, 1])\n"
+        "more = p.createMultiBody(2, cube, basePosition=[0.9, 0, 1])\n"
+        "hold = [box, -1, -1, -1, p.JOINT_POINT2POINT, [0, 0, 0], [-0.3, 0, 0], [0, 0, 1]]\n"
+        "p.createConstraint(*hold)\n"
+        "p.createConstraint(box, -1, more, -1, p.JOINT_POINT2POINT, [0, 0, 0], [0.3, 0, 0],"
+        " [-0.3, 0, 0])"
+    )
+    script = tmp_path / "script.py"
+    script.write_text(BULLET.format(before=before, each="pass"))
+    rows = [*analyze(record_script(str(script), out=tmp_path / "script.rrd").recording).account]
+    energy = the(rows, "energy", "1_box")
+    named = {str(term.words): term for term in energy.terms if term.cause == "constraints"}
+    assert {"constraint to 2_box", "constraint to world"} >= named.keys()
+    turned = next(row for row in rows if row.kind in ("turned", "moved") and row.body == "1_box")
+    named |= {str(term.words): term for term in turned.terms if term.cause == "constraints"}
+    assert "constraint to 2_box" in named
+    assert named["constraint to 2_box"].body == "2_box"
+
+
+@pytest.mark.pybullet
 def test_inverse_dynamics_stands_beside_the_gravity_that_it_is_to_balance(tmp_path: Path) -> None:
     """It takes gravity in the axes of the base; here that is turned by a right angle."""
     script = tmp_path / "script.py"

@@ -103,6 +103,8 @@ class Names:
             if term.rate < first_rate:
                 return Message("drag of its base")
             return Message("drag of {joint}", joint=self.rate(body, term.rate - first_rate))
+        if term.cause == HELD and term.other is not None:
+            return Message("constraint to {partner}", partner=self.partner(body.number, term))
         if term.cause == HELD and term.name:
             return Message("constraint {name}", name=term.name)
         if term.cause == GAP:

@@ -69,7 +69,7 @@ def impulses_by_term(
         elif cause == "applied":
             found |= _applied(steps, impulse)
         elif cause == HELD and steps.pulls:
-            found |= {Term(HELD, name): part for name, part in steps.pulls.items() if part.any()}
+            found |= _pulls(steps, impulse)
         else:
             found[Term(cause)] = impulse
     return found
@@ -105,6 +105,19 @@ def _applied(steps: BodySteps, impulse: Float64) -> Impulses:
     pushed[np.abs(pushed) <= ROUNDED * np.abs(commanded)] = 0.0
     parts = {Term(GIVEN): commanded, Term("applied"): pushed}
     return {term: part for term, part in parts.items() if part.any()}
+
+
+def _pulls(steps: BodySteps, impulse: Float64) -> Impulses:
+    """Return the impulses of constraints by what pulls; what gears give apart."""
+    found = {
+        Term(HELD, pull.name, other=pull.other, other_link=pull.other_link): part
+        for pull, part in steps.pulls.items()
+        if part.any()
+    }
+    left = impulse - sum(found.values())
+    if np.abs(left).max() > ROUNDED * np.abs(impulse).max():
+        found[Term(HELD)] = left
+    return found
 
 
 def _contacts(steps: BodySteps, normals: Float64, impulse: Float64) -> Impulses:

@@ -98,7 +98,7 @@ class TouchedPairs:
             )
             pressed = normal_n > PRESSED
             touched.steps += int(pressed.sum())
-            touched.normals_n.append(normal_n[pressed])
+            touched.normals_n.append(normal_n[pressed].astype(np.float64))
             touched.slid_m += float((slid[pressed] / normal_n[pressed]).sum())
             touched.at_limit += int((pressed & (rubbed_n >= LIMIT * most_n)).sum())
             touched.friction = max(touched.friction, float(points.friction[its].max()))

@@ -8,7 +8,7 @@ from drop_physics.account.ledger import OWN
 from drop_physics.account.names import Names
 from drop_physics.account.rows import RowTerm
 from drop_physics.account.subjects import MeasuredBody
-from drop_physics.account.terms import CONTACT, DRAG, FRICTION, Term
+from drop_physics.account.terms import DRAG, Term
 from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.times import StepTimes
 from drop_physics.messages import Message
@@ -82,7 +82,7 @@ class RowWords:
 
     def _told(self, subject: MeasuredBody, term: Term, value: float, unit: str) -> RowTerm:
         body = link = None
-        if term.cause in (CONTACT, FRICTION) and term.other is not None:
+        if term.other is not None:
             body = str(self.names.body(term.other))
             at = -1 if term.other_link is None else term.other_link
             link = str(self.names.link(term.other, at))

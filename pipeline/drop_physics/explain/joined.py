@@ -58,6 +58,15 @@ class ConstraintVersion:
     """The step since which its limit in newtons is what it is."""
 
 
+class Pull(NamedTuple):
+    """A name for what holds a body: that of an equality, or else what it is held to."""
+
+    name: str
+    other: int | None = None
+    """Number of the other body."""
+    other_link: int | None = None
+
+
 class ConstraintEffect(NamedTuple):
     """The effect of constraints on one body in n steps."""
 
@@ -66,6 +75,8 @@ class ConstraintEffect(NamedTuple):
     """Impulses of gears, shape (n, joint_rates); None without gears."""
     unknown: Flags
     """Whether a constraint acts that the law does not cover, shape (n,)."""
+    by_partner: Mapping[Pull, Forces]
+    """The forces by what the constraints hold the body to."""
 
 
 class Constraints:
@@ -177,8 +188,9 @@ class Constraints:
     ) -> ConstraintEffect:
         """Return the effect of constraints on a body in the steps to samples `ends`, shape (n,)."""
         acting, geared, unknown = Forces(), None, np.zeros(len(ends), np.bool_)
+        by_partner: dict[Pull, Forces] = {}
         if self._law is None:
-            return ConstraintEffect(acting, geared, unknown)
+            return ConstraintEffect(acting, geared, unknown, by_partner)
         for key, versions in self._versions.items():
             if not any(body in held.bodies for held in versions) or key not in self._forces:
                 continue
@@ -217,10 +229,14 @@ class Constraints:
                             axes=axes,
                             reported=reported,
                         )
-                        acting = acting.then(replace(forces_on, step=at))
+                        forces_on = replace(forces_on, step=at)
+                        partner = Pull("", held.bodies[1 - side], held.links[1 - side])
+                        known = by_partner.get(partner)
+                        by_partner[partner] = forces_on if known is None else known.then(forces_on)
+                        acting = acting.then(forces_on)
                     else:
                         unknown[at] = True
-        return ConstraintEffect(acting, geared, unknown)
+        return ConstraintEffect(acting, geared, unknown, by_partner)
 
 
 def _is_geared(tree: Tree, link: int) -> bool:

@@ -18,6 +18,7 @@ from drop_physics.explain.body_history import BodyHistory
 from drop_physics.explain.causes import TENDON_LIMIT
 from drop_physics.explain.changes import Transitions, changes_of
 from drop_physics.explain.driving import actuator_commands
+from drop_physics.explain.joined import Pull
 from drop_physics.explain.recording import Explanation
 from drop_physics.explain.step_status import (
     CONSTRAINED,
@@ -212,10 +213,10 @@ class _Acted:
             terms[name] = terms[name] + impulse if name in terms else impulse
         return terms
 
-    def pulls_of(self, body: Body, ends: Int64, size: int) -> dict[str, Float64]:
+    def pulls_of(self, body: Body, ends: Int64, size: int) -> dict[Pull, Float64]:
         """Return the impulses of constraints on a body by their names, (n, size) each."""
         its = self._impulses(body, ends, size)
-        return {cause.name: impulse for cause, impulse in its if cause.kind == CONSTRAINTS}
+        return {Pull(cause.name): impulse for cause, impulse in its if cause.kind == CONSTRAINTS}
 
     def _impulses(
         self, body: Body, ends: Int64, size: int

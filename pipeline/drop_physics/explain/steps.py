@@ -16,12 +16,12 @@ from drop_physics.explain.bodies import BodyConfig, BodyConfigs, Record
 from drop_physics.explain.body_history import BodyHistory
 from drop_physics.explain.changes import Changes, Transitions, changes_of
 from drop_physics.explain.commands import Commanded, MotorCommands
-from drop_physics.explain.joined import Constraints, Poses
+from drop_physics.explain.joined import ConstraintEffect, Constraints, Poses, Pull
 from drop_physics.explain.pushed import pushed
 from drop_physics.explain.segments import FLIGHT
 from drop_physics.explain.times import StepTimes
 from drop_physics.explain.touching import Sides, Touching
-from drop_physics.physics.impulses import EXPLAINED, Forces, Summed, impulses_of
+from drop_physics.physics.impulses import EXPLAINED, Forces, Summed, impulses_of, per_step
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.moving import moved_on
 from drop_physics.physics.step_law import DampedTree, Reason, Reported, StepLaw
@@ -136,9 +136,9 @@ class Steps:
     """Whether a constraint acts that the law does not cover."""
     alone: Int8 | None
     """Segments by the law of a body without links (`alone`); None for other bodies."""
-    pulls: Mapping[str, Float64] = field(default_factory=dict)
-    """The parts of the constraints' impulses by name, shape (n, size) each, where they are known
-    apart."""
+    pulls: Mapping[Pull, Float64] = field(default_factory=dict)
+    """The parts of the constraints' impulses by what pulls, shape (n, size) each, where they are
+    known apart."""
 
     def __len__(self) -> int:
         """Return the number of steps."""
@@ -387,6 +387,7 @@ def _batch(group: Sequence[Interval], around: PieceContext) -> StepBatch:
         closes=np.asarray(unexplained <= allowed),
         unknown=np.concatenate([each.unknown for each in acting]),
         alone=codes,
+        pulls=_pulls(acting, its, tree, before, timestep_s),
     )
     ways = [slice(first, end - 1) for first, end in pairwise(starts.tolist())]
     changes = changes_of(law, states, rows, added, [*zip(ways, its, strict=True)])
@@ -397,6 +398,24 @@ def _batch(group: Sequence[Interval], around: PieceContext) -> StepBatch:
             for each, rows, change in zip(group, its, changes, strict=True)
         ],
     )
+
+
+def _pulls(
+    acting: Sequence[ConstraintEffect],
+    its: Sequence[slice],
+    tree: Tree,
+    before: States,
+    timestep_s: Float64,
+) -> dict[Pull, Float64]:
+    """Return the impulses of constraints by what they hold each body to; `its` are its steps."""
+    found: dict[Pull, Float64] = {}
+    for effect, rows in zip(acting, its, strict=True):
+        for pull, forces in effect.by_partner.items():
+            n = rows.stop - rows.start
+            impulses = impulses_of(kinematics(tree, before.at(rows)), forces, timestep_s[rows])
+            held = found.setdefault(pull, np.zeros((len(timestep_s), tree.size)))
+            held[rows] += per_step(forces, impulses, steps=n)
+    return found
 
 
 def _coasts(
