@@ -105,7 +105,7 @@ def write_page(
     """
     report: Report = result.report(**how)
     films = _films(film_of)
-    frames = Frames(films)
+    frames = FilmFrames(films)
     shown = "\n".join([*_curves(report, frames), *_film(films)])
     told = "".join(html_of(report, moment=frames.link if films else time_html))
     told = told.replace(CURVES, shown, 1).replace(CURVES, "")
@@ -136,7 +136,7 @@ def _films(recording: Path | None) -> list[ShortFilm]:
     return []
 
 
-class Frames:
+class FilmFrames:
     """The frames of a recording's films at the moments that a page tells.
 
     Parameters
@@ -179,7 +179,7 @@ class Frames:
         return _picture("frame", light, dark)
 
 
-def _curves(report: Report, frames: Frames) -> Iterator[str]:
+def _curves(report: Report, frames: FilmFrames) -> Iterator[str]:
     """Yield the plots of a report, for a light or dark page, and the picture of a moment."""
     for section in report.sections:
         for block in section.blocks:
