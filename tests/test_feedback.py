@@ -46,6 +46,15 @@ def test_the_law_of_a_controller_is_found(aim: str, joint: int, late: int) -> No
     assert (found.stiffness, found.damping) == pytest.approx((K, D), rel=5e-3)
 
 
+def test_a_control_that_only_brakes_has_no_aim() -> None:
+    """Its stiffness is rounding, by which a target would be anywhere."""
+    position, rate = motion()
+    found = feedback_of(-D * rate[:, 2], position, rate)
+    assert found is not None
+    assert (found.joint, found.late, found.stiffness) == (2, 0, 0.0)
+    assert found.damping == pytest.approx(D)
+
+
 def test_nothing_is_said_of_what_is_no_law_of_one_joint() -> None:
     position, rate = motion()
     random = np.random.default_rng(1)

@@ -96,8 +96,11 @@ def _fitted(
     left[late, joint] = np.inf
     if not best < LEFT or not left.min() > APART * max(best, 1e-9):
         return None
-    gains, *_ = np.linalg.lstsq(np.stack([q[:, joint], v[:, joint]], axis=1), y, rcond=None)
-    return Feedback(joint, late, -float(gains[0]), -float(gains[1]))
+    columns = np.stack([q[:, joint], v[:, joint]], axis=1)
+    gains, *_ = np.linalg.lstsq(columns, y, rcond=None)
+    small = np.abs(gains) * np.linalg.norm(columns, axis=0) < LEFT * size
+    stiffness, damping = np.where(small, 0.0, -gains).tolist()
+    return Feedback(joint, late, stiffness, damping)
 
 
 def _aim(kept: Flags, latest: int, share: float) -> tuple[Float64, Int64]:
