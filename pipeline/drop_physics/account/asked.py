@@ -251,7 +251,8 @@ def torque_row(
     if forces:
         force = quantity(abs(given), axis.force_unit)
         told = told + Message("; {when} {force}", when=when, force=force)
-        most = _most_mean(drive, ledger.seconds, lasts)
+        known = ledger.seconds > 0
+        most = float(np.max(np.abs(drive[known]) / ledger.seconds[known]))
         if abs(given) < FEEBLE * most:
             told = told + Message(", at most {most}", most=quantity(most, axis.force_unit))
     still = way / axis.scale < 0.1
@@ -270,13 +271,6 @@ def torque_row(
         group=("torque", subject.kind, words.opposing(forces), still),
         gives_j=given_j(subject, axis, words),
     )
-
-
-def _most_mean(impulse: Float64, seconds: Float64, bins: int) -> float:
-    """Return the largest mean force over a number of bins [N] or [N m]; shape (n,) each."""
-    sums, times = (np.convolve(each, np.ones(bins), "valid") for each in (impulse, seconds))
-    known = times > 0
-    return float(np.max(np.abs(sums[known]) / times[known], initial=0.0))
 
 
 def given_j(subject: MeasuredBody, axis: Axis, words: RowWords) -> float:
