@@ -31,6 +31,8 @@ LITTLE = 0.1
 did not move it."""
 BEGUN = 0.01
 """Share of a turn from which it has begun."""
+STEADY = 0.5
+"""A push that acts in fewer of the steps than this share, or to and fro, has no mean to tell."""
 FALL = 5.0
 """A fall by less than this many sizes, with nothing but gravity giving, is what falls do."""
 
@@ -170,10 +172,13 @@ def _held(
 ) -> AccountRow | None:
     """Return the row of a degree of freedom that is pushed and hardly moves; None if it is not."""
     ledger = subject.ledger
-    acting = np.flatnonzero(ledger.impulse[APPLIED][:, pushed.rate])
-    if not len(acting):
+    given = ledger.impulse[APPLIED][:, pushed.rate]
+    acting = np.flatnonzero(given)
+    if not len(acting) or abs(given.sum()) < STEADY * np.abs(given).sum():
         return None
     window = slice(int(acting[0]), int(acting[-1]) + 1)
+    if len(acting) < STEADY * (window.stop - window.start):
+        return None
     forces = ledger.forces(pushed.rate, window)
     if not forces:
         return None
