@@ -5,6 +5,7 @@ Nothing here limits a size: a limit that a line of prose could raise was raised 
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 
 import sizes
@@ -69,3 +70,16 @@ class Line:
 
 def test_a_class_name_means_one_thing() -> None:
     assert sizes.classes_twice() == set()
+
+
+def test_columns_are_declared_and_no_sentence_decides() -> None:
+    """No class answers any attribute, which mypy cannot check, and no English text is compared."""
+    for path, code in sizes.modules_now().items():
+        for node in ast.walk(ast.parse(code)):
+            if isinstance(node, ast.ClassDef):
+                methods = {each.name for each in node.body if isinstance(each, ast.FunctionDef)}
+                assert "__getattr__" not in methods, (path, node.name)
+            elif isinstance(node, ast.Compare) and path.name != "messages.py":  # which translates
+                compared = [node.left, *node.comparators]
+                texts = [each for each in compared if isinstance(each, ast.Attribute)]
+                assert "template" not in {each.attr for each in texts}, (path, node.lineno)

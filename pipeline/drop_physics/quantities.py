@@ -53,6 +53,7 @@ KINDS: Mapping[str, Callable[[float, str, str], str]] = {
     "N": lambda value, _, force: effort(value, force),
     "N s": lambda value, _, force: effort(value, f"{force} s"),
     "N s/rad": lambda value, unit, force: effort(value, f"{force} s/{unit}"),
+    "mm": lambda value, _, __: f"{value * 1e3:.3g} mm",
     "speed": lambda value, unit, _: f"{abs(value):.2g} {unit}/s",
 }
 """How a number of a kind is written, by the units of the positions and forces that are told."""

@@ -11,15 +11,12 @@ from drop_physics.arrays import Float64
 from drop_physics.messages import Message, joined
 from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import lengths
-from drop_physics.quantities import gap as distance
-from drop_physics.quantities import place
-from drop_physics.rules.answer import Cure, Effect, Scene, Span, so_many
+from drop_physics.rules.answer import Cure, Effect, Span, so_many
 from drop_physics.rules.arguments import given, site_of
 from drop_physics.rules.ik_answers import IK_LISTS
 from drop_physics.rules.inputs import Inputs, Use
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Remedy, Said, SayingRow
 from drop_physics.rules.rule import Match, input_rule, joint_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import (
     AT_TARGET_RAD,
@@ -55,16 +52,16 @@ def joint_friction(joints: JointColumns) -> Match:
     return Match(where, np.abs(joints.rate), {"friction": friction})
 
 
-@joint_friction.says
-def _(worst: Worst) -> Said:
-    return Said(
-        message=Message(
+joint_friction.rows(
+    SayingRow(
+        says=Message(
             '{joint} coasts: PyBullet never uses the <dynamics friction="{friction:g}"/> of its '
             "file"
         ),
         advice=Message("a velocity motor of that force resists: {call}"),
-        cure=Cure("force", worst.joint, worst.friction),
+        cure=Remedy("force", "joint", "friction"),
     )
+)
 
 
 @joint_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS)
@@ -78,25 +75,21 @@ def without_force(joints: JointColumns) -> Match:
 
 
 @without_force.counts
-def _(runs: Runs, _: Scene) -> Float64:
+def _(high: Float64, low: Float64, size: Float64) -> Float64:
     # One that stands may be there to turn the motor off.
-    return np.where(runs.high + runs.low > AT_TARGET_RAD, runs.size, 0.0)
+    return np.where(high + low > AT_TARGET_RAD, size, 0.0)
 
 
-@without_force.says
-def _(worst: Worst) -> Said:
-    return Said(
-        message=Message(
-            "{joint}{more} is {off} off its target of {target}: a motor that is given force=0 is "
-            "off"
+without_force.rows(
+    SayingRow(
+        says=Message(
+            "{joint}{more} is {size:gap} off its target of {target:at}: a motor that is given "
+            "force=0 is off"
         ),
-        values={
-            "off": distance(worst.size, worst.unit),
-            "target": place(worst.target, worst.unit),
-        },
         advice=Message("give it a force, or no force=…, which lets it take any"),
-        effect=Effect(worst.size, worst.unit),
+        effect="size",
     )
+)
 
 
 @joint_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS)
@@ -112,20 +105,21 @@ def speed_without_force(joints: JointColumns) -> Match:
 
 
 @speed_without_force.counts
-def _(runs: Runs, _: Scene) -> Float64:
+def _(told_last: Float64, told_first: Float64, size: Float64) -> Float64:
     # One that is told once may be there to turn the motor off.
-    return np.where(runs.told_last > runs.told_first, runs.size, 0.0)
+    return np.where(told_last > told_first, size, 0.0)
 
 
-@speed_without_force.says
-def _(worst: Worst) -> Said:
-    return Said(
-        message=Message(
+speed_without_force.rows(
+    SayingRow(
+        says=Message(
             "{joint}{more} is asked for {asked:.3g} {unit}/s: a motor that is given force=0 is off"
         ),
         advice=Message("give it a force, or no force=…, which lets it take any"),
-        effect=Effect(worst.size, f"{worst.unit}/s"),
+        effect="size",
+        unit="{unit}/s",
     )
+)
 
 
 @joint_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS)
@@ -137,10 +131,9 @@ def ball_velocity(joints: JointColumns) -> Match:
     return Match(where, asked, {"asked": joints.target_velocity})
 
 
-@ball_velocity.says
-def _(_: Worst) -> Said:
-    return Said(
-        message=Message(
+ball_velocity.rows(
+    SayingRow(
+        says=Message(
             "{joint} stays where it is, though its targetVelocity is {asked:.3g} rad/s: the motor "
             "of a ball joint has no velocity target"
         ),
@@ -150,6 +143,7 @@ def _(_: Worst) -> Said:
             "with p.TORQUE_CONTROL, or give target positions"
         ),
     )
+)
 
 
 @input_rule("not-taken", "asked", "no-effect")

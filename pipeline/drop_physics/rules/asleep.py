@@ -7,8 +7,7 @@ import numpy as np
 from drop_physics.arrays import Flags
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Effect
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, SayingRow
 from drop_physics.rules.rule import Match, body_rule
 from drop_physics.rules.tables import BodyColumns, JointColumns
 from drop_physics.rules.thresholds import UNBALANCED
@@ -31,21 +30,26 @@ def asleep(bodies: BodyColumns) -> Match | None:
     )
 
 
-@asleep.says
-def _(worst: Worst) -> Said:
-    return Said(
-        message=Message(
+@asleep.notes
+def _(term: str) -> Noted:
+    return {"term": cause_in_words(term)}
+
+
+asleep.rows(
+    SayingRow(
+        says=Message(
             "{body} sleeps from step {first:,} on: it does not move in {steps} in which "
             "the sum of what acts on it is not zero, most of all {term}"
         ),
-        values={"term": cause_in_words(worst.term)},
         advice=Message(
             "wake it and keep it awake: p.changeDynamics(body, -1, "
             "activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING)"
         ),
-        effect=Effect(worst.size, "N or N m"),
+        effect="size",
+        unit="N or N m",
         share=1.0,
     )
+)
 
 
 def _off_target(bodies: BodyColumns) -> Flags:

@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.arrays import Float64
+from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.changes import energy_of
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import ANY, MUJOCO
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, Said, SayingRow
 from drop_physics.rules.rule import Match, pair_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import BOUNCES_M_S, GAINED, PLACED_M_S, SOFTLY, SWALLOWED
 from drop_physics.trace.acts import Act
+from drop_physics.trace.events import Body
 
 OF_THRESHOLD = "restitutionVelocityThreshold"
 
@@ -57,26 +57,39 @@ def no_restitution(pair: PairColumns) -> Match | None:
 
 
 @no_restitution.says
-def _(worst: Worst) -> Said | None:
-    scene, pair, gap_m = worst.scene, (worst.subject, worst.partner), worst.gap
-    asked, speed, product = scene.asked.of["restitution"], worst.approach, worst.product
+def _(
+    scene: Scene,
+    subject: Body,
+    partner: Body,
+    body: str,
+    other: str,
+    approach: float,
+    rebound: float,
+    product: float,
+    gap: float,
+    lost: float,
+    step: int,
+) -> Said | None:
+    pair, asked, speed = (subject, partner), scene.asked.of["restitution"], approach
     springy, none = pair if asked.values.get(pair[0].number, 0.0) > 0 else pair[::-1]
-    wanted, other = (asked.values.get(each.number, 0.0) for each in (springy, none))
+    wanted, unwanted = (asked.values.get(each.number, 0.0) for each in (springy, none))
     uses = [use for use in scene.inputs.of(Act.SET_ENGINE) if OF_THRESHOLD in use.high]
     slowest = max([float(use.high[OF_THRESHOLD][0]) for use in uses], default=BOUNCES_M_S)
     soft = scene.asked.of["contactStiffness"].values.keys() & {each.number for each in pair}
     slow = product > 0 and speed < slowest
-    early = not slow and worst.lost > (1 - SWALLOWED) * product * speed > 0
+    early = not slow and lost > (1 - SWALLOWED) * product * speed > 0
     gives_way = bool(soft) and product > 0 and not slow and not early
     if speed < BOUNCES_M_S and uses and not slow:
         return None  # one that is so slow may have bounced before
-    if not (slow or early or gives_way) and (product > 0 or other > 0 or soft or speed < slowest):
+    if not (slow or early or gives_way) and (
+        product > 0 or unwanted > 0 or soft or speed < slowest
+    ):
         return None  # it bounces as the engine has it: a link has none, or it came later
     share = product if product > 0 else wanted
     # It may have had another when they met; or a call asked for just that.
-    meant = springy.number in asked.changed or asked.since[springy.number] >= worst.step
-    meant |= none.number in asked.values and other == 0
-    if meant or worst.rebound > SWALLOWED * share * speed:
+    meant = springy.number in asked.changed or asked.since[springy.number] >= step
+    meant |= none.number in asked.values and unwanted == 0
+    if meant or rebound > SWALLOWED * share * speed:
         return None
     chosen = {
         number
@@ -98,10 +111,10 @@ def _(worst: Worst) -> Said | None:
         why = Message(
             "PyBullet stops it {gap:.3g} mm before they touch, and takes that distance over the "
             "timestep off its rebound",
-            gap=gap_m * 1e3,
+            gap=gap * 1e3,
         )
         advice = Message("{call} on both lets contacts act only where they touch")
-        both = worst.body, worst.other
+        both = body, other
         cure = Cure("restitution", given={"contactProcessingThreshold": 0}, bodies=both)
     elif gives_way:
         why = Message(
@@ -119,7 +132,7 @@ def _(worst: Worst) -> Said | None:
         "{body} does not bounce off {other}: it meets it at {speed:.3g} m/s and leaves at "
         "{rebound:.3g} m/s; {why}"
     )
-    values = {"speed": speed, "rebound": max(worst.rebound, 0.0), "why": why}
+    values = {"speed": speed, "rebound": max(rebound, 0.0), "why": why}
     values["springless"] = none.label
     return Said(
         message=message,
@@ -169,52 +182,58 @@ def energy_gained(pair: PairColumns) -> Match:
 
 
 @energy_gained.counts
-def _(runs: Runs, _: Scene) -> Float64:
+def _(
+    restitution: Float64,
+    parting: Float64,
+    approach: Float64,
+    unsure: Flags,
+    gained: Float64,
+    brought: Float64,
+) -> Float64:
     # Without restitution what did it is not sure.
-    faster = (runs.restitution > 0) & (runs.parting > runs.approach) & (runs.approach > 0)
-    gains = faster & ~runs.unsure & (runs.gained > GAINED * runs.brought) & (runs.brought > 0)
-    return np.where(gains, runs.gained, 0.0)
+    faster = (restitution > 0) & (parting > approach) & (approach > 0)
+    gains = faster & ~unsure & (gained > GAINED * brought) & (brought > 0)
+    return np.where(gains, gained, 0.0)
 
 
-@energy_gained.says
-def _(worst: Worst) -> Said | None:
-    scene = worst.scene
-    for each in (worst.subject, worst.partner):
-        if each.moving and len(scene.touches.rows(each.number)) > 1:
-            return None  # a third body may have given it
-    message = Message(
-        "contact of {body} with {other} adds {gained:.3g} J to {brought:.3g} J of kinetic "
-        "energy: they come together at {approach:.4g} m/s and part at {parting:.4g} m/s; their "
-        "restitution is {restitution:.3g}, and {why}"
-    )
-    why, advice = (
-        Message("the push out of the overlap comes on top"),
-        Message("give them less restitution, or no push: {call}"),
-    )
-    cure = Cure("solver", value=0.0, given={"contactERP": 0})
-    if worst.subject.client in scene.clients_with("set_contactERP", 0):
-        why = Message("it turns the speed around that gravity gives them in that step, too")
-        advice = Message("give them less restitution, or use a shorter timestep: {call}")
-        cure = Cure("timestep", value=FINER)
-    if worst.engine == MUJOCO:
-        message = Message(
+@energy_gained.notes
+def _(scene: Scene, subject: Body, partner: Body, solref: list[float]) -> Noted | None:
+    if any(each.moving and len(scene.touches.rows(each.number)) > 1 for each in (subject, partner)):
+        return None  # a third body may have given it
+    return {"soft": " ".join(f"{each:g}" for each in np.ravel(solref))}
+
+
+GAINS = Message(
+    "contact of {body} with {other} adds {gained:.3g} J to {brought:.3g} J of kinetic "
+    "energy: they come together at {approach:.4g} m/s and part at {parting:.4g} m/s; their "
+    "restitution is {restitution:.3g}, and {why}"
+)
+energy_gained.rows(
+    SayingRow(
+        when=lambda engine: engine == MUJOCO,
+        says=Message(
             "contact of {body} with {other} adds {gained:.3g} J to {brought:.3g} J of kinetic "
             "energy: they come together at {approach:.4g} m/s and part at {parting:.4g} m/s; it is "
             "a spring (solref {soft}) that acts for {steps} of {timestep:g} s"
-        )
-        advice = Message("use a shorter timestep: {call}, or more damping in solref")
-        cure = Cure("timestep", value=FINER)
-    return Said(
-        message=message,
-        values={
-            "why": why,
-            "soft": " ".join(f"{each:g}" for each in np.ravel(worst.solref)),
-        },
-        advice=advice,
-        cure=cure,
-        effect=Effect(worst.gained, "J"),
-        share=worst.gained / worst.brought,
-    )
+        ),
+        advice=Message("use a shorter timestep: {call}, or more damping in solref"),
+        cure=Remedy("timestep", value=FINER),
+    ),
+    SayingRow(
+        when=lambda scene, subject: subject.client in scene.clients_with("set_contactERP", 0),
+        says=GAINS,
+        why=Message("it turns the speed around that gravity gives them in that step, too"),
+        advice=Message("give them less restitution, or use a shorter timestep: {call}"),
+        cure=Remedy("timestep", value=FINER),
+    ),
+    SayingRow(
+        says=GAINS,
+        why=Message("the push out of the overlap comes on top"),
+        advice=Message("give them less restitution, or no push: {call}"),
+        cure=Remedy("solver", value=0.0, given={"contactERP": 0}),
+    ),
+    like=SayingRow(effect="gained", unit="J", normal="brought"),
+)
 
 
 def _solref(pair: PairColumns, rows: NDArray[np.intp]) -> Float64:

@@ -10,13 +10,13 @@ from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.rotations import rotate_inverse
 from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import lengths
-from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import ANY
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, side_rule
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import HULL_EVERY, HULL_OFF_M
-from drop_physics.trace.events import Surface
+from drop_physics.trace.events import Body, Surface
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 SAME_M = 1e-3
@@ -54,26 +54,31 @@ def collides_as_hull(pair: PairColumns) -> Match:
     return Match(off_m > 0, off_m)
 
 
-@collides_as_hull.says
-def _(worst: Worst) -> Said:
-    other = worst.scene.body(int(worst.noted.keys[0, 1])).label
-    advice = Message(
-        'if it never moves, {call}, in a URDF <collision concave="yes">; '
-        "else split it into convex parts, as p.vhacd(…) does"
-    )
-    return Said(
-        message=Message(
-            "{other} touches {body} {off:.3g} mm off the surface of its mesh: {engine} "
+@collides_as_hull.notes
+def _(scene: Scene, subject: Body, keys: list[int]) -> Noted:
+    return {"other": scene.body(keys[1]).label, "loaded": scene.asked.loaded(subject)}
+
+
+collides_as_hull.rows(
+    SayingRow(
+        when=lambda engine: engine == PYBULLET,
+        advice=Message(
+            'if it never moves, {call}, in a URDF <collision concave="yes">; '
+            "else split it into convex parts, as p.vhacd(…) does"
+        ),
+    ),
+    SayingRow(),
+    like=SayingRow(
+        says=Message(
+            "{other} touches {body} {size:mm} off the surface of its mesh: {engine} "
             "collides the convex hull of a mesh, which closes its hollows"
         ),
-        values={"other": other, "off": worst.size * 1e3},
-        advice=advice if worst.engine == PYBULLET else None,
-        cure=Cure("concave"),
-        effect=Effect(worst.size, "m"),
-        share=worst.size / worst.body_size_m,
-        other=other,
-        site=worst.scene.asked.loaded(worst.subject),
-    )
+        cure=Remedy("concave"),
+        effect="size",
+        normal="body_size_m",
+        site="loaded",
+    ),
+)
 
 
 def _link(scene: Scene, surface: Surface) -> tuple[int, int]:

@@ -7,11 +7,10 @@ import numpy as np
 from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
-from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, pair_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import (
     COASTS_STEPS,
@@ -22,6 +21,7 @@ from drop_physics.rules.thresholds import (
     SLIPS_STEPS,
     WHEEL_TURN_RAD,
 )
+from drop_physics.trace.events import Body
 
 ROLLS_WITH = 6
 """The least `condim` with which rolling friction acts."""
@@ -42,25 +42,24 @@ def without_friction(pair: PairColumns) -> Match:
 
 
 @without_friction.counts
-def _(runs: Runs, _: Scene) -> Float64:
+def _(began: Float64, size: Float64, slid: Float64) -> Float64:
     # A puck that was thrown may be to glide on.
-    rested = runs.began <= FROM_REST * runs.size
-    return np.where(rested & (runs.slid > LEFT_M), runs.slid, 0.0)
+    rested = began <= FROM_REST * size
+    return np.where(rested & (slid > LEFT_M), slid, 0.0)
 
 
-@without_friction.says
-def _(worst: Worst) -> Said | None:
-    if worst.scene.seen.condim(worst.bodies, worst.links)[0] > 1:
-        return None
-    return Said(
-        message=Message(
+without_friction.rows(
+    SayingRow(
+        when=lambda scene, bodies, links: scene.seen.condim(bodies, links)[0] <= 1,
+        says=Message(
             "{body} slides {slid:.3g} m on {other} without friction: their contacts have condim 1, "
             "whatever friction= gives"
         ),
-        cure=Cure("friction", worst.body, 3.0, form="condim"),
-        effect=Effect(worst.slid, "m"),
-        share=worst.slid / worst.body_size_m,
+        cure=Remedy("friction", "body", 3.0, form="condim"),
+        effect="slid",
+        normal="body_size_m",
     )
+)
 
 
 @pair_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS, engines=MUJOCOS)
@@ -85,24 +84,28 @@ def rolls_on(pair: PairColumns) -> Match | None:
 
 
 @rolls_on.counts
-def _(runs: Runs, _: Scene) -> Float64:
+def _(turn: Float64, way: Float64) -> Float64:
     # What tips over turns less.
-    return np.where(runs.turn > WHEEL_TURN_RAD, runs.way, 0.0)
+    return np.where(turn > WHEEL_TURN_RAD, way, 0.0)
 
 
-@rolls_on.says
-def _(worst: Worst) -> Said | None:
-    condim, rolling = worst.scene.seen.condim(worst.bodies, worst.links)
+@rolls_on.notes
+def _(scene: Scene, subject: Body, bodies: list[int], links: list[int]) -> Noted | None:
+    condim, rolling = scene.seen.condim(bodies, links)
     # What has wheels is driven.
-    if worst.subject.joints or not (1 < condim < ROLLS_WITH and rolling > ROLLING):
+    if subject.joints or not (1 < condim < ROLLS_WITH and rolling > ROLLING):
         return None
-    return Said(
-        message=Message(
+    return {"condim": condim, "rolling": rolling}
+
+
+rolls_on.rows(
+    SayingRow(
+        says=Message(
             "{body} rolls {way:.3g} m on {other} unbraked: their rolling friction of {rolling:g} "
             "acts with condim 6, and theirs is {condim}"
         ),
-        values={"condim": condim, "rolling": rolling},
-        cure=Cure("friction", worst.body, float(ROLLS_WITH), form="condim"),
-        effect=Effect(worst.way, "m"),
-        share=worst.way / worst.body_size_m,
+        cure=Remedy("friction", "body", float(ROLLS_WITH), form="condim"),
+        effect="way",
+        normal="body_size_m",
     )
+)

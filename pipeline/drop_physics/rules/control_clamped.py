@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from drop_physics.arrays import Float64
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.joint import in_radians, is_degrees, units
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.joint import RADIANS, as_degrees, is_degrees, units
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, actuator_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import ActuatorColumns
 from drop_physics.rules.thresholds import (
     AT_TARGET_RAD,
@@ -25,6 +24,7 @@ from drop_physics.rules.thresholds import (
     WATCHED,
 )
 from drop_physics.trace.acts import Act
+from drop_physics.trace.events import Actuator, Body
 from drop_physics.trace.switches import NO_ACTUATION, is_off
 from drop_physics.trace.writes import written_by
 
@@ -46,50 +46,61 @@ def control_clamped(actuators: ActuatorColumns) -> Match:
 
 
 @control_clamped.counts
-def _(runs: Runs, scene: Scene) -> Float64:
-    steps = np.array([scene.ends[number] for number in runs.keys[:, 0].tolist()])
+def _(keys: Int64, count: Int64, sent: Flags, size: Float64, scene: Scene) -> Float64:
+    steps = np.array([scene.ends[number] for number in keys[:, 0].tolist()])
     # Of what pushes, a range says how strong it is.
-    always = runs.count >= EACH_STEP * steps
-    return np.where(runs.sent | always, runs.size, 0.0)
+    always = count >= EACH_STEP * steps
+    return np.where(sent | always, size, 0.0)
 
 
-@control_clamped.says
-def _(worst: Worst) -> Said:
-    actuator, joint = worst.actuator, worst.joint
-    unit = next((units(each)[0] for each in worst.subject.joints if each.name == joint), "")
-    message = Message(
-        "{actuator} is given up to {given:.4g}, beyond its ctrlrange of {low:.4g} to {high:.4g} in "
+@control_clamped.notes
+def _(
+    actuator: Actuator,
+    joint: str | None,
+    subject: Body,
+    given: float,
+    low: float,
+    high: float,
+    size: float,
+) -> Noted:
+    unit = next((units(each)[0] for each in subject.joints if each.name == joint), "")
+    placed = actuator.kind == "position"
+    return {
+        "free": actuator.kind in RANGE_FREE,
+        "unit": unit,
+        "placed": placed and unit,
+        "turned": placed and unit == "rad" and is_degrees(given, low, high),
+        "beyond": size * (high - low),
+        **as_degrees(given),
+    }
+
+
+SENT_BEYOND = SayingRow(
+    says=Message(
+        "{name} is sent to {given:.4g} in {steps}, and its ctrlrange is {low:.4g} "
+        "to {high:.4g}: it takes the end of that"
+    ),
+    advice=Message("send it within that, or {call}"),
+    cure=Remedy("ctrlrange", "name"),
+    site=Act.SET_CONTROL,
+)
+# What gives more than a motor can may be wrong itself.
+GIVEN_BEYOND = SayingRow(
+    says=Message(
+        "{name} is given up to {given:.4g}, beyond its ctrlrange of {low:.4g} to {high:.4g} in "
         "{steps}: it gives no more than the end of that"
-    )
-    advice = None
-    free = actuator.kind in RANGE_FREE
-    if not free:
-        advice = Message("give it a ctrl of {low:.4g} to {high:.4g}")
-    if worst.sent:
-        message = Message(
-            "{actuator} is sent to {given:.4g} in {steps}, and its ctrlrange is {low:.4g} "
-            "to {high:.4g}: it takes the end of that"
-        )
-        advice = Message("send it within that, or {call}")
-        if (
-            unit == "rad"
-            and actuator.kind == "position"
-            and is_degrees(worst.given, worst.low, worst.high)
-        ):
-            advice = in_radians(worst.given)
-    return Said(
-        message=message,
-        values={"actuator": actuator.name},
-        advice=advice,
-        cure=Cure("ctrlrange", actuator.name) if free else None,
-        effect=Effect(worst.size * (worst.high - worst.low), unit)
-        if unit and actuator.kind == "position"
-        else None,
-        level=None if worst.sent else "model",
-        # What gives more than a motor can may be wrong itself.
-        proposed=None if worst.sent else True,
-        site=worst.scene.only_site(Act.SET_CONTROL),
-    )
+    ),
+    level="model",
+    proposed=True,
+    site=Act.SET_CONTROL,
+)
+control_clamped.rows(
+    SayingRow(when=lambda turned: turned, advice=RADIANS, effect="beyond").like(SENT_BEYOND),
+    SayingRow(when=lambda placed: placed, effect="beyond").like(SENT_BEYOND),
+    SayingRow(when=lambda sent: sent).like(SENT_BEYOND),
+    SayingRow(when=lambda free: free, cure=Remedy("ctrlrange", "name")).like(GIVEN_BEYOND),
+    SayingRow(advice=Message("give it a ctrl of {low:.4g} to {high:.4g}")).like(GIVEN_BEYOND),
+)
 
 
 @actuator_rule("off-target", "note", reason="gear", least_count=COASTS_STEPS, engines=MUJOCOS)
@@ -103,17 +114,19 @@ def divided_by_gear(actuators: ActuatorColumns) -> Match:
     return Match(off > AT_TARGET_RAD, off, {"given": actuators.given})
 
 
-@divided_by_gear.says
-def _(worst: Worst) -> Said:
-    gear = worst.actuator.gear
-    values = {"name": worst.actuator.name, "gear": gear, "to": worst.given / gear}
-    return Said(
-        message=Message(
+@divided_by_gear.notes
+def _(actuator: Actuator, given: float) -> Noted:
+    return {"gear": actuator.gear, "to": given / actuator.gear}
+
+
+divided_by_gear.rows(
+    SayingRow(
+        says=Message(
             "{name} is given {given:.4g} and sends {joint} to {to:.4g}, as its gear is {gear:g}"
         ),
-        values=values,
         advice=Message("give it the target times its gear, if the script does not"),
     )
+)
 
 
 @actuator_rule(
@@ -146,19 +159,22 @@ def sent_by_turns(actuators: ActuatorColumns) -> Match:
 
 
 @sent_by_turns.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    return np.where(runs.jumps, runs.size, 0.0)
+def _(jumps: Flags, size: Float64) -> Float64:
+    return np.where(jumps, size, 0.0)
 
 
-@sent_by_turns.says
-def _(worst: Worst) -> Said:
-    to = worst.given / worst.actuator.gear
-    return Said(
-        message=Message("{name} sends {joint} by more than a turn at once, to {to:.4g} rad"),
-        values={"name": worst.actuator.name, "to": to},
-        advice=in_radians(worst.given),
-        site=worst.scene.only_site(Act.SET_CONTROL),
+@sent_by_turns.notes
+def _(actuator: Actuator, given: float) -> Noted:
+    return {"to": given / actuator.gear, **as_degrees(given)}
+
+
+sent_by_turns.rows(
+    SayingRow(
+        says=Message("{name} sends {joint} by more than a turn at once, to {to:.4g} rad"),
+        advice=RADIANS,
+        site=Act.SET_CONTROL,
     )
+)
 
 
 @actuator_rule("not-taken", "asked", reason="no-effect", engines=MUJOCOS)
@@ -169,18 +185,17 @@ def switched_off(actuators: ActuatorColumns) -> Match | None:
     return Match(actuators.given != 0, np.abs(actuators.given))
 
 
-@switched_off.says
-def _(worst: Worst) -> Said:
-    return Said(
-        message=Message(
+switched_off.rows(
+    SayingRow(
+        says=Message(
             "{name} is given up to {size:.4g}, and no actuator acts: a flag of the model switches "
             "actuation off"
         ),
-        values={"name": worst.actuator.name},
         advice=Message('without <flag actuation="disable"/> of <option>'),
         share=1.0,
-        site=worst.scene.only_site(Act.SET_CONTROL),
+        site=Act.SET_CONTROL,
     )
+)
 
 
 @actuator_rule(
@@ -221,16 +236,15 @@ def reset_clears(actuators: ActuatorColumns) -> Match:
 
 
 @reset_clears.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    return np.where(runs.was != 0, runs.size, 0.0)
+def _(was: Float64, size: Float64) -> Float64:
+    return np.where(was != 0, size, 0.0)
 
 
-@reset_clears.says
-def _(worst: Worst) -> Said:
-    return Said(
-        message=Message(
+reset_clears.rows(
+    SayingRow(
+        says=Message(
             "{name} is given 0 in {steps} after a reset, which clears ctrl: before it was {was:.4g}"
         ),
-        values={"name": worst.actuator.name},
-        cure=Cure("targets-held", worst.body, form="reset"),
+        cure=Remedy("targets-held", "body", form="reset"),
     )
+)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from drop_physics.arrays import Float64
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.commands import DEFAULT
 from drop_physics.messages import Message
-from drop_physics.quantities import effort
-from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.answer import Cure, Scene
 from drop_physics.rules.body_properties import length_m
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, SayingRow
 from drop_physics.rules.rule import Match, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
@@ -23,6 +22,7 @@ from drop_physics.rules.thresholds import (
     ROLLS,
     SAME_SIGN,
 )
+from drop_physics.trace.events import Body
 
 CAUSES = {
     "gravity": Message("its weight"),
@@ -93,58 +93,91 @@ def default_motor(joints: JointColumns) -> Match | None:
 
 
 @default_motor.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    holds = (runs.acting > MOVES * runs.inertia) & (runs.taken > HOLDS * runs.acting)
-    asks = np.max([getattr(runs, name) for name in CAUSES], axis=0)
-    asked = (asks > HOLDS * runs.acting) & (np.abs(runs.net) > SAME_SIGN * runs.acting)
-    holds &= runs.torque | (asked & ~runs.sent)
+def _(
+    runs: Runs,
+    acting: Float64,
+    inertia: Float64,
+    taken: Float64,
+    net: Float64,
+    torque: Flags,
+    sent: Flags,
+    keys: Int64,
+    weak: Float64,
+    count: Int64,
+) -> Float64:
+    holds = (acting > MOVES * inertia) & (taken > HOLDS * acting)
+    asks = np.max([runs[name] for name in CAUSES], axis=0)
+    asked = (asks > HOLDS * acting) & (np.abs(net) > SAME_SIGN * acting)
+    holds &= torque | (asked & ~sent)
     # Where torques are commanded, they are what the reader asks about; nothing is held where one
     # motor has to give way.
-    torqued = np.isin(runs.keys[:, 0], runs.keys[holds & runs.torque, 0])
-    weak = ~runs.torque & (runs.weak > LIMITED_OFTEN * runs.count)
-    torqued |= np.isin(runs.keys[:, 0], runs.keys[weak, 0])
-    return np.where(holds & (runs.torque | ~torqued), runs.taken, 0.0)
+    torqued = np.isin(keys[:, 0], keys[holds & torque, 0])
+    gives = ~torque & (weak > LIMITED_OFTEN * count)
+    torqued |= np.isin(keys[:, 0], keys[gives, 0])
+    return np.where(holds & (torque | ~torqued), taken, 0.0)
 
 
-@default_motor.says
-def _(worst: Worst) -> Said | None:
-    term = max(CAUSES, key=lambda name: getattr(worst, name))
-    commanded = any(worst.scene.inputs.commanded.values())
-    if commanded and not worst.torque and term == "gravity":
+@default_motor.notes
+def _(
+    scene: Scene,
+    subject: Body,
+    joint: str,
+    link: int,
+    torque: bool,
+    own: bool,
+    gravity: float,
+    contacts: float,
+    applied: float,
+    constraints: float,
+    acting: float,
+    taken: float,
+    time: float,
+    motor_site: float,
+    torque_site: float,
+) -> Noted | None:
+    asks = dict(zip(CAUSES, (gravity, contacts, applied, constraints), strict=True))
+    term = max(CAUSES, key=lambda name: asks[name])
+    commanded = any(scene.inputs.commanded.values())
+    if commanded and not torque and term == "gravity":
         return None  # who commands others may want it to hold its weight
-    ball = worst.subject.joints[worst.link].kind == "spherical"
+    ball = subject.joints[link].kind == "spherical"
     motor = Message("the velocity motor that PyBullet gives every joint")
     if ball:
         motor = Message("the position motor to 0 that PyBullet gives every ball joint")
-    elif not worst.own:
-        motor = Message(
-            "the motor set at {site}, which still acts", site=worst.scene.site(worst.motor_site)
-        )
-    template = Message(
-        "{joint} is held by {motor}: it takes {share:.0%} of what acts on it, mainly {term}, "
-        "{given} of its {limit} on average"
-    )
-    if worst.torque:
-        template = Message(
+    elif not own:
+        motor = Message("the motor set at {site}, which still acts", site=scene.site(motor_site))
+    return {
+        "motor": motor,
+        "given": taken / time,
+        "share": min(taken / acting, 1.0),
+        "term": CAUSES[term],
+        "level": "note" if commanded and not torque else None,
+        "cure": Cure("default-motor-off", joint, form="ball" if ball else ""),
+        "called": scene.site(torque_site),
+    }
+
+
+default_motor.rows(
+    SayingRow(
+        when=lambda torque: torque,
+        says=Message(
             "{joint} does not follow the torques that it is given, but is held by {motor}: it "
-            "takes up to {most}, {share:.0%} of what acts on it"
-        )
-    share = min(worst.taken / worst.acting, 1.0)
-    return Said(
-        level="note" if commanded and not worst.torque else None,
-        message=template,
-        values={
-            "motor": motor,
-            "most": effort(worst.most, worst.effort),
-            "given": effort(worst.taken / worst.time, worst.effort),
-            "limit": effort(worst.limit, worst.effort),
-            "share": share,
-            "term": CAUSES[term],
-        },
+            "takes up to {most:N}, {share:.0%} of what acts on it"
+        ),
+        proposed=False,
+    ),
+    SayingRow(
+        says=Message(
+            "{joint} is held by {motor}: it takes {share:.0%} of what acts on it, mainly {term}, "
+            "{given:N} of its {limit:N} on average"
+        ),
+        proposed=True,
+    ),
+    like=SayingRow(
         advice=Message("turn it off: {call}"),
-        cure=Cure("default-motor-off", worst.joint, form="ball" if ball else ""),
-        proposed=not worst.torque,
-        effect=Effect(worst.most, worst.effort),
-        share=share,
-        site=worst.scene.site(worst.torque_site),
-    )
+        effect="most",
+        unit="{effort}",
+        share="share",
+        site="called",
+    ),
+)

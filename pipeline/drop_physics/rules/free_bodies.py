@@ -12,8 +12,8 @@ from drop_physics.physics.dynamics import angular_momenta
 from drop_physics.physics.kinematics import kinematics, motion
 from drop_physics.physics.tree import BASE, States, Tree
 from drop_physics.physics.vectors import lengths
-from drop_physics.rules.answer import Cure, Effect, Scene
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.by_name import called
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
@@ -73,47 +73,69 @@ def momentum_drift(bodies: BodyColumns) -> Match | None:
 
 
 @momentum_drift.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    linear, angular = _shares(runs)
+def _(runs: Runs) -> Float64:
+    linear, angular = called(_shares, runs)
     return np.where(linear > 0, linear, angular)
 
 
-@momentum_drift.says
-def _(worst: Worst) -> Said:
-    linear, angular = _shares(worst.noted)
-    effect = Effect(float(np.linalg.norm(worst.drift)), "kg m/s")
-    message = Message(
-        "{body} gains {drift:.3g} kg m/s in {count:,} steps in which nothing outside acts on "
-        "it: that is the error of the explicit step"
-    )
-    before, after = np.array(worst.turning), np.array(worst.turning_after)
-    if not linear[0] > 0:
-        effect = Effect(float(np.linalg.norm(after - before)), "kg m²/s")
-        message = Message(
+@momentum_drift.notes
+def _(drift: list[float], turning: list[float], turning_after: list[float], noted: Runs) -> Noted:
+    linear, angular = (float(each[0]) for each in called(_shares, noted))
+    before, after = np.array(turning), np.array(turning_after)
+    return {
+        "straight": linear > 0,
+        "drift": float(np.linalg.norm(drift)),
+        "turned": float(np.linalg.norm(after - before)),
+        "before": float(np.linalg.norm(before)),
+        "after": float(np.linalg.norm(after)),
+        "part": linear if linear > 0 else max(linear, angular),
+    }
+
+
+momentum_drift.rows(
+    SayingRow(
+        when=lambda straight: straight,
+        says=Message(
+            "{body} gains {drift:.3g} kg m/s in {count:,} steps in which nothing outside acts on "
+            "it: that is the error of the explicit step"
+        ),
+        effect="drift",
+        unit="kg m/s",
+    ),
+    SayingRow(
+        says=Message(
             "the angular momentum of {body} goes from {before:.4g} to {after:.4g} kg m²/s in "
             "{count:,} steps in which nothing outside acts on it: that is the error of the "
             "explicit step"
-        )
-    sizes = {"before": np.linalg.norm(before), "after": np.linalg.norm(after)}
-    return Said(
-        message=message,
-        values={"drift": effect.value, **{name: float(each) for name, each in sizes.items()}},
+        ),
+        effect="turned",
+        unit="kg m²/s",
+    ),
+    like=SayingRow(
         advice=Message("a shorter timestep makes it less: {call}"),
-        cure=Cure("timestep", value=4.0),
-        effect=effect,
-        share=float(max(linear[0], 0.0 if linear[0] > 0 else angular[0])),
-    )
+        cure=Remedy("timestep", value=4.0),
+        share="part",
+    ),
+)
 
 
-def _shares(runs: Runs) -> tuple[Float64, Float64]:
+def _shares(
+    drift: Float64,
+    momentum: Float64,
+    moved: Float64,
+    turning: Float64,
+    turning_after: Float64,
+    turned: Float64,
+    damped: Flags,
+) -> tuple[Float64, Float64]:
     """Return the drift of linear and angular momentum, relative to the momentum; else 0."""
-    turns = np.stack([runs.turning, runs.turning_after])
+    turns = np.stack([turning, turning_after])
     found = []
-    for drift, greatest, parts, sure in (
-        (runs.drift, runs.momentum, runs.moved, True),
-        (turns[1] - turns[0], np.linalg.norm(turns, axis=2).max(axis=0), runs.turned, ~runs.damped),
+    for change, greatest, parts, sure in (
+        (drift, momentum, moved, True),
+        (turns[1] - turns[0], np.linalg.norm(turns, axis=2).max(axis=0), turned, ~damped),
     ):
-        size = lengths(drift)
+        size = lengths(change)
         # Where parts cancel, what is left is small against them.
         whole = np.maximum(greatest, OF_ALL_MOVED * parts)
         found.append(np.where(sure & (size > DRIFTS * whole) & (whole > 0), size / whole, 0.0))
@@ -175,15 +197,6 @@ def default_damping(bodies: BodyColumns) -> Match | None:
     return _taken(bodies, "damping", (bodies.segment == FLIGHT) | ~near)
 
 
-@default_damping.says
-def _(worst: Worst) -> Said:
-    message = Message(
-        "{body} loses {taken:.3g} J while nothing touches it, of at most {largest:.3g} J of "
-        "kinetic energy: PyBullet damps every body, by 0.04 unless a call sets it"
-    )
-    return _lost(worst, message, Cure("damping", worst.body, 0.0))
-
-
 @body_rule("joint-damping", "model", subject=1)
 def swing_damped(bodies: BodyColumns) -> Match | None:
     """The damping in a file takes the energy of joints that no motor and no torque drives."""
@@ -196,15 +209,6 @@ def swing_damped(bodies: BodyColumns) -> Match | None:
     return _taken(bodies, "joint damping", ~np.any(drives, axis=0)) if drives else None
 
 
-@swing_damped.says
-def _(worst: Worst) -> Said:
-    message = Message(
-        "{body} swings freely and loses {taken:.3g} J to the joint damping in its file, of at "
-        "most {largest:.3g} J of kinetic energy"
-    )
-    return _lost(worst, message, Cure("joint-damping", worst.body, 0.0))
-
-
 @body_rule("rolling-friction", "model", subject=1)
 def rolling_friction(bodies: BodyColumns) -> Match | None:
     """Rolling friction takes a share of the energy of what rolls."""
@@ -213,36 +217,53 @@ def rolling_friction(bodies: BodyColumns) -> Match | None:
     return _taken(bodies, "rolling", bodies.verdict.why < 0)
 
 
-@rolling_friction.says
-def _(worst: Worst) -> Said:
-    message = Message(
-        "{body} loses {taken:.3g} J to rolling friction, of at most {largest:.3g} J of kinetic "
-        "energy: rollingFriction or spinningFriction is set for it, or for what it rolls on"
-    )
-    advice = Message("p.changeDynamics(body, -1, rollingFriction=0, spinningFriction=0) of both")
-    return _lost(worst, message, advice=advice)
-
-
 @default_damping.counts
 @swing_damped.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    return np.where(runs.taken > DAMPED * runs.size, runs.taken, 0.0)
+def _(taken: Float64, size: Float64) -> Float64:
+    return np.where(taken > DAMPED * size, taken, 0.0)
 
 
 @rolling_friction.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    rolls = runs.size > runs.mass * ROLLS_M_S**2 / 2
-    return np.where(rolls & (runs.taken > STOPS * runs.size), runs.taken, 0.0)
+def _(size: Float64, mass: Float64, taken: Float64) -> Float64:
+    rolls = size > mass * ROLLS_M_S**2 / 2
+    return np.where(rolls & (taken > STOPS * size), taken, 0.0)
 
 
-def _lost(
-    worst: Worst, message: Message, cure: Cure | None = None, advice: Message | None = None
-) -> Said:
-    return Said(
-        message=message,
-        values={"largest": worst.size},
-        advice=advice,
-        cure=cure,
-        effect=Effect(worst.taken, "J"),
-        share=min(worst.taken / worst.size, 1.0),
-    )
+@default_damping.notes
+@swing_damped.notes
+@rolling_friction.notes
+def _(taken: float, size: float) -> Noted:
+    return {"part": min(taken / size, 1.0)}
+
+
+LOST = SayingRow(effect="taken", unit="J", share="part")
+default_damping.rows(
+    SayingRow(
+        says=Message(
+            "{body} loses {taken:.3g} J while nothing touches it, of at most {size:.3g} J of "
+            "kinetic energy: PyBullet damps every body, by 0.04 unless a call sets it"
+        ),
+        cure=Remedy("damping", "body", 0.0),
+    ),
+    like=LOST,
+)
+swing_damped.rows(
+    SayingRow(
+        says=Message(
+            "{body} swings freely and loses {taken:.3g} J to the joint damping in its file, of at "
+            "most {size:.3g} J of kinetic energy"
+        ),
+        cure=Remedy("joint-damping", "body", 0.0),
+    ),
+    like=LOST,
+)
+rolling_friction.rows(
+    SayingRow(
+        says=Message(
+            "{body} loses {taken:.3g} J to rolling friction, of at most {size:.3g} J of kinetic "
+            "energy: rollingFriction or spinningFriction is set for it, or for what it rolls on"
+        ),
+        advice=Message("p.changeDynamics(body, -1, rollingFriction=0, spinningFriction=0) of both"),
+    ),
+    like=LOST,
+)

@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from drop_physics.arrays import Flags, Float64
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.contact_points import COMMON
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
-from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.answer import Scene
 from drop_physics.rules.body_properties import size_m
+from drop_physics.rules.by_name import called
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.steady import is_steady
@@ -49,41 +50,60 @@ def slides_off(bodies: BodyColumns) -> Match | None:
 
 
 @slides_off.counts
-def _(runs: Runs, scene: Scene) -> Float64:
-    went_m, moved_m, gets_away = _ways(runs)
-    sizes_m = np.array([size_m(scene.body(number)) for number in runs.keys[:, 0].tolist()])
-    holds = gets_away & _beyond(runs) & (went_m >= SLIDES_SHARE * moved_m)
-    holds &= (runs.weight == 0) | (runs.needed < STEEP * runs.weight)
-    holds &= (went_m > SLIPS_SHARE * sizes_m) & (runs.used >= SLIDES_USED * runs.available)
+def _(
+    runs: Runs,
+    keys: Int64,
+    weight: Float64,
+    needed: Float64,
+    used: Float64,
+    available: Float64,
+    scene: Scene,
+) -> Float64:
+    went_m, moved_m, gets_away = called(_ways, runs)
+    sizes_m = np.array([size_m(scene.body(number)) for number in keys[:, 0].tolist()])
+    holds = gets_away & called(_beyond, runs) & (went_m >= SLIDES_SHARE * moved_m)
+    holds &= (weight == 0) | (needed < STEEP * weight)
+    holds &= (went_m > SLIPS_SHARE * sizes_m) & (used >= SLIDES_USED * available)
     return np.where(holds, went_m, 0.0)
 
 
-@slides_off.says
-def _(worst: Worst) -> Said:
-    went_m, wanted = _went(worst), worst.needed / (worst.weight or worst.normal)
-    advice = Message(
-        "a friction well above {wanted:.2g} where they touch (that of a <pair> counts, else of the "
-        "<geom> with the higher priority, else the larger), or press them together with more force"
-    )
-    return Said(
-        message=Message(
-            "{body} slides {slid:.3g} m on {on}: friction there gives at most {available:.3g} N "
+@slides_off.notes
+def _(
+    scene: Scene,
+    on: int,
+    slip: list[float],
+    available: float,
+    normal: float,
+    weight: float,
+    needed: float,
+    time: float,
+) -> Noted:
+    return {
+        "other": scene.body(on).label,
+        "went": float(np.linalg.norm(slip)),
+        "available": float(_gives(available, normal, weight)) / time,
+        "given": available / normal,
+        "needed": needed / time,
+        "wanted": needed / (weight or normal),
+    }
+
+
+slides_off.rows(
+    SayingRow(
+        says=Message(
+            "{body} slides {went:.3g} m on {other}: friction there gives at most {available:.3g} N "
             "(coefficient {given:.3g}), and its weight takes {needed:.3g} N of it ({wanted:.3g})"
         ),
-        values={
-            "slid": went_m,
-            "on": worst.scene.body(worst.on).label,
-            "available": float(_gives(worst)) / worst.time,
-            "given": worst.available / worst.normal,
-            "needed": worst.needed / worst.time,
-            "wanted": wanted,
-        },
-        advice=advice,
-        cure=Cure("friction", worst.body, wanted, form="above"),
-        effect=Effect(went_m, "m"),
-        share=went_m / worst.body_size_m,
-        other=worst.scene.body(worst.on).label,
+        advice=Message(
+            "a friction well above {wanted:.2g} where they touch (that of a <pair> counts, else of "
+            "the <geom> with the higher priority, else the larger), or press them together with "
+            "more force"
+        ),
+        cure=Remedy("friction", "body", "wanted", form="above"),
+        effect="went",
+        normal="body_size_m",
     )
+)
 
 
 @body_rule(
@@ -101,69 +121,74 @@ def gives_way(bodies: BodyColumns) -> Match | None:
 
 
 @gives_way.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    went_m, _moved_m, gets_away = _ways(runs)
-    holds = gets_away & ~_beyond(runs) & (runs.slower >= EACH_STEP * runs.count)
-    holds &= (runs.needed > LOADED * runs.available) & (runs.used < AT_LIMIT_SHARE * runs.available)
+def _(
+    runs: Runs, slower: Float64, count: Int64, needed: Float64, available: Float64, used: Float64
+) -> Float64:
+    went_m, _, gets_away = called(_ways, runs)
+    holds = gets_away & ~called(_beyond, runs) & (slower >= EACH_STEP * count)
+    holds &= (needed > LOADED * available) & (used < AT_LIMIT_SHARE * available)
     return np.where(holds, went_m, 0.0)
 
 
-@gives_way.says
-def _(worst: Worst) -> Said:
-    went_m, settings = _went(worst), worst.scene.seen.settings[-1].values
-    advice: Message | None = None
-    sticks = bool(settings.get("noslip_iterations"))
-    cure = None if sticks else Cure("noslip", value=5.0)
+@gives_way.notes
+def _(
+    scene: Scene, on: int, slip: list[float], used: float, available: float, time: float
+) -> Noted:
+    went_m, settings = float(np.linalg.norm(slip)), scene.seen.settings[-1].values
     ratio = float(np.ravel(settings.get("impratio", 1.0))[0])
-    if not settings.get("cone") or ratio < IMPRATIO:
-        advice = None if sticks else Message('{call}, or noslip_iterations="5"')
-        cure = Cure("impratio", value=IMPRATIO)
-    return Said(
-        message=Message(
-            "{body} creeps {moved:.3g} mm on {on} in {time:.3g} s, {speed:.3g} mm/s, with "
+    return {
+        "other": scene.body(on).label,
+        "went": went_m,
+        "speed": went_m * 1e3 / time,
+        "share": 1e2 * used / available,
+        "impratio": ratio,
+        "cone": Message("elliptic") if settings.get("cone") else Message("pyramidal"),
+        "loose": not settings.get("cone") or ratio < IMPRATIO,
+        "sticks": bool(settings.get("noslip_iterations")),
+    }
+
+
+gives_way.rows(
+    SayingRow(
+        when=lambda loose, sticks: loose and not sticks,
+        advice=Message('{call}, or noslip_iterations="5"'),
+        cure=Remedy("impratio", value=IMPRATIO),
+    ),
+    SayingRow(when=lambda loose: loose, cure=Remedy("impratio", value=IMPRATIO)),
+    SayingRow(when=lambda sticks: not sticks, cure=Remedy("noslip", value=5.0)),
+    SayingRow(),
+    like=SayingRow(
+        says=Message(
+            "{body} creeps {went:mm} on {other} in {time:.3g} s, {speed:.3g} mm/s, with "
             "{share:.2g} % of the friction that it could have: below its limit friction is a "
             "damper (impratio {impratio:g}, {cone} cone)"
         ),
-        values={
-            "moved": went_m * 1e3,
-            "on": worst.scene.body(worst.on).label,
-            "speed": went_m * 1e3 / worst.time,
-            "share": 1e2 * worst.used / worst.available,
-            "impratio": ratio,
-            "cone": Message("elliptic") if settings.get("cone") else Message("pyramidal"),
-        },
-        advice=advice,
-        cure=cure,
-        effect=Effect(went_m, "m"),
-        share=went_m / worst.body_size_m,
-        other=worst.scene.body(worst.on).label,
-    )
+        effect="went",
+        normal="body_size_m",
+    ),
+)
 
 
-def _went(worst: Worst) -> float:
-    return float(np.linalg.norm(worst.slip))
-
-
-def _ways(runs: Runs) -> tuple[Float64, Float64, Flags]:
+def _ways(slip: Float64, way: Float64, slid: Float64) -> tuple[Float64, Float64, Flags]:
     """Return paths at the contact and of the centre [m], and whether the first is progress."""
-    went_m, moved_m = (lengths(each) for each in (runs.slip, runs.way))
-    straight = np.minimum(runs.slid, went_m) > STRAIGHT * np.maximum(runs.slid, moved_m)
+    went_m, moved_m = lengths(slip), lengths(way)
+    straight = np.minimum(slid, went_m) > STRAIGHT * np.maximum(slid, moved_m)
     return went_m, moved_m, (went_m >= SLIPS_M) & straight
 
 
-def _gives(runs: Runs | Worst) -> Float64:
+def _gives(available: float | Float64, normal: float | Float64, weight: float | Float64) -> Float64:
     """Return the possible impulse of friction [N s], from the body's weight alone.
 
     The higher pressure of a landing lasts a few steps, and holds nothing afterwards.
     """
-    given = runs.available / np.maximum(runs.normal, np.finfo(float).tiny)
-    return np.where(runs.weight > 0, given * runs.weight, runs.available)
+    given = available / np.maximum(normal, np.finfo(float).tiny)
+    return np.where(np.asarray(weight) > 0, given * weight, available)
 
 
-def _beyond(runs: Runs) -> Flags:
+def _beyond(needed: Float64, available: Float64, normal: Float64, weight: Float64) -> Flags:
     """Flag the runs that need more than friction gives, where it gives something."""
-    gives = _gives(runs)
-    return np.asarray((runs.needed > gives) & (gives > LOADED * runs.needed))
+    gives = _gives(available, normal, weight)
+    return np.asarray((needed > gives) & (gives > LOADED * needed))
 
 
 def _held(bodies: BodyColumns, *, steady: bool) -> Match | None:

@@ -57,7 +57,7 @@ def cause_of(
     return holds
 
 
-def at_limit(limit: str, count: int, steps: int) -> Message:
+def at_its_limit(limit: str, count: int, steps: int) -> Message:
     """Return the cause for a motor that is at its limit in some of its steps."""
     return Message(
         "its motor is at its limit of {limit} in {count:,} of {steps:,} steps",
@@ -69,7 +69,7 @@ def at_limit(limit: str, count: int, steps: int) -> Message:
 
 def _weak(driven: JointTelemetry, stood: HeldTargets) -> Message:
     limit = effort(float(driven.limit[stood.row[0], stood.k]), units_of(driven, stood.k)[1])
-    return at_limit(limit, int(stood.at_limit[0]), int(stood.steps[0]))
+    return at_its_limit(limit, int(stood.at_limit[0]), int(stood.steps[0]))
 
 
 def holds_off(scene: Scene, held: PoseSupport, joint_rate: int, away: float) -> bool:

@@ -13,16 +13,14 @@ from drop_physics.explain.joints import JointTelemetry, target_of
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import States, Tree
-from drop_physics.quantities import gap as distance
-from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.arguments import given, number, site_of
 from drop_physics.rules.ik_answers import IK_LISTS, SentAnswer
 from drop_physics.rules.joint import aimed
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import HAND_M, IK_AGAIN, IK_ENOUGH, IK_JOINTS
+from drop_physics.trace.events import Body
 
 
 @body_rule("ik-off", "asked", subject=1)
@@ -86,52 +84,56 @@ def _off(driven: JointTelemetry, sent: SentAnswer, end: int) -> dict[str, object
 
 
 @ik_off.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    return np.where((runs.off > HAND_M) & (runs.by_joints < IK_JOINTS * runs.off), runs.off, 0.0)
+def _(off: Float64, by_joints: Float64) -> Float64:
+    return np.where((off > HAND_M) & (by_joints < IK_JOINTS * off), off, 0.0)
 
 
-@ik_off.says
-def _(worst: Worst) -> Said:
-    cure = None
-    advice = Message("ask for a point within reach")
-    if worst.away > worst.reach:
-        message = Message(
-            "{joint}: the hand rests {off} from the point ({point}) with its joints on their "
+@ik_off.notes
+def _(subject: Body, hand: str, off: float, lists: str) -> Noted:
+    size_m = np.ptp(np.reshape(subject.bounds_m, (-1, 3)), axis=0).max(initial=0.0)
+    return {"joint": hand, "part": off / max(float(size_m), off), "proposed": bool(lists)}
+
+
+OFF_ITS_POINT = Message(
+    "{joint}: the hand rests {off:gap} from the point ({point}) with its joints on their "
+    "targets: p.calculateInverseKinematics gave an answer that is that far off"
+)
+ik_off.rows(
+    SayingRow(
+        when=lambda away, reach: away > reach,
+        says=Message(
+            "{joint}: the hand rests {off:gap} from the point ({point}) with its joints on their "
             "targets: that is out of reach, {away:.3g} m from the first joint of an arm that is "
             "{reach:.3g} m long"
-        )
-    elif worst.lists:
-        message = Message(
-            "{joint}: the hand is {off} from the point ({point}) with its joints on their targets: "
-            "p.calculateInverseKinematics gave an answer that is that far off, with {lists}"
-        )
-        advice = Message("ask without these lists, which draw answers towards a pose")
-    elif worst.times >= IK_AGAIN:
-        message = Message(
-            "{joint}: the hand is {off} from the point ({point}) with its joints on their targets, "
-            "after {times} answers of p.calculateInverseKinematics: it finds no way there"
-        )
-    else:
-        message = Message(
-            "{joint}: the hand rests {off} from the point ({point}) with its joints on their "
-            "targets: p.calculateInverseKinematics gave an answer that is that far off"
-        )
-        advice = Message("ask again from where the arm has got to")
-        if worst.iterations < IK_ENOUGH:
-            cure = Cure("ik", value=1000.0)
-            advice = Message("{call}, or ask again from where the arm has got to")
-    size_m = np.ptp(np.reshape(worst.subject.bounds_m, (-1, 3)), axis=0).max(initial=0.0)
-    return Said(
-        message=message,
-        values={"joint": worst.hand, "off": distance(worst.off, "m")},
-        advice=advice,
-        cure=cure,
-        proposed=bool(worst.lists),
-        effect=Effect(worst.off, "m"),
-        share=worst.off / max(float(size_m), worst.off),
-        joint=worst.hand,
-        site=worst.asked_at,
-    )
+        ),
+        advice=Message("ask for a point within reach"),
+    ),
+    SayingRow(
+        when=lambda lists: lists,
+        says=Message(
+            "{joint}: the hand is {off:gap} from the point ({point}) with its joints on their "
+            "targets: p.calculateInverseKinematics gave an answer that is that far off, with "
+            "{lists}"
+        ),
+        advice=Message("ask without these lists, which draw answers towards a pose"),
+    ),
+    SayingRow(
+        when=lambda times: times >= IK_AGAIN,
+        says=Message(
+            "{joint}: the hand is {off:gap} from the point ({point}) with its joints on their "
+            "targets, after {times} answers of p.calculateInverseKinematics: it finds no way there"
+        ),
+        advice=Message("ask for a point within reach"),
+    ),
+    SayingRow(
+        when=lambda iterations: iterations < IK_ENOUGH,
+        says=OFF_ITS_POINT,
+        advice=Message("{call}, or ask again from where the arm has got to"),
+        cure=Remedy("ik", value=1000.0),
+    ),
+    SayingRow(says=OFF_ITS_POINT, advice=Message("ask again from where the arm has got to")),
+    like=SayingRow(effect="off", share="part", site="asked_at"),
+)
 
 
 def _reach(

@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.arrays import Flags
+from drop_physics.explain.joined import ConstraintVersion
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.answer import Scene
 from drop_physics.rules.arguments import number, site_of
 from drop_physics.rules.body_properties import strained_by
 from drop_physics.rules.constraint_columns import ConstraintColumns
 from drop_physics.rules.held_off import to_spare
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, constraint_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.thresholds import (
     APART,
     APART_RAD,
@@ -23,6 +24,7 @@ from drop_physics.rules.thresholds import (
     RATIO,
     STILL_M_S,
 )
+from drop_physics.trace.events import Body
 
 Float64 = NDArray[np.float64]
 
@@ -30,11 +32,12 @@ FULL = 1 - 1e-6
 NO_GAP_M = 1e-6
 
 
-def _other(worst: Worst) -> str | None:
-    """Return the other body of a constraint; None if it is the world."""
-    parent = worst.held.bodies[0]
-    is_world = parent < 0 or parent == worst.subject.number
-    return None if is_world else worst.scene.body(parent).label
+def _other(scene: Scene, subject: Body, held: ConstraintVersion) -> dict[str, object]:
+    """Return the label of the other body of a constraint, None if it is the world, and its name."""
+    parent = held.bodies[0]
+    is_world = parent < 0 or parent == subject.number
+    label = None if is_world else scene.body(parent).label
+    return {"other": label, "parent": label or Message("the world")}
 
 
 @constraint_rule("constraint-apart", "asked")
@@ -53,34 +56,49 @@ def constraint_apart(joined: ConstraintColumns) -> Match | None:
 
 
 @constraint_apart.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    pulled = (runs.gap > APART * runs.part) & (-runs.closed < CLOSES * runs.gap)
-    turned = (runs.angle > APART_RAD) & (-runs.turned < CLOSES * runs.angle)
-    return np.where(pulled, runs.gap / runs.part, np.where(turned, runs.angle, 0.0))
+def _(gap: Float64, part: Float64, closed: Float64, angle: Float64, turned: Float64) -> Float64:
+    pulled = (gap > APART * part) & (-closed < CLOSES * gap)
+    swings = (angle > APART_RAD) & (-turned < CLOSES * angle)
+    return np.where(pulled, gap / part, np.where(swings, angle, 0.0))
 
 
-@constraint_apart.says
-def _(worst: Worst) -> Said:
-    gap, angle = Effect(worst.gap, "m"), Effect(worst.angle, "rad")
-    pulled = gap.value > APART * worst.part and -worst.closed < CLOSES * gap.value
-    message = Message(
-        "{body} is joined to {other} in frames that are turned by {angle:.2g} rad, which the "
-        "constraint turns back"
-    )
-    if pulled:
-        message = Message(
-            "{body} is joined to {other} at points that are {gap:.3g} m apart, which the "
+@constraint_apart.notes
+def _(
+    scene: Scene,
+    subject: Body,
+    held: ConstraintVersion,
+    gap: float,
+    angle: float,
+    closed: float,
+    part: float,
+) -> Noted:
+    pulled = gap > APART * part and -closed < CLOSES * gap
+    share = gap / part if pulled else angle
+    made = {"pulled": pulled, "share": share, "made": site_of(held.made)}
+    return {**_other(scene, subject, held), **made}
+
+
+constraint_apart.rows(
+    SayingRow(
+        when=lambda pulled: pulled,
+        says=Message(
+            "{body} is joined to {parent} at points that are {gap:.3g} m apart, which the "
             "constraint pulls together"
-        )
-    return Said(
-        message=message,
-        values={"other": _other(worst) or Message("the world")},
-        other=_other(worst),
-        cure=Cure("constraint-frames") if pulled else Cure("constraint-frames", form="turned"),
-        effect=gap if pulled else angle,
-        share=gap.value / worst.part if pulled else angle.value,
-        site=site_of(worst.held.made),
-    )
+        ),
+        cure=Remedy("constraint-frames"),
+        effect="gap",
+    ),
+    SayingRow(
+        says=Message(
+            "{body} is joined to {parent} in frames that are turned by {angle:.2g} rad, which the "
+            "constraint turns back"
+        ),
+        cure=Remedy("constraint-frames", form="turned"),
+        effect="angle",
+        unit="rad",
+    ),
+    like=SayingRow(share="share", site="made"),
+)
 
 
 @constraint_rule("weak-constraint", "asked")
@@ -156,48 +174,74 @@ def _ratio(scene: Scene, client: int) -> float:
 
 
 @weak_constraint.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    return np.where(runs.stays, runs.gap / runs.part, 0.0)
+def _(stays: Flags, gap: Float64, part: Float64) -> Float64:
+    return np.where(stays, gap / part, 0.0)
 
 
-@weak_constraint.says
-def _(worst: Worst) -> Said | None:
-    held, limit_n, weight_n = worst.held, worst.limit, worst.weight
-    ratio = _ratio(worst.scene, worst.subject.client)
-    if worst.strained:
-        why = Message(
-            "that is at its limit of {limit:.3g} N along an axis in {count:,} steps",
-            limit=limit_n,
-            count=worst.full,
-        )
-        advice: Message | None = Message("give it more: p.changeConstraint(…, maxForce=…)")
-        cure = Cure("constraint-force")
-        if weight_n > limit_n:
-            why = Message("{why}, and the weight is {weight:.3g} N", why=why, weight=weight_n)
-            if worst.swings < STILL_M_S:  # else its weight is not all that pulls
-                cure = Cure("constraint-force", value=float(to_spare(weight_n)))
-                advice = Message("give it more: {call}")
-            if held.limited is not None and number(held.limited, "maxForce") > weight_n:
-                advice, cure = None, Cure("timestep-first")
-    elif worst.hangs and ratio >= RATIO and worst.gap > APART * worst.part:
-        why = Message(
-            "of what constraints join, one is {ratio:.4g} times as heavy as another, and the "
-            "solver uses up its iterations",
-            ratio=ratio,
-        )
-        advice = None
-        cure = Cure("solver", value=500.0)
-    else:
+@weak_constraint.notes
+def _(
+    scene: Scene,
+    subject: Body,
+    held: ConstraintVersion,
+    gap: float,
+    part: float,
+    limit: float,
+    full: int,
+    weight: float,
+    hangs: bool,
+    strained: bool,
+) -> Noted | None:
+    ratio = _ratio(scene, subject.client)
+    if not strained and not (hangs and ratio >= RATIO and gap > APART * part):
         return None
-    message = Message("{body} is {gap:.3g} m from where its constraint to {other} wants it: {why}")
-    return Said(
-        message=message,
-        values={"other": _other(worst) or Message("the world"), "why": why},
-        other=_other(worst),
-        advice=advice,
-        cure=cure,
-        proposed=not worst.hangs,
-        effect=Effect(worst.gap, "m"),
-        share=worst.gap / worst.part,
-        site=site_of(held.limited or held.made),
+    given = 0.0 if held.limited is None else number(held.limited, "maxForce")
+    limited = Message(
+        "that is at its limit of {limit:.3g} N along an axis in {count:,} steps",
+        limit=limit,
+        count=full,
     )
+    return {
+        **_other(scene, subject, held),
+        "ratio": ratio,
+        "why": limited,
+        "limited": limited,
+        "heavy": weight > limit,
+        "given": given,
+        "enough": float(to_spare(weight)) if weight > limit else None,
+        "proposed": not hangs,
+        "made": site_of(held.limited or held.made),
+    }
+
+
+MORE = SayingRow(
+    advice=Message("give it more: p.changeConstraint(…, maxForce=…)"),
+    cure=Remedy("constraint-force"),
+)
+HEAVY = SayingRow(why=Message("{limited}, and the weight is {weight:.3g} N"))
+weak_constraint.rows(
+    SayingRow(
+        when=lambda strained: not strained,
+        why=Message(
+            "of what constraints join, one is {ratio:.4g} times as heavy as another, and the "
+            "solver uses up its iterations"
+        ),
+        cure=Remedy("solver", value=500.0),
+    ),
+    SayingRow(
+        when=lambda heavy, given, weight: heavy and given > weight, cure=Remedy("timestep-first")
+    ).like(HEAVY),
+    # Of what swings its weight is not all that pulls.
+    SayingRow(
+        when=lambda heavy, swings: heavy and swings < STILL_M_S,
+        advice=Message("give it more: {call}"),
+        cure=Remedy("constraint-force", value="enough"),
+    ).like(HEAVY),
+    SayingRow(when=lambda heavy: heavy).like(HEAVY).like(MORE),
+    MORE,
+    like=SayingRow(
+        says=Message("{body} is {gap:.3g} m from where its constraint to {parent} wants it: {why}"),
+        effect="gap",
+        normal="part",
+        site="made",
+    ),
+)

@@ -64,6 +64,6 @@ RADIANS = Message(
 """The advice of a target that may be in degrees."""
 
 
-def in_radians(target: float) -> Message:
-    """Return the advice for a target that may be in degrees."""
-    return Message(RADIANS.template, target=target, in_radians=math.radians(target))
+def as_degrees(target: float) -> dict[str, object]:
+    """Return the numbers of that advice."""
+    return {"target": target, "in_radians": math.radians(target)}

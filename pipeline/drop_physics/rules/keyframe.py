@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from drop_physics.arrays import Float64
+from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.driving import control_of
 from drop_physics.messages import Message
-from drop_physics.quantities import gap as distance
-from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import name_of
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Remedy, SayingRow
 from drop_physics.rules.rule import Match, joint_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import BACK, WATCHED
 from drop_physics.trace.acts import LOADS_KEYFRAME, Act
@@ -48,30 +46,27 @@ def keyframe_without_control(joints: JointColumns) -> Match | None:
     return Match(where, np.broadcast_to(off, where.shape), numbers)
 
 
-@keyframe_without_control.says
-def _(worst: Worst) -> Said:
-    off = distance(worst.size, worst.unit)
-    if not worst.given:
-        return Said(
-            level="model",
-            proposed=True,
-            message=Message(
-                "{joint} is driven off the pose of keyframe {key} by {off}: that keyframe gives "
-                "each actuator 0"
-            ),
-            values={"off": off},
-            advice=Message('ctrl="…" of the <key>'),
-            effect=Effect(worst.size, worst.unit),
-        )
-    return Said(
-        message=Message(
-            "{body} begins in the pose of keyframe {key} and {joint} is driven off by {off}: ctrl "
-            "is {now}, and that of the keyframe is {given}"
+keyframe_without_control.rows(
+    SayingRow(
+        when=lambda given: given,
+        says=Message(
+            "{body} begins in the pose of keyframe {key} and {joint} is driven off by {size:gap}: "
+            "ctrl is {now}, and that of the keyframe is {given}"
         ),
-        values={"off": off},
-        cure=Cure("keyframe-ctrl", worst.body),
-        effect=Effect(worst.size, worst.unit),
-    )
+        cure=Remedy("keyframe-ctrl", "body"),
+        effect="size",
+    ),
+    SayingRow(
+        says=Message(
+            "{joint} is driven off the pose of keyframe {key} by {size:gap}: that keyframe gives "
+            "each actuator 0"
+        ),
+        advice=Message('ctrl="…" of the <key>'),
+        level="model",
+        proposed=True,
+        effect="size",
+    ),
+)
 
 
 @joint_rule("reset-leaves", "note", reason="keyframe", engines=MUJOCOS)
@@ -90,18 +85,18 @@ def never_loaded(joints: JointColumns) -> Match | None:
 
 
 @never_loaded.counts
-def _(runs: Runs, scene: Scene) -> Float64:
-    ends = np.array([scene.ends[number] for number in runs.keys[:, 0].tolist()])
-    return np.where(runs.count == ends, runs.size, 0.0)
+def _(keys: Int64, count: Int64, size: Float64, scene: Scene) -> Float64:
+    ends = np.array([scene.ends[number] for number in keys[:, 0].tolist()])
+    return np.where(count == ends, size, 0.0)
 
 
-@never_loaded.says
-def _(_: Worst) -> Said:
-    return Said(
-        message=Message(
+never_loaded.rows(
+    SayingRow(
+        says=Message(
             "{body} is given 0 in all steps, and does not begin in the pose of keyframe {key}: a "
             "model does not load it by itself"
         ),
         advice=Message("mujoco.mj_resetDataKeyframe(…) before the first step"),
         share=0.0,
     )
+)

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from drop_physics.arrays import Float64
+from drop_physics import quantities
+from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.commands import DEFAULT
 from drop_physics.explain.targets import flips, rings_with
 from drop_physics.messages import Message
-from drop_physics.quantities import effort
 from drop_physics.rules.answer import Scene
-from drop_physics.rules.joint import RADIANS, is_degrees
-from drop_physics.rules.rows import Remedy, SayingRow, Worst
+from drop_physics.rules.joint import RADIANS, as_degrees, is_degrees
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, joint_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import (
     BEYOND,
@@ -30,6 +27,7 @@ from drop_physics.rules.thresholds import (
     OTHER_FORCE,
     SAME_SIGN,
 )
+from drop_physics.trace.events import Body
 from drop_physics.trace.motors import VELOCITY
 
 
@@ -49,27 +47,27 @@ OTHER_LIMITS = Remedy(
 )
 
 
-def _beyond(worst: Worst) -> dict[str, object]:
-    low, high, target = worst.lower, worst.upper, worst.target
-    absolute = worst.unit == "rad" or low == high
+@target_clamped.notes
+def _(unit: str, lower: float, upper: float, target: float, size: float) -> Noted:
+    absolute = unit == "rad" or lower == upper
     return {
-        "side": Message("upper") if target > high else Message("lower"),
-        "limit": high if target > high else low,
-        "least": min(low, target),
-        "most": max(high, target),
-        "beyond": worst.size if absolute else worst.size / (high - low),
-        "in_radians": math.radians(target),
+        "side": Message("upper") if target > upper else Message("lower"),
+        "limit": upper if target > upper else lower,
+        "least": min(lower, target),
+        "most": max(upper, target),
+        "beyond": size if absolute else size / (upper - lower),
+        **as_degrees(target),
     }
 
 
 target_clamped.rows(
     SayingRow(
-        when=lambda it: it.unit == "rad" and is_degrees(it.target, it.lower, it.upper),
+        when=lambda unit, target, lower, upper: unit == "rad" and is_degrees(target, lower, upper),
         advice=RADIANS,
         reason="units",
     ),
     SayingRow(
-        when=lambda it: it.lower == it.upper,
+        when=lambda lower, upper: lower == upper,
         advice=Message("its limits leave it no range; give it one: {call}"),
         cure=OTHER_LIMITS,
     ),
@@ -85,7 +83,6 @@ target_clamped.rows(
         effect="size",
         share="beyond",
     ),
-    noting=_beyond,
 )
 
 
@@ -109,14 +106,15 @@ def motor_gain(joints: JointColumns) -> Match:
     return Match((passed | turned) & np.isfinite(kp + kd), np.abs(off), numbers)
 
 
-def _shakes(worst: Worst) -> dict[str, object]:
-    site = worst.scene.joints.site(worst.site)
-    told = [] if site is None else [name.removesuffix("s") for name in site.places]
-    usual = {"positionGain": (worst.kp, 0.1), "velocityGain": (worst.kd, 1.0)}
+@motor_gain.notes
+def _(scene: Scene, unit: str, site: float, at_place: bool, kp: float, kd: float) -> Noted:
+    called = scene.joints.site(site)
+    told = [] if called is None else [name.removesuffix("s") for name in called.places]
+    usual = {"positionGain": (kp, 0.1), "velocityGain": (kd, 1.0)}
     # What no call gave is PyBullet's own, and is not changed.
     gains = {name: each for name, each in usual.items() if name in told} or usual
     return {
-        "unit": worst.unit if worst.at_place else f"{worst.unit}/s",
+        "unit": unit if at_place else f"{unit}/s",
         "gains": ", ".join(f"{name}={now:.4g}" for name, (now, _) in gains.items()),
         "softer": {name: to for name, (_, to) in gains.items()},
     }
@@ -131,7 +129,6 @@ motor_gain.rows(
         cure=Remedy("gains", "joint", given="softer"),
         effect="size",
     ),
-    noting=_shakes,
 )
 
 
@@ -210,31 +207,32 @@ def beyond_urdf(joints: JointColumns) -> Match:
 
 
 @beyond_urdf.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    return np.where(runs.size > 0, 1 - runs.limit / runs.most, 0.0)
+def _(size: Float64, limit: Float64, most: Float64) -> Float64:
+    return np.where(size > 0, 1 - limit / most, 0.0)
 
 
-def _enforced(worst: Worst) -> dict[str, object]:
-    unit = worst.effort if worst.force else f"{worst.unit}/s"
+@beyond_urdf.notes
+def _(unit: str, effort: str, force: bool, most: float, limit: float) -> Noted:
+    its = effort if force else f"{unit}/s"
     return {
-        "unit": unit,
-        "allowed": f"{worst.limit:g} {unit}",
-        "written": effort(worst.most, unit) if worst.most >= 10 else f"{worst.most:.3g} {unit}",
-        "excess": worst.most - worst.limit,
+        "unit": its,
+        "allowed": f"{limit:g} {its}",
+        "written": quantities.effort(most, its) if most >= 10 else f"{most:.3g} {its}",
+        "excess": most - limit,
     }
 
 
 beyond_urdf.rows(
     SayingRow(
-        when=lambda it: not it.force and it.goal > it.limit,
+        when=lambda force, goal, limit: not force and goal > limit,
         advice=Message("give it a targetVelocity of {limit:g} or less"),
     ),
     SayingRow(
-        when=lambda it: it.force,
+        when=lambda force: force,
         cure=Remedy("urdf-limits", "joint", "limit", given={"force": "limit"}),
     ),
     SayingRow(
-        when=lambda it: np.isnan(it.goal),
+        when=lambda goal: np.isnan(goal),
         cure=Remedy("urdf-limits", "joint", "limit", given={"maxVelocity": "limit"}),
     ),
     SayingRow(),
@@ -245,7 +243,6 @@ beyond_urdf.rows(
         ),
         effect="excess",
     ),
-    noting=_enforced,
 )
 
 
@@ -272,23 +269,21 @@ def joint_damping(joints: JointColumns) -> Match:
 
 
 @joint_damping.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    share = np.where(runs.driven > MOVES * runs.inertia, runs.taken / runs.driven, 0.0)
+def _(driven: Float64, inertia: Float64, taken: Float64, keys: Int64, net: Float64) -> Float64:
+    share = np.where(driven > MOVES * inertia, taken / driven, 0.0)
     # Where it takes more than drives the joint, the rest of the robot moves that; and where it
     # takes little of what drives the robot, that goes as it would without.
-    which = np.unique(runs.keys[:, 0], return_inverse=True)[1]
-    taken, driven = (np.bincount(which, each)[which] for each in (runs.taken, runs.driven))
-    steady = np.abs(runs.net) > SAME_SIGN * runs.driven
+    which = np.unique(keys[:, 0], return_inverse=True)[1]
+    of_all, drives = (np.bincount(which, each)[which] for each in (taken, driven))
+    steady = np.abs(net) > SAME_SIGN * driven
     least = np.where(steady, DAMPS_STEADY, DAMPS_ANY)
-    holds = (share > least) & (share < 1 + DAMPS_STEADY) & (taken > DAMPS_STEADY * driven)
+    holds = (share > least) & (share < 1 + DAMPS_STEADY) & (of_all > DAMPS_STEADY * drives)
     return np.where(holds, share, 0.0)
 
 
-def _damps(worst: Worst) -> dict[str, object]:
-    return {
-        "called": worst.scene.site(worst.torque_site),
-        "part": min(worst.taken / worst.driven, 1.0),
-    }
+@joint_damping.notes
+def _(scene: Scene, torque_site: float, taken: float, driven: float) -> Noted:
+    return {"called": scene.site(torque_site), "part": min(taken / driven, 1.0)}
 
 
 joint_damping.rows(
@@ -307,7 +302,6 @@ joint_damping.rows(
         share="part",
         site="called",
     ),
-    noting=_damps,
 )
 
 
@@ -360,20 +354,23 @@ def mimic_ignored(joints: JointColumns) -> Match | None:
 
 
 @mimic_ignored.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    moved = np.maximum(runs.high - runs.began, runs.low + runs.began)
-    share = np.maximum(runs.rested, runs.now) / runs.extent
-    return np.where((moved > FOLLOWS * runs.extent) & (share > FOLLOWS), share, 0.0)
+def _(
+    high: Float64, began: Float64, low: Float64, rested: Float64, now: Float64, extent: Float64
+) -> Float64:
+    moved = np.maximum(high - began, low + began)
+    share = np.maximum(rested, now) / extent
+    return np.where((moved > FOLLOWS * extent) & (share > FOLLOWS), share, 0.0)
 
 
-def _follows(worst: Worst) -> dict[str, object]:
-    mimic = next(each for each in worst.subject.asked.mimics if each.joint == worst.joint)
-    gap = max(worst.rested, worst.now)
+@mimic_ignored.notes
+def _(subject: Body, joint: str, link: int, rested: float, now: float, extent: float) -> Noted:
+    mimic = next(each for each in subject.asked.mimics if each.joint == joint)
+    gap = max(rested, now)
     return {
         "gap": gap,
         "of": mimic.of,
-        "geared": {"ratio": f"{-1 / (mimic.multiplier or np.nan):g}", "link": worst.link},
-        "part": gap / worst.extent,
+        "geared": {"ratio": f"{-1 / (mimic.multiplier or np.nan):g}", "link": link},
+        "part": gap / extent,
     }
 
 
@@ -386,6 +383,4 @@ NOT_FOLLOWED = SayingRow(
     effect="gap",
     share="part",
 )
-mimic_ignored.rows(
-    SayingRow(when=lambda it: it.sent), SayingRow(level="note"), like=NOT_FOLLOWED, noting=_follows
-)
+mimic_ignored.rows(SayingRow(when=lambda sent: sent), SayingRow(level="note"), like=NOT_FOLLOWED)

@@ -6,9 +6,9 @@ import numpy as np
 
 from drop_physics.arrays import Flags, Float64
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Span
+from drop_physics.rules.arguments import site_of
 from drop_physics.rules.engines import ANY
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, SayingRow
 from drop_physics.rules.rule import Match, body_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.trace.calls import BODY_NAMES, Call
@@ -32,22 +32,34 @@ def not_finite(bodies: BodyColumns) -> Match | None:
     return Match(rows, np.ones(len(rows)), firsts={"given": calls})
 
 
-@not_finite.says
-def _(worst: Worst) -> Said:
-    call, why = worst.given, ""
-    if call is not None:
-        values = {"function": call.function, "arguments": call.arguments}
-        why = Message(": p.{function}({arguments}) was given it", **values)
-    return Said(
-        message=Message(
-            "{body} has a state that is no number (nan or infinite) from step {step:,} on{why}"
+@not_finite.notes
+def _(first: int, given: Call | None) -> Noted:
+    called = given is not None
+    # The first counts, one that a call names before others.
+    noted: Noted = {"why": "", "stood": (first, first), "part": 1 + 1 / (first - called / 2)}
+    if given is None:
+        return noted
+    return noted | {
+        "function": given.function,
+        "arguments": given.arguments,
+        "site": site_of(given),
+    }
+
+
+not_finite.rows(
+    SayingRow(
+        when=lambda given: given is not None,
+        why=Message(": p.{function}({arguments}) was given it"),
+        site="site",
+    ),
+    SayingRow(),
+    like=SayingRow(
+        says=Message(
+            "{body} has a state that is no number (nan or infinite) from step {first:,} on{why}"
         ),
-        values={"step": worst.first, "why": why},
-        call=call,
-        # The first counts, one that a call names before others.
-        share=1 + 1 / (worst.first - (call is not None) / 2),
-        steps=Span(worst.first, worst.first, 1),
-    )
+        share="part",
+    ),
+)
 
 
 def _wrong(numbers: Float64) -> Flags:

@@ -18,9 +18,8 @@ from drop_physics.rules.answer import Cure, Effect, Scene, and_more
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.inputs import FileInertia, Inputs
 from drop_physics.rules.joint import link_of
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, Said, SayingRow
 from drop_physics.rules.rule import Match, body_rule, input_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import (
     OTHER_INERTIA,
@@ -163,51 +162,67 @@ def inertia_from_shape(bodies: BodyColumns) -> Match | None:
 
 
 @inertia_from_shape.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    shares = np.minimum(runs.missing / np.maximum(runs.acting, 1e-300), 1.0)
-    return np.where((runs.fastest > TURNS_RAD_S) & (shares > OTHER_INERTIA_MATTERS), shares, 0.0)
+def _(missing: Float64, acting: Float64, fastest: Float64) -> Float64:
+    shares = np.minimum(missing / np.maximum(acting, 1e-300), 1.0)
+    return np.where((fastest > TURNS_RAD_S) & (shares > OTHER_INERTIA_MATTERS), shares, 0.0)
 
 
-@inertia_from_shape.says
-def _(worst: Worst) -> Said:
-    body, row = worst.subject, int(worst.noted.keys[0, 1]) - 6 * worst.subject.base_moves
-    joint = None if row < 0 else body.joints[link_of(body, row)].name
-    of_file = worst.scene.inputs.first_lives[body.number].of_file
+@inertia_from_shape.notes
+def _(
+    scene: Scene,
+    subject: Body,
+    keys: list[int],
+    among: int,
+    ratio: float,
+    missing: float,
+    acting: float,
+) -> Noted:
+    row = keys[1] - 6 * subject.base_moves
+    of_file = scene.inputs.first_lives[subject.number].of_file
     changed = None if of_file is None else of_file.changed
-    cause = Message("PyBullet computes it from the collision shape")
-    if not body.collisions:
-        cause = Message("PyBullet computes it from the collision shape, and there is none")
-    advice = Message("load it with {call}")
-    if changed is not None:
-        cause = Message("p.changeDynamics(mass=…) computes it anew from the collision shape")
-        advice = Message("give p.changeDynamics localInertiaDiagonal together with the mass")
-    template = Message(
+    loaded, joint = scene.asked.loaded(subject), None
+    says = Message(
         "with the file's <inertia>, the moment of inertia of {body} about {axis}{more} would "
-        "be {ratio} times what PyBullet uses: {cause}"
+        "be {written} times what PyBullet uses: {why}"
     )
-    if joint is not None:
-        template = Message(
-            "the file's <inertia> gives {joint}{more} {ratio} times the inertia that PyBullet "
-            "uses: {cause}"
+    if row >= 0:
+        joint = subject.joints[link_of(subject, row)].name
+        says = Message(
+            "the file's <inertia> gives {joint}{more} {written} times the inertia that PyBullet "
+            "uses: {why}"
         )
-    loaded = worst.scene.asked.loaded(body)
-    return Said(
-        message=template,
-        values={
-            "axis": "xyz"[row % 3],
-            "joint": joint,
-            "more": and_more(worst.among),
-            "ratio": f"{worst.ratio:.2f}" if worst.ratio < 1e3 else f"{worst.ratio:.2g}",
-            "cause": cause,
-        },
-        advice=advice,
-        cure=Cure("inertia-from-file", body.label) if changed is None else None,
-        joint=joint,
-        level="model" if abs(np.log10(worst.ratio)) > 1 else None,
-        effect=Effect(worst.ratio, "1"),
-        share=min(worst.missing / worst.acting, 1.0),
-        site=loaded if changed is None else site_of(changed),
-    )
+    return {
+        "says": says,
+        "axis": "xyz"[row % 3],
+        "joint": joint,
+        "more": and_more(among),
+        "written": f"{ratio:.2f}" if ratio < 1e3 else f"{ratio:.2g}",
+        "changed": changed,
+        "level": "model" if abs(np.log10(ratio)) > 1 else None,
+        "part": min(missing / acting, 1.0),
+        "called": loaded if changed is None else site_of(changed),
+    }
+
+
+inertia_from_shape.rows(
+    SayingRow(
+        when=lambda changed: changed is not None,
+        why=Message("p.changeDynamics(mass=…) computes it anew from the collision shape"),
+        advice=Message("give p.changeDynamics localInertiaDiagonal together with the mass"),
+    ),
+    SayingRow(
+        when=lambda subject: not subject.collisions,
+        why=Message("PyBullet computes it from the collision shape, and there is none"),
+        advice=Message("load it with {call}"),
+        cure=Remedy("inertia-from-file", "body"),
+    ),
+    SayingRow(
+        why=Message("PyBullet computes it from the collision shape"),
+        advice=Message("load it with {call}"),
+        cure=Remedy("inertia-from-file", "body"),
+    ),
+    like=SayingRow(effect="ratio", unit="1", share="part", site="called"),
+)
 
 
 def _other(scene: Scene, steps: BodySteps) -> FileInertia:

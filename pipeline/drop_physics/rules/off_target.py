@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.arrays import Flags, Float64
+from drop_physics import quantities
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.joints import REST_STEPS
 from drop_physics.explain.targets import flips, rings_with
 from drop_physics.messages import Message
-from drop_physics.quantities import effort, place
-from drop_physics.quantities import gap as distance
-from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.answer import Cure, Scene
+from drop_physics.rules.by_name import called
 from drop_physics.rules.held_off import (
     MORE_FORCE,
     Cause,
-    at_limit,
+    at_its_limit,
     cause_of,
     give_at_least,
     holds_off,
 )
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, SayingRow, Worst
 from drop_physics.rules.rule import Match, Sized, joint_rule, target_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.target_columns import TargetColumns
 from drop_physics.rules.thresholds import (
@@ -67,44 +67,47 @@ def _causes(targets: TargetColumns, which: Flags) -> NDArray[Any]:
 
 
 @rests_off.counts
-def _(runs: Runs, _: Scene) -> Sized:
-    asked = [each is not None and each.level == "asked" for each in runs.cause]
-    said = np.array([each is not None for each in runs.cause], np.bool_)
-    return Sized(np.where(said, runs.share, 0.0), graver=np.array(asked, np.bool_))
+def _(cause: Float64, share: Float64) -> Sized:
+    asked = [each is not None and each.level == "asked" for each in cause]
+    said = np.array([each is not None for each in cause], np.bool_)
+    return Sized(np.where(said, share, 0.0), graver=np.array(asked, np.bool_))
 
 
-@rests_off.says
-def _(worst: Worst) -> Said:
-    return _missed(worst, worst.cause)
-
-
-def _missed(worst: Worst, cause: Cause) -> Said:
-    """Return the sentence on a missed target, with its cause."""
-    message = Message("{joint}{more} misses a target of {target} by {off} at step {last}: {why}")
-    going = worst.scene.going.get(tuple(worst.noted.keys[0, :2].tolist()))
-    if going is not None and going.stood.first[0] == worst.stood[0]:
-        message = Message("{joint}{more} ends {off} off its target of {target}: {why}")
-    off, target = distance(worst.off, worst.unit), place(worst.target, worst.unit)
+@rests_off.notes
+def _missed(
+    scene: Scene,
+    keys: list[int],
+    stood: list[int],
+    joint: str,
+    joints: int,
+    body: str,
+    cause: Cause,
+) -> Noted:
+    """Return the words about a target that was missed, and why it was."""
+    says = Message(
+        "{joint}{more} misses a target of {target:at} by {off:gap} at step {last}: {why}"
+    )
+    going = scene.going.get((keys[0], keys[1]))
+    if going is not None and going.stood.first[0] == stood[0]:
+        says = Message("{joint}{more} ends {off:gap} off its target of {target:at}: {why}")
     cure = cause.cure
     if cure is not None and cure.name in ("force", "gains"):
-        cure = replace(cure, target=worst.joint if worst.joints == 1 else worst.body)
-    return Said(
-        message=message,
-        values={
-            "off": off,
-            "target": target,
-            "why": cause.why,
-            "last": worst.stood[1],
-            "need": cause.need,
-        },
-        advice=cause.advice,
-        cure=cure,
-        level=None if cause.level == "asked" else cause.level,
-        proposed=cause.proposed,
-        other=cause.other,
-        effect=Effect(worst.off, worst.unit),
-        share=worst.share,
-    )
+        cure = replace(cure, target=joint if joints == 1 else body)
+    return {
+        "says": says,
+        "why": cause.why,
+        "last": stood[1],
+        "need": cause.need,
+        "advice": cause.advice,
+        "cure": cure,
+        "level": None if cause.level == "asked" else cause.level,
+        "proposed": cause.proposed,
+        "other": cause.other,
+    }
+
+
+MISSED = SayingRow(effect="off", share="share")
+rests_off.rows(MISSED)
 
 
 def _replaced(targets: TargetColumns) -> Flags:
@@ -144,29 +147,30 @@ def follows_behind(targets: TargetColumns) -> Match | None:
     return match and replace(match, sums={**match.sums, **sums})
 
 
-@follows_behind.says
-def _(worst: Worst) -> Said | None:
-    if worst.moved < CROSSINGS:
+@follows_behind.notes
+def _(
+    moved: int, behind: float, behinds: int, count: int, kp: float, off: float, share: float
+) -> Noted | None:
+    if moved < CROSSINGS:
         return None  # what jumps is not followed
-    behind = worst.behind / worst.behinds
-    every = round(worst.count / worst.moved)
+    mean, every = behind / behinds, round(count / moved)
     often = Message("every {n} steps", n=every) if every > 1 else Message("with every step")
-    return Said(
-        message=Message(
-            "{joint} follows its targets {off} behind on average: they change {often}, and "
+    return {"mean": mean, "often": often, "left": (1 - kp) ** every, "part": share * mean / off}
+
+
+follows_behind.rows(
+    SayingRow(
+        says=Message(
+            "{joint} follows its targets {mean:gap} behind on average: they change {often}, and "
             "{left:.2g} of each change remains"
         ),
-        values={
-            "off": distance(behind, worst.unit),
-            "often": often,
-            "left": (1 - worst.kp) ** every,
-        },
         advice=Message("{call} leaves nothing of it"),
-        cure=Cure("gains", worst.joint, 1.0, given={"positionGain": 1.0}),
+        cure=Remedy("gains", "joint", 1.0, given={"positionGain": 1.0}),
         proposed=True,
-        effect=Effect(behind, worst.unit),
-        share=worst.share * behind / worst.off,
+        effect="mean",
+        share="part",
     )
+)
 
 
 @target_rule("off-target", "asked")
@@ -184,39 +188,53 @@ def falls_behind(targets: TargetColumns) -> Match | None:
 
 
 @falls_behind.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    often = (runs.limited > LIMITED_OFTEN * runs.count) & (runs.moved > 0)
-    return np.where(often & (runs.size > 0), runs.share, 0.0)
+def _(limited: Float64, count: Int64, moved: Float64, size: Float64, share: Float64) -> Float64:
+    often = (limited > LIMITED_OFTEN * count) & (moved > 0)
+    return np.where(often & (size > 0), share, 0.0)
 
 
-@falls_behind.says
-def _(worst: Worst) -> Said | None:
-    first, last = worst.stood
-    going = worst.scene.going.get(tuple(worst.noted.keys[0, :2].tolist()))
+@falls_behind.notes
+def _(
+    worst: Worst,
+    scene: Scene,
+    keys: list[int],
+    stood: list[int],
+    against: Cause | None,
+    limit: float,
+    effort: str,
+    limited: int,
+    count: int,
+    left: float,
+) -> Noted | None:
+    going = scene.going.get((keys[0], keys[1]))
     there = going is not None and going.at_rest[0] and going.off[0] <= going.least
-    if there and last - first + 1 < REST_STEPS:
+    if there and stood[1] - stood[0] + 1 < REST_STEPS:
         return None  # one of many on the way to that at which it stands
-    if worst.against is not None:  # it may press on purpose
-        return _missed(worst, replace(worst.against, level="note"))
-    weak = at_limit(effort(worst.limit, worst.effort), worst.limited, worst.count)
-    if (cause := _takes_more(worst, weak)) is not None:
-        return _missed(worst, cause)
-    if worst.left > 1:  # whatever its force, its gain leaves a gap
-        return _missed(worst, Cause(weak, Message("give each target more steps")))
-    return _missed(worst, Cause(weak, MORE_FORCE, Cure("force"), proposed=True))
+    if against is not None:  # it may press on purpose
+        return called(_missed, worst, cause=replace(against, level="note"))
+    weak = at_its_limit(quantities.effort(limit, effort), limited, count)
+    cause = called(_takes_more, worst, weak=weak)
+    if cause is None and left > 1:  # whatever its force, its gain leaves a gap
+        cause = Cause(weak, Message("give each target more steps"))
+    found = cause or Cause(weak, MORE_FORCE, Cure("force"), proposed=True)
+    return called(_missed, worst, cause=found)
 
 
-def _takes_more(worst: Worst, weak: Message) -> Cause | None:
-    """Return the effort needed on the way to a target, if it exceeds the motor's limit."""
-    number, k = worst.noted.keys[0, :2].tolist()
-    takes = worst.scene.joints.on_the_way(number, k)
-    if not takes > worst.limit:
+falls_behind.rows(MISSED)
+
+
+def _takes_more(
+    scene: Scene, keys: list[int], weak: Message, limit: float, effort: str, force: float
+) -> Cause | None:
+    """Return what the way to a target takes, where that is more than its motor may give."""
+    takes = scene.joints.on_the_way(keys[0], keys[1])
+    if not takes > limit:
         return None
-    need, there = effort(takes, worst.effort), worst.scene.joints.rows(number)[k]
+    need, there = quantities.effort(takes, effort), scene.joints.rows(keys[0])[keys[1]]
     why = Message("{weak}; the way to its target takes up to {need}", weak=weak, need=need)
     if abs(there.needs_at_target or 0.0) == takes:
         why = Message("{weak}; the target takes {need}", weak=weak, need=need)
-    return give_at_least(why, takes, worst.effort, worst.force)
+    return give_at_least(why, takes, effort, force)
 
 
 @target_rule("off-target", "asked")
@@ -243,49 +261,65 @@ def still_moves(targets: TargetColumns) -> Match | None:
 
 
 @still_moves.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    return np.where(runs.alone & (runs.moved == 0), runs.share, 0.0)
+def _(alone: Flags, moved: Float64, share: Float64) -> Float64:
+    return np.where(alone & (moved == 0), share, 0.0)
 
 
-@still_moves.says
-def _(worst: Worst) -> Said | None:
-    if worst.kp < SMALL_GAIN and abs(worst.lawful - 1) < LAWFUL_GAP:
+@still_moves.notes
+def _(
+    worst: Worst,
+    joint: str,
+    unit: str,
+    effort: str,
+    time_s: Callable[[int], float],
+    kp: float,
+    lawful: float,
+    rate: float,
+    away: bool,
+    most: float,
+    off: float,
+    stood: list[int],
+    at_limit: int,
+    steps_stood: int,
+    limit: float,
+    stiffness: float,
+    as_usual: float,
+) -> Noted | None:
+    if kp < SMALL_GAIN and abs(lawful - 1) < LAWFUL_GAP:
         why = Message(
-            "a positionGain of {kp:.4g} is the share of the gap that a step closes", kp=worst.kp
+            "a positionGain of {kp:.4g} is the share of the gap that a step closes", kp=kp
         )
-        return _missed(worst, Cause(why))
-    if not worst.rate:
+        return called(_missed, worst, cause=Cause(why))
+    if not rate:
         return None  # it trembles where it is
-    rate = f"{abs(worst.rate):.2g} {worst.unit}/s"
-    why = Message("it still moves at {rate}", rate=rate)
-    if worst.away:
-        why = Message("it moves away at {rate}", rate=rate)
-    elif abs(worst.rate) > (1 - LAWFUL_GAP) * worst.most:
-        why = Message("its maxVelocity is {rate}", rate=f"{worst.most:.3g} {worst.unit}/s")
-    if worst.at_limit <= HALF_THE_STEPS * worst.steps_stood:
+    speed = f"{abs(rate):.2g} {unit}/s"
+    why = Message("it still moves at {rate}", rate=speed)
+    if away:
+        why = Message("it moves away at {rate}", rate=speed)
+    elif abs(rate) > (1 - LAWFUL_GAP) * most:
+        why = Message("its maxVelocity is {rate}", rate=f"{most:.3g} {unit}/s")
+    if at_limit <= HALF_THE_STEPS * steps_stood:
         # What would be there in as much time again may just have been given too little.
-        time_s = worst.time_s(worst.stood[1]) - worst.time_s(worst.stood[0] - 1)
-        soon = not worst.away and abs(worst.rate) * time_s > worst.off
-        return _missed(worst, Cause(why, level="note" if soon else "asked"))
-    weak = at_limit(effort(worst.limit, worst.effort), worst.at_limit, worst.steps_stood)
-    if (cause := _takes_more(worst, weak)) is not None:
-        return _missed(worst, cause)
+        soon = not away and abs(rate) * (time_s(stood[1]) - time_s(stood[0] - 1)) > off
+        return called(_missed, worst, cause=Cause(why, level="note" if soon else "asked"))
+    weak = at_its_limit(quantities.effort(limit, effort), at_limit, steps_stood)
+    if (cause := called(_takes_more, worst, weak=weak)) is not None:
+        return called(_missed, worst, cause=cause)
     why = Message("{why}, and {weak}", why=why, weak=weak)
-    if worst.away and worst.stiffness > STIFF * USUAL_STIFFNESS_HZ:
-        softer = float(f"{worst.as_usual:.2g}")
+    if away and stiffness > STIFF * USUAL_STIFFNESS_HZ:
+        softer = float(f"{as_usual:.2g}")
         advice = Message(
             "a gain is a share of the gap per step, and at this timestep {kp:.4g} is {times:.3g} "
             "times as stiff as 0.1 at 1/240 s: {call}"
         )
-        cure = Cure("gains", worst.joint, softer, given={"positionGain": softer})
-        said = _missed(worst, Cause(why, advice, cure))
-        values = {"kp": worst.kp, "times": worst.stiffness / USUAL_STIFFNESS_HZ}
-        values = {**said.values, **values}
-        return replace(said, values=values, reason="gain-per-step", proposed=True)
-    advice = MORE_FORCE
-    if not worst.away:
-        advice = Message("give it more force, or each target more steps")
-    return _missed(worst, Cause(why, advice, Cure("force"), proposed=True))
+        cure = Cure("gains", joint, softer, given={"positionGain": softer})
+        found = called(_missed, worst, cause=Cause(why, advice, cure, proposed=True))
+        return found | {"reason": "gain-per-step", "times": stiffness / USUAL_STIFFNESS_HZ}
+    advice = MORE_FORCE if away else Message("give it more force, or each target more steps")
+    return called(_missed, worst, cause=Cause(why, advice, Cure("force"), proposed=True))
+
+
+still_moves.rows(MISSED)
 
 
 # -- too-slow -------------------------------------------------------------------------------------
@@ -316,28 +350,38 @@ def too_slow(joints: JointColumns) -> Match:
 
 
 @too_slow.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    slow = runs.weak & (runs.rate / runs.goal < SLOW)
-    return np.where(slow & (runs.count > HALF_THE_STEPS * runs.told), runs.count * 1.0, 0.0)
+def _(weak: Flags, rate: Float64, goal: Float64, count: Int64, told: Float64) -> Float64:
+    slow = weak & (rate / goal < SLOW)
+    return np.where(slow & (count > HALF_THE_STEPS * told), count * 1.0, 0.0)
 
 
-@too_slow.says
-def _(worst: Worst) -> Said:
-    rate, goal, unit, takes = worst.rate, worst.goal, f"{worst.unit}/s", worst.takes
-    why = at_limit(effort(worst.limit, worst.effort), worst.count, worst.told)
-    advice = cure = None
-    if takes > worst.limit:
-        here = effort(takes, worst.effort)
-        why = Message("{weak}; holding it here takes {here}", weak=why, here=here)
+@too_slow.notes
+def _(
+    joint: str,
+    joints: int,
+    unit: str,
+    effort: str,
+    rate: float,
+    goal: float,
+    takes: float,
+    limit: float,
+    count: int,
+    told: int,
+) -> Noted:
+    weak, slow = at_its_limit(quantities.effort(limit, effort), count, told), abs(goal - rate)
+    found: Noted = {"weak": weak, "unit": f"{unit}/s", "slow": slow, "part": slow / abs(goal)}
+    if takes > limit:
+        here = quantities.effort(takes, effort)
+        found["weak"] = Message("{weak}; holding it here takes {here}", weak=weak, here=here)
         # Holding is the least of it: what turns takes more where it is heavier, and gets faster.
-        advice = MORE_FORCE
-        cure = Cure("force", worst.joint if worst.joints == 1 else None)
-    message = Message("{joint}{more} ends at {rate:.2g} {unit}, its target is {target:.3g}: {weak}")
-    return Said(
-        message=message,
-        values={"unit": unit, "target": goal, "weak": why},
-        advice=advice,
-        cure=cure,
-        effect=Effect(abs(goal - rate), unit),
-        share=abs(goal - rate) / abs(goal),
+        found["advice"], found["cure"] = MORE_FORCE, Cure("force", joint if joints == 1 else None)
+    return found
+
+
+too_slow.rows(
+    SayingRow(
+        says=Message("{joint}{more} ends at {rate:.2g} {unit}, its target is {goal:.3g}: {weak}"),
+        effect="slow",
+        share="part",
     )
+)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from drop_physics.arrays import Flags, Float64
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
-from drop_physics.rules.answer import Effect, Scene
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, SayingRow
 from drop_physics.rules.rule import Match, body_rule, pair_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns, PairColumns
 from drop_physics.rules.thresholds import (
     DEEP_M,
@@ -50,24 +48,23 @@ def _posed(pair: PairColumns) -> Flags:
 
 
 @pose_set_in_contact.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    often = runs.count >= HALF_THE_STEPS * (runs.last - runs.first + 1)
-    return np.where(often & (runs.deep >= OVERLAPS_STEPS), runs.size, 0.0)
+def _(count: Int64, last: Int64, first: Int64, deep: Float64, size: Float64) -> Float64:
+    often = count >= HALF_THE_STEPS * (last - first + 1)
+    return np.where(often & (deep >= OVERLAPS_STEPS), size, 0.0)
 
 
-@pose_set_in_contact.says
-def _(worst: Worst) -> Said:
-    return Said(
-        message=Message(
-            "{body} is set by qpos in {steps} in which it touches {other}, and gets {deep:.3g} mm "
+pose_set_in_contact.rows(
+    SayingRow(
+        says=Message(
+            "{body} is set by qpos in {steps} in which it touches {other}, and gets {size:mm} "
             "into it: a pose that is set has no force"
         ),
-        values={"deep": worst.size * 1e3},
         advice=Message("move it by an actuator, or by a mocap body that it is welded to"),
-        effect=Effect(worst.size, "m"),
-        share=worst.size / DEEP_M,
-        site=worst.scene.only_site(Act.SET_STATE),
+        effect="size",
+        normal=DEEP_M,
+        site=Act.SET_STATE,
     )
+)
 
 
 @body_rule(
@@ -90,19 +87,18 @@ def rate_gathers(bodies: BodyColumns) -> Match | None:
     return Match(where, speed, {"way": way})
 
 
-@rate_gathers.says
-def _(worst: Worst) -> Said:
-    return Said(
-        message=Message(
-            "{body} has {speed:.3g} m/s at step {last:,} and goes {way:.3g} m/s: qpos is set in "
+rate_gathers.rows(
+    SayingRow(
+        says=Message(
+            "{body} has {size:.3g} m/s at step {last:,} and goes {way:.3g} m/s: qpos is set in "
             "{steps} and qvel is not, which gathers what acts on it"
         ),
-        values={"speed": worst.size},
         advice=Message("write data.qvel with data.qpos"),
-        effect=Effect(worst.size, "m/s"),
-        share=worst.size,
-        site=worst.scene.only_site(Act.SET_STATE),
+        effect="size",
+        unit="m/s",
+        site=Act.SET_STATE,
     )
+)
 
 
 @body_rule(
@@ -124,13 +120,19 @@ def falls_no_faster(bodies: BodyColumns) -> Match | None:
     return Match(where, lengths(given))
 
 
-@falls_no_faster.says
-def _(worst: Worst) -> Said:
-    return Said(
-        message=Message(
+@falls_no_faster.notes
+def _(size: float, count: int) -> Noted:
+    return {"taken": size * count}
+
+
+falls_no_faster.rows(
+    SayingRow(
+        says=Message(
             "{body} falls no faster: qvel is written before {steps}, and takes away each time what "
             "gravity gave"
         ),
         advice=Message("write only the elements of data.qvel that are meant"),
-        effect=Effect(worst.size * worst.count, "m/s"),
+        effect="taken",
+        unit="m/s",
     )
+)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.arrays import Float64
-from drop_physics.messages import Message, joined
-from drop_physics.rules.answer import Cure, Effect
+from drop_physics.messages import Message
+from drop_physics.rules.answer import Scene
 from drop_physics.rules.body_properties import part_named, size_m, strained_by, thickness_m
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, pair_rule
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import (
@@ -28,15 +30,11 @@ from drop_physics.rules.thresholds import (
     STANDARD_M_S2,
 )
 from drop_physics.trace.acts import Act
+from drop_physics.trace.events import Body
 
 SOLVER = 50
 """Number of the solver's iterations that no call sets."""
-CARRIED = Message("a call moves one of them in each step, and it has no velocity")
-FEW = Message("the solver ends after {n} iterations in place of {usual}")
-SOFT = Message("contact there is as soft as {stiffness:.3g} N/m")
-FAST = Message("they approach by {way:.3g} mm in one step")
-NOT_SURE = {CARRIED.template, FEW.template, FAST.template}
-"""Causes that need not be the only ones."""
+SLOP, ITERATIONS = "contactSlop", "numSolverIterations"
 
 
 @pair_rule("deep-penetration", "model", consecutive=True)
@@ -61,106 +59,140 @@ def deep_penetration(pair: PairColumns) -> Match:
     )
 
 
-@deep_penetration.says
-def _(worst: Worst) -> Said | None:
-    thin_m = max(_thin_m(worst), 1e-9)
-    if (worst.placed and worst.carried <= 1) or not np.isfinite(thin_m):
+@deep_penetration.notes
+def _(
+    scene: Scene,
+    subject: Body,
+    partner: Body,
+    time_s: Callable[[int], float],
+    links: list[int],
+    at: int,
+    size: float,
+    first: int,
+    last: int,
+    deepest: int,
+    began: float,
+    placed: bool,
+    carried: float,
+    constraints: bool,
+) -> Noted | None:
+    both, numbers = (subject, partner), {subject.number, partner.number}
+    mine = links if at == subject.number else links[::-1]
+    thin_m = max(min(map(thickness_m, both, mine)), 1e-9)
+    if (placed and carried <= 1) or not np.isfinite(thin_m):
         return None  # the first is `starts-in-contact`
-    took, share = worst.deepest - worst.first, worst.size / thin_m
-    cause, advice, cure = _cause(worst, took)
-    # What comes fast goes deeper; without a cause, only what is no physics any more is said.
-    least = DEEP_LASTING if took >= GROWS_STEPS else DEEP_IMPACT
-    if cause is not None and cause.template == SOFT.template:  # as a call made it
-        least = SINKS_M / thin_m
-    if share <= (least if cause else max(least, OVER_HALF)):
-        return None
-    message = Message(
-        "{body} is {depth:.3g} mm inside {other} at {time:.4g} s, {share:.0%} of the thinner one",
-        body=worst.body,
-        other=worst.other,
-        depth=worst.size * 1e3,
-        share=share,
-        time=worst.time_s(worst.deepest - 1),
-    )
-    stays = worst.last >= worst.scene.ends[worst.subject.number]
-    # What a constraint holds inside, a call asked for.
-    broken = stays and share > OVER_HALF and not worst.constraints
-    return Said(
-        message=message if cause is None else joined(": ", [message, cause]),
-        advice=advice,
-        cure=cure,
-        proposed=cause is not None and cause.template in NOT_SURE,
-        effect=Effect(worst.size, "m"),
-        share=share,
-        level="broken" if broken else None,
-    )
-
-
-def _cause(worst: Worst, took: int) -> tuple[Message | None, Message | None, Cure | None]:
-    """Return reason, advice and cure; None where these are not sure."""
+    took, share = deepest - first, size / thin_m
     lasts = took >= GROWS_STEPS
-    grows = lasts and worst.size > 2 * worst.began
-    both = worst.subject, worst.partner
+    # What comes fast goes deeper; without a cause, only what is no physics any more is said.
+    least = DEEP_LASTING if lasts else DEEP_IMPACT
+    stays = last >= scene.ends[subject.number]
+    engine = [*scene.inputs.of(Act.SET_ENGINE)]
     soft_n_m = [
         float(np.nan_to_num(each.reported["contact_stiffness"]).max())
-        for each in worst.scene.seen.dynamics
-        if each.body.number in (worst.subject.number, worst.partner.number)
+        for each in scene.seen.dynamics
+        if each.body.number in numbers
     ]
-    slops_m = [
-        float(use.high["contactSlop"][0])
-        for use in worst.scene.inputs.of(Act.SET_ENGINE)
-        if "contactSlop" in use.high
-    ]
-    stiffness_n_m, slop_m = max([0.0, *soft_n_m]), max([0.0, *slops_m])
-    ratio = strained_by(worst.scene.seen, both)
-    more = Cure("solver", value=500.0)
-    if worst.carried > (worst.last - worst.first) / 2:
-        why = CARRIED
-        posed = any(use.body in both for use in worst.scene.inputs.of(Act.SET_POSE))
-        cure = Cure("support-velocity", bodies=(worst.body, worst.other))
-        return why, None, cure if posed else None  # a joint's is `overwritten`
-    if grows and worst.constraints and not worst.motors:
-        why = Message(
+    slops_m = [float(use.high[SLOP][0]) for use in engine if SLOP in use.high]
+    given = [int(use.low[ITERATIONS][0]) for use in engine if ITERATIONS in use.low]
+    return {
+        "time": time_s(deepest - 1),
+        "share": share,
+        "least": least,
+        "sinks": SINKS_M / thin_m,  # as a call made it
+        "half": max(least, OVER_HALF),
+        # What a constraint holds inside, a call asked for.
+        "level": "broken" if stays and share > OVER_HALF and not constraints else None,
+        "moves": carried > (last - first) / 2,
+        # A joint's is `overwritten`.
+        "posed": any(use.body in both for use in scene.inputs.of(Act.SET_POSE)),
+        "lasts": lasts,
+        "grows": lasts and size > 2 * began,
+        "ends": took < IMPACT_STEPS,
+        "slop": max([0.0, *slops_m]),
+        "stiffness": max([0.0, *soft_n_m]),
+        "ratio": strained_by(scene.seen, both),
+        "few": min(given, default=SOLVER),
+        "usual": SOLVER,
+    }
+
+
+MORE = Remedy("solver", value=500.0)
+CARRIED = SayingRow(
+    why=Message("a call moves one of them in each step, and it has no velocity"), proposed=True
+)
+deep_penetration.rows(
+    SayingRow(
+        when=lambda moves, posed: moves and posed,
+        cure=Remedy("support-velocity", bodies=("body", "other")),
+    ).like(CARRIED),
+    SayingRow(when=lambda moves: moves).like(CARRIED),
+    SayingRow(
+        when=lambda grows, constraints, motors: grows and constraints and not motors,
+        why=Message(
             "a constraint presses them together, and the solver ends before it can "
             "tell which of both has to give"
-        )
-        return why, Message("give it less force"), Cure("constraint-force", form="less")
-    if lasts and 2 * slop_m > worst.size:
-        why = Message("contactSlop={slop:g} lets bodies overlap by so much", slop=slop_m)
-        return why, None, Cure("solver", value=0.0, given={"contactSlop": 0})
-    if stiffness_n_m and lasts:
-        why = Message(SOFT.template, stiffness=stiffness_n_m)
-        return why, Message("raise p.changeDynamics(…, contactStiffness=…), or do without"), None
-    if took < IMPACT_STEPS and not stiffness_n_m and worst.size <= 1.05 * worst.until_came:
-        why = Message(FAST.template, way=worst.fastest * 1e3)
-        return why, Message("use a shorter timestep: {call}"), Cure("timestep", value=4.0)
-    if grows and worst.motors:
-        why = Message(
+        ),
+        advice=Message("give it less force"),
+        cure=Remedy("constraint-force", form="less"),
+    ),
+    SayingRow(
+        when=lambda lasts, slop, size: lasts and 2 * slop > size,
+        why=Message("contactSlop={slop:g} lets bodies overlap by so much"),
+        cure=Remedy("solver", value=0.0, given={"contactSlop": 0}),
+    ),
+    SayingRow(
+        when=lambda lasts, stiffness: lasts and stiffness,
+        why=Message("contact there is as soft as {stiffness:.3g} N/m"),
+        advice=Message("raise p.changeDynamics(…, contactStiffness=…), or do without"),
+        least="sinks",
+    ),
+    SayingRow(
+        when=lambda ends, stiffness, size, until_came: (
+            ends and not stiffness and size <= 1.05 * until_came
+        ),
+        why=Message("they approach by {fastest:mm} in one step"),
+        advice=Message("use a shorter timestep: {call}"),
+        cure=Remedy("timestep", value=4.0),
+        proposed=True,
+    ),
+    SayingRow(
+        when=lambda grows, motors: grows and motors,
+        why=Message(
             "motors press them together, and the solver ends before it can tell which "
             "of both has to give"
-        )
-        return why, Message("give the motors less force, or more iterations: {call}"), more
-    if RATIO <= ratio <= MOST_RATIO and lasts:
-        why = Message(
-            "one is {ratio:.4g} times as heavy as the other, and the solver uses up its iterations",
-            ratio=ratio,
-        )
-        return why, None, more
-    given = [
-        int(use.low["numSolverIterations"][0])
-        for use in worst.scene.inputs.of(Act.SET_ENGINE)
-        if "numSolverIterations" in use.low
-    ]
-    if lasts and given and min(given) < SOLVER:
-        why = Message(FEW.template, n=min(given), usual=SOLVER)
-        return why, None, more
-    return None, None, None
-
-
-def _thin_m(worst: Worst) -> float:
-    """Return the shortest known edge of the overlapping parts; inf if neither is known."""
-    links = worst.links if worst.at == worst.subject.number else worst.links[::-1]
-    return min(map(thickness_m, (worst.subject, worst.partner), links))
+        ),
+        advice=Message("give the motors less force, or more iterations: {call}"),
+        cure=MORE,
+    ),
+    SayingRow(
+        when=lambda lasts, ratio: lasts and RATIO <= ratio <= MOST_RATIO,
+        why=Message(
+            "one is {ratio:.4g} times as heavy as the other, and the solver uses up its iterations"
+        ),
+        cure=MORE,
+    ),
+    SayingRow(
+        when=lambda lasts, few: lasts and few < SOLVER,
+        why=Message("the solver ends after {few} iterations in place of {usual}"),
+        cure=MORE,
+        proposed=True,
+    ),
+    SayingRow(
+        says=Message(
+            "{body} is {size:mm} inside {other} at {time:.4g} s, {share:.0%} of the thinner one"
+        ),
+        least="half",
+    ),
+    like=SayingRow(
+        says=Message(
+            "{body} is {size:mm} inside {other} at {time:.4g} s, {share:.0%} of the thinner one: "
+            "{why}"
+        ),
+        effect="size",
+        share="share",
+        least="least",
+    ),
+)
 
 
 def _presses(pair: PairColumns, rows: NDArray[np.intp]) -> dict[str, Float64]:
@@ -239,59 +271,73 @@ def _substeps(pair: PairColumns) -> Float64:
     return np.maximum([each.get("numSubSteps", 0.0) for each in settings], 1.0)[which]
 
 
-@starts_in_contact.says
-def _(worst: Worst) -> Said:
-    body, other = worst.subject, worst.partner
-    size, itself = min(size_m(body), size_m(other)), body is other
-    advice = Message("place it at least {call} from {other}")
-    came = worst.scene.placing.came(body.number, worst.step)
-    away = {"away": tuple(worst.away)}
-    cure = Cure("lifted", worst.body, worst.depth_m, form="" if came else "set", given=away)
-    if itself:
-        message = Message(
-            "{body} collides with itself as it starts: it is {depth:.3g} mm inside {other}, "
-            "and they are pushed apart at {speed:.3g} m/s"
-        )
-        advice = Message("load it {call}, or p.setCollisionFilterPair(…, 0) for these links")
-        cure = Cure("collision-off", worst.body)
-    elif came:
-        message = Message(
-            "{body} is loaded {depth:.3g} mm inside {other} at {time:.4g} s: they are pushed "
-            "apart at {speed:.3g} m/s{hull}"
-        )
-    else:
-        message = Message(
-            "{body} is set {depth:.3g} mm inside {other} at {time:.4g} s: they are pushed "
-            "apart at {speed:.3g} m/s{hull}"
-        )
-    thrown = worst.size**2 / (2 * STANDARD_M_S2) > size
-    return Said(
-        code="self-collision" if itself else None,
-        level="model" if itself else "broken" if thrown else "asked",
-        message=message,
-        values={
-            "body": part_named(body, worst.links[0]),
-            "other": part_named(other, worst.links[1]),
-            "depth": worst.depth_m * 1e3,
-            "speed": worst.size,
-            "time": worst.time_s(worst.step - 1),
-            "hull": _hull(worst),
-        },
-        advice=advice,
-        cure=cure,
-        effect=Effect(worst.depth_m, "m"),
-        share=worst.depth_m / size,
-        site=worst.placed_at,
-    )
+@starts_in_contact.notes
+def _(
+    scene: Scene,
+    subject: Body,
+    partner: Body,
+    time_s: Callable[[int], float],
+    links: list[int],
+    step: int,
+    size: float,
+    away: list[float],
+) -> Noted:
+    scale_m, itself = min(size_m(subject), size_m(partner)), subject is partner
+    thrown = size**2 / (2 * STANDARD_M_S2) > scale_m
+    return {
+        "itself": itself,
+        "level": "model" if itself else "broken" if thrown else "asked",
+        "came": scene.placing.came(subject.number, step),
+        "one": part_named(subject, links[0]),
+        "two": part_named(partner, links[1]),
+        "away": tuple(away),
+        "time": time_s(step - 1),
+        "scale": scale_m,
+        "hull": _hull(scene, (subject, partner), links),
+    }
 
 
-def _hull(worst: Worst) -> str:
-    """Return the remark that the engine fills the hollow of a mesh, if one of both has any."""
-    both = (worst.subject, worst.partner)
+starts_in_contact.rows(
+    SayingRow(
+        when=lambda itself: itself,
+        says=Message(
+            "{one} collides with itself as it starts: it is {depth_m:mm} inside {two}, "
+            "and they are pushed apart at {size:.3g} m/s"
+        ),
+        advice=Message("load it {call}, or p.setCollisionFilterPair(…, 0) for these links"),
+        cure=Remedy("collision-off", "body"),
+        code="self-collision",
+    ),
+    SayingRow(
+        when=lambda came: came,
+        says=Message(
+            "{one} is loaded {depth_m:mm} inside {two} at {time:.4g} s: they are pushed "
+            "apart at {size:.3g} m/s{hull}"
+        ),
+        cure=Remedy("lifted", "body", "depth_m", given={"away": "away"}),
+    ),
+    SayingRow(
+        says=Message(
+            "{one} is set {depth_m:mm} inside {two} at {time:.4g} s: they are pushed "
+            "apart at {size:.3g} m/s{hull}"
+        ),
+        cure=Remedy("lifted", "body", "depth_m", form="set", given={"away": "away"}),
+    ),
+    like=SayingRow(
+        advice=Message("place it at least {call} from {two}"),
+        effect="depth_m",
+        normal="scale",
+        site="placed_at",
+    ),
+)
+
+
+def _hull(scene: Scene, both: tuple[Body, Body], links: list[int]) -> str:
+    """Return that the engine fills the hollow of a mesh, if one of both has such."""
     if any(each.kind == "plane" for body in both for each in body.collisions):
         return ""  # a mesh and its hull go equally deep into a plane
-    for body, link in zip(both, worst.links, strict=True):
-        for each in worst.scene.seen.surfaces:
+    for body, link in zip(both, links, strict=True):
+        for each in scene.seen.surfaces:
             if each.body == body.number and body.collisions[each.shape].link == link:
                 return Message(
                     "; the mesh of {body} has a hollow, which PyBullet fills: it collides as its "

@@ -12,14 +12,16 @@ from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import in_world, kinematics, motion
 from drop_physics.physics.vectors import cross, groups, lengths, summed
-from drop_physics.rules.answer import Cure, Effect, Span
+from drop_physics.rules.answer import Cure, Effect, Scene, Span
+from drop_physics.rules.arguments import site_of
 from drop_physics.rules.inputs import Inputs, Use
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, Said, SayingRow
 from drop_physics.rules.rule import Match, body_rule, input_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import NEGLIGIBLE, SAME_POINT_M, SOON_STEPS
 from drop_physics.trace.acts import PUSHES, Act
 from drop_physics.trace.calls import WORLD_FRAME
+from drop_physics.trace.events import Body
 from drop_physics.trace.motors import TORQUE
 
 FORCES = "forceObj", "torqueObj", "force", "forces"
@@ -142,31 +144,32 @@ def force_off_centre(bodies: BodyColumns) -> Match | None:
     )
 
 
-@force_off_centre.says
-def _(worst: Worst) -> Said | None:
-    own = worst.noted.keys[0, 2]
+@force_off_centre.notes
+def _(scene: Scene, subject: Body, keys: list[int], centre: list[float]) -> Noted | None:
+    own = keys[2]
     pushes = (
         use.first
-        for use in worst.scene.inputs.of(Act.PUSH)
-        if use.body and use.body.number == worst.subject.number
+        for use in scene.inputs.of(Act.PUSH)
+        if use.body and use.body.number == subject.number
     )
     mistaken = (each for each in pushes if (WORLD_FRAME in each.values.get("flags", ())) != own)
     call = next(mistaken, None)
-    given_m = None if call is None else call.values["posObj"]
-    if given_m is None or (own and not np.allclose(given_m, worst.centre, atol=SAME_POINT_M)):
+    if call is None or (own and not np.allclose(call.values["posObj"], centre, atol=SAME_POINT_M)):
         return None
-    return Said(
-        message=Message(
+    frame = Message("its own frame") if own else Message("the world's frame")
+    meant = "WORLD_FRAME" if own else "LINK_FRAME"
+    return {"frame": frame, "meant": meant, "called": site_of(call)}
+
+
+force_off_centre.rows(
+    SayingRow(
+        says=Message(
             "{body} is pushed {arm:.3g} m off its centre, beside all of it, and spins: the "
             "point is in {frame}"
         ),
-        values={"frame": Message("its own frame") if own else Message("the world's frame")},
-        cure=Cure(
-            "push-at-centre",
-            worst.body,
-            given={"frame": "WORLD_FRAME" if own else "LINK_FRAME"},
-        ),
-        effect=Effect(worst.arm, "m"),
-        share=worst.arm / worst.reach,
-        call=call,
+        cure=Remedy("push-at-centre", "body", given={"frame": "meant"}),
+        effect="arm",
+        normal="reach",
+        site="called",
     )
+)

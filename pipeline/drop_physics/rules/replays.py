@@ -6,13 +6,14 @@ import numpy as np
 
 from drop_physics.explain.step_status import WHYS
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Cure, Effect
+from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import FALLS_STEPS
 from drop_physics.trace.acts import Act
+from drop_physics.trace.events import Body
 from drop_physics.trace.switches import NO_GRAVITY, is_off
 
 
@@ -36,24 +37,24 @@ def stale_step(bodies: BodyColumns) -> Match:
     return _of_steps(bodies, "stale")
 
 
-@stale_step.says
-def _(worst: Worst) -> Said:
-    message = Message(
-        "{steps} from step {first:,} on used what had been computed for another state: mj_step2 "
-        "takes positions, contacts and forces as mj_step1 left them"
-    )
-    if worst.written:
-        message = Message(
+stale_step.rows(
+    SayingRow(
+        when=lambda written: written,
+        says=Message(
             "{steps} from step {first:,} on used what had been computed for the state before qpos "
             "was written: mj_step2 takes positions, contacts and forces as mj_step1 left them"
-        )
-    return Said(
-        message=message,
-        cure=Cure("forward"),
-        effect=Effect(float(worst.count), "steps"),
-        share=float(worst.count),
-        site=worst.scene.only_site(Act.SET_STATE),
-    )
+        ),
+    ),
+    SayingRow(
+        says=Message(
+            "{steps} from step {first:,} on used what had been computed for another state: "
+            "mj_step2 takes positions, contacts and forces as mj_step1 left them"
+        ),
+    ),
+    like=SayingRow(
+        cure=Remedy("forward"), effect="count", unit="steps", share="count", site=Act.SET_STATE
+    ),
+)
 
 
 @body_rule("not-replayed", "note", subject=0, engines=MUJOCOS)
@@ -62,16 +63,17 @@ def not_replayed(bodies: BodyColumns) -> Match:
     return _of_steps(bodies, "not replayed")
 
 
-@not_replayed.says
-def _(worst: Worst) -> Said:
-    return Said(
-        message=Message(
+not_replayed.rows(
+    SayingRow(
+        says=Message(
             "{steps} from step {first:,} on lead elsewhere than the recorded state and model do "
             "when they are taken again: what acted in them is not known"
         ),
-        effect=Effect(float(worst.count), "steps"),
-        share=float(worst.count),
+        effect="count",
+        unit="steps",
+        share="count",
     )
+)
 
 
 @body_rule("no-gravity", "model", least_count=FALLS_STEPS, engines=MUJOCOS)
@@ -102,29 +104,32 @@ def floats_by_compensation(bodies: BodyColumns) -> Match | None:
     return Match(still & ~acts & ~bodies.after.velocity.any(axis=1), np.ones(len(still)))
 
 
-@floats_by_compensation.says
-def _(worst: Worst) -> Said | None:
-    if worst.count < worst.scene.ends[worst.subject.number]:
+@floats_by_compensation.notes
+@floats_without_gravity.notes
+def _(scene: Scene, subject: Body, count: int) -> Noted | None:
+    if count < scene.ends[subject.number]:
         return None  # it moves at some time
-    return Said(
-        message=Message("gravcomp takes all of gravity off {body}, so it does not fall"),
-        cure=Cure("gravcomp", worst.body, 0.0),
-        share=0.0,  # the model says so
-    )
+    return {"off": is_off(scene.seen, subject.client, NO_GRAVITY)}
 
 
-@floats_without_gravity.says
-def _(worst: Worst) -> Said | None:
-    if worst.count < worst.scene.ends[worst.subject.number]:
-        return None  # it moves at some time
-    if is_off(worst.scene.seen, worst.subject.client, NO_GRAVITY):
-        return Said(
-            message=Message("a flag of the model switches gravity off, so {body} does not fall"),
-            cure=Cure("gravity", form="flag"),
-            reason="flag",
-        )
-    return Said(
-        message=Message("the model's gravity is 0, so {body} does not fall"),
-        cure=Cure("gravity", value=-9.81),
-        level="note",  # the model says so
+# The model says so, where no flag does.
+floats_by_compensation.rows(
+    SayingRow(
+        says=Message("gravcomp takes all of gravity off {body}, so it does not fall"),
+        cure=Remedy("gravcomp", "body", 0.0),
+        share=0.0,
     )
+)
+floats_without_gravity.rows(
+    SayingRow(
+        when=lambda off: off,
+        says=Message("a flag of the model switches gravity off, so {body} does not fall"),
+        cure=Remedy("gravity", form="flag"),
+        reason="flag",
+    ),
+    SayingRow(
+        says=Message("the model's gravity is 0, so {body} does not fall"),
+        cure=Remedy("gravity", value=-9.81),
+        level="note",
+    ),
+)

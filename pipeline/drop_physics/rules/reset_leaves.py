@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import replace
 
 import numpy as np
 
+from drop_physics.arrays import Flags, Float64
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
-from drop_physics.quantities import gap as distance
-from drop_physics.quantities import place
-from drop_physics.rules.answer import Cure, Effect, Level, Scene
+from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, Sized, body_rule, joint_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns, JointColumns
 from drop_physics.rules.thresholds import BACK, EACH_STEP, KEPT, TELEPORTED_M_S, TURNS_RAD_S
 from drop_physics.trace.acts import Act
+from drop_physics.trace.events import Body
 
 
 def left_targets(joints: JointColumns, anew: Collection[int] = ()) -> Match:
@@ -48,21 +46,12 @@ def left_targets(joints: JointColumns, anew: Collection[int] = ()) -> Match:
     )
 
 
-def driven_off(runs: Runs, _: Scene) -> Sized:
+def driven_off(
+    put: Flags, until_work: Float64, size: Float64, least: Float64, back: Flags
+) -> Sized:
     """Return the distance that motors drove joints; those set back to their start count first."""
-    off = runs.put & (runs.until_work > 0) & (runs.size >= runs.least)
-    return Sized(np.where(off, runs.size, 0.0), graver=off & runs.back)
-
-
-def _said(worst: Worst, message: Message, cure: Cure, level: Level | None = None) -> Said:
-    values = {
-        "position": place(worst.position, worst.unit),
-        "off": distance(worst.size, worst.unit),
-        "target": place(worst.target, worst.unit),
-        "count": worst.joints,
-    }
-    effect = Effect(worst.size, worst.unit)
-    return Said(message=message, values=values, cure=cure, effect=effect, level=level)
+    off = put & (until_work > 0) & (size >= least)
+    return Sized(np.where(off, size, 0.0), graver=off & back)
 
 
 @joint_rule("reset-leaves", "asked", consecutive=True)
@@ -71,16 +60,24 @@ def reset_leaves(joints: JointColumns) -> Match:
     return left_targets(joints)
 
 
-@reset_leaves.says
-def _(worst: Worst) -> Said:
-    message = Message(
-        "{joint} is reset to {position}, then driven {off} away: its motor keeps the target of "
-        "{target} that it had before (joints of this robot: {count})"
-    )
-    function = (Act.RESTORE if worst.restored else Act.SET_JOINT).function
-    cure = Cure("targets-held", worst.body, given={"function": function})
-    # A target that was given once, before a reset to anywhere else, is meant.
-    return _said(worst, message, cure, None if worst.back else "note")
+@reset_leaves.notes
+def _(restored: bool) -> Noted:
+    return {"function": (Act.RESTORE if restored else Act.SET_JOINT).function}
+
+
+# A target that was given once, before a reset to anywhere else, is meant.
+reset_leaves.rows(
+    SayingRow(when=lambda back: back),
+    SayingRow(level="note"),
+    like=SayingRow(
+        says=Message(
+            "{joint} is reset to {position:at}, then driven {size:gap} away: its motor keeps the "
+            "target of {target:at} that it had before (joints of this robot: {joints})"
+        ),
+        cure=Remedy("targets-held", "body", given={"function": "function"}),
+        effect="size",
+    ),
+)
 
 
 @joint_rule("reset-leaves", "model", consecutive=True, engines=MUJOCOS)
@@ -94,16 +91,20 @@ def state_leaves_control(joints: JointColumns) -> Match | None:
     return left_targets(joints, scene.inputs.lasting.episodes[body.client])
 
 
-@state_leaves_control.says
-def _(worst: Worst) -> Said:
-    message = Message(
-        "{joint} is put to {position} and driven off by {off}: ctrl is still the {target} of "
-        "before qpos was written (joints of this robot: {count})"
-    )
-    # Sent there again on purpose it looks the same, as it does if the last episode began with it.
-    level: Level | None = None if worst.anew else "note"
-    said = _said(worst, message, Cure("targets-held", worst.body), level)
-    return replace(said, proposed=True)
+# Sent there again on purpose it looks the same, as it does if the last episode began with it.
+state_leaves_control.rows(
+    SayingRow(when=lambda anew: anew),
+    SayingRow(level="note"),
+    like=SayingRow(
+        says=Message(
+            "{joint} is put to {position:at} and driven off by {size:gap}: ctrl is still the "
+            "{target:at} of before qpos was written (joints of this robot: {joints})"
+        ),
+        cure=Remedy("targets-held", "body"),
+        proposed=True,
+        effect="size",
+    ),
+)
 
 
 for _rule in (reset_leaves, state_leaves_control):
@@ -126,19 +127,23 @@ def teleported(bodies: BodyColumns) -> Match | None:
     return Match(where, np.ones(len(way)), {"way": way, "speed": speed})
 
 
-@teleported.says
-def _(worst: Worst) -> Said:
-    more = Message(" (the first of {n:,} times)", n=worst.count) if worst.count > 1 else ""
-    return Said(
-        message=Message(
+@teleported.notes
+def _(scene: Scene, subject: Body, first: int, last: int, count: int) -> Noted:
+    more = Message(" (the first of {n:,} times)", n=count) if count > 1 else ""
+    return {"step": first - 1, "more": more, "called": scene.placing.site(subject, last)}
+
+
+teleported.rows(
+    SayingRow(
+        says=Message(
             "{body} is put {way:.3g} m away at step {step:,}{more}, while it moves at "
             "{speed:.3g} m/s: no force takes it there"
         ),
-        values={"step": worst.first - 1, "more": more},
-        effect=Effect(worst.way, "m"),
+        effect="way",
         share=0.0,
-        site=worst.scene.placing.site(worst.subject, worst.last),
+        site="called",
     )
+)
 
 
 @joint_rule("reset-leaves", "asked")
@@ -159,18 +164,22 @@ def rates_left(joints: JointColumns) -> Match | None:
     return Match(where, rates, {"sent": joints.target_velocity != 0})
 
 
-@rates_left.says
-def _(worst: Worst) -> Said:
-    unit = f"{worst.unit}/s"
-    return Said(
-        level="note" if worst.sent else None,
-        message=Message(
-            "{joint} still turns at {rate:.3g} {unit} where a call puts {body}: it sets the base, "
+@rates_left.notes
+def _(scene: Scene, subject: Body, first: int, unit: str) -> Noted:
+    return {"unit": f"{unit}/s", "called": scene.placing.site(subject, first)}
+
+
+rates_left.rows(
+    SayingRow(when=lambda sent: sent, level="note"),
+    SayingRow(),
+    like=SayingRow(
+        says=Message(
+            "{joint} still turns at {size:.3g} {unit} where a call puts {body}: it sets the base, "
             "and leaves the rates of joints"
         ),
-        values={"rate": worst.size, "unit": unit},
         advice=Message("call p.resetJointState(body, joint, position, 0) for each, too"),
-        effect=Effect(worst.size, unit),
+        effect="size",
         share=0.0,
-        site=worst.scene.placing.site(worst.subject, worst.first),
-    )
+        site="called",
+    ),
+)

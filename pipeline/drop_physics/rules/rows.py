@@ -10,7 +10,12 @@
     )
 
 Of several rows the first that holds is said. Texts and remedies name numbers that the rule notes of
-the worst (`Worst`); `{limit:N}` says of what kind a number is (`quantities.KINDS`), and `{call}` is
+the worst (`Worst`), in its table or in a function of its own:
+
+    @weak.notes
+    def _(force: float, limit: float) -> dict[str, object]: ...
+
+`{limit:N}` says of what kind a number is (`quantities.KINDS`), and `{call}` is
 what the engine's user would write for the cure.
 """
 
@@ -28,8 +33,12 @@ from drop_physics.rules.answer import Cure, Effect, Level, Scene, Span, so_many
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import engine_of
 from drop_physics.rules.runs import Runs
+from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
+
+Noted = dict[str, object]
+"""Further numbers and texts of the worst, by name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,40 +83,43 @@ class Said:
         """The name of the body."""
         return None if self.subject is None else self.subject.label
 
+    def __getitem__(self, name: str) -> Any:  # noqa: ANN401
+        return {"unit": "m", "effort": "N"}.get(name) or getattr(self, name)
+
 
 class Worst:
-    """The worst case of a subject: its numbers, and its names, as attributes.
+    """The worst of a subject: its numbers, and who it is, by their names.
 
     `size`, `count`, `first` and `last` step, and what the rule noted; `among`, how many of its kind
     the subject has that are not ten times smaller; labels of the `body` and of
     the `other`, and both as they are, `subject` and `partner`; of joints `joint`, `link`, `unit`,
-    `effort`, and how many `joints` of the body it holds for; of actuators `actuator` and
-    its `joint`.
+    `effort`, and how many `joints` of the body it holds for; of actuators `actuator`, its `name`
+    and its `joint`.
     """
-
-    size: float
-    count: int
-    first: int
-    last: int
-    unit, effort = "m", "N"
 
     def __init__(self, scene: Scene, noted: Runs, **about: object) -> None:
         self.scene, self.noted = scene, noted
-        self.__dict__ |= {name: each[:1].tolist()[0] for name, (_, each) in noted.columns.items()}
         self.subject: Body = scene.body(int(noted.keys[0, 0]))
-        self.body = self.subject.label
-        self.__dict__ |= about
+        row = {name: each[:1].tolist()[0] for name, (_, each) in noted.columns.items()}
+        self.values: dict[str, Any] = {"unit": "m", "effort": "N"} | row
+        self.values |= {"body": self.subject.label} | about
 
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever the rule noted
-        raise AttributeError(f"the rule noted no {name}")
+    def __getitem__(self, name: str) -> Any:  # noqa: ANN401 - whatever the rule noted
+        return self.values[name] if name in self.values else getattr(self, name)
+
+    @property
+    def keys(self) -> list[int]:
+        """The numbers of what it is about."""
+        found: list[int] = self.noted.keys[0].tolist()
+        return found
 
     @property
     def span(self) -> Span:
-        """The steps in a finding's form; for a target, the first and last step of `stood`."""
-        if (stood := vars(self).get("stood")) is not None:
+        """The steps as a finding says them; for a target, the first and last step of `stood`."""
+        if (stood := self.values.get("stood")) is not None:
             return Span(stood[0], stood[1], stood[1] - stood[0] + 1)
-        first, last = vars(self).get("within", (-self.first, self.last))
-        return Span(-first, last, self.count)
+        first, last = self.values.get("within", (-self["first"], self["last"]))
+        return Span(-first, last, self["count"])
 
     @property
     def engine(self) -> str:
@@ -122,7 +134,7 @@ class Worst:
     @property
     def steps(self) -> str:
         """The number of steps, as text."""
-        return so_many(self.count)
+        return so_many(self["count"])
 
     def time_s(self, step: int) -> float:
         """Return the time of a step in its simulation."""
@@ -153,26 +165,30 @@ class Remedy:
         """Return the cure of a finding."""
 
         def number(named: float | str) -> Any:  # noqa: ANN401 - as the rule noted it
-            return getattr(worst, named) if isinstance(named, str) else named
+            return worst[named] if isinstance(named, str) else named
 
         return Cure(
             self.name,
-            None if self.target is None else getattr(worst, self.target),
+            None if self.target is None else worst[self.target],
             None if self.value is None else number(self.value),
             form=self.form,
             given=number(self.given)
             if isinstance(self.given, str)
             else {name: number(each) for name, each in self.given.items()},
-            bodies=tuple(getattr(worst, each) for each in self.bodies),
+            bodies=tuple(worst[each] for each in self.bodies),
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class SayingRow:
-    """A sentence about the worst case with its condition, and the change that would cure it."""
+    """Finding about the worst case where a condition holds, and the change that would cure it.
 
-    when: Callable[[Worst], object] | None = None
-    """The condition; None for always."""
+    Sentence, advice, cure, reason, level, and whether it is only to be tried, are what the rule
+    notes under these names, where a row leaves them out.
+    """
+
+    when: Callable[..., object] | None = None
+    """The condition, a function of what its parameters name; None for always."""
     says: Message | None = None
     why: Message | None = None
     """The part of the sentence that rows differ in."""
@@ -186,53 +202,51 @@ class SayingRow:
     """The unit of the magnitude, where it is not that of the joint's position."""
     share: str | float | None = None
     """The number that ranks it; the size, if it is None."""
+    normal: str | float | None = None
+    """What is normal for the magnitude: their ratio ranks it."""
+    least: str | None = None
+    """The number that the share is above, or nothing is said."""
     reason: str | None = None
     level: Level | None = None
     code: str | None = None
-    site: str | None = None
-    """The name of the file and line, where the rule names no argument or call."""
-    other: str | None = None
-    """The name of the label of the other body."""
+    site: str | Act | None = None
+    """The name of the file and line, where the rule names no argument or call; or the act of the
+    only line that is meant."""
 
     def like(self, row: SayingRow) -> SayingRow:
-        """Return this row, with its missing parts taken from another."""
+        """Return this row, with what it leaves out taken from another."""
         left = (each.name for each in fields(self) if getattr(self, each.name) is None)
         return replace(self, **{name: getattr(row, name) for name in left})
 
-    def said(self, worst: Worst) -> Said:
-        """Return the row's sentence about the worst case."""
-        effect = None
+    def said(self, worst: Worst) -> Said | None:
+        """Return what the row says of the worst."""
+        noted, effect = worst.values, None
+        share = worst[self.share] if isinstance(self.share, str) else self.share
         if self.effect is not None:
-            unit = (self.unit or "{unit}").format_map(_Named(worst))
-            effect = Effect(abs(getattr(worst, self.effect)), unit)
+            size, unit = abs(float(worst[self.effect])), self.unit or "{unit}"
+            effect = Effect(size, unit.format_map(worst))
+            if self.normal is not None:
+                share = size / (worst[self.normal] if isinstance(self.normal, str) else self.normal)
+        if self.least is not None and not share > worst[self.least]:
+            return None
+        site = self.site
         return Said(
-            message=self.says or Message(""),
+            message=self.says or noted["says"],
             values={} if self.why is None else {"why": self.why},
-            cure=None if self.cure is None else self.cure.of(worst),
-            advice=self.advice,
-            proposed=self.proposed,
+            cure=noted.get("cure") if self.cure is None else self.cure.of(worst),
+            advice=self.advice or noted.get("advice"),
+            proposed=noted.get("proposed") if self.proposed is None else self.proposed,
             effect=effect,
-            share=getattr(worst, self.share) if isinstance(self.share, str) else self.share,
-            reason=self.reason,
-            level=self.level,
+            share=share,
+            reason=self.reason or noted.get("reason"),
+            level=self.level or noted.get("level"),
             code=self.code,
-            site=None if self.site is None else getattr(worst, self.site),
-            other=None if self.other is None else getattr(worst, self.other),
+            site=worst.scene.only_site(site) if isinstance(site, Act) else site and worst[site],
         )
 
 
-class _Named(dict[str, object]):
-    """The names that a template may use for the worst case."""
-
-    def __init__(self, worst: object) -> None:
-        self._worst = worst
-
-    def __missing__(self, name: str) -> object:
-        return getattr(self._worst, name)
-
-
-def filled(text: str, values: Mapping[str, object], about: object) -> str:
-    """Return a text with its names replaced by values or attributes.
+def filled(text: str, values: Mapping[str, object], about: Worst | Said) -> str:
+    """Return a text with what it names, taken from some values or from what it is about.
 
     Numbers are written by their kinds, and texts among them filled likewise.
     """
@@ -241,9 +255,8 @@ def filled(text: str, values: Mapping[str, object], about: object) -> str:
     held: dict[str, Any] = {}
     for _, name, kind, _ in Formatter().parse(text.template):
         if name:
-            value: Any = values[name] if name in values else getattr(about, name)
+            value: Any = values[name] if name in values else about[name]
             if kind and kind in KINDS:
-                units = getattr(about, "unit", "m"), getattr(about, "effort", "N")
-                value = Written(KINDS[kind](value, *units))
+                value = Written(KINDS[kind](value, about["unit"], about["effort"]))
             held[name] = filled(value, values, about) if isinstance(value, str) else value
     return Message(text.template, **held)

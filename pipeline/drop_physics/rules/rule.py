@@ -3,7 +3,10 @@
     @joint_rule("target-clamped", "asked")
     def target_clamped(joints: JointColumns) -> Match: ...      # a mask, a size, numbers
 
-    target_clamped.rows(Row(...), Row(...))                    # sentences, and cures (`rows`)
+    target_clamped.rows(SayingRow(...), SayingRow(...))        # sentences, and cures (`rows`)
+
+    @target_clamped.counts
+    def _(size: Float64, count: Int64) -> Float64: ...         # sizes of columns, 0 if not told
 
 Chunks, runs of consecutive steps, the worst row, how often, in which steps, which joints of which
 body and which line of the script belong to the mechanism here. Tables are of joints, of actuators,
@@ -19,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +30,10 @@ from numpy.typing import NDArray
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.rules.answer import Finding, Level, Scene, and_more
 from drop_physics.rules.arguments import site_of
+from drop_physics.rules.by_name import called
 from drop_physics.rules.engines import BULLETS, engine_of
 from drop_physics.rules.joint import link_of, units
-from drop_physics.rules.rows import Said, SayingRow, Worst, filled
+from drop_physics.rules.rows import Noted, Said, SayingRow, Worst, filled
 from drop_physics.rules.runs import Kind, Runs
 from drop_physics.rules.tables import TABLES, RuleTable, TableName, tables
 from drop_physics.rules.target_columns import left_standing
@@ -129,13 +133,21 @@ class Sized:
         return np.column_stack([graver, self.sizes])
 
 
-Measure = Callable[[Runs, Scene], Sized | Float64]
-"""A function that returns the sizes of runs: those of 0 do not count."""
+Measure = Callable[..., Sized | Float64]
+"""A function of columns of runs that returns their sizes: those of 0 do not count."""
+Notes = Callable[..., Mapping[str, object] | None]
+Noting = TypeVar("Noting", bound=Notes)
+Words = Callable[..., Said | None]
 
 
-def every_run(runs: Runs, _: Scene) -> Float64:
+def nothing() -> Noted:
+    """Return no further numbers."""
+    return {}
+
+
+def every_run(size: Float64) -> Float64:
     """Return the sizes of runs; all of them count."""
-    return runs.size
+    return size
 
 
 @dataclass(eq=False)
@@ -163,42 +175,46 @@ class Rule:
     proposes: bool = False
     """Whether its advice is only to be tried: the message says what is seen, and no cause."""
     sizes: Measure = every_run
-    words: Callable[[Worst], Said | None] = lambda _: None
+    words: Words = lambda: None
+    """The function of the worst that words it, where no rows do."""
     told: Sequence[SayingRow] = ()
     """Its rows, where what it says is data."""
+    noting: Notes = nothing
+    """Returns further numbers of the worst, by name."""
 
     @property
     def meaning(self) -> str:
         """The meaning of the code, in a sentence."""
         return (self.matches.__doc__ or "").strip()
 
-    def rows(
-        self,
-        *rows: SayingRow,
-        like: SayingRow | None = None,
-        noting: Callable[[Worst], Mapping[str, object] | None] = lambda _: {},
-    ) -> None:
+    def rows(self, *rows: SayingRow, like: SayingRow | None = None) -> None:
         """Set the rows, of which the first that holds is said of the worst.
 
-        What rows leave out is taken from `like`. `noting` returns further numbers of the worst by
-        name, or None if there is nothing to say.
+        What rows leave out is taken from `like`.
         """
-        self.told = whole = [each if like is None else each.like(like) for each in rows]
+        self.told = [each if like is None else each.like(like) for each in rows]
 
-        def words(worst: Worst) -> Said | None:
-            noted = noting(worst)
-            if noted is None:
-                return None
-            vars(worst).update(noted)
-            holds = (each for each in whole if each.when is None or each.when(worst))
-            return next((each.said(worst) for each in holds), None)
+    def notes(self, noting: Noting) -> Noting:
+        """Set the function that notes numbers of the worst for rows; None if nothing is to say."""
+        self.noting = noting
+        return noting
 
-        self.words = words
-
-    def says(self, words: Callable[[Worst], Said | None]) -> Callable[[Worst], Said | None]:
+    def says(self, words: Words) -> Words:
         """Set the function that words the worst; it returns None if there is nothing to say."""
         self.words = words
         return words
+
+    def said(self, worst: Worst) -> Said | None:
+        """Return what the rule says of the worst."""
+        if not self.told:
+            return called(self.words, worst, worst=worst)
+        noted = called(self.noting, worst, worst=worst)
+        if noted is None:
+            return None
+        worst.values |= noted
+        holds = (each for each in self.told if each.when is None or called(each.when, worst))
+        row = next(holds, None)
+        return None if row is None else row.said(worst)
 
     def counts(self, sizes: Measure) -> Measure:
         """Set the function that measures runs, shape (runs,); 0 for runs that do not count."""
@@ -207,15 +223,15 @@ class Rule:
 
     def finding(self, worst: Worst, site: str | None) -> Finding | None:
         """Return the finding about a subject; None if nothing is said of it."""
-        said = self.words(worst)
+        said = self.said(worst)
         if said is None:
             return None
         said = replace(
             said,
-            share=worst.size if said.share is None else said.share,
+            share=worst["size"] if said.share is None else said.share,
             steps=said.steps or worst.span,
-            joint=said.joint or vars(worst).get("joint"),
-            other=said.other or vars(worst).get("other"),
+            joint=said.joint or worst.values.get("joint"),
+            other=said.other or worst.values.get("other"),
             site=said.site or site,
             reason=said.reason or self.reason,
             subject=None if self.subject == 0 else worst.subject,
@@ -350,7 +366,7 @@ class Rules:
         clients = {n: self.scene.body(n).client for n in np.unique(counting.keys[:, 0]).tolist()}
         for number, client in clients.items():
             its = counting.at(counting.keys[:, 0] == number)
-            numbers = episode_at(episodes, client, its.first)
+            numbers = episode_at(episodes, client, its["first"])
             rows = np.unique(np.column_stack([its.keys, numbers])[numbers > 0], axis=0)
             self._in.setdefault(place, set()).update(map(tuple, rows.tolist()))
 
@@ -362,9 +378,9 @@ class Rules:
     @np.errstate(all="ignore")
     def _sized(self, place: int, runs: Runs) -> Sized:
         rule = self._rules[place]
-        found = rule.sizes(runs, self.scene)
+        found = called(rule.sizes, runs, keys=runs.keys, scene=self.scene, runs=runs)
         sized = found if isinstance(found, Sized) else Sized(found)
-        return replace(sized, sizes=np.where(runs.count < rule.least_count, 0.0, sized.sizes))
+        return replace(sized, sizes=np.where(runs["count"] < rule.least_count, 0.0, sized.sizes))
 
     def findings(self) -> Iterator[Finding]:
         """Yield the findings of rules: of a robot's joints the worst, of other subjects each."""
@@ -380,12 +396,12 @@ class Rules:
             runs, ranks = runs.noting(sized.numbers).at(counts), sized.ranks[counts]
             subjects = runs.keys[:, : 1 if rule.table in PARTS else rule.subject]
             if rule.table == "targets":  # what is at its limit is another matter
-                subjects = np.column_stack([subjects, runs.weak])
+                subjects = np.column_stack([subjects, runs["weak"]])
             for subject in np.unique(subjects, axis=0):
                 its = np.flatnonzero((subjects == subject).all(axis=1))
                 mine = runs.at(its)
-                worst = mine.at(np.lexsort((-mine.count, *-ranks[its].T[::-1]))[:1])
-                alike = ~(mine.size < MINOR * worst.size[0])
+                worst = mine.at(np.lexsort((-mine["count"], *-ranks[its].T[::-1]))[:1])
+                alike = ~(mine["size"] < MINOR * worst["size"][0])
                 joints, among = (
                     len(np.unique(each[:, :2], axis=0)) for each in (mine.keys, mine.keys[alike])
                 )
@@ -407,11 +423,11 @@ class Rules:
             unit, effort = units(body.joints[link])
             about = {"joint": body.joints[link].name, "link": link, "unit": unit, "effort": effort}
             about |= {"joints": joints, "more": and_more(among)}
-            site = self.scene.site(worst.site[0])
+            site = self.scene.site(worst["site"][0])
         elif rule.table == "actuators":
             actuator = body.actuators[keys[1]]
             joint = actuator.target if actuator.acts_on == "joint" else None
-            about = {"actuator": actuator, "joint": joint}
+            about = {"actuator": actuator, "name": actuator.name, "joint": joint}
         elif len(subject) > 1 and rule.table not in ("constraints", "filtered", "unpaired"):
             partner = self.scene.body(keys[1])
             about = {"partner": partner, "other": partner.label}

@@ -34,12 +34,9 @@ class Runs:
         """Return the number of rows."""
         return len(self.keys)
 
-    def __getattr__(self, name: str) -> NDArray[Any]:
+    def __getitem__(self, name: str) -> NDArray[Any]:
         """Return a column."""
-        try:
-            return self.columns[name][1]
-        except KeyError:
-            raise AttributeError(f"the rule noted no {name}") from None
+        return self.columns[name][1]
 
     @property
     def ends(self) -> Flags:
@@ -62,13 +59,13 @@ class Runs:
 
     def joined(self, *, consecutive: bool) -> Runs:
         """Return one row for all of a key, or for each run of its consecutive steps, in order."""
-        them = self.at(np.lexsort((self.first, *self.keys.T[::-1])))
+        them = self.at(np.lexsort((self["first"], *self.keys.T[::-1])))
         new = np.append(True, them.ends[:-1])
         if consecutive:
-            new[1:] |= them.first[1:] != them.last[:-1] + 1
+            new[1:] |= them["first"][1:] != them["last"][:-1] + 1
             new |= them.columns.get("begins", ("first", new))[1]
         starts, row = np.flatnonzero(new), np.cumsum(new) - 1
-        size = np.where(np.isnan(them.size), np.inf, them.size)
+        size = np.where(np.isnan(them["size"]), np.inf, them["size"])
         largest = np.flatnonzero(size == np.maximum.reduceat(size, starts)[row])
         at = largest[np.unique(row[largest], return_index=True)[1]]
         after = np.arange(len(them)) - at[row]
@@ -100,5 +97,5 @@ class Runs:
 
         Where that is equal the next does.
         """
-        them = self.at(np.lexsort((-self.count, *-ranks.T[::-1], *self.keys.T[::-1])))
+        them = self.at(np.lexsort((-self["count"], *-ranks.T[::-1], *self.keys.T[::-1])))
         return them.at(np.append(True, them.ends[:-1]))

@@ -11,20 +11,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drop_physics.arrays import Flags, Float64
+from drop_physics import quantities
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.causes import TENDON_LIMIT
 from drop_physics.explain.joints import REST_STEPS
 from drop_physics.explain.targets import SETTLED, SETTLED_STEPS
 from drop_physics.messages import Message
-from drop_physics.quantities import effort, place
-from drop_physics.quantities import gap as distance
-from drop_physics.rules.answer import Cure, Effect, Level, Scene, Span
+from drop_physics.rules.answer import Scene
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.joint import OFF, actuators_on, aimed, in_radians, is_degrees
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.joint import (
+    OFF,
+    RADIANS,
+    actuators_on,
+    aimed,
+    as_degrees,
+    is_degrees,
+)
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, joint_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import (
     EACH_STEP,
@@ -34,7 +39,7 @@ from drop_physics.rules.thresholds import (
     SAGS,
     SPRING_SHARE,
 )
-from drop_physics.trace.events import Actuator
+from drop_physics.trace.events import Actuator, Body
 
 CLAMPED = "joint force range"
 """The term that a joint's own range of force takes off its actuators."""
@@ -77,6 +82,13 @@ class ServoGap:
         """The end of its range, short of the target."""
         return self.range[self.gap < 0]
 
+    def stiffer(self, near: float) -> float:
+        """Return the gain with which its spring would be only so far off, rounded up."""
+        needs = (self.fixed and np.isfinite(self.needs) and self.needs) or self.own
+        least = abs(needs) / (near * self.gear**2)
+        digit = 10.0 ** (math.floor(math.log10(least)) - 1)  # the last that is written
+        return float(f"{math.ceil(least / digit) * digit:g}")
+
 
 @joint_rule("off-target", "asked", consecutive=True, engines=MUJOCOS)
 def off_its_servo(joints: JointColumns) -> Match | None:
@@ -101,147 +113,127 @@ def off_its_servo(joints: JointColumns) -> Match | None:
 
 
 @off_its_servo.counts
-def _(runs: Runs, scene: Scene) -> Float64:
-    ends = np.array([scene.ends[number] for number in runs.keys[:, 0].tolist()])
-    rests = np.array([each.rests for each in runs.held], np.bool_)
-    return np.where(rests | (runs.last == ends), runs.size, 0.0)
+def _(keys: Int64, held: Float64, last: Int64, size: Float64, scene: Scene) -> Float64:
+    ends = np.array([scene.ends[number] for number in keys[:, 0].tolist()])
+    rests = np.array([each.rests for each in held], np.bool_)
+    return np.where(rests | (last == ends), size, 0.0)
 
 
-@off_its_servo.says
-def _(worst: Worst) -> Said:
-    held: ServoGap = worst.held
-    why, cure, advice = WHY[held.reason](worst, held)
-    if cure is not None and worst.joints > 1:
-        cure = replace(cure, target=worst.body)
-    message = Message("{joint}{more} ends {off} off its target of {target}: {why}")
-    if held.rests:
-        message = Message("{joint}{more} rests {off} off its target of {target}: {why}")
-    return Said(
-        message=message,
-        values={
-            "off": distance(held.gap, worst.unit),
-            "target": place(held.goal, worst.unit),
-            "why": why,
-        },
-        advice=advice,
-        cure=cure,
-        reason=held.reason,
-        effect=Effect(abs(held.gap), worst.unit),
-        level=_level(worst, held),
-        steps=Span(held.since, worst.last, worst.last - held.since + 1),
-    )
-
-
-def _level(worst: Worst, held: ServoGap) -> Level | None:
-    """Return the level of a gap that is small beside others."""
-    if held.reason == "spring" and abs(held.gap) < SAGS * OFF[worst.unit]:
-        return "note"
+@off_its_servo.notes
+def _(
+    scene: Scene,
+    subject: Body,
+    joint: str,
+    joints: int,
+    unit: str,
+    effort: str,
+    last: int,
+    held: ServoGap,
+) -> Noted:
+    near, finite = OFF[unit], bool(np.isfinite(held.needs))
     # Controls that are never written are 0, too: nobody may have asked for that.
-    return None if worst.scene.actuators.sends(worst.subject) else "model"
+    level = None if scene.actuators.sends(subject) else "model"
+    if held.reason == "spring" and abs(held.gap) < SAGS * near:
+        level = "note"
+    degrees = math.degrees(held.bound)
+    takes = Message("; the target takes {n}", n=quantities.effort(held.needs, effort))
+    return {
+        **vars(held),
+        **as_degrees(held.goal),
+        "says": RESTS if held.rests else ENDS,
+        "level": level,
+        "stood": (held.since, last),
+        "whole": subject.label if joints > 1 else joint,
+        "bound": held.bound,
+        "degrees": degrees,
+        "turned": unit == "rad" and held.gear == 1 and is_degrees(held.goal, *held.range),
+        "in_radians_there": unit == "rad" and abs(held.goal) <= abs(degrees) <= IN_DEGREES_RAD,
+        "through": held.own + held.clamp,
+        "takes": takes if finite else "",
+        "enough": abs(held.needs) * SPARE if finite else None,
+        "known": held.fixed and finite,
+        "near": near,
+        "stiffer": held.stiffer(near) if held.reason == "spring" else None,
+        "leaves": LEAVES if held.fixed and finite else STIFFER,
+        "hangs": held.fixed and -held.weighs * math.copysign(1.0, held.own) > HOLDS * abs(held.own),
+        "sprung": held.back * held.own < 0 and abs(held.back) > abs(held.own) / 2,
+    }
 
 
-Why = tuple[Message, Cure | None, Message | None]
-
-
-def _range(worst: Worst, held: ServoGap) -> Why:
-    why = Message(
-        "its range ends at {limit}, and the limit pushes it back with {force}",
-        limit=place(held.bound, worst.unit),
-        force=effort(held.stop, worst.effort),
-    )
-    if worst.unit == "rad" and held.gear == 1 and is_degrees(held.goal, *held.range):
-        return why, None, in_radians(held.goal)
-    advice, as_degrees = None, math.degrees(held.bound)
-    if worst.unit == "rad" and abs(held.goal) <= abs(as_degrees) <= IN_DEGREES_RAD:
-        advice = Message(
-            '<compiler angle="radian"/>, if the {degrees:.3g} of the file is in radians',
-            degrees=as_degrees,
-        )
-    return why, Cure("limits", worst.joint), advice
-
-
-def _of_joint(worst: Worst, held: ServoGap) -> Why:
-    why = Message(
-        "the joint's actuatorfrcrange lets {limit} of the {own} through that its actuator would "
-        "give{takes}",
-        limit=effort(held.own + held.clamp, worst.effort),
-        own=effort(held.own, worst.effort),
-        takes=_takes(worst, held),
-    )
-    return why, Cure("forcerange", worst.joint, _more(held), form="joint"), None
-
-
-def _of_actuator(worst: Worst, held: ServoGap) -> Why:
-    why = Message(
-        "its actuator is at its forcerange of {limit}{takes}",
-        limit=effort(held.own, worst.effort),
-        takes=_takes(worst, held),
-    )
-    return why, Cure("forcerange", worst.joint, _more(held), given={"gear": held.gear}), None
-
-
-def _friction_loss(worst: Worst, held: ServoGap) -> Why:
-    why = Message(
-        "its actuator gives {own} there, and the frictionloss of the joint holds {rubs} of it",
-        own=effort(held.own, worst.effort),
-        rubs=effort(held.rubs, worst.effort),
-    )
-    return why, Cure("friction", worst.joint, 0.0, form="loss"), None
-
-
-def _spring(worst: Worst, held: ServoGap) -> Why:
-    near, known = OFF[worst.unit], held.fixed and np.isfinite(held.needs)
-    needs = (known and held.needs) or held.own
-    least = abs(needs) / (near * held.gear**2)
-    digit = 10.0 ** (math.floor(math.log10(least)) - 1)  # the last that is written
-    enough = float(f"{math.ceil(least / digit) * digit:g}")
-    why = Message(
-        "a position actuator is a spring, and kp = {kp:.4g} gives the {force} that this pose takes "
-        "only when it is so far off",
-        kp=held.kp,
-        force=effort(held.own, worst.effort),
-    )
-    left = distance(near, worst.unit)
-    cure: Cure | None = Cure("gains", worst.joint, enough)
-    advice = Message('kp="{kp:g}" of the <position>', kp=enough)
-    if known:
-        advice = Message('kp="{kp:g}" of the <position> leaves {left}', kp=enough, left=left)
-    if held.fixed and -held.weighs * math.copysign(1.0, held.own) > HOLDS * abs(held.own):
-        # Written later, it counts only in a model that was compiled with some.
-        advice = Message(
-            '{leaves}, or gravcomp="1" of its <body>s, as the model is compiled, takes gravity off '
-            "it",
-            leaves=advice,
-        )
-    if held.back * held.own < 0 and abs(held.back) > abs(held.own) / 2:
-        why = Message(
+ENDS = Message("{joint}{more} ends {gap:gap} off its target of {goal:at}: {why}")
+RESTS = Message("{joint}{more} rests {gap:gap} off its target of {goal:at}: {why}")
+LEAVES = Message('kp="{stiffer:g}" of the <position> leaves {near:gap}')
+STIFFER = Message('kp="{stiffer:g}" of the <position>')
+RANGE = SayingRow(
+    why=Message("its range ends at {bound:at}, and the limit pushes it back with {stop:N}"),
+    reason="range",
+)
+SPRING = SayingRow(
+    why=Message(
+        "a position actuator is a spring, and kp = {kp:.4g} gives the {own:N} that this pose takes "
+        "only when it is so far off"
+    ),
+    cure=Remedy("gains", "whole", "stiffer"),
+    reason="spring",
+)
+off_its_servo.rows(
+    SayingRow(
+        when=lambda reason, turned: reason == "range" and turned,
+        advice=RADIANS,
+    ).like(RANGE),
+    SayingRow(
+        when=lambda reason, in_radians_there: reason == "range" and in_radians_there,
+        advice=Message(
+            '<compiler angle="radian"/>, if the {degrees:.3g} of the file is in radians'
+        ),
+        cure=Remedy("limits", "whole"),
+    ).like(RANGE),
+    SayingRow(when=lambda reason: reason == "range", cure=Remedy("limits", "whole")).like(RANGE),
+    SayingRow(
+        when=lambda reason: reason == "actuatorfrcrange",
+        why=Message(
+            "the joint's actuatorfrcrange lets {through:N} of the {own:N} through that its "
+            "actuator would give{takes}"
+        ),
+        cure=Remedy("forcerange", "whole", "enough", form="joint"),
+        reason="actuatorfrcrange",
+    ),
+    SayingRow(
+        when=lambda reason: reason == "forcerange",
+        why=Message("its actuator is at its forcerange of {own:N}{takes}"),
+        cure=Remedy("forcerange", "whole", "enough", given={"gear": "gear"}),
+        reason="forcerange",
+    ),
+    SayingRow(
+        when=lambda reason: reason == "friction-loss",
+        why=Message(
+            "its actuator gives {own:N} there, and the frictionloss of the joint holds {rubs:N} "
+            "of it"
+        ),
+        cure=Remedy("friction", "whole", 0.0, form="loss"),
+        reason="friction-loss",
+    ),
+    SayingRow(
+        when=lambda sprung: sprung,
+        why=Message(
             "a position actuator is a spring of kp = {kp:.4g}, and that of the joint itself pulls "
-            "it back with {force}",
-            kp=held.kp,
-            force=effort(abs(held.back), worst.effort),
-        )
-        cure = None
-        advice = Message('stiffness="0" of the <joint>, or its springref at the target')
-    return why, cure, advice
-
-
-WHY = {
-    "range": _range,
-    "actuatorfrcrange": _of_joint,
-    "forcerange": _of_actuator,
-    "friction-loss": _friction_loss,
-    "spring": _spring,
-}
-"""Why, and what changes it, by reason."""
-
-
-def _takes(worst: Worst, held: ServoGap) -> str:
-    takes = Message("; the target takes {n}", n=effort(held.needs, worst.effort))
-    return takes if np.isfinite(held.needs) else ""
-
-
-def _more(held: ServoGap) -> float | None:
-    return abs(held.needs) * SPARE if np.isfinite(held.needs) else None
+            "it back with {back:N}"
+        ),
+        advice=Message('stiffness="0" of the <joint>, or its springref at the target'),
+        reason="spring",
+    ),
+    # Written later, gravcomp counts only in a model that was compiled with some.
+    SayingRow(
+        when=lambda hangs: hangs,
+        advice=Message(
+            '{leaves}, or gravcomp="1" of its <body>s, as the model is compiled, takes gravity off '
+            "it"
+        ),
+    ).like(SPRING),
+    SayingRow(when=lambda known: known, advice=LEAVES).like(SPRING),
+    SayingRow(advice=STIFFER).like(SPRING),
+    like=SayingRow(effect="gap"),
+)
 
 
 def _last_of_targets(joints: JointColumns) -> Flags:

@@ -5,18 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.arrays import Flags, Float64
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.steps import BodySteps, Steps
 from drop_physics.messages import Message
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.physics.vectors import lengths
-from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.answer import Scene
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import ANY, MUJOCO
 from drop_physics.rules.placing import NEAR
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, pair_rule, side_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import (
     AHEAD,
@@ -44,6 +43,7 @@ from drop_physics.rules.thresholds import (
     TREMBLES_M_S,
     USUAL_FRICTION,
 )
+from drop_physics.trace.events import Body
 
 Rows = NDArray[np.intp]
 
@@ -62,67 +62,92 @@ def slides(pair: PairColumns) -> Match:
 
 
 @slides.counts
-def _(runs: Runs, scene: Scene) -> Float64:
-    beyond = (runs.until_against > runs.until_available) & (runs.slid >= SLIDES * runs.moved)
-    slips = beyond | ((runs.turning > runs.held) & (runs.held > 0))
-    rested = runs.began <= FROM_REST * runs.size
-    touches = runs.normal > NO_FORCE * lengths(runs.needed)
-    sizes_m = np.array([size_m(scene.body(number)) for number in runs.keys[:, 0].tolist()])
-    far = runs.slid > np.maximum(SLIPS_M, SLIPS_SHARE * sizes_m)
-    return np.where(far & rested & slips & touches, runs.slid, 0.0)
+def _(
+    until_against: Float64,
+    until_available: Float64,
+    slid: Float64,
+    moved: Float64,
+    turning: Float64,
+    held: Float64,
+    began: Float64,
+    size: Float64,
+    normal: Float64,
+    needed: Float64,
+    keys: Int64,
+    scene: Scene,
+) -> Float64:
+    beyond = (until_against > until_available) & (slid >= SLIDES * moved)
+    slips = beyond | ((turning > held) & (held > 0))
+    rested = began <= FROM_REST * size
+    touches = normal > NO_FORCE * lengths(needed)
+    sizes_m = np.array([size_m(scene.body(number)) for number in keys[:, 0].tolist()])
+    far = slid > np.maximum(SLIPS_M, SLIPS_SHARE * sizes_m)
+    return np.where(far & rested & slips & touches, slid, 0.0)
 
 
-@slides.says
-def _(worst: Worst) -> Said | None:
-    given = worst.scene.asked.of["lateralFriction"].values
-    if max(given.get(each.number, 1.0) for each in (worst.subject, worst.partner)) < USUAL_FRICTION:
+@slides.notes
+def _(
+    scene: Scene,
+    subject: Body,
+    partner: Body,
+    held: float,
+    turning: float,
+    time: float,
+    until_time: float,
+    until_normal: float,
+    until_available: float,
+    until_against: float,
+) -> Noted | None:
+    given = scene.asked.of["lateralFriction"].values
+    if max(given.get(each.number, 1.0) for each in (subject, partner)) < USUAL_FRICTION:
         return None  # calls made both slippery
-    cure = None
-    seconds, pressed = worst.until_time, worst.until_normal
-    if worst.until_against <= worst.until_available:
-        message = Message(
-            "{body} turns in the grip of {on}, {slid:.3g} m at the contact: friction there "
+    # Of nothing no factor makes something.
+    share = until_against / until_available if until_available > 0 else 0.0
+    return {
+        "held": held / time,
+        "turning": turning / time,
+        "available": until_available / until_time,
+        "given": until_available / until_normal,
+        "needed": until_against / until_time,
+        "wanted": until_against / until_normal,
+        "factor": float(f"{max(2.0, 2 * share):.3g}"),
+    }
+
+
+SLIDES_ON = SayingRow(
+    says=Message(
+        "{body} slides {slid:.3g} m on {other}: friction there gives at most "
+        "{available:.3g} N (coefficient {given:.3g}), staying takes {needed:.3g} N "
+        "({wanted:.3g})"
+    )
+)
+slides.rows(
+    SayingRow(
+        when=lambda until_against, until_available: until_against <= until_available,
+        says=Message(
+            "{body} turns in the grip of {other}, {slid:.3g} m at the contact: friction there "
             "gives at most {held:.3g} N m about it, and its weight beside it takes "
             "{turning:.3g} N m"
-        )
-        advice: Message | None = Message(
-            "grip it at its centre of mass, or with more force or friction"
-        )
-    else:
-        if worst.until_available > 0:  # of nothing no factor makes something
-            factor = max(2.0, 2 * worst.until_against / worst.until_available)
-            cure = Cure("friction", worst.body, float(f"{factor:.3g}"))
-        message = Message(
-            "{body} slides {slid:.3g} m on {on}: friction there gives at most "
-            "{available:.3g} N (coefficient {given:.3g}), staying takes {needed:.3g} N "
-            "({wanted:.3g})"
-        )
-        advice = Message(
+        ),
+        advice=Message("grip it at its centre of mass, or with more force or friction"),
+    ),
+    # Of what there is, nothing is so rough.
+    SayingRow(when=lambda wanted: wanted > STEEP).like(SLIDES_ON),
+    SayingRow(
+        when=lambda until_available: until_available > 0,
+        advice=Message(
             "raise the product of both bodies' coefficients well above {wanted:.3g}: {call}, or "
             "press them together with more force"
-        )
-        if cure is None:
-            advice = Message(
-                "give both bodies a lateralFriction, with a product well above {wanted:.3g}"
-            )
-        if worst.until_against > STEEP * pressed:  # of what there is, nothing is so rough
-            advice = cure = None
-    return Said(
-        message=message,
-        values={
-            "on": worst.other,
-            "held": worst.held / worst.time,
-            "turning": worst.turning / worst.time,
-            "available": worst.until_available / seconds,
-            "given": worst.until_available / pressed,
-            "needed": worst.until_against / seconds,
-            "wanted": worst.until_against / pressed,
-        },
-        advice=advice,
-        cure=cure,
-        effect=Effect(worst.slid, "m"),
-        share=worst.slid / worst.body_size_m,
-    )
+        ),
+        cure=Remedy("friction", "body", "factor"),
+    ).like(SLIDES_ON),
+    SayingRow(
+        advice=Message(
+            "give both bodies a lateralFriction, with a product well above {wanted:.3g}"
+        ),
+    ).like(SLIDES_ON),
+    like=SayingRow(effect="slid", normal="body_size_m"),
+)
 
 
 @side_rule(
@@ -134,35 +159,46 @@ def creeps(pair: PairColumns) -> Match:
 
 
 @creeps.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    needed, went = (lengths(each) for each in (runs.needed, runs.way))
-    holds = (went > CREEPS_M) & (runs.size * runs.time < CREEPS_STEADY * went)
-    holds &= np.minimum(runs.slid, went) > CREEPS_STRAIGHT * np.maximum(runs.slid, runs.moved)
-    holds &= np.maximum(needed, np.abs(runs.used)) < CREEPS_USED * runs.available
-    return np.where(holds, runs.slid, 0.0)
+def _(
+    needed: Float64,
+    way: Float64,
+    size: Float64,
+    time: Float64,
+    slid: Float64,
+    moved: Float64,
+    used: Float64,
+    available: Float64,
+) -> Float64:
+    needed, went = (lengths(each) for each in (needed, way))
+    holds = (went > CREEPS_M) & (size * time < CREEPS_STEADY * went)
+    holds &= np.minimum(slid, went) > CREEPS_STRAIGHT * np.maximum(slid, moved)
+    holds &= np.maximum(needed, np.abs(used)) < CREEPS_USED * available
+    return np.where(holds, slid, 0.0)
 
 
-@creeps.says
-def _(worst: Worst) -> Said:
-    went, seconds = float(np.linalg.norm(worst.way)), worst.time
-    return Said(
-        message=Message(
-            "{body} creeps {moved:.3g} mm on {on} in {time:.3g} s: friction there could give "
+@creeps.notes
+def _(way: list[float], needed: list[float], available: float, time: float) -> Noted:
+    return {
+        "went": float(np.linalg.norm(way)),
+        "available": available / time,
+        "needed": float(np.linalg.norm(needed)) / time,
+    }
+
+
+creeps.rows(
+    SayingRow(
+        says=Message(
+            "{body} creeps {went:mm} on {other} in {time:.3g} s: friction there could give "
             "{available:.3g} N and staying takes {needed:.3g} N, but the solver ends before the "
             "contact is at rest"
         ),
-        values={
-            "moved": went * 1e3,
-            "on": worst.other,
-            "available": worst.available / seconds,
-            "needed": float(np.linalg.norm(worst.needed)) / seconds,
-        },
-        cure=Cure(
-            "solver", given={"solverResidualThreshold": 0, "numSolverIterations": 500}, value=500.0
+        cure=Remedy(
+            "solver", value=500.0, given={"solverResidualThreshold": 0, "numSolverIterations": 500}
         ),
-        effect=Effect(went, "m"),
-        share=went / worst.body_size_m,
+        effect="went",
+        normal="body_size_m",
     )
+)
 
 
 def _slips(pair: PairColumns, slips: Flags) -> Match:
@@ -294,7 +330,7 @@ def friction_pyramid(pair: PairColumns) -> Match | None:
     return Match(
         where,
         used,
-        sums={"all": np.ones(len(used))},
+        sums={"every": np.ones(len(used))},
         firsts={"began": along},
         lasts={"ended": along},
         counts=more.astype(np.int64),
@@ -302,22 +338,22 @@ def friction_pyramid(pair: PairColumns) -> Match | None:
 
 
 @friction_pyramid.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    straight = (runs.began * runs.ended).sum(axis=1) > np.cos(PYRAMID_TURNS_RAD)
-    return np.where((2 * runs.count > runs.all) | ~straight, runs.size, 0.0)
+def _(began: Float64, ended: Float64, count: Int64, every: Float64, size: Float64) -> Float64:
+    straight = (began * ended).sum(axis=1) > np.cos(PYRAMID_TURNS_RAD)
+    return np.where((2 * count > every) | ~straight, size, 0.0)
 
 
-@friction_pyramid.says
-def _(worst: Worst) -> Said:
-    return Said(
-        message=Message(
-            "friction on {other} brakes {body} with up to {most:.3g} times μN: with "
+friction_pyramid.rows(
+    SayingRow(
+        says=Message(
+            "friction on {other} brakes {body} with up to {size:.3g} times μN: with "
             "enableConeFriction=0 each of two axes has a limit of its own"
         ),
-        values={"most": worst.size},
-        cure=Cure("cone", value=1.0),
-        effect=Effect(worst.size, "1"),
+        cure=Remedy("cone", value=1.0),
+        effect="size",
+        unit="1",
     )
+)
 
 
 # -- dragged-by-nothing ---------------------------------------------------------------------------
@@ -347,29 +383,38 @@ def dragged_by_nothing(pair: PairColumns) -> Match | None:
     return Match(where, pair.pairs.normal_n, sums=ways)
 
 
-@dragged_by_nothing.says
-def _(worst: Worst) -> Said | None:
-    ways, size = np.array([worst.ahead_m, worst.went_m]), worst.body_size_m
+@dragged_by_nothing.notes
+def _(
+    scene: Scene,
+    partner: Body,
+    last: int,
+    body_size_m: float,
+    ahead_m: list[float],
+    went_m: list[float],
+) -> Noted | None:
+    ways = np.array([ahead_m, went_m])
     behind, (ahead, went) = float(np.linalg.norm(ways[0] - ways[1])), lengths(ways)
-    if went > STAYS * ahead or behind < AHEAD * size:
+    if went > STAYS * ahead or behind < AHEAD * body_size_m:
         return None
-    advice = None
-    cure: Cure | None = Cure("support-velocity", worst.other, bodies=(worst.other,))
-    if worst.engine == MUJOCO:
-        advice = Message("let a <joint> with an actuator move it, or <weld> it to the mocap body")
-        cure = None
-    return Said(
-        message=Message(
+    return {"ahead": ahead, "behind": behind, "called": scene.placing.site(partner, last)}
+
+
+dragged_by_nothing.rows(
+    SayingRow(
+        when=lambda engine: engine == MUJOCO,
+        advice=Message("let a <joint> with an actuator move it, or <weld> it to the mocap body"),
+    ),
+    SayingRow(cure=Remedy("support-velocity", "other", bodies=("other",))),
+    like=SayingRow(
+        says=Message(
             "{body} stays behind while calls move {other} by {ahead:.3g} m under it: a "
             "body whose pose is set has no velocity, and drags nothing"
         ),
-        values={"ahead": float(ahead)},
-        advice=advice,
-        cure=cure,
-        effect=Effect(behind, "m"),
-        share=behind / size,
-        site=worst.scene.placing.site(worst.partner, worst.last),
-    )
+        effect="behind",
+        normal="body_size_m",
+        site="called",
+    ),
+)
 
 
 def _along(ways: Float64, line: Float64) -> Float64:

@@ -9,14 +9,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.arrays import Flags, Float64
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.joints import REST_STEPS
 from drop_physics.messages import Message
-from drop_physics.quantities import effort
-from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.answer import Scene
+from drop_physics.rules.by_name import called
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import actuators_on
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, joint_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
@@ -33,6 +33,7 @@ from drop_physics.rules.thresholds import (
     SPRING_SHARE,
     TAKES_DRIVE,
 )
+from drop_physics.trace.events import Body
 
 HELD = "contacts", "constraints", "stops", "spring", "tendon ", "joint force range"
 """Beginnings of causes: where one acts on a joint, it is not the joint itself that decides."""
@@ -82,54 +83,78 @@ def stays_slow(joints: JointColumns) -> Match:
 
 
 @stays_slow.counts
-def _(runs: Runs, scene: Scene) -> Float64:
-    steps = np.array([scene.ends[number] for number in runs.keys[:, 0].tolist()])
-    taken, which = _taken(runs)
-    own = runs.inertia - np.where(which == TAKERS.index("swung"), runs.rotor, 0.0)
-    holds = (taken > TAKES_DRIVE * runs.driven) & (np.abs(runs.net) > SAME_SIGN * runs.driven)
-    holds &= runs.fastest < np.minimum(runs.slow, np.abs(runs.net) / own / SLOWED)
+def _(
+    runs: Runs,
+    keys: Int64,
+    inertia: Float64,
+    rotor: Float64,
+    driven: Float64,
+    net: Float64,
+    fastest: Float64,
+    slow: Float64,
+    count: Int64,
+    scene: Scene,
+) -> Float64:
+    steps = np.array([scene.ends[number] for number in keys[:, 0].tolist()])
+    taken, which = called(_taken, runs)
+    own = inertia - np.where(which == TAKERS.index("swung"), rotor, 0.0)
+    holds = (taken > TAKES_DRIVE * driven) & (np.abs(net) > SAME_SIGN * driven)
+    holds &= fastest < np.minimum(slow, np.abs(net) / own / SLOWED)
     # What meets something is to stay slow.
-    holds &= runs.count >= HALF_THE_STEPS * steps
-    return np.where(holds, taken / runs.driven, 0.0)
+    holds &= count >= HALF_THE_STEPS * steps
+    return np.where(holds, taken / driven, 0.0)
 
 
-def _taken(runs: Runs) -> tuple[Float64, NDArray[np.intp]]:
+def _taken(damped: Float64, rubbed: Float64, swung: Float64) -> tuple[Float64, NDArray[np.intp]]:
     """Return the largest share of the drives that one cause takes, and that cause."""
-    taken = np.column_stack([getattr(runs, name) for name in TAKERS])
+    taken = np.column_stack([damped, rubbed, swung])
     return taken.max(axis=1), taken.argmax(axis=1)
 
 
-@stays_slow.says
-def _(worst: Worst) -> Said:
-    taken, which = _taken(worst.noted)
-    share, k = float(taken[0]) / worst.driven, int(which[0])
-    joint = worst.subject.joints[worst.link]
-    what, cure = (
-        (Message("damping of {n:g}", n=joint.damping), Cure("joint-damping", worst.joint, 0.0)),
-        (
-            Message("frictionloss of {n:g}", n=joint.friction),
-            Cure("friction", worst.joint, 0.0, form="loss"),
-        ),
-        (Message("armature of {n:g}", n=worst.rotor), Cure("armature", worst.joint, 0.0)),
-    )[k]
-    drive = worst.driven / worst.time
-    return Said(
-        message=Message(
-            "{joint} is driven with {drive} and gets no faster than {rate}: its {what} takes "
+@stays_slow.notes
+def _(
+    noted: Runs, subject: Body, link: int, unit: str, driven: float, time: float, fastest: float
+) -> Noted:
+    taken, which = called(_taken, noted)
+    share = float(taken[0]) / driven
+    return {
+        "by": TAKERS[which[0]],
+        "drive": driven / time,
+        "takes": driven / time * share,
+        "share": share,
+        "rate": f"{fastest:.2g} {unit}/s",
+        "damping": subject.joints[link].damping,
+        "friction": subject.joints[link].friction,
+    }
+
+
+stays_slow.rows(
+    SayingRow(
+        when=lambda by: by == "damped",
+        why=Message("damping of {damping:g}"),
+        cure=Remedy("joint-damping", "joint", 0.0),
+    ),
+    SayingRow(
+        when=lambda by: by == "rubbed",
+        why=Message("frictionloss of {friction:g}"),
+        cure=Remedy("friction", "joint", 0.0, form="loss"),
+        reason="friction-loss",
+    ),
+    SayingRow(
+        why=Message("armature of {rotor:g}"),
+        cure=Remedy("armature", "joint", 0.0),
+        code="armature",
+    ),
+    like=SayingRow(
+        says=Message(
+            "{joint} is driven with {drive:N} and gets no faster than {rate}: its {why} takes "
             "{share:.0%} of that"
         ),
-        values={
-            "drive": effort(drive, worst.effort),
-            "rate": f"{worst.fastest:.2g} {worst.unit}/s",
-            "what": what,
-            "share": share,
-        },
-        cure=cure,
-        code="armature" if k == 2 else None,
-        reason="friction-loss" if k == 1 else None,
-        effect=Effect(drive * share, worst.effort),
-        share=share,
-    )
+        effect="takes",
+        unit="{effort}",
+        share="share",
+    ),
+)
 
 
 @joint_rule(
@@ -156,19 +181,25 @@ def servo_is_a_damper(joints: JointColumns) -> Match:
     return Match(where, np.abs(gap), numbers | {"most": joints.inertia / dt / 2})
 
 
-@servo_is_a_damper.says
-def _(worst: Worst) -> Said:
-    unit = f"{worst.unit}/s"
-    near = max(SPRING_SHARE * abs(worst.goal), COASTS_RAD_S)
-    kv = min(abs(worst.force) / near, worst.most)
-    return Said(
-        message=Message(
+@servo_is_a_damper.notes
+def _(unit: str, goal: float, force: float, most: float, size: float) -> Noted:
+    near = max(SPRING_SHARE * abs(goal), COASTS_RAD_S)
+    return {
+        "unit": f"{unit}/s",
+        "stiffer": float(f"{min(abs(force) / near, most):.2g}"),
+        "part": size / max(abs(goal), COASTS_RAD_S),
+    }
+
+
+servo_is_a_damper.rows(
+    SayingRow(
+        says=Message(
             "{joint}{more} goes at {rate:.3g} {unit} where its target is {goal:.3g}: a velocity "
-            "actuator is a damper, and kv = {kv:.4g} gives the {force} that this takes only so far "
-            "off"
+            "actuator is a damper, and kv = {kv:.4g} gives the {force:N} that this takes only so "
+            "far off"
         ),
-        values={"unit": unit, "force": effort(worst.force, worst.effort)},
-        cure=Cure("gains", worst.joint, float(f"{kv:.2g}"), form="kv"),
-        effect=Effect(worst.size, unit),
-        share=worst.size / max(abs(worst.goal), COASTS_RAD_S),
+        cure=Remedy("gains", "joint", "stiffer", form="kv"),
+        effect="size",
+        share="part",
     )
+)

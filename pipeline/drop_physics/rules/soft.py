@@ -10,12 +10,11 @@ from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.laws.mujoco.contact import impedance, rest_depth_m, shortest_s
-from drop_physics.quantities import effort
-from drop_physics.quantities import gap as distance
-from drop_physics.rules.answer import Cure, Effect
+from drop_physics.rules.answer import Scene
 from drop_physics.rules.body_properties import thickness_m
+from drop_physics.rules.by_name import called
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, SayingRow, Worst
 from drop_physics.rules.rule import Match, body_rule, pair_rule
 from drop_physics.rules.steady import is_steady
 from drop_physics.rules.tables import BodyColumns, PairColumns
@@ -26,7 +25,7 @@ from drop_physics.rules.thresholds import (
     SINKS_M,
     SINKS_STEPS,
 )
-from drop_physics.trace.events import Equality
+from drop_physics.trace.events import Body, Equality
 
 USUAL_S, USUAL_SHARE = 0.02, 0.9
 """MuJoCo's own time constant of `solref`, and the share of `solimp` from the first touch on."""
@@ -70,94 +69,107 @@ def _loaded(pair: PairColumns) -> Flags:
     return np.isin(keys, keys[presses])
 
 
-@sinks_in.says
-def _(worst: Worst) -> Said | None:
-    soft = worst.scene.seen.soft(worst.bodies, worst.links)
+@sinks_in.notes
+def _(
+    worst: Worst,
+    scene: Scene,
+    bodies: list[int],
+    links: list[int],
+    size: float,
+    force: float,
+    pressed: float,
+) -> Noted | None:
+    soft = scene.seen.soft(bodies, links)
     if soft is None:
         return None
     solref, solimp = soft
-    text = " ".join(f"{each:g}" for each in solref)
-    name, usual = "solref", "0.02 1"
-    if solimp[1] < USUAL_SHARE or (solimp[0] < USUAL_SHARE and worst.size < solimp[2]):
-        text = " ".join(f"{each:g}" for each in solimp[:3])
-        name, usual = "solimp", "0.9 0.95 0.001"
-    elif not solref[0] > USUAL_S:
-        return _carries(worst, *soft)
-    return Said(
-        message=Message(
-            "{body} gets {depth:.3g} mm into {other}{under}: their contact has "
-            "{name} {text}, which is softer than MuJoCo's own {usual}"
-        ),
-        values={
-            "depth": worst.size * 1e3,
-            # What is held from two sides carries no load that one number tells.
-            "under": Message(", under {force} then", force=effort(worst.force, "N"))
-            if worst.force > OPPOSED * worst.pressed
-            else "",
-            "name": name,
-            "text": text,
-            "usual": usual,
-        },
-        advice=Message("{call} of both <geom>s, or of the <pair> of them"),
-        cure=Cure("solref", worst.body),
-        effect=Effect(worst.size, "m"),
-        share=worst.size / worst.body_size_m,
-    )
+    shaped = solimp[1] < USUAL_SHARE or (solimp[0] < USUAL_SHARE and size < solimp[2])
+    if not shaped and not solref[0] > USUAL_S:
+        return called(_carries, worst, solref=solref, solimp=solimp)
+    return {
+        # What is held from two sides carries no load that one number tells.
+        "under": Message(", under {force:N} then") if force > OPPOSED * pressed else "",
+        "solver": "solimp" if shaped else "solref",
+        "text": " ".join(f"{each:g}" for each in (solimp[:3] if shaped else solref)),
+        "usual": "0.9 0.95 0.001" if shaped else "0.02 1",
+        "light": None,
+    }
 
 
-def _carries(worst: Worst, solref: Sequence[float], solimp: Sequence[float]) -> Said | None:
-    """Return the sentence on a contact of usual softness that carries much more than a body weighs.
+def _carries(
+    scene: Scene,
+    subject: Body,
+    partner: Body,
+    bodies: list[int],
+    links: list[int],
+    loaded: list[bool],
+    size: float,
+    force: float,
+    timestep: float,
+    solref: Sequence[float],
+    solimp: Sequence[float],
+) -> Noted | None:
+    """Return what is told of a contact of usual softness that carries much more than a body weighs.
 
     Its stiffness is that of the time constant for the mass of the bodies, whatever lies on them.
     """
-    both = worst.subject, worst.partner
     masses_kg = {
         each.body.number: float(each.reported["mass_kg"][0])
-        for each in worst.scene.seen.dynamics
-        if each.body.base_moves and each.body.number in (both[0].number, both[1].number)
+        for each in scene.seen.dynamics
+        if each.body.base_moves and each.body.number in (subject.number, partner.number)
     }
-    if not masses_kg or any(len(each.links) > 1 and each.moving for each in both):
+    if not masses_kg or any(len(each.links) > 1 and each.moving for each in (subject, partner)):
         return None
     light = min(masses_kg, key=lambda number: masses_kg[number])
-    mine = (each for each in worst.scene.seen.settings if each.client == worst.subject.client)
-    *_, told = mine
+    *_, told = (each for each in scene.seen.settings if each.client == subject.client)
     gravity_m_s2 = np.linalg.norm([told.values[f"gravityAcceleration{axis}"] for axis in "XYZ"])
     weight = float(gravity_m_s2) * masses_kg[light]
-    loaded = worst.loaded[worst.bodies.index(light)]
-    if not weight or not loaded or worst.force < CARRIES * weight:
+    if not weight or not loaded[bodies.index(light)] or force < CARRIES * weight:
         return None
-    advice, left_m = Message("give {light} a mass nearer to that of what lies on it"), 0.0
-    cure: Cure | None = None
-    least_s = shortest_s(worst.timestep)
-    touching = zip(map(worst.scene.body, worst.bodies), worst.links, strict=True)
-    thin_m = min(thickness_m(body, link) for body, link in touching)
+    least_s = shortest_s(timestep)
+    thin_m = min(map(thickness_m, map(scene.body, bodies), links))
     # What is pressed flat may let its load down on something else.
-    if 0 < least_s < solref[0] and worst.size < thin_m / 2:
-        advice = Message(
+    stiffens = 0 < least_s < solref[0] and size < thin_m / 2
+    return {
+        "light": scene.body(light).label,
+        "mass": masses_kg[light],
+        "ratio": force / weight,
+        "stiffens": stiffens,
+        "shortest": least_s,
+        "left": _left_m(size, solref, solimp, least_s) * 1e3 if stiffens else 0.0,
+    }
+
+
+CARRYING = SayingRow(
+    says=Message(
+        "{body} gets {size:mm} into {other}, under {force:N} then, {ratio:.3g} times what "
+        "{light} weighs ({mass:.3g} kg): MuJoCo makes a contact as stiff as the masses that "
+        "touch ask for, whatever lies on them"
+    )
+)
+sinks_in.rows(
+    SayingRow(
+        when=lambda light: light is None,
+        says=Message(
+            "{body} gets {size:mm} into {other}{under}: their contact has "
+            "{solver} {text}, which is softer than MuJoCo's own {usual}"
+        ),
+        advice=Message("{call} of both <geom>s, or of the <pair> of them"),
+        cure=Remedy("solref", "body"),
+    ),
+    SayingRow(
+        when=lambda stiffens: stiffens,
+        advice=Message(
             "{call} of both <geom>s, the least for this timestep, leaves {left:.2g} mm; or give "
             "{light} a mass nearer to that of what lies on it"
-        )
-        cure = Cure("solref", worst.body, least_s, form="contact")
-        left_m = _left_m(worst.size, solref, solimp, least_s)
-    return Said(
-        message=Message(
-            "{body} gets {depth:.3g} mm into {other}, under {force} then, {ratio:.3g} times what "
-            "{light} weighs ({mass:.3g} kg): MuJoCo makes a contact as stiff as the masses that "
-            "touch ask for, whatever lies on them"
         ),
-        values={
-            "depth": worst.size * 1e3,
-            "force": effort(worst.force, "N"),
-            "ratio": worst.force / weight,
-            "light": worst.scene.body(light).label,
-            "mass": masses_kg[light],
-            "left": left_m * 1e3,
-        },
-        advice=advice,
-        cure=cure,
-        effect=Effect(worst.size, "m"),
-        share=worst.size / worst.body_size_m,
-    )
+        cure=Remedy("solref", "body", "shortest", form="contact"),
+    ).like(CARRYING),
+    SayingRow(advice=Message("give {light} a mass nearer to that of what lies on it")).like(
+        CARRYING
+    ),
+    like=SayingRow(effect="size", normal="body_size_m"),
+)
 
 
 def _left_m(
@@ -176,18 +188,17 @@ def held_apart(pair: PairColumns) -> Match:
     return Match(rows, pair.pairs.gap_m[rows], keys=pair.keys[rows])
 
 
-@held_apart.says
-def _(worst: Worst) -> Said:
-    return Said(
-        message=Message(
-            "{body} stays {gap} away from {other}, which pushes it from there on: their <geom>s "
-            "have a margin"
+held_apart.rows(
+    SayingRow(
+        says=Message(
+            "{body} stays {size:gap} away from {other}, which pushes it from there on: their "
+            "<geom>s have a margin"
         ),
-        values={"gap": distance(worst.size, "m")},
         advice=Message('margin="0" of both'),
-        effect=Effect(worst.size, "m"),
-        share=worst.size / worst.body_size_m,
+        effect="size",
+        normal="body_size_m",
     )
+)
 
 
 def _follows(bodies: BodyColumns) -> Iterator[tuple[Equality, int, int]]:
@@ -232,31 +243,32 @@ def constraint_lags(bodies: BodyColumns) -> Match | None:
     )
 
 
-@constraint_lags.says
-def _(worst: Worst) -> Said | None:
-    lag_m = float(np.linalg.norm(np.subtract(worst.apart, worst.began)))
-    constant_s, ratio = worst.solref
+@constraint_lags.notes
+def _(
+    scene: Scene, apart: list[float], began: list[float], speed: float, solref: list[float]
+) -> Noted | None:
+    lag_m = float(np.linalg.norm(np.subtract(apart, began)))
+    constant_s, ratio = solref
     lasts_s = 2 * constant_s * ratio**2
-    if not (constant_s > 0 and worst.speed > 0 and lag_m > LEFT_M):
+    if not (constant_s > 0 and speed > 0 and lag_m > LEFT_M):
         return None
-    if abs(lag_m / worst.speed - lasts_s) > LAG_SHARE * lasts_s:
+    if abs(lag_m / speed - lasts_s) > LAG_SHARE * lasts_s:
         return None
-    settings = worst.scene.seen.settings[-1].values
-    least_s = 2 * float(np.ravel(settings["fixedTimeStep"])[0])
-    return Said(
-        message=Message(
-            "{body} follows {lead} {lag:.3g} mm behind: {lead} is moved at {speed:.3g} m/s "
+    least_s = 2 * float(np.ravel(scene.seen.settings[-1].values["fixedTimeStep"])[0])
+    left = 2 * least_s * speed * 1e3
+    return {"lag": lag_m, "lasts": lasts_s, "shortest": least_s, "left": left}
+
+
+constraint_lags.rows(
+    SayingRow(
+        says=Message(
+            "{body} follows {other} {lag:mm} behind: {other} is moved at {speed:.3g} m/s "
             "and has no velocity for MuJoCo, so what is held to it is 2 × the time "
             "constant of solref = {lasts:.3g} s late"
         ),
-        values={
-            "lead": worst.other,
-            "lag": lag_m * 1e3,
-            "lasts": lasts_s,
-            "left": 2 * least_s * worst.speed * 1e3,
-        },
         advice=Message("{call} of the <{kind}>, the least for this timestep, leaves {left:.2g} mm"),
-        cure=Cure("solref", worst.body, least_s),
-        effect=Effect(lag_m, "m"),
-        share=lag_m / LEFT_M,
+        cure=Remedy("solref", "body", "shortest"),
+        effect="lag",
+        normal=LEFT_M,
     )
+)

@@ -19,7 +19,6 @@ from typing import Any
 from drop_physics.messages import Message
 from drop_physics.rules import thresholds
 from drop_physics.rules.answer import LEVELS, Level
-from drop_physics.rules.codes import CODES
 from drop_physics.rules.engines import MUJOCO, MUJOCOS
 from drop_physics.rules.every import RULES
 from drop_physics.rules.rows import SayingRow
@@ -107,8 +106,7 @@ def _rules_in(
 ) -> Iterator[tuple[list[ast.FunctionDef], str, str | None, str | None]]:
     """Yield the rules of a module: functions, code, reason and level.
 
-    If there is only one, all texts of the module are its own; keys of a table there are its
-    reasons.
+    If there is only one, all texts of the module are its own.
     """
     functions = [node for node in ast.walk(module) if isinstance(node, ast.FunctionDef)]
     beside = defaultdict[str, list[ast.FunctionDef]](list)
@@ -124,15 +122,6 @@ def _rules_in(
         given = [_text(each) for each in decorator.args]
         reason = given[2] if len(given) > 2 else _keyword(decorator, "reason")
         yield [node, *(alone or beside[node.name])], given[0] or "", reason, given[1]
-        for table in ast.walk(module) if alone else ():
-            pairs = (
-                zip(table.keys, table.values, strict=True) if isinstance(table, ast.Dict) else ()
-            )
-            for key, value in pairs:
-                if key is not None and (name := _text(key)) in CODES:
-                    its = [each for each in functions if each.name == _name(value)]
-                    if its or _messages(value):  # else it is a number of that name
-                        yield its, given[0] or "", name, given[1]
 
 
 def _limits_in(module: ast.Module) -> set[str]:
@@ -182,7 +171,9 @@ def _add_row(known: RuleTexts, rule: Rule, row: SayingRow) -> None:
     """Add the texts of a row of a rule."""
     proposed = rule.proposes if row.proposed is None else row.proposed
     engine = MUJOCO if rule.engines == MUJOCOS else PYBULLET
+    decides = () if row.when is None else row.when.__code__.co_names
     told: list[tuple[list[Any], list[Any]]] = [
+        (known.thresholds, [each for name, each in _thresholds().items() if name in decides]),
         (known.says, [row.says, row.why]),
         (known.proposes if proposed else known.advises, [row.advice]),
         (known.cures, [(engine, row.cure.blank, proposed)] if row.cure else []),

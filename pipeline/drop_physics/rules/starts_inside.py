@@ -6,16 +6,16 @@ they have separated.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-from drop_physics.arrays import Flags, Float64
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
-from drop_physics.quantities import effort
-from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, pair_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import PairColumns, Rows
 from drop_physics.rules.thresholds import DEEP_M, EACH_STEP, STANDARD_M_S2, THROWN_M
 from drop_physics.trace.events import Body
@@ -62,37 +62,54 @@ def _chained(pair: PairColumns, rows: Rows, starts: Flags) -> Flags:
 
 
 @starts_inside.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    thrown = runs.size.clip(0.0) ** 2 / (2 * STANDARD_M_S2) >= THROWN_M
-    return np.where(runs.starts & thrown, runs.size, 0.0)
+def _(size: Float64, starts: Flags) -> Float64:
+    thrown = size.clip(0.0) ** 2 / (2 * STANDARD_M_S2) >= THROWN_M
+    return np.where(starts & thrown, size, 0.0)
 
 
-@starts_inside.says
-def _(worst: Worst) -> Said:
-    shapes = *worst.subject.collisions, *worst.partner.collisions
+@starts_inside.notes
+def _(
+    subject: Body,
+    partner: Body,
+    time_s: Callable[[int], float],
+    first: int,
+    size: float,
+    depth_m: float,
+    lifts: bool,
+) -> Noted:
+    shapes = *subject.collisions, *partner.collisions
     # A contact with a heightfield is that with one of its prisms, and so is the depth.
     whole = not any(each.kind == "heightfield" for each in shapes)
-    lifts = worst.lifts and whole
-    cure, advice = Cure("lifted", worst.body, worst.depth_m) if lifts else None, None
-    if whole and _is_half(worst.subject, worst.depth_m):
-        advice = Message("a <geom>'s size is half of its length, or its radius")
-        if lifts:
-            advice = Message("{call}; a <geom>'s size is half of its length, or its radius")
-    return Said(
-        message=Message(
-            "{body} begins {depth:.3g} mm inside {other} at {time:.4g} s: contacts push "
-            "them apart, at up to {speed:.3g} m/s"
+    return {
+        "time": time_s(first - 1),
+        "lifts": lifts and whole,
+        "half": whole and _is_half(subject, depth_m),
+        "part": size**2 / (2 * STANDARD_M_S2) / THROWN_M,
+    }
+
+
+LIFTED = Remedy("lifted", "body", "depth_m")
+starts_inside.rows(
+    SayingRow(
+        when=lambda lifts, half: lifts and half,
+        advice=Message("{call}; a <geom>'s size is half of its length, or its radius"),
+        cure=LIFTED,
+    ),
+    SayingRow(
+        when=lambda half: half,
+        advice=Message("a <geom>'s size is half of its length, or its radius"),
+    ),
+    SayingRow(when=lambda lifts: lifts, cure=LIFTED),
+    SayingRow(),
+    like=SayingRow(
+        says=Message(
+            "{body} begins {depth_m:mm} inside {other} at {time:.4g} s: contacts push "
+            "them apart, at up to {size:.3g} m/s"
         ),
-        values={
-            "depth": worst.depth_m * 1e3,
-            "time": worst.time_s(worst.first - 1),
-            "speed": worst.size,
-        },
-        cure=cure,
-        advice=advice,
-        effect=Effect(worst.depth_m, "m"),
-        share=worst.size**2 / (2 * STANDARD_M_S2) / THROWN_M,
-    )
+        effect="depth_m",
+        share="part",
+    ),
+)
 
 
 def _is_half(body: Body, depth_m: float) -> bool:
@@ -126,31 +143,30 @@ def static_parent(pair: PairColumns) -> Match:
 
 
 @static_parent.counts
-def _(runs: Runs, scene: Scene) -> Float64:
-    steps = np.array([scene.ends[number] for number in runs.keys[:, 0].tolist()])
-    lasts = (runs.first <= 1) & (runs.count >= EACH_STEP * (steps - 1))
-    return np.where(lasts & (runs.size >= DEEP_M), runs.size, 0.0)
+def _(keys: Int64, first: Int64, count: Int64, size: Float64, scene: Scene) -> Float64:
+    steps = np.array([scene.ends[number] for number in keys[:, 0].tolist()])
+    lasts = (first <= 1) & (count >= EACH_STEP * (steps - 1))
+    return np.where(lasts & (size >= DEEP_M), size, 0.0)
 
 
-@static_parent.says
-def _(worst: Worst) -> Said:
-    parent, inner = (worst.subject.links[link + 1] for link in worst.links)
-    return Said(
-        message=Message(
-            "{body} is {depth:.3g} mm inside {parent} from the first step on, and they "
-            "push each other with up to {force}: parent and child do not collide unless "
+@static_parent.notes
+def _(subject: Body, links: list[int]) -> Noted:
+    parent, inner = (subject.links[link + 1] for link in links)
+    return {"parent": parent, "child": inner}
+
+
+static_parent.rows(
+    SayingRow(
+        says=Message(
+            "{child} is {size:mm} inside {parent} from the first step on, and they "
+            "push each other with up to {force:N}: parent and child do not collide unless "
             "the parent cannot move, as here"
         ),
-        values={
-            "body": inner,
-            "parent": parent,
-            "depth": worst.size * 1e3,
-            "force": effort(worst.force, "N"),
-        },
-        cure=Cure("exclude", inner, given={"parent": parent, "child": inner}),
-        effect=Effect(worst.size, "m"),
-        share=worst.size / DEEP_M,
+        cure=Remedy("exclude", "child", given={"parent": "parent", "child": "child"}),
+        effect="size",
+        normal=DEEP_M,
     )
+)
 
 
 def _is_parent(body: Body, parent: int, link: int) -> bool:

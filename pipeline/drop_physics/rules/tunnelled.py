@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 
 import numpy as np
 
@@ -16,22 +17,15 @@ from drop_physics.physics.columns import rotation
 from drop_physics.physics.laws.mujoco.contact import shortest_s
 from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import lengths
-from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.answer import Cure, Scene
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import ENDLESS_M, LONG_S
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body, Collision
-from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
-
-SHAPE = {
-    PYBULLET: Message("give it one: p.createCollisionShape(…), in a URDF <collision>"),
-    MUJOCO: Message('contype="1" conaffinity="1" of one of its <geom>s'),
-}
-"""Remedies, by engine."""
 
 
 @body_rule("tunnelled", "asked", engines=ANY)
@@ -112,74 +106,113 @@ def pushed_through(bodies: BodyColumns) -> Match | None:
     return Match(rows, speed, {"step": bodies.step[rows], "timestep": timestep}, keys=keys)
 
 
-@pushed_through.says
-def _(worst: Worst) -> Said:
-    thick_m = min(min(box.size_m) for each, box in _standing(worst.scene) if each is worst.partner)
-    return Said(
-        message=Message(
-            "{body} passes through {other} at {time:.4g} s although they touch: at {speed:.3g} m/s "
+@pushed_through.notes
+def _(
+    scene: Scene,
+    partner: Body,
+    body: str,
+    time_s: Callable[[int], float],
+    step: int,
+    size: float,
+    timestep: float,
+) -> Noted:
+    thick_m = min(min(box.size_m) for each, box in _standing(scene) if each is partner)
+    cure = _stopping(body, timestep, thick_m, size)
+    return {"time": time_s(step), "thick": thick_m, "cure": cure}
+
+
+pushed_through.rows(
+    SayingRow(
+        says=Message(
+            "{body} passes through {other} at {time:.4g} s although they touch: at {size:.3g} m/s "
             "their contact is too soft to stop it within {thick:.3g} m"
         ),
-        values={"time": worst.time_s(worst.step), "speed": worst.size, "thick": thick_m},
-        cure=_stopping(worst, thick_m, worst.size),
-        effect=Effect(thick_m, "m"),
-        share=thick_m / worst.body_size_m,
+        effect="thick",
+        normal="body_size_m",
     )
+)
 
 
-def _stopping(worst: Worst, thick_m: float, speed_m_s: float) -> Cure:
-    """Return a contact that stops a body within half of an obstacle, and steps that allow it.
+def _stopping(body: str, timestep_s: float, thick_m: float, speed_m_s: float) -> Cure:
+    """Return a contact that stops a body within half of what it would pass, and steps that let it.
 
-    At critical damping a body stops within 1 / e of its path in a time constant.
+    At critical damping it is stopped within 1 / e of what it goes in a time constant.
     """
     constant_s = float(f"{thick_m / (2 * speed_m_s):.1g}")
-    finer = max(1, math.ceil(shortest_s(worst.timestep) / constant_s - 1e-6))
-    return Cure("solref", worst.body, constant_s, form="stopping", given={"finer": finer})
+    finer = max(1, math.ceil(shortest_s(timestep_s) / constant_s - 1e-6))
+    return Cure("solref", body, constant_s, form="stopping", given={"finer": finer})
 
 
-@tunnelled.says
-def _(worst: Worst) -> Said | None:
-    scene, body, box = worst.scene, worst.subject, worst.partner
-    if body.client in scene.inputs.filtered:
+@tunnelled.notes
+def _(
+    scene: Scene,
+    subject: Body,
+    partner: Body,
+    body: str,
+    body_size_m: float,
+    engine: str,
+    time_s: Callable[[int], float],
+    step: int,
+    size: float,
+    part: float,
+    timestep: float,
+) -> Noted | None:
+    if subject.client in scene.inputs.filtered:
         return None  # they may be meant to pass
-    why = _why(scene, body, box)
-    message = Message(
-        "{body} passes through {other} at {time:.4g} s without touching it: it goes "
-        "{way:.3g} m in one step, and {other} is {thick:.3g} m thick there"
-    )
-    advice: Message | None = Message("use a timestep in which it goes less than that: {call}")
-    finer = min(max(2, math.ceil(2 / worst.part - 1e-6)), 64)
-    cure: Cure | None = Cure("timestep", value=float(finer))
-    if worst.engine == MUJOCO:
-        advice = None
-        cure = _stopping(worst, worst.size * worst.part, worst.size / worst.timestep)
+    why = _why(scene, subject, partner)
+    noted: Noted = {
+        "time": time_s(step),
+        "thick": size * part,
+        "way": size * min(part, 1.0),
+        "share": size / body_size_m,
+        "finer": float(min(max(2, math.ceil(2 / part - 1e-6)), 64)),
+        "shapeless": why is not None,
+        "function": None,
+    }
     if isinstance(why, Call):
-        message = Message(
+        noted |= {"function": why.function, "called": site_of(why)}
+    elif why is None and engine == MUJOCO:
+        noted["cure"] = _stopping(body, timestep, size * part, size / timestep)
+    return noted
+
+
+SHAPELESS = SayingRow(
+    says=Message("{body} passes through {other} at {time:.4g} s: it has no collision shape")
+)
+TOO_FAR = SayingRow(
+    says=Message(
+        "{body} passes through {other} at {time:.4g} s without touching it: it goes "
+        "{size:.3g} m in one step, and {other} is {thick:.3g} m thick there"
+    ),
+    level="broken",
+)
+tunnelled.rows(
+    SayingRow(
+        when=lambda function: function,
+        says=Message(
             "{body} passes through {other} at {time:.4g} s: a call of "
             "p.setCollisionFilterPair switched this pair off"
-        )
-        advice = Message("p.setCollisionFilterPair(…, enableCollision=1)")
-        cure = Cure("without", given={"function": why.function})
-    elif why is not None:
-        message = Message(
-            "{body} passes through {other} at {time:.4g} s: it has no collision shape"
-        )
-        advice = SHAPE[worst.engine]
-        cure = None
-    return Said(
-        level="broken" if why is None else "note" if isinstance(why, Call) else "asked",
-        message=message,
-        values={
-            "time": worst.time_s(worst.step),
-            "way": worst.size,
-            "thick": worst.size * worst.part,
-        },
-        advice=advice,
-        cure=cure,
-        effect=Effect(worst.size * min(worst.part, 1.0), "m"),
-        share=worst.size / worst.body_size_m,
-        site=site_of(why) if isinstance(why, Call) else None,
-    )
+        ),
+        advice=Message("p.setCollisionFilterPair(…, enableCollision=1)"),
+        cure=Remedy("without", given={"function": "function"}),
+        level="note",
+        site="called",
+    ),
+    SayingRow(
+        when=lambda shapeless, engine: shapeless and engine == MUJOCO,
+        advice=Message('contype="1" conaffinity="1" of one of its <geom>s'),
+    ).like(SHAPELESS),
+    SayingRow(
+        when=lambda shapeless: shapeless,
+        advice=Message("give it one: p.createCollisionShape(…), in a URDF <collision>"),
+    ).like(SHAPELESS),
+    SayingRow(when=lambda engine: engine == MUJOCO).like(TOO_FAR),
+    SayingRow(
+        advice=Message("use a timestep in which it goes less than that: {call}"),
+        cure=Remedy("timestep", value="finer"),
+    ).like(TOO_FAR),
+    like=SayingRow(effect="way", share="share"),
+)
 
 
 def _standing(scene: Scene) -> list[tuple[Body, Collision]]:
@@ -248,17 +281,6 @@ def _in_box(place_m: Float64, base: Float64, box: Collision) -> Float64:
 # -- timestep-too-long ----------------------------------------------------------------------------
 
 
-LATE = {
-    PYBULLET: Message(
-        "{body} is simulated in steps of {step_s} s: position motors close a share of "
-        "their gap per step, and contacts act only at its end"
-    ),
-    MUJOCO: Message(
-        "{body} is simulated in steps of {step_s} s: MuJoCo makes no contact and no limit stiffer "
-        "than a time constant of 2 steps, and actuators act on a state as old as a step"
-    ),
-}
-"""Effects of long steps, by engine."""
 FINER = 4.0
 """Divisor of the timestep in a trial."""
 
@@ -276,18 +298,22 @@ def far(bodies: BodyColumns) -> Match | None:
     return Match(far & np.any(meets, axis=0), way_m, {"step": step_s, "thick": thick_m})
 
 
-@far.says
-def _(worst: Worst) -> Said:
-    return Said(
-        message=Message(
-            "{body} moves {way:.3g} m in a step of {step_s} s, and is {thick:.3g} m thick: it "
+@far.notes
+def _(step: float) -> Noted:
+    return {"step_s": fraction(step)}
+
+
+far.rows(
+    SayingRow(
+        says=Message(
+            "{body} moves {size:.3g} m in a step of {step_s} s, and is {thick:.3g} m thick: it "
             "can pass through others, or overlap them before contact acts"
         ),
-        values={"way": worst.size, "step_s": fraction(worst.step)},
-        cure=Cure("timestep", value=FINER),
-        effect=Effect(worst.size, "m"),
-        share=worst.size / worst.thick,
+        cure=Remedy("timestep", value=FINER),
+        effect="size",
+        normal="thick",
     )
+)
 
 
 @body_rule("timestep-too-long", "model", engines=ANY)
@@ -298,15 +324,27 @@ def long(bodies: BodyColumns) -> Match:
     return Match((step_s > LONG_S) & jointed, step_s)
 
 
-@long.says
-def _(worst: Worst) -> Said:
-    return Said(
-        message=LATE[worst.engine],
-        values={"step_s": fraction(worst.size)},
-        cure=Cure("timestep", value=FINER),
-        effect=Effect(worst.size, "s"),
-        share=worst.size / LONG_S,
-    )
+@long.notes
+def _(size: float) -> Noted:
+    return {"step_s": fraction(size)}
+
+
+long.rows(
+    SayingRow(
+        when=lambda engine: engine == MUJOCO,
+        says=Message(
+            "{body} is simulated in steps of {step_s} s: MuJoCo makes no contact and no limit "
+            "stiffer than a time constant of 2 steps, and actuators act on a state as old as a step"
+        ),
+    ),
+    SayingRow(
+        says=Message(
+            "{body} is simulated in steps of {step_s} s: position motors close a share of "
+            "their gap per step, and contacts act only at its end"
+        ),
+    ),
+    like=SayingRow(cure=Remedy("timestep", value=FINER), effect="size", unit="s", normal=LONG_S),
+)
 
 
 def _thick_m(steps: BodySteps) -> float:

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.arrays import Flags, Float64
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.explain.causes import TENDON_LIMIT
 from drop_physics.fields import alternatives
@@ -16,12 +16,12 @@ from drop_physics.messages import Message
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.servo import Servos
-from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.answer import Cure
+from drop_physics.rules.by_name import called
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import actuators_on, link_of
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, SayingRow, Worst
 from drop_physics.rules.rule import Match, joint_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import CROSSINGS, DOUBLES, GROWN, RINGS_STEPS
 
@@ -89,10 +89,10 @@ def turned_around(joints: JointColumns) -> Match:
 
 
 @turned_around.counts
-def _(runs: Runs, _: Scene) -> Float64:
+def _(inertia: Float64, count: Int64, broken: Flags, size: Float64) -> Float64:
     # A law that is known is broken by one turn before a reset as well; else some turns are a bump.
-    by_law = np.isfinite(runs.inertia) & ((runs.count >= CROSSINGS) | runs.broken)
-    return np.where(by_law | (runs.count >= RINGS_STEPS), runs.size, 0.0)
+    by_law = np.isfinite(inertia) & ((count >= CROSSINGS) | broken)
+    return np.where(by_law | (count >= RINGS_STEPS), size, 0.0)
 
 
 NUMBERS = (
@@ -208,114 +208,128 @@ def _growth(before: Float64, tops: Float64, drives: Flags, ends: Flags) -> Float
     return found
 
 
-@turned_around.says
-def _(worst: Worst) -> Said:
-    often = Message("with every step")
-    if worst.lasts > 1:
-        often = Message("every {n:.0f} steps", n=worst.lasts)
-    message, advice, cure = _by_law(worst) if np.isfinite(worst.inertia) else _by_script(worst)
-    h, inertia = worst.timestep, worst.inertia
-    return Said(
-        message=message,
-        values={
-            "term": cause_in_words(worst.turner),
-            "often": often,
-            "fastest": f"{worst.fastest:.3g} {worst.unit}/s",
-            "growth": worst.size,
-            "geared": Message(" at a gear of {gear:g}", gear=worst.gear) if worst.gear != 1 else "",
-            "squared": "gear² " if worst.gear != 1 else "",
-            "kp": worst.stiffness / worst.gear**2,
-            "kv": worst.damping / worst.gear**2,
-            "damping": worst.damping,
-            "inertia": f"{inertia:.2g} {_unit(worst)}",
-            "timestep": h * 1e3,
-            "ratio": worst.stiffness * h**2 / inertia,
-            "share": worst.damping * h / inertia,
-            "most": worst.most * h ** (1 + worst.springs) / inertia,
-        },
-        advice=advice,
-        cure=cure,
-        effect=Effect(worst.size, "1"),
+@turned_around.notes
+def _(
+    worst: Worst,
+    unit: str,
+    turner: str,
+    lasts: float,
+    fastest: float,
+    stiffness: float,
+    damping: float,
+    gear: float,
+    inertia: float,
+    timestep: float,
+    most: float,
+    springs: float,
+    broken: bool,
+) -> Noted:
+    often = Message("every {n:.0f} steps", n=lasts) if lasts > 1 else Message("with every step")
+    h = timestep
+    return called(_by_law if np.isfinite(inertia) else _by_script, worst) | {
+        "term": cause_in_words(turner),
+        "often": often,
+        "rate": f"{fastest:.3g} {unit}/s",
+        "geared": Message(" at a gear of {gear:g}", gear=gear) if gear != 1 else "",
+        "squared": "gear² " if gear != 1 else "",
+        "kp": stiffness / gear**2,
+        "kv": damping / gear**2,
+        "inertia": f"{inertia:.2g} {_unit(unit)}",
+        "h": h * 1e3,
+        "ratio": stiffness * h**2 / inertia,
+        "share": damping * h / inertia,
+        "greatest": most * h ** (1 + springs) / inertia,
         # Who gives more with each swing may mean to.
-        level="model" if worst.lasts > 1 and not worst.broken else None,
-        proposed=bool(worst.lasts > 1) or None,
+        "level": "model" if lasts > 1 and not broken else None,
+        "proposed": bool(lasts > 1) or None,
+    }
+
+
+turned_around.rows(SayingRow(effect="size", unit="1"))
+
+
+def _by_script(turner: str, lasts: float, joint: str) -> Noted:
+    """Return the words where the law of what turns a joint is not known."""
+    says = Message(
+        "{joint} turns around {often}, {size:.3g} times as fast each time, up to {rate}, by {term}"
     )
-
-
-def _by_script(worst: Worst) -> tuple[Message, Message, Cure]:
-    """Return the words for a joint that turns around by an unknown law."""
-    cure = Cure("armature", worst.joint)
-    if worst.turner.startswith("tendon "):
-        message = Message(
-            "{joint} turns around {often}, {growth:.3g} times as fast each time, up to {fastest}, "
+    advice = Message(
+        "smaller gains, most of all that of the rate, a shorter timestep, or armature=… of the "
+        "<joint>"
+    )
+    if turner.startswith("tendon "):
+        says = Message(
+            "{joint} turns around {often}, {size:.3g} times as fast each time, up to {rate}, "
             "by the spring and damper of {term}"
         )
         advice = Message(
             'a smaller damping of the tendon, a shorter timestep, or integrator="implicitfast"'
         )
-        return message, advice, cure
-    message = Message(
-        "{joint} turns around {often}, {growth:.3g} times as fast each time, up to {fastest}, "
-        "by {term}"
-    )
-    if worst.lasts > 1:
+    elif lasts > 1:
         advice = Message(
             "a gain of the rate that brakes, smaller gains, or forces that are given anew in each "
             "step"
         )
-        return message, advice, cure
-    advice = Message(
-        "smaller gains, most of all that of the rate, a shorter timestep, or armature=… of the "
-        "<joint>"
-    )
-    return message, advice, cure
+    return {"says": says, "advice": advice, "cure": Cure("armature", joint)}
 
 
-def _by_law(worst: Worst) -> tuple[Message, Message, Cure]:
-    """Return the words for a joint that turns around by a known law, with its limits."""
-    gain, name = worst.gain / worst.gear**2, "kp" if worst.springs else "kv"
-    cure = Cure("gains", worst.joint, gain, form=f"{name}-below")
-    if worst.springs:
-        message = Message(
+def _by_law(
+    joint: str,
+    turner: str,
+    unit: str,
+    gain: float,
+    gear: float,
+    springs: float,
+    most: float,
+    least_timestep: float,
+    armature: float,
+    implicit: float,
+) -> Noted:
+    """Return the words where the law is known, and what holds by it."""
+    limit, name = gain / gear**2, "kp" if springs else "kv"
+    cure = Cure("gains", joint, limit, form=f"{name}-below")
+    if springs:
+        says = Message(
             "{joint} turns around with every step and grows, by {term}: kp = {kp:.3g}{geared} on "
-            "an inertia of {inertia} in steps of {timestep:.3g} ms has kp {squared}h²/I = "
-            "{ratio:.3g}, and above {most:.3g} it grows"
+            "an inertia of {inertia} in steps of {h:.3g} ms has kp {squared}h²/I = "
+            "{ratio:.3g}, and above {greatest:.3g} it grows"
         )
-    elif worst.turner.startswith("actuator "):
-        message = Message(
+    elif turner.startswith("actuator "):
+        says = Message(
             "{joint} turns around with every step and grows, by {term}: kv = {kv:.3g}{geared} on "
-            "an inertia of {inertia} in steps of {timestep:.3g} ms has kv {squared}h/I = "
-            "{share:.3g}, and above {most:.3g} it grows"
+            "an inertia of {inertia} in steps of {h:.3g} ms has kv {squared}h/I = "
+            "{share:.3g}, and above {greatest:.3g} it grows"
         )
-        if np.isnan(worst.most):
-            message = Message(
+        if np.isnan(most):
+            says = Message(
                 "{joint} turns around with every step and grows, by {term}: on an inertia of "
-                "{inertia} in steps of {timestep:.3g} ms{geared} either gain alone makes it grow, "
+                "{inertia} in steps of {h:.3g} ms{geared} either gain alone makes it grow, "
                 "kp = {kp:.3g} with kp {squared}h²/I = {ratio:.3g} and kv = {kv:.3g} with "
                 "kv {squared}h/I = {share:.3g}"
             )
-            cure = Cure("armature", worst.joint, -_within(-worst.armature))
+            cure = Cure("armature", joint, -_within(-armature))
     else:
-        message = Message(
+        says = Message(
             "the rate of {joint} grows with every step, by its damping: damping = {damping:.3g} on "
-            "an inertia of {inertia} in steps of {timestep:.3g} ms has damping h/I = {share:.3g}, "
+            "an inertia of {inertia} in steps of {h:.3g} ms has damping h/I = {share:.3g}, "
             "and above 2.79 steps of Runge and Kutta grow, which take it at their beginning"
         )
-        gain, name = worst.gain, "damping"
-        cure = Cure("damping", worst.joint, gain, form="below")
-    ways = [Message("a timestep below {n:g} ms", n=_within(worst.least_timestep * 1e3))]
-    if np.isfinite(gain):
-        ways.insert(0, Message("{name} below {n:g}", name=name, n=_within(gain)))
-    if np.isfinite(worst.armature):
-        least = f"{-_within(-worst.armature):g} {_unit(worst)}"
+        limit, name = gain, "damping"
+        cure = Cure("damping", joint, limit, form="below")
+    ways = [Message("a timestep below {n:g} ms", n=_within(least_timestep * 1e3))]
+    if np.isfinite(limit):
+        ways.insert(0, Message("{name} below {n:g}", name=name, n=_within(limit)))
+    if np.isfinite(armature):
+        least = f"{-_within(-armature):g} {_unit(unit)}"
         ways.append(Message("armature above {least}", least=least))
-    if worst.implicit:
+    if implicit:
         ways.append(Message('integrator="implicitfast"'))
-    return message, Message("each of these holds it: {ways}", ways=alternatives(ways)), cure
+    advice = Message("each of these holds it: {ways}", ways=alternatives(ways))
+    return {"says": says, "advice": advice, "cure": cure}
 
 
-def _unit(worst: Worst) -> str:
-    return "kg" if worst.unit == "m" else "kg m²"
+def _unit(unit: str) -> str:
+    return "kg" if unit == "m" else "kg m²"
 
 
 def _within(limit: float) -> float:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from drop_physics.arrays import Flags, Float64
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.explain.targets import flips
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Cure, Effect, Scene, and_more
+from drop_physics.rules.answer import Scene, and_more
+from drop_physics.rules.by_name import called
 from drop_physics.rules.joint import link_of, units
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, SayingRow, Worst
 from drop_physics.rules.rule import Match, body_rule
 from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import BodyColumns
@@ -24,6 +23,7 @@ from drop_physics.rules.thresholds import (
     TURNS_MOST,
     TURNS_TOO,
 )
+from drop_physics.trace.events import Body
 from drop_physics.trace.motors import POSITION
 
 FULL = 1 - 1e-9
@@ -36,20 +36,9 @@ AXES = (
     "velocity along y",
     "velocity along z",
 )
-ADVICE: Mapping[str, Message] = {
-    "joint damping": Message(
-        "the joint's damping acts explicitly, on a small inertia: use a smaller timestep, or {call}"
-    ),
-    "applied": Message(
-        "the script's own forces are too stiff for this timestep: lower its gains, most of all "
-        "that of the velocity, or use a smaller timestep"
-    ),
-    "damping": Message("damping acts explicitly: use a smaller timestep, or {call}"),
-}
+EXPLICIT = "joint damping", "applied", "damping"
 """Terms that answer to rates and act at once. The solver's react to others: what lies on something
 trembles so, and what a motor's own gains turn around is `motor-gain`."""
-CURES = {"joint damping": "joint-damping", "damping": "damping"}
-"""The change that takes away such a term."""
 
 
 def _own(bodies: BodyColumns) -> Flags:
@@ -60,13 +49,13 @@ def _own(bodies: BodyColumns) -> Flags:
     return np.asarray(own[:, None])
 
 
-def _name(worst: Worst) -> tuple[str | None, str, str]:
-    """Return the joint of a degree of freedom, its name, and the unit of its rate."""
-    k = int(worst.noted.keys[0, 1]) - worst.first_rate
+def _named(subject: Body, keys: list[int], first_rate: int) -> Noted:
+    """Return the joint of a degree of freedom, what it is called, and the unit of its rate."""
+    k = keys[1] - first_rate
     if k < 0:
-        return None, AXES[k], "rad/s" if k < -3 else "m/s"
-    joint = worst.subject.joints[link_of(worst.subject, k)]
-    return joint.name, joint.name, f"{units(joint)[0]}/s"
+        return {"joint": None, "name": AXES[k], "unit": "rad/s" if k < -3 else "m/s"}
+    joint = subject.joints[link_of(subject, k)]
+    return {"joint": joint.name, "name": joint.name, "unit": f"{units(joint)[0]}/s"}
 
 
 @body_rule("unstable", "broken", consecutive=True, least_count=RINGS_STEPS, subject=1)
@@ -84,8 +73,8 @@ def unstable(bodies: BodyColumns) -> Match | None:
     against = {name: -np.sign(before) * term for name, term in bodies.terms.items()}
     del against["clamp"]  # it ends what others feed
     none, applied = np.zeros(size.shape), bodies.terms["applied"]
-    sums = {name: against.get(name, none) for name in (*ADVICE, "motors")}
-    sums["all"] = sum((each.clip(0) for each in against.values()), none)
+    sums = {name: against.get(name, none) for name in (*EXPLICIT, "motors")}
+    sums["every"] = sum((each.clip(0) for each in against.values()), none)
     return Match(
         turns,
         size,
@@ -102,39 +91,60 @@ def unstable(bodies: BodyColumns) -> Match | None:
 
 
 @unstable.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    most = np.maximum(runs.high, runs.low)
+def _(
+    runs: Runs,
+    high: Float64,
+    low: Float64,
+    least: Float64,
+    every: Float64,
+    motors: Float64,
+    size: Float64,
+) -> Float64:
+    most = np.maximum(high, low)
     # Forces that only change their sign, whatever the rate, are a switch: no gain is too large.
-    switch = (most + runs.least <= SWITCHES * most) & (runs.high + runs.low > most)
-    turned = np.max([getattr(runs, name) for name in ADVICE], axis=0)
+    switch = (most + least <= SWITCHES * most) & (high + low > most)
+    turned = np.max([runs[name] for name in EXPLICIT], axis=0)
     # Where a motor turns it around too, its gains may be the cause: less damping leaves them more.
-    said = (turned > TURNS_MOST * runs.all) & (runs.motors <= TURNS_TOO * turned)
-    return np.where(said & ~switch, runs.size, 0.0)
+    said = (turned > TURNS_MOST * every) & (motors <= TURNS_TOO * turned)
+    return np.where(said & ~switch, size, 0.0)
 
 
-@unstable.says
-def _(worst: Worst) -> Said:
-    joint, name, unit = _name(worst)
-    term = max(ADVICE, key=lambda each: float(getattr(worst, each)))
-    message = Message(
-        "{name}{more} changes its sign with every step, at up to {rate:.3g} {unit}, in {count:,} "
-        "steps: the term {term} turns it around"
-    )
-    return Said(
-        message=message,
-        values={
-            "name": name,
-            "more": and_more(worst.among),
-            "rate": worst.fastest,
-            "unit": unit,
-            "term": cause_in_words(term),
-        },
-        advice=ADVICE[term],
-        cure=Cure(CURES[term], worst.body, 0.0) if term in CURES else None,
-        effect=Effect(worst.fastest, unit),
-        share=worst.size / worst.greatest,
-        joint=joint,
-    )
+@unstable.notes
+def _(worst: Worst, among: int, size: float, greatest: float) -> Noted:
+    by = max(EXPLICIT, key=lambda each: float(worst[each]))
+    more = {"more": and_more(among), "part": size / greatest}
+    return {**called(_named, worst), **more, "by": by, "term": cause_in_words(by)}
+
+
+unstable.rows(
+    SayingRow(
+        when=lambda by: by == "joint damping",
+        advice=Message(
+            "the joint's damping acts explicitly, on a small inertia: use a smaller timestep, or "
+            "{call}"
+        ),
+        cure=Remedy("joint-damping", "body", 0.0),
+    ),
+    SayingRow(
+        when=lambda by: by == "applied",
+        advice=Message(
+            "the script's own forces are too stiff for this timestep: lower its gains, most of all "
+            "that of the velocity, or use a smaller timestep"
+        ),
+    ),
+    SayingRow(
+        advice=Message("damping acts explicitly: use a smaller timestep, or {call}"),
+        cure=Remedy("damping", "body", 0.0),
+    ),
+    like=SayingRow(
+        says=Message(
+            "{name}{more} changes its sign with every step, at up to {fastest:.3g} {unit}, in "
+            "{count:,} steps: the term {term} turns it around"
+        ),
+        effect="fastest",
+        share="part",
+    ),
+)
 
 
 @body_rule("velocity-clamped", "asked", subject=1, proposes=True)
@@ -156,32 +166,36 @@ def velocity_clamped(bodies: BodyColumns) -> Match | None:
 
 
 @velocity_clamped.counts
-def _(runs: Runs, _: Scene) -> Float64:
-    return np.asarray(runs.count, np.float64)
+def _(count: Int64) -> Float64:
+    return np.asarray(count, np.float64)
 
 
-@velocity_clamped.says
-def _(worst: Worst) -> Said:
-    joint, name, unit = _name(worst)
-    taken = Effect(worst.taken, "N m s" if unit == "rad/s" else "N s")
-    advice = None
-    cure: Cure | None = Cure("limits", worst.body, given={"maxJointVelocity": 1e5})
-    if worst.placed:  # the faster it may be, the harder a motor for places drives it
-        advice = Message(
+@velocity_clamped.notes
+def _(worst: Worst, scene: Scene, subject: Body, count: int) -> Noted:
+    named = called(_named, worst)
+    return {
+        **named,
+        "of": "N m s" if named["unit"] == "rad/s" else "N s",
+        "level": None if count >= RINGS_STEPS else "note",
+        "part": count / scene.inputs.motions[subject.number].samples,
+    }
+
+
+velocity_clamped.rows(
+    SayingRow(
+        when=lambda placed: placed,  # the faster it may be, the harder its motor drives it
+        advice=Message(
             "let its motor drive it slower: p.setJointMotorControl2(…, force=…, maxVelocity=…)"
-        )
-        cure = None
-    message = Message(
-        "{name} reaches {limit:g} {unit}, where PyBullet clamps every rate: in {steps} it takes "
-        "{taken:.3g} {of} away"
-    )
-    return Said(
-        message=message,
-        values={"name": name, "unit": unit, "of": taken.unit},
-        level=None if worst.count >= RINGS_STEPS else "note",
-        advice=advice,
-        cure=cure,
-        effect=taken,
-        share=worst.count / worst.scene.inputs.motions[worst.subject.number].samples,
-        joint=joint,
-    )
+        ),
+    ),
+    SayingRow(cure=Remedy("limits", "body", given={"maxJointVelocity": 1e5})),
+    like=SayingRow(
+        says=Message(
+            "{name} reaches {limit:g} {unit}, where PyBullet clamps every rate: in {steps} it "
+            "takes {taken:.3g} {of} away"
+        ),
+        effect="taken",
+        unit="{of}",
+        share="part",
+    ),
+)

@@ -5,18 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.arrays import Flags, Float64
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.contact_points import Points
 from drop_physics.explain.steps import Steps
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import BASE, Tree
 from drop_physics.physics.vectors import lengths, summed
-from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import ANY, MUJOCO
-from drop_physics.rules.rows import Said, Worst
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, Sized, joint_rule
-from drop_physics.rules.runs import Runs
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import (
     WHEEL_ALIKE,
@@ -26,6 +25,7 @@ from drop_physics.rules.thresholds import (
     WHEEL_SLIPS,
     WHEEL_TURN_RAD,
 )
+from drop_physics.trace.events import Body
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 from drop_physics.trace.motors import VELOCITY
 
@@ -35,7 +35,6 @@ SUMS = ("rolled", "slipped", "limited", "across", "available", "normal", "second
 """What a wheel rolls, what of it slips, the same where friction is at its limit, what it slips
 across [m]; friction available, normal impulse [N s]; time [s]."""
 
-ADVICE = Message("{call} of the wheels or the ground, or change the wheels' speed more slowly")
 OF_BOTH = {PYBULLET: Message("the product of both"), MUJOCO: Message("the larger of both")}
 """The coefficient of a pair that the engine uses."""
 
@@ -90,63 +89,91 @@ def wheel_slip(joints: JointColumns) -> Match | None:
 
 
 @wheel_slip.counts
-def _(runs: Runs, _: Scene) -> Sized:
-    turns = runs.high + runs.low > WHEEL_TURN_RAD
+def _(
+    high: Float64,
+    low: Float64,
+    rolled: Float64,
+    turned_in_all: Float64,
+    turned: Float64,
+    keys: Int64,
+    slipped: Float64,
+    limited: Float64,
+    across: Float64,
+    count: Int64,
+    held: Float64,
+) -> Sized:
+    turns = high + low > WHEEL_TURN_RAD
     # One that touches only where it starts and brakes slips little of its way.
-    in_all = runs.rolled * runs.turned_in_all / runs.turned
-    robot = np.unique(runs.keys[:, 0], return_inverse=True)[1]
+    in_all = rolled * turned_in_all / turned
+    robot = np.unique(keys[:, 0], return_inverse=True)[1]
     # Of one that slips forwards and one that slips backwards, the robot loses nothing.
-    rolled, slipped, limited, sideways, free, held = (
+    all_rolled, all_slipped, all_limited, sideways, free, holds = (
         np.float64(1.0) * np.bincount(robot, each)[robot]
         for each in (
-            *(np.where(turns, each, 0.0) for each in (in_all, runs.slipped, runs.limited)),
-            runs.across - WHEEL_SLIPS * np.abs(runs.rolled),
-            runs.count.astype(float),
-            runs.held,
+            *(np.where(turns, each, 0.0) for each in (in_all, slipped, limited)),
+            across - WHEEL_SLIPS * np.abs(rolled),
+            count.astype(float),
+            held,
         )
     )
-    dragged = (runs.slipped * slipped < 0) & (abs(runs.slipped) > WHEEL_SLIPS * in_all)
-    loses = turns & (held < free) & (_share(rolled, slipped, limited) > WHEEL_SLIPS)
-    sizes = np.where(loses, _share(runs.rolled, runs.slipped, runs.limited), 0.0)
+    dragged = (slipped * all_slipped < 0) & (abs(slipped) > WHEEL_SLIPS * in_all)
+    loses = turns & (holds < free)
+    loses &= _share(all_rolled, all_slipped, all_limited) > WHEEL_SLIPS
+    sizes = np.where(loses, _share(rolled, slipped, limited), 0.0)
     # Of such robots some wheels slip the other way, or all across: the more friction, the more so.
     return Sized(sizes, {"dragged": np.bincount(robot, dragged)[robot], "turns": sideways > 0})
 
 
-@wheel_slip.says
-def _(worst: Worst) -> Said:
-    scene, seconds = worst.scene, worst.seconds
-    ground, slipped = scene.body(worst.ground), abs(worst.slipped)
-    message = Message(
-        "{joint} spins at {rolls:.3g} m/s (rim) on {ground} but travels at {goes:.3g} m/s: "
-        "friction is at its limit (coefficient {friction:.3g}, {of})"
-    )
-    if worst.turns:
-        message = Message(
-            "{joint} spins at {rolls:.3g} m/s (rim) on {ground} but travels at {goes:.3g} m/s: "
+@wheel_slip.notes
+def _(
+    scene: Scene,
+    subject: Body,
+    ground: int,
+    rolled: float,
+    slipped: float,
+    seconds: float,
+    available: float,
+    normal: float,
+    engine: str,
+) -> Noted:
+    return {
+        "of": OF_BOTH[engine],
+        "other": scene.body(ground).label,
+        "rolls": rolled / seconds,
+        "goes": (rolled - slipped) / seconds,
+        "friction": available / normal,
+        "part": abs(slipped) / abs(rolled),
+        "called": scene.asked.of["lateralFriction"].site(subject.number, ground),
+    }
+
+
+SPINS = Message(
+    "{joint} spins at {rolls:.3g} m/s (rim) on {other} but travels at {goes:.3g} m/s: "
+    "friction is at its limit (coefficient {friction:.3g}, {of})"
+)
+wheel_slip.rows(
+    SayingRow(
+        when=lambda turns: turns,
+        says=Message(
+            "{joint} spins at {rolls:.3g} m/s (rim) on {other} but travels at {goes:.3g} m/s: "
             "the robot's turn drags it sideways, too, with friction at its limit (coefficient "
             "{friction:.3g}, {of})"
-        )
-    advice = cure = None
-    if worst.dragged and not worst.turns:
-        advice = Message("give its wheels speeds that go together: others are dragged")
-    elif not worst.turns:
-        advice, cure = ADVICE, Cure("friction", worst.body)
-    return Said(
-        message=message,
-        values={
-            "ground": ground.label,
-            "rolls": worst.rolled / seconds,
-            "goes": (worst.rolled - worst.slipped) / seconds,
-            "friction": worst.available / worst.normal,
-            "of": OF_BOTH[worst.engine],
-        },
-        advice=advice,
-        cure=cure,
-        other=ground.label,
-        effect=Effect(slipped, "m"),
-        share=slipped / abs(worst.rolled),
-        site=scene.asked.of["lateralFriction"].site(worst.subject.number, ground.number),
-    )
+        ),
+    ),
+    SayingRow(
+        when=lambda dragged: dragged,
+        says=SPINS,
+        advice=Message("give its wheels speeds that go together: others are dragged"),
+    ),
+    SayingRow(
+        says=SPINS,
+        advice=Message(
+            "{call} of the wheels or the ground, or change the wheels' speed more slowly"
+        ),
+        cure=Remedy("friction", "body"),
+    ),
+    like=SayingRow(effect="slipped", unit="m", share="part", site="called"),
+)
 
 
 class Rolling:
