@@ -149,6 +149,7 @@ def test_every_picture_begins_to_the_millisecond(tmp_path: Path, suffix: str) ->
     assert begins == pytest.approx([round(1000 * number / 30) / 1000 for number in range(32)])
 
 
+@pytest.mark.long
 @pytest.mark.needs("av")
 def test_a_film_has_every_frame_in_nearly_its_colours(
     standard: Run, recorded: list[Pixels], tmp_path: Path

@@ -429,7 +429,7 @@ MALFORMED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", some(MALFORMED, 12))
+@pytest.mark.parametrize("kind", some(MALFORMED, 2))
 def test_a_malformed_urdf_is_one_line(tmp_path: Path, kind: str) -> None:
     (tmp_path / "own.urdf").write_text(MALFORMED[kind])
     with pytest.raises(ScenarioError, match="body must") as raised:
@@ -516,7 +516,7 @@ NAMES = (
 )
 
 
-@pytest.mark.parametrize("name", some(NAMES, 2))
+@pytest.mark.parametrize("name", some(NAMES, 1))
 def test_names_are_taken_as_they_are_whatever_is_in_them(
     drop: Drop, tmp_path: Path, name: str
 ) -> None:

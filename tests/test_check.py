@@ -760,7 +760,7 @@ def test_update_makes_it_the_golden_recording(
                 None,
             ),
         ],
-        2,
+        1,
     ),
 )
 def test_what_differs_first_is_named_and_so_is_the_call(

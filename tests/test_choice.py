@@ -275,6 +275,7 @@ def test_what_is_no_code_or_level_is_one_line(
 # -- a project ------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_project_chooses_and_the_command_counts_more(
     drop: Drop, arms: Callable[..., None], analyzed: Analyzed, tmp_path: Path
 ) -> None:
@@ -349,6 +350,7 @@ def test_a_project_says_how_far_a_golden_may_be_off(drop: Drop, tmp_path: Path) 
     assert json.loads(drop(*check, "--tolerance", "0", "--json").stdout)["tolerance_m"] == 0
 
 
+@pytest.mark.long
 def test_a_plot_is_of_what_is_reported(
     drop: Drop, arms: Callable[..., None], tmp_path: Path
 ) -> None:
@@ -399,6 +401,7 @@ def test_a_comment_counts_only_in_the_text_that_was_recorded(
     assert analyzed() == (["arms.py:14"], 0)
 
 
+@pytest.mark.long
 def test_the_script_is_found_from_elsewhere_and_of_a_module_too(
     drop: Drop, drop_process: Drop, tmp_path: Path
 ) -> None:

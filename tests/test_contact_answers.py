@@ -68,7 +68,7 @@ HOLDS = {
 }
 
 
-@pytest.mark.parametrize("name", some(SLIDES, 2))
+@pytest.mark.parametrize("name", some(SLIDES, 1))
 def test_what_friction_cannot_hold_slides(name: str, tmp_path: Path) -> None:
     scene, number, wanted = SLIDES[name]
     (one,) = found(scene, tmp_path, "slides")
@@ -116,7 +116,7 @@ BESIDE = {
 }
 
 
-@pytest.mark.parametrize("name", BESIDE)
+@pytest.mark.parametrize("name", some(BESIDE, 2))
 def test_what_is_gripped_beside_its_centre_turns(name: str, tmp_path: Path) -> None:
     scene, numbers, off = BESIDE[name]
     beside, centred = (scene.format(**numbers, off=each) for each in (off, 0))

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from conftest import some
 from drop_physics.engines.pybullet.world import World
 from drop_physics.physics.laws.bullet import contact as bullet_contact
 from drop_physics.physics.laws.bullet.air import effective_damping
@@ -119,7 +120,7 @@ def bounces_of(series: tuple[np.ndarray, np.ndarray], fall: Dropped, rate: int) 
 # -- against PyBullet ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("coordinates", MODES)
+@pytest.mark.parametrize("coordinates", some(MODES, 3))
 @pytest.mark.parametrize("rate", [60, 240, 960])
 @pytest.mark.parametrize("restitution", [0.0, 0.9])
 def test_the_whole_second_is_pybullets(coordinates: Any, rate: int, restitution: float) -> None:

@@ -18,7 +18,7 @@ from typing import Any
 
 import mujoco
 import pytest
-from conftest import Drop
+from conftest import Drop, some
 from drop_physics import check, record
 from drop_physics.engines.mujoco.elements import Elements, Matched
 from drop_physics.engines.mujoco.fields_apart import FieldsApart
@@ -116,15 +116,22 @@ def test_a_second_cause_acts_in_its_own_steps(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("change", "cls", "words"),
-    [
-        (("d = mujoco.MjData(m)", "d = mujoco.MjData(m); d.qpos[0] = 1e-9"), "start", "shoulder"),
-        (('timestep="0.002"', 'timestep="0.0021"'), "settings", "opt.timestep"),
-        (("range(120)", "range(110)"), "length", ""),
-        (
-            ("    mujoco.mj_step", "    if k == 30: m.body_mass[3] = 0.7\n    mujoco.mj_step"),
-            *("model", "body_mass of fore: 0.6 → 0.7 before step 30"),
-        ),
-    ],
+    some(
+        [
+            (
+                ("d = mujoco.MjData(m)", "d = mujoco.MjData(m); d.qpos[0] = 1e-9"),
+                "start",
+                "shoulder",
+            ),
+            (('timestep="0.002"', 'timestep="0.0021"'), "settings", "opt.timestep"),
+            (("range(120)", "range(110)"), "length", ""),
+            (
+                ("    mujoco.mj_step", "    if k == 30: m.body_mass[3] = 0.7\n    mujoco.mj_step"),
+                *("model", "body_mass of fore: 0.6 → 0.7 before step 30"),
+            ),
+        ],
+        1,
+    ),
 )
 def test_each_kind_of_cause_is_told(
     change: tuple[str, str], cls: str, words: str, tmp_path: Path
@@ -194,6 +201,7 @@ def test_what_is_needed_least_is_left_out_of_twelve_lines(tmp_path: Path) -> Non
     assert len(many.report().sections[0].blocks[0].rows) <= 12
 
 
+@pytest.mark.long
 def test_steps_correspond_by_their_times_if_that_is_asked_for(tmp_path: Path) -> None:
     begins = SCRIPT.replace("0.3 * np.sin(0.1 * k)", "0.3 * np.sin(50 * d.time)")
     finer = begins.replace('timestep="0.002"', 'timestep="0.001"').replace("(120)", "(240)")
@@ -430,8 +438,8 @@ def test_pictures_that_a_renderer_draws_otherwise_are_seen(
 
 @pytest.mark.parametrize(
     ("callback", "gain", "field"),
-    [("control", "d.ctrl[1] = {} * d.qvel[1]", "ctrl"),
-     ("passive", "d.qfrc_passive[1] += {} * d.qvel[1]", "qfrc_passive")],
+    some([("control", "d.ctrl[1] = {} * d.qvel[1]", "ctrl"),
+     ("passive", "d.qfrc_passive[1] += {} * d.qvel[1]", "qfrc_passive")], 1),
 )  # fmt: skip
 def test_what_a_callback_writes_within_a_step_is_an_input(
     callback: str, gain: str, field: str, tmp_path: Path

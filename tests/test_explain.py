@@ -38,6 +38,7 @@ def test_a_rule_is_explained_in_its_own_words() -> None:
     }
 
 
+@pytest.mark.long
 def test_thresholds_messages_and_cure_are_those_of_the_rule() -> None:
     """Of two rules in one file each has its own."""
     (made,) = explain("target-clamped").codes

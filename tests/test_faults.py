@@ -159,13 +159,16 @@ def small_disk(folder: Path, kilobytes: int) -> Iterator[None]:
 
 @pytest.mark.parametrize(
     ("arguments", "room_kb", "samples"),
-    [
-        (TINY, 16, 0),  # among the properties and the scene
-        (TINY, 40, 13),  # in the footer
-        (TINY, 110, 13),  # while it is sealed
-        (FULL, 300, 241),  # among the frames
-        (FULL, 500, 241),  # while it is sealed
-    ],
+    some(
+        [
+            (TINY, 16, 0),  # among the properties and the scene
+            (TINY, 40, 13),  # in the footer
+            (TINY, 110, 13),  # while it is sealed
+            (FULL, 300, 241),  # among the frames
+            (FULL, 500, 241),  # while it is sealed
+        ],
+        1,
+    ),
 )
 def test_a_full_disk_costs_neither_the_old_recording_nor_the_samples_that_fitted(
     tmp_path: Path, precious: bytes, arguments: tuple[str, ...], room_kb: int, samples: int
@@ -210,10 +213,15 @@ def test_nothing_is_written_to_a_disk_that_is_too_small_from_the_start(
     "arguments",
     [
         ("analyze", "run.rrd"),
-        ("analyze", "run.rrd", "--out", "../layer.rrd", "--table", "run.csv"),
-        ("analyze", "run.rrd", "--out", "../layer.rrd", "--table", "run.parquet"),
-        ("render", "run.rrd"),
-        ("check", "run.rrd", "--against", "golden.rrd", "--update"),
+        *(
+            pytest.param(each, marks=pytest.mark.long)
+            for each in (
+                ("analyze", "run.rrd", "--out", "../layer.rrd", "--table", "run.csv"),
+                ("analyze", "run.rrd", "--out", "../layer.rrd", "--table", "run.parquet"),
+                ("render", "run.rrd"),
+                ("check", "run.rrd", "--against", "golden.rrd", "--update"),
+            )
+        ),
     ],
     ids=lambda arguments: arguments[-1],
 )
@@ -269,7 +277,7 @@ def test_a_layout_that_cannot_be_stored_temporarily_is_named(
         simulate(Scenario(), tmp_path / "run.rrd", camera=None)
 
 
-@pytest.mark.parametrize("room_kb", [12, 60, 150])
+@pytest.mark.parametrize("room_kb", some([12, 60, 150], 1))
 def test_a_full_disk_in_a_sweep_is_one_line(tmp_path: Path, room_kb: int) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()
@@ -282,6 +290,7 @@ def test_a_full_disk_in_a_sweep_is_one_line(tmp_path: Path, room_kb: int) -> Non
         assert not list(disk.rglob("*.part"))
 
 
+@pytest.mark.long
 def test_a_sweep_whose_recordings_cannot_fit_is_not_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -344,6 +353,7 @@ def test_a_folder_that_is_read_only_gets_one_line_and_nothing_new(
         assert [file.name for file in disk.iterdir()] == ["run.rrd"]
 
 
+@pytest.mark.long
 def test_a_folder_that_vanishes_gets_one_line(tmp_path: Path) -> None:
     folder = tmp_path / "folder"
     folder.mkdir()
@@ -502,6 +512,7 @@ def test_only_a_layer_is_replaced_under_a_layers_default_name(
     analyze(run_rrd, force=True)
 
 
+@pytest.mark.long
 def test_only_pictures_are_replaced_under_their_default_names(
     run_rrd: Path, precious: bytes
 ) -> None:
@@ -579,7 +590,7 @@ WRITERS: dict[str, Callable[[Path, Path, bool], object]] = {
 """How each file is written from a recording `run.rrd` with frames, by the file's name."""
 
 
-@pytest.mark.parametrize("name", some([name for name in WRITERS if name != "run.analysis.rrd"], 5))
+@pytest.mark.parametrize("name", some([name for name in WRITERS if name != "run.analysis.rrd"], 1))
 def test_an_existing_part_is_kept(tmp_path: Path, filmed: Path, name: str) -> None:
     """It may be anything, complete or unfinished; with --force it is replaced.
 
@@ -901,6 +912,7 @@ def left(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return part.read_bytes()
 
 
+@pytest.mark.long
 def test_what_a_killed_run_left_is_analyzed_and_reported_as_partial(
     drop: Drop, tmp_path: Path, left: bytes
 ) -> None:

@@ -111,6 +111,7 @@ def test_recorded_poses_are_drawn_where_a_script_took_no_frames(
     assert heights[-1] > heights[0] + 50
 
 
+@pytest.mark.long
 def test_two_runs_are_seen_side_by_side_by_one_camera(record: Record, tmp_path: Path) -> None:
     """Left the box falls by 0.4 m from 1 m, right from 2 m: both are in view, at their heights."""
     low, high = record(FALLS), record(FALLS.replace("[0, 0, 1])", "[0, 0, 2])"))
@@ -190,6 +191,7 @@ def test_a_mesh_in_another_colour_is_not_written_again(tmp_path: Path) -> None:
     assert sum(model.shape.rgba == (1, 0, 0, 1) and model.mesh != b"" for model in looks) == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("how", some(["p.removeBody(body)", "p.resetSimulation()"], 1))
 def test_a_body_is_drawn_while_it_is_there(record: Record, tmp_path: Path, how: str) -> None:
     """Until 0.2 s, and again from 0.4 s on."""
@@ -272,6 +274,7 @@ def test_the_view_asked_for_is_drawn_even_where_there_are_frames(
     assert pictures(tmp_path / "drawn.gif")[0].shape == (360, 480, 3)
 
 
+@pytest.mark.long
 def test_the_standard_view_sees_the_whole_of_what_moves(record: Record, tmp_path: Path) -> None:
     """A ball 1 m wide that starts higher than it is wide: neither it nor its fall is cut off."""
     render(record(BALL), out=tmp_path / "ball.gif")
@@ -307,6 +310,7 @@ for step in range(24):
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("view", some(["standard", "follow"], 1))
 def test_a_body_whose_position_is_not_finite_is_not_drawn_there(
     record: Record, tmp_path: Path, view: str
@@ -367,6 +371,7 @@ def test_the_poses_of_a_drop_are_drawn_near_where_a_camera_is_named(
     assert (done.returncode, "a drop has only one body" in done.stderr) == (2, True)
 
 
+@pytest.mark.long
 def test_beside_a_drop_its_free_fall_lands_and_a_ruler_says_how_high_it_is(standard: Run) -> None:
     """Free fall is in the plane of the picture, and the ruler's ticks where PyBullet sees them."""
     held = read(standard.simulation.recording)
@@ -430,6 +435,7 @@ def test_what_leaves_is_followed(record: Record, tmp_path: Path) -> None:
     assert (np.abs(middles - (180, 240)) < (150, 200)).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dark", some([False, True], 1))
 def test_a_film_has_a_floor_of_tiles_edges_and_a_clock(
     record: Record, tmp_path: Path, dark: bool

@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import drop_physics
 import numpy as np
 import pytest
-from conftest import Drop
+from conftest import Drop, some
 from drop_physics import analyze, record_script
 from drop_physics.compare.comparison import compare
 from drop_physics.engines.decoder import Decoder
@@ -55,13 +55,20 @@ def written(folder: Path, name: str, end: str = "", *, steps: int = 24) -> Path:
 
 @pytest.mark.parametrize(
     ("end", "error", "line"),
-    [
-        ("assert False, 'too low'\n", "AssertionError: too low", "fails.py:7: assert False"),
-        ("1 / 0\n", "ZeroDivisionError: division by zero", "fails.py:7: 1 / 0"),
-        ("p.loadURDF('no.urdf')\n", "p.loadURDF('no.urdf')", "fails.py:7: p.loadURDF('no.urdf')"),
-        ("import sys; sys.exit(1)\n", "sys.exit(1)", ""),
-        ("import os; os.kill(os.getpid(), 9)\n", "SIGKILL", ""),
-    ],
+    some(
+        [
+            ("assert False, 'too low'\n", "AssertionError: too low", "fails.py:7: assert False"),
+            ("1 / 0\n", "ZeroDivisionError: division by zero", "fails.py:7: 1 / 0"),
+            (
+                "p.loadURDF('no.urdf')\n",
+                "p.loadURDF('no.urdf')",
+                "fails.py:7: p.loadURDF('no.urdf')",
+            ),
+            ("import sys; sys.exit(1)\n", "sys.exit(1)", ""),
+            ("import os; os.kill(os.getpid(), 9)\n", "SIGKILL", ""),
+        ],
+        2,
+    ),
 )
 def test_the_error_comes_first_and_the_analysis_all_the_same(
     drop: Drop, tmp_path: Path, end: str, error: str, line: str
@@ -113,7 +120,7 @@ def test_options_of_both_verbs_come_before_the_script(drop: Drop, tmp_path: Path
 
 @pytest.mark.parametrize(
     ("typed", "says"),
-    [
+    some([
         ("ball.rrd", "ball.rrd is a recording; what happened in it says: drop analyze ball.rrd"),
         ("record ball.rrd", "drop analyze ball.rrd"),
         ("cells.ipynb", 'with record("cells.rrd"): …'),
@@ -129,7 +136,7 @@ def test_options_of_both_verbs_come_before_the_script(drop: Drop, tmp_path: Path
          "'github', 'sarif', got 'xml'"),
         ("sweep --vary a=b --out s", "it must name a scenario option, such as"),
         ("why --try frction=2 ball.py", "got 'frction=2'; near it are friction"),
-    ],
+    ], 2),
 )  # fmt: skip
 def test_a_first_try_that_is_wrong_says_what_to_type(
     drop: Drop, tmp_path: Path, typed: str, says: str
@@ -153,6 +160,7 @@ def test_an_error_is_json_too(drop: Drop, typed: str) -> None:
     assert done.stderr == f"drop: {json.loads(done.stdout)['error']}\n"
 
 
+@pytest.mark.long
 def test_every_verb_ends_with_what_to_type_next(drop: Drop, tmp_path: Path) -> None:
     written(tmp_path, "ball.py")
     written(tmp_path, "other.py", steps=30)
@@ -206,6 +214,7 @@ for _ in range(50):
 """
 
 
+@pytest.mark.long
 def test_arms_with_other_names_are_not_called_identical(drop: Drop, tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(ARM)
     for name, text in (("bullet", IN_BULLET), ("other", IN_MUJOCO)):
@@ -284,7 +293,7 @@ AGAIN = {
 
 
 @pytest.mark.starts
-@pytest.mark.parametrize("how", AGAIN)
+@pytest.mark.parametrize("how", some(AGAIN, 1))
 def test_a_script_that_replaces_itself_is_recorded(drop: Drop, tmp_path: Path, how: str) -> None:
     again = f"if 'AGAIN' not in os.environ:\n    os.environ['AGAIN'] = ''\n    {AGAIN[how]}\n"
     (tmp_path / "ball.py").write_text("import os, sys\n" + again + FALLS.format(steps=24))
@@ -373,6 +382,7 @@ def test_a_viewer_that_needs_a_window_says_so(
     assert info(tmp_path / "recordings/looks.rrd").engine.startswith("MuJoCo ")
 
 
+@pytest.mark.long
 def test_the_plot_of_a_script_has_the_call_that_changes_it(tmp_path: Path) -> None:
     script = written(tmp_path, "ball.py", steps=240)
     record_script(str(script), out=tmp_path / "ball.rrd")
@@ -407,6 +417,7 @@ def test_a_narrow_terminal_says_which_columns_it_leaves_out(
         assert any("left out, for want of room: " in line for line in lines) == said
 
 
+@pytest.mark.long
 def test_a_notebook_names_no_option_of_the_command_line(tmp_path: Path) -> None:
     script = written(tmp_path, "ball.py", "import random; random.random()\n", steps=240)
     recorded = record_script(str(script), out=tmp_path / "ball.rrd")
@@ -418,6 +429,7 @@ def test_a_notebook_names_no_option_of_the_command_line(tmp_path: Path) -> None:
     assert "as_json()" in analysis._repr_html_()
 
 
+@pytest.mark.long
 def test_a_block_prints_as_its_recording_and_warns_where_it_is_empty(tmp_path: Path) -> None:
     code = f"""
 import pybullet as p, warnings

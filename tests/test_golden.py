@@ -7,7 +7,7 @@ import io
 
 import numpy as np
 import pytest
-from conftest import Recorder, judge
+from conftest import Recorder, judge, some
 from drop_physics.recording.frames import frames
 from drop_physics.recording.reader import read
 from drop_physics.stages.run import Run
@@ -26,14 +26,17 @@ def exactly(value: float, tolerance: float = IN_THE_AIR) -> object:
 
 @pytest.mark.parametrize(
     ("timestep_s", "linear_damping", "z_03", "printed_m"),
-    [
-        (1 / 240, None, 0.5567296523863766, "-0.0018"),
-        (1 / 480, None, 0.5597951433403751, "+0.0012"),
-        (1 / 960, None, 0.5613277333771846, "+0.0028"),
-        (1 / 240, 0.0, 0.5524187499999997, "-0.0061"),
-        (1 / 480, 0.0, 0.5554843749999994, "-0.0031"),
-        (1 / 960, 0.0, 0.5570171875000008, "-0.0015"),
-    ],
+    some(
+        [
+            (1 / 240, None, 0.5567296523863766, "-0.0018"),
+            (1 / 480, None, 0.5597951433403751, "+0.0012"),
+            (1 / 960, None, 0.5613277333771846, "+0.0028"),
+            (1 / 240, 0.0, 0.5524187499999997, "-0.0061"),
+            (1 / 480, 0.0, 0.5554843749999994, "-0.0031"),
+            (1 / 960, 0.0, 0.5570171875000008, "-0.0015"),
+        ],
+        2,
+    ),
 )
 def test_the_articles_table_comes_out_digit_by_digit(
     recorded: Recorder,

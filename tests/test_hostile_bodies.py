@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pybullet_data
 import pytest
-from conftest import Drop
+from conftest import Drop, some
 from drop_physics import Scenario, simulate
 from drop_physics.engines.pybullet import probe
 from drop_physics.engines.pybullet.body_files import (
@@ -175,6 +175,7 @@ def test_a_large_file_or_none_at_all_is_refused(tmp_path: Path) -> None:
 # -- links ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_limits_of_joints_are_those_of_pybullet(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -305,7 +306,7 @@ DEADLY: dict[str, tuple[str, dict[str, str], str]] = {
 }
 
 
-@pytest.mark.parametrize("kind", DEADLY)
+@pytest.mark.parametrize("kind", some(DEADLY, 1))
 def test_what_ends_bullet_is_one_line_here(tmp_path: Path, kind: str) -> None:
     urdf, files, why = DEADLY[kind]
     for name, content in files.items():
@@ -352,6 +353,7 @@ def test_a_trial_that_computes_forever_is_ended(tmp_path: Path) -> None:
     assert words in problem_of(written(tmp_path, many), Limits(cpu_s=1))[0]
 
 
+@pytest.mark.long
 def test_a_trial_that_takes_too_much_memory_is_ended(tmp_path: Path) -> None:
     limits = Limits(memory_bytes=600_000_000)
     assert problem_of(written(tmp_path, body()), limits) == ("", [])

@@ -84,6 +84,7 @@ def test_a_point_out_of_reach(tmp_path: Path) -> None:
     assert "finds no way there" in found.message
 
 
+@pytest.mark.long
 def test_no_number_of_iterations_gets_farther_than_the_arm_is_long(tmp_path: Path) -> None:
     """A file with all joints in a line is 1.1 m long from its first joint, at z = 0.1575 m."""
     for x, is_out in ((1.15, True), (1.05, False)):

@@ -63,6 +63,7 @@ def test_a_twin_is_off_by_the_term_that_it_has_otherwise(name: str, swings: Path
     assert made.explained < made.steps
 
 
+@pytest.mark.long
 def test_a_run_in_single_precision_is_explained_whole(swings: Path) -> None:
     arrays, first = twin_of(None)
     assert first is None
@@ -88,6 +89,7 @@ def test_states_without_controls_are_given_those_that_they_ask_for(swings: Path)
     del ctrl
 
 
+@pytest.mark.long
 def test_a_world_that_becomes_no_number_is_taken_and_ends_there(swings: Path) -> None:
     arrays, _ = twin_of(None, 40)
     batched = {name: np.stack([rows] * 3) for name, rows in arrays.items()}

@@ -86,6 +86,7 @@ class Wide(io.StringIO):
 # -- the catalogue --------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_template_is_a_literal() -> None:
     """Nothing else can be looked up; `fields.counted` alone takes one that it was given."""
     for path in PACKAGE.rglob("*.py"):
@@ -97,6 +98,7 @@ def test_a_template_is_a_literal() -> None:
                     assert not isinstance(template, ast.JoinedStr | ast.BinOp | ast.IfExp), path
 
 
+@pytest.mark.long
 def test_how_many_messages_wait_for_a_translation(
     record_property: Callable[[str, str], None],
 ) -> None:
@@ -185,6 +187,7 @@ CODE = re.compile(
 NAMES = {"PyBullet", "Bullet", "mm", "Ns", "kB", "run", "rrd", "gif", "png", "linearDamping"}
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("japanese")
 def test_what_a_code_means_is_in_japanese() -> None:
     """A message of a rule has … where a finding has a value, in either language."""
@@ -367,6 +370,7 @@ def font(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[
     style.japanese_font.cache_clear()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("japanese")
 def test_a_plot_is_in_japanese_where_a_font_is_installed(
     font: Callable[[str], None], caplog: pytest.LogCaptureFixture, standard: Run
@@ -378,6 +382,7 @@ def test_a_plot_is_in_japanese_where_a_font_is_installed(
     assert [record.getMessage() for record in caplog.records] == []  # nor a bold face
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("japanese")
 def test_without_one_it_is_in_english(
     font: Callable[[str], None], monkeypatch: pytest.MonkeyPatch, standard: Run
@@ -390,6 +395,7 @@ def test_without_one_it_is_in_english(
     assert drawn == render(story, "svg", dark=False)
 
 
+@pytest.mark.long
 def test_an_english_plot_takes_no_other_font(font: Callable[[str], None], standard: Run) -> None:
     story = plot_of(standard.analysis)
     drawn = render(story, "svg", dark=False)

@@ -282,7 +282,7 @@ def test_targets_that_are_kept_up_with_are_not_told(tmp_path: Path) -> None:
     assert said("off-target", scene, tmp_path) == []
 
 
-@pytest.mark.parametrize("steps", [23, 100])
+@pytest.mark.parametrize("steps", some([23, 100], 1))
 def test_pieces_say_the_same(steps: int, tmp_path: Path) -> None:
     """Cut anywhere, a target that stands goes on, and one that ended is remembered."""
     scene = FLOOR + ARM + "go(0.3, 100)\ngo(0.9, 203, 35)\ngo(0.8, 220, 30)\n"
@@ -394,7 +394,7 @@ HELD = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", some(HELD, 2))
+@pytest.mark.parametrize("name", some(HELD, 1))
 def test_a_motor_that_nobody_thought_of(name: str, tmp_path: Path) -> None:
     scene, then, joint, words = HELD[name]
     (found,) = said("default-motor", scene + then, tmp_path)
@@ -527,7 +527,7 @@ def test_a_car_that_does_not_roll_has_its_wheels_held(tmp_path: Path) -> None:
 SUBSTEPS = "p.setPhysicsEngineParameter(numSubSteps={n})\n" + KUKA + "go({force})\nsteps(480)\n"
 
 
-@pytest.mark.parametrize(("n", "force"), [(4, 30), (2, 30), (8, 10)])
+@pytest.mark.parametrize(("n", "force"), some([(4, 30), (2, 30), (8, 10)], 2))
 def test_substeps_make_motors_stronger(n: int, force: float, tmp_path: Path) -> None:
     (found,) = said("substeps-scale-motors", SUBSTEPS.format(n=n, force=force), tmp_path)
     assert f"numSubSteps={n}" in found.message
@@ -820,10 +820,13 @@ STOPPED = "for j in range(p.getNumJoints(r)):\n    p.resetJointState(r, j, {wher
 
 @pytest.mark.parametrize(
     ("file", "joints", "rate", "force"),
-    [
-        ("r2d2.urdf", (2, 3, 6, 7), 10, 5),
-        ("franka_panda/panda.urdf", (0, 3), 0.5, 80),
-    ],
+    some(
+        [
+            ("r2d2.urdf", (2, 3, 6, 7), 10, 5),
+            ("franka_panda/panda.urdf", (0, 3), 0.5, 80),
+        ],
+        1,
+    ),
 )
 def test_rates_that_a_reset_of_the_base_leaves(
     file: str, joints: tuple[int, ...], rate: float, force: float, tmp_path: Path

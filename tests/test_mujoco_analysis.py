@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from conftest import some
 from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.explain.replayed import Replayed
 from drop_physics.recording.reader import read
@@ -50,7 +51,7 @@ def told(folder: Path, text: str, *, explain: bool = True, at_s: tuple[float, ..
     return Told(recorded, analyze(recorded.recording, at_s=at_s))
 
 
-@pytest.fixture(scope="module", params=INTEGRATORS)
+@pytest.fixture(scope="module", params=some(INTEGRATORS, 1))
 def machine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Told:
     integrator = f"m.opt.integrator = mujoco.mjtIntegrator.mjINT_{request.param}"
     text = f"{DRIVEN}m = mujoco.MjModel.from_xml_string('''{MACHINE}''')\n{integrator}\n"
@@ -359,7 +360,7 @@ ANSWERED = {
 }
 
 
-@pytest.mark.parametrize("case", ANSWERED)
+@pytest.mark.parametrize("case", some(ANSWERED, 1))
 def test_what_is_asked_and_not_got_is_said(tmp_path: Path, case: str) -> None:
     how, text, code, reason = ANSWERED[case]
     model = ARM.format(**{"at": 0.2, "child": "link1", **how})

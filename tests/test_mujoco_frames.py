@@ -16,6 +16,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from conftest import some
 from drop_physics import record_script
 from drop_physics.engines.mujoco.explain.loaded import load
 from drop_physics.engines.mujoco.frames import STALE, STEPS, kind_of
@@ -170,7 +171,7 @@ def redone(run: Recording) -> Iterator[tuple[int, int, bool]]:
                 yield client, frames.first + number, same
 
 
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize("name", some(RUNS, 1))
 def test_each_step_is_taken_again_from_its_frame(name: str, tmp_path: Path) -> None:
     run = recorded(tmp_path, RUNS[name])
     made = [*redone(run)]
@@ -181,7 +182,7 @@ def test_each_step_is_taken_again_from_its_frame(name: str, tmp_path: Path) -> N
         assert any((f.after["tree_asleep"] >= 0).any() for f in run.steps.pieces(0, 0, 1 << 60))
 
 
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize("name", some(RUNS, 2))
 def test_a_stepper_takes_each_step_alone_and_leads_to_its_state(name: str, tmp_path: Path) -> None:
     """The process that takes them is given whole pieces, and leads where the script's steps led."""
     run, files = recorded(tmp_path, RUNS[name]), tmp_path / "models"
@@ -258,6 +259,7 @@ mujoco.mj_forward(seen, mujoco.MjData(seen))
     assert run.steps.clients == [0, 1]
 
 
+@pytest.mark.long
 def test_models_of_one_colour_are_recorded(tmp_path: Path) -> None:
     """100 models of a megabyte, most of whose bytes are alike."""
     flat = '<texture name="t" type="2d" builtin="flat" width="600" height="600"/>'

@@ -12,6 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from conftest import some
 from drop_physics import analyze, record_script
 from drop_physics.engines.mujoco import framed
 from drop_physics.explain import moments
@@ -85,7 +86,9 @@ def acted(seen: Seen, first: int, end: int) -> tuple[dict[Any, Any], dict[int, i
 
 
 @few
-@pytest.mark.parametrize("window", [(0, 600), (180, 230), (149, 151), (599, 600)])
+@pytest.mark.parametrize(
+    "window", some(map(pytest.param, [(180, 230), (0, 600), (149, 151), (599, 600)]), 1)
+)
 def test_windows_have_the_sums_of_a_run_that_was_explained_at_once(
     made: tuple[Path, Path], window: tuple[int, int]
 ) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Drop
+from conftest import Drop, some
 from drop_physics.recording.reader import Recording, read
 from drop_physics.stages.info import info
 from drop_physics.stages.record import Recorded, ReplayedSteps, record_script
@@ -224,7 +224,7 @@ def test_what_is_not_recorded_is_said(tmp_path: Path, text: str, samples: int, s
 
 
 @pytest.mark.pybullet
-@pytest.mark.parametrize("first", ["PyBullet", "MuJoCo"])
+@pytest.mark.parametrize("first", some(["PyBullet", "MuJoCo"], 1))
 def test_a_script_that_steps_two_engines_has_a_recording_of_each(
     tmp_path: Path, drop: Drop, monkeypatch: pytest.MonkeyPatch, first: str
 ) -> None:
@@ -255,6 +255,7 @@ def test_a_script_that_steps_two_engines_has_a_recording_of_each(
     assert note in " ".join(both.stderr.split())
 
 
+@pytest.mark.long
 @pytest.mark.pybullet
 def test_the_steps_of_both_engines_are_compared(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -338,6 +339,7 @@ def test_names_may_be_longer_than_an_entity_s(tmp_path: Path) -> None:
     assert [name.rstrip("n") for name in body.links[1:]] == [*map(str, range(deep))]
 
 
+@pytest.mark.long
 def test_recordings_are_compared_to_the_bit(recorded: tuple[Recorded, str], tmp_path: Path) -> None:
     from drop_physics.stages.check import check
 

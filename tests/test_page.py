@@ -33,6 +33,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "arm.html"
 
 
+@pytest.mark.long
 def test_a_page_has_verdict_finding_and_its_line(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert "<h1>arm.py finished: 1 body, 720 steps" in text

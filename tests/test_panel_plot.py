@@ -81,7 +81,9 @@ def panel_of(low: float, high: float, unit: str, names: Sequence[str], **how: bo
 
 
 @pytest.mark.parametrize(
-    ("spans", "names"), [(SPANS[:5], ["total", LONG]), (SPANS[5:], MANY)], ids=["few", "many"]
+    ("spans", "names"),
+    some([(SPANS[:5], ["total", LONG]), (SPANS[5:], MANY)], 1),
+    ids=["few", "many"],
 )
 def test_no_label_is_cut_whatever_the_numbers(
     spans: Sequence[tuple[float, float]], names: list[str]
@@ -216,6 +218,7 @@ def test_what_flies_shows_its_height_beside_free_fall(tmp_path: Path) -> None:
     assert ball.values[0] == 3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "scene", some([ARM.format(force=20), ARM.format(force=300), SLOPE, BALL], 1)
 )

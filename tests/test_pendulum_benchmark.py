@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 import pytest
+from conftest import some
 from drop_physics.physics.tree import BASE
 from generators import pendulum
 from generators.pages import DOCS
@@ -17,7 +18,7 @@ from scipy.integrate import solve_ivp
 from trees import Watched, described, engine, load, motors_off, run
 
 
-@pytest.fixture(scope="module", params=[0.0, DAMPING], ids=["off", "default"])
+@pytest.fixture(scope="module", params=some([0.0, DAMPING], 1), ids=["off", "default"])
 def found(request: pytest.FixtureRequest) -> list[Error]:
     return pendulum.errors(request.param)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import some
 from drop_physics import Camera, DropError, Scenario, simulate
 from drop_physics.engines.pybullet import camera_frames, pose_renderer
 from drop_physics.engines.pybullet.camera_frames import Photographer
@@ -46,7 +47,7 @@ def decoded(png: bytes) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "body", ["cube_small.urdf", "sphere2.urdf", "duck_vhacd.urdf", "r2d2.urdf"]
+    "body", some(["cube_small.urdf", "sphere2.urdf", "duck_vhacd.urdf", "r2d2.urdf"], 1)
 )
 def test_a_body_in_front_of_the_floor_is_what_both_together_give(body: str) -> None:
     """Falling, sinking into the floor, tumbling on it, and flying out of the picture."""
@@ -72,7 +73,7 @@ def test_where_the_depths_leave_a_doubt_the_picture_is_drawn_whole(
         assert np.array_equal(picture, whole)
 
 
-@pytest.mark.parametrize("workers", [0, 2])
+@pytest.mark.parametrize("workers", some([0, 2], 1))
 def test_the_number_of_workers_changes_nothing(
     workers: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -163,6 +164,7 @@ def test_framing_again_changes_nothing(view: View) -> None:
     assert framed(once, Scenario()) == once
 
 
+@pytest.mark.long
 def test_what_follows_is_drawn_alike_by_workers_and_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
     scenario, camera = Scenario(duration_s=0.25), replace(SMALL, view="follow", capture_every=7)
     poses = poses_in(scenario)

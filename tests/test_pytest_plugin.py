@@ -71,6 +71,7 @@ def writer(monkeypatch: pytest.MonkeyPatch) -> Iterator[BlockWriter]:
     BlockWriter.close(kept)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("writer")
 def test_a_golden_is_made_and_then_holds(
     project: pytest.Pytester, monkeypatch: pytest.MonkeyPatch

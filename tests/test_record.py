@@ -189,7 +189,7 @@ def contacts(path: Path) -> dict[int, list[list[float]]]:
 
 
 @pytest.mark.starts
-@pytest.mark.parametrize("name", some(scripts.PLAIN, 5))
+@pytest.mark.parametrize("name", some(scripts.PLAIN, 1))
 def test_a_script_prints_the_same_to_the_last_bit(plain: Plain, name: str) -> None:
     bench = plain(name)
     bare = bench.bare("script.py", *scripts.ARGUMENTS.get(name, []))
@@ -364,7 +364,9 @@ def test_step_and_time_go_on_over_a_reset(plain: Plain) -> None:
     assert put == [40, 80]
 
 
-@pytest.mark.parametrize("how", [{"seed": 2**63 - 1, "steps": 2**63 - 1}, {"seed": 1 - 2**63}])
+@pytest.mark.parametrize(
+    "how", some([{"seed": 2**63 - 1, "steps": 2**63 - 1}, {"seed": 1 - 2**63}], 1)
+)
 def test_the_largest_numbers_that_are_taken_are_read_back(
     bench: Bench, how: dict[str, int]
 ) -> None:
@@ -961,8 +963,9 @@ def test_the_line_of_the_scripts_own_that_fails_is_cited(bench: Bench, text: str
 @pytest.mark.starts
 @pytest.mark.parametrize(
     "text",
-    [
-        """
+    some(
+        [
+            """
 def load():
     p.loadURDF("nothing.urdf")
 try:
@@ -979,8 +982,10 @@ except p.error:
             except RuntimeError as itself:
                 raise itself from itself
 """,
-        "if:",
-    ],
+            "if:",
+        ],
+        1,
+    ),
     ids=["chain", "syntax"],
 )
 def test_a_traceback_is_that_of_the_script(bench: Bench, text: str) -> None:
@@ -1026,6 +1031,7 @@ def test_what_a_script_catches_has_no_frame_of_ours(bench: Bench) -> None:
     assert printed.count("Traceback") == 19
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("to_the_group", some([True, False], 1))
 def test_ctrl_c_ends_it_with_a_whole_recording(bench: Bench, to_the_group: bool) -> None:
     script = bench.script(
@@ -1358,6 +1364,7 @@ print(block.recorded.ended, block.recorded.samples)
 """
 
 
+@pytest.mark.long
 def test_a_block_of_python_is_recorded_and_nothing_outside_of_it(bench: Bench) -> None:
     done = bench.bare(bench.script(BLOCK.replace("{more}", "")))
     assert done.returncode == 0, done.stderr
@@ -1827,17 +1834,21 @@ for _ in range(7):
 @pytest.mark.starts
 @pytest.mark.parametrize(
     "load",
-    [
-        "loaded('pybullet', p.__file__)",
-        "loaded('mine.pybullet', p.__file__)",
-        "beside(os.symlink)",
-    ],
+    some(
+        [
+            "loaded('pybullet', p.__file__)",
+            "loaded('mine.pybullet', p.__file__)",
+            "beside(os.symlink)",
+        ],
+        1,
+    ),
 )
 def test_pybullet_as_another_module_is_recorded(bench: Bench, load: str) -> None:
     recorded, _ = bench.record(bench.script(OTHER_MODULES.replace("{load}", load)))
     assert (recorded.ended, recorded.samples) == ("finished", 8)
 
 
+@pytest.mark.long
 @pytest.mark.starts
 def test_a_copy_of_pybullet_is_recorded_alone_and_named_beside_another(bench: Bench) -> None:
     """It has simulations of its own, with the same numbers."""
@@ -2013,7 +2024,7 @@ def test_a_soft_body_alone_is_not_still_and_its_simulation_has_a_duration(bench:
     assert "the soft body 1_cloth_z_up is left out" in str(analysis)
 
 
-@pytest.mark.parametrize("seed", [None, 3])
+@pytest.mark.parametrize("seed", some([None, 3], 1))
 def test_a_script_that_computes_with_the_time_of_day_is_the_same_twice(
     bench: Bench, seed: int | None
 ) -> None:

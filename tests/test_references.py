@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import scenes
 from command import drop_here
+from conftest import some
 from drop_physics.cli import app
 from drop_physics.stages.run import Run
 from generators.json_objects import COMMANDS
@@ -61,34 +62,40 @@ def printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standard: Run) -> A
     return call
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", some(COMMANDS, 3))
 def test_a_schema_is_one(command: str) -> None:
     Draft202012Validator.check_schema(schema_of(command))
 
 
 @pytest.mark.parametrize(
     "commands",
-    [
-        ["simulate --out new.rrd --no-camera"],
-        ["analyze run.rrd", "analyze run.rrd --at 0.3 --at 0.5 --at 0.9"],
-        *(
-            [f"simulate --out new.rrd --no-camera {options}", "analyze new.rrd --at 0.1"]
-            for options in (
-                "--no-step",
-                "--no-floor --velocity 1,0,3 --spin 0,5,0",
-                "--restitution 0.8 --duration 2 --coordinates maximal",
-            )
-        ),
-        ["render run.rrd"],
-        ["info run.rrd"],
-        ["run --duration 0.1 --no-camera"],
-        ["check run.rrd --against run.rrd", f"check run.rrd --against {GOLDEN}"],
-        ["simulate --out new.rrd --no-camera --timestep 1/480", "check new.rrd --against run.rrd"],
-        ["check run.rrd --against golden.rrd --update"],
-        ["sweep --out a --timestep 1/240,1/480,1/960 --linear-damping default,0"],
-        ["sweep --out b --timestep 1/240,1/7 --no-record"],
-        ["sweep --out c --samples 40 --vary height=uniform:1:2 --no-record"],
-    ],
+    some(
+        [
+            ["simulate --out new.rrd --no-camera"],
+            ["analyze run.rrd", "analyze run.rrd --at 0.3 --at 0.5 --at 0.9"],
+            *(
+                [f"simulate --out new.rrd --no-camera {options}", "analyze new.rrd --at 0.1"]
+                for options in (
+                    "--no-step",
+                    "--no-floor --velocity 1,0,3 --spin 0,5,0",
+                    "--restitution 0.8 --duration 2 --coordinates maximal",
+                )
+            ),
+            ["render run.rrd"],
+            ["info run.rrd"],
+            ["run --duration 0.1 --no-camera"],
+            ["check run.rrd --against run.rrd", f"check run.rrd --against {GOLDEN}"],
+            [
+                "simulate --out new.rrd --no-camera --timestep 1/480",
+                "check new.rrd --against run.rrd",
+            ],
+            ["check run.rrd --against golden.rrd --update"],
+            ["sweep --out a --timestep 1/240,1/480,1/960 --linear-damping default,0"],
+            ["sweep --out b --timestep 1/240,1/7 --no-record"],
+            ["sweep --out c --samples 40 --vary height=uniform:1:2 --no-record"],
+        ],
+        2,
+    ),
     ids=lambda commands: commands[-1].partition(" --out")[0][:60],
 )
 def test_what_is_printed_is_what_the_schema_says(printed: Any, commands: list[str]) -> None:
@@ -129,6 +136,7 @@ def test_what_trust_prints_is_what_the_schema_says(tmp_path: Path) -> None:
     Draft202012Validator(strict(schema_of("trust"))).validate(json.loads(done.stdout))
 
 
+@pytest.mark.long
 def test_what_why_prints_is_what_the_schema_says(tmp_path: Path) -> None:
     tmp_path.joinpath("script.py").write_text(
         "import pybullet as p\np.connect(p.DIRECT)\np.setGravity(0, 0, -10)\n"

@@ -190,7 +190,7 @@ def check_flights(body: BodyAnalysis) -> None:
 
 
 @pytest.mark.parametrize("maximal", [False, True], ids=["reduced", "maximal"])
-@pytest.mark.parametrize("name", some(SCENES, 12))
+@pytest.mark.parametrize("name", some(SCENES, 3))
 def test_every_sample_is_explained(analyzed: Analyzed, name: str, *, maximal: bool) -> None:
     text, expected = SCENES[name]
     recording, analysis = analyzed(text.replace("{maximal}", str(maximal)))

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 from command import drop_here, environment
-from conftest import Drop
+from conftest import Drop, some
 from drop_physics import record_script
 from drop_physics.errors import ScenarioError
 
@@ -66,6 +66,7 @@ def test_the_second_look_shows_the_new_answer(drop: Drop, tmp_path: Path) -> Non
     assert mass_kg(drop, "recordings/ball.rrd") == "2 kg"
 
 
+@pytest.mark.long
 def test_a_module_replaces_its_own_recording(
     drop: Drop, drop_process: Drop, tmp_path: Path
 ) -> None:
@@ -90,7 +91,7 @@ def test_a_script_elsewhere_of_the_same_name_is_another(drop: Drop, tmp_path: Pa
     assert mass_kg(drop, "c/ball.py") == "2 kg"  # the same file
 
 
-@pytest.mark.parametrize("what", ["text", "a drop", "a link", "a folder", "no path"])
+@pytest.mark.parametrize("what", some(["text", "a drop", "a link", "a folder", "no path"], 1))
 def test_what_else_has_the_name_is_left_alone(drop: Drop, tmp_path: Path, what: str) -> None:
     falls(tmp_path / "ball.py")
     theirs = tmp_path / "recordings/ball.rrd"
@@ -221,6 +222,7 @@ def test_force_is_about_the_name_without_a_number(drop: Drop, tmp_path: Path) ->
     assert mass_kg(drop, "recordings/ball.rrd") == "1 kg"
 
 
+@pytest.mark.long
 def test_a_folder_that_is_not_there_is_made(drop: Drop, tmp_path: Path) -> None:
     falls(tmp_path / "ball.py")
     assert drop("record", "--out", "a/b/ball.rrd", "ball.py").returncode == 0
@@ -467,26 +469,29 @@ def test_what_is_no_recording_is_not_called_damaged(
 
 @pytest.mark.parametrize(
     ("script", "printed", "ours"),
-    [
-        ("raise ValueError('a typo')", "ValueError: a typo", "the script fails; what"),
-        ("import sys; sys.exit('no such arm')", "no such arm", "the script fails; what"),
-        ("import sys; sys.exit(4)", "sys.exit(4)", "the script fails: sys.exit(4); what"),
-        (
-            "import pybullet as p; p.connect(2); p.loadURDF('no.urdf')",
-            "pybullet.error: Cannot load URDF file",
-            "a file that it cannot find or read: There is no no.urdf",
-        ),
-        (
-            "import pybullet as p; p.stepSimulation()",
-            "Not connected to physics server",
-            "the script fails: There is no simulation with that number",
-        ),
-        (
-            "import os; os.kill(os.getpid(), 9)",
-            "it was ended by SIGKILL",
-            "the script fails: it was ended by SIGKILL; what",
-        ),
-    ],
+    some(
+        [
+            ("raise ValueError('a typo')", "ValueError: a typo", "the script fails; what"),
+            ("import sys; sys.exit('no such arm')", "no such arm", "the script fails; what"),
+            ("import sys; sys.exit(4)", "sys.exit(4)", "the script fails: sys.exit(4); what"),
+            (
+                "import pybullet as p; p.connect(2); p.loadURDF('no.urdf')",
+                "pybullet.error: Cannot load URDF file",
+                "a file that it cannot find or read: There is no no.urdf",
+            ),
+            (
+                "import pybullet as p; p.stepSimulation()",
+                "Not connected to physics server",
+                "the script fails: There is no simulation with that number",
+            ),
+            (
+                "import os; os.kill(os.getpid(), 9)",
+                "it was ended by SIGKILL",
+                "the script fails: it was ended by SIGKILL; what",
+            ),
+        ],
+        2,
+    ),
 )
 def test_the_error_of_a_script_is_printed_once(
     drop: Drop, tmp_path: Path, script: str, printed: str, ours: str

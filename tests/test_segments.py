@@ -83,7 +83,7 @@ def throws(folder: Path, seed: int, **fixed: Any) -> Iterator[Watched]:
 # -- the law's one step ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("coordinates", MODES)
+@pytest.mark.parametrize("coordinates", some(MODES, 1))
 def test_one_step_from_each_recorded_sample_is_pybullets(coordinates: Any, tmp_path: Path) -> None:
     """Velocities to the last bit, or to 8 x 2^-52 where a btMultiBody turns."""
     worst = 0.0

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+import pytest
 import sizes
 from sizes import Size
 
@@ -47,6 +48,7 @@ def test_rooms_stand_beside_those_of_the_last_version() -> None:
     assert [line.split()[1:] for line in sizes.table(now, {})][-1] == ["4", "18"]
 
 
+@pytest.mark.long
 def test_no_docstring_is_a_fragment() -> None:
     code = '''
 WIDTH = 3
@@ -68,6 +70,7 @@ class Line:
         assert sizes.fragments_in(module) == [], path
 
 
+@pytest.mark.long
 def test_a_class_name_means_one_thing() -> None:
     assert sizes.classes_twice() == set()
 

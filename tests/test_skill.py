@@ -48,6 +48,7 @@ def object_of(printed: dict[str, str], begins: str) -> dict[str, Any]:
     return dict(json.loads(text[text.index("{") : text.rindex("}") + 1]))
 
 
+@pytest.mark.long
 @pytest.mark.pybullet  # a page is run as users have it
 def test_each_command_of_the_page_works_and_answers(printed: dict[str, str]) -> None:
     assert len(printed) == 5

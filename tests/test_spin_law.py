@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import some
 from drop_physics.engines.pybullet.world import World
 from drop_physics.physics.base import Motion
 from drop_physics.physics.laws.bullet.air import effective_damping
@@ -23,7 +24,7 @@ from iterated import airborne, law_of, tumbling
 STEPS, TIMESTEP_S = 120, 1 / 240
 
 
-@pytest.mark.parametrize("coordinates", MODES)
+@pytest.mark.parametrize("coordinates", some(MODES, 2))
 @pytest.mark.parametrize("damping", [None, 0.0, 0.5])
 # The light body's Jacobian has a determinant below SIMD_EPSILON, and the fast one turns too far.
 @pytest.mark.parametrize("inertia", [(1e-3, 2e-3, 2.5e-3), (1e-6, 2e-6, 3e-6)])
@@ -157,6 +158,7 @@ def brick(tmp_path_factory: pytest.TempPathFactory) -> str:
     return urdf_of(tmp_path_factory.mktemp("brick"), box("0.1 0.2 0.3"))
 
 
+@pytest.mark.long
 @settings(
     max_examples=25,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],

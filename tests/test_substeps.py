@@ -98,7 +98,7 @@ FREE: dict[str, tuple[str, Drive | None, bool]] = {
 }
 
 
-@pytest.mark.parametrize("substeps", [2, 5])
+@pytest.mark.parametrize("substeps", some([2, 5], 3))
 @pytest.mark.parametrize("name", [*FREE])
 def test_what_nothing_touches_follows_to_rounding(name: str, substeps: int) -> None:
     file, drive, fixed = FREE[name]

@@ -24,7 +24,7 @@ import polars as pl
 import pybullet_data
 import pytest
 from command import HANGS_S, wait_for
-from conftest import Drop, descendants_of
+from conftest import Drop, descendants_of, some
 from drop_physics import Scenario, analyze
 from drop_physics.engines.pybullet.engine import p
 from drop_physics.errors import DropError, OutputError
@@ -418,14 +418,17 @@ def test_a_sweep_goes_on_where_it_stopped(tmp_path: Path, reference: pl.DataFram
 
 @pytest.mark.parametrize(
     "change",
-    [
-        {"samples": 41},
-        {"seed": 6},
-        {"vary": ["height=uniform:0.6:3"]},
-        {"given": {"linear_damping": "0"}},
-        {"at_s": 0.2},
-        {"record": True},
-    ],
+    some(
+        [
+            {"samples": 41},
+            {"seed": 6},
+            {"vary": ["height=uniform:0.6:3"]},
+            {"given": {"linear_damping": "0"}},
+            {"at_s": 0.2},
+            {"record": True},
+        ],
+        2,
+    ),
 )
 def test_another_sweep_is_turned_away(tmp_path: Path, change: dict[str, object]) -> None:
     plan = {"given": {}, "samples": 3, "seed": 5, "vary": ["height=uniform:0.6:2"]}
@@ -553,6 +556,7 @@ def test_wrong_usage_gets_one_line_and_leaves_nothing(
 # -- chance ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_spread_is_that_of_the_rows_in_the_air(tmp_path: Path) -> None:
     """Those whose terms add up; of those on the floor there is a total only."""
     plan = plan_of({"linear_damping": "0,0.1"}, samples=30, seed=2, vary=["height=uniform:0.1:1"])

@@ -330,7 +330,7 @@ def test_free_motion_closes(file: str) -> None:
         closes(watched.sum())
 
 
-@pytest.mark.parametrize(("file", "mode"), some(DRIVEN, 12))
+@pytest.mark.parametrize(("file", "mode"), some(DRIVEN, 3))
 def test_a_robot_on_a_floor_that_may_touch_itself_closes(file: str, mode: str) -> None:
     with engine(floor=True):
         flags = {"flags": p.URDF_USE_SELF_COLLISION} if file.endswith(".urdf") else {}

@@ -39,7 +39,14 @@ def today(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {name: folder / f"{name}.rrd" for name in ("arm", "drop")}
 
 
-@pytest.fixture(params=[(number, name) for number in EARLIER for name in ("arm", "drop")], ids=str)
+@pytest.fixture(
+    params=[
+        pytest.param((number, name), marks=[pytest.mark.long] * (number > EARLIER[0]))
+        for number in EARLIER
+        for name in ("arm", "drop")
+    ],
+    ids=str,
+)
 def pair(
     request: pytest.FixtureRequest, today: dict[str, Path], tmp_path: Path
 ) -> tuple[Path, Path]:

@@ -68,6 +68,7 @@ def test_a_drop_and_its_golden_one_are_seen_together(tmp_path: Path) -> None:
     assert added == {"/world/golden/base", "/world/golden/base/0", "/height/golden"}
 
 
+@pytest.mark.long
 @pytest.mark.skipif(vulkan_driver() is None, reason="no software Vulkan")
 def test_both_open_as_one_recording_at_the_first_difference(
     recording: Record, golden: Path

@@ -557,6 +557,7 @@ def joined_steps(events: list[Event]) -> list[int]:
     return [step for one in events if isinstance(one, Samples) for step in one.steps.tolist()]
 
 
+@pytest.mark.long
 def test_a_watch_that_is_over_is_forgotten() -> None:
     """Each holds a megabyte, and a run of tests may have a thousand blocks."""
     with shared_block() as memory:

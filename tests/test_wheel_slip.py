@@ -159,6 +159,7 @@ def slips(scene: str, path: Path) -> list[Finding]:
     return [each for each in findings(scene, path / "scene.rrd") if each.code == "wheel-slip"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", some(SLIP, 1))
 def test_wheels_that_slip(name: str, tmp_path: Path) -> None:
     scene, cured = SLIP[name]

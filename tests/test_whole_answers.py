@@ -67,6 +67,7 @@ for i in range(240):
 LOOSE = AIR + KUKA + "for j in range(7): p.setJointMotorControl2(k, j, p.VELOCITY_CONTROL, force=0)"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("scene", "cured", "term"),
     some(
@@ -335,19 +336,22 @@ def test_momentum_that_stays_or_was_given(scene: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("set_up", "label", "call"),
-    [
-        (
-            "p.resetBaseVelocity(c, [1e200, 0, 0])\np.resetJointState(k, 2, float('inf'))",
-            "model",
-            2,
-        ),
-        (
-            "p.resetJointState(k, 2, float('inf'))\np.resetBaseVelocity(c, [1e200, 0, 0])",
-            "model",
-            1,
-        ),
-        ("p.resetBaseVelocity(c, [1e200, 0, 0])", "cube_small", None),
-    ],
+    some(
+        [
+            (
+                "p.resetBaseVelocity(c, [1e200, 0, 0])\np.resetJointState(k, 2, float('inf'))",
+                "model",
+                2,
+            ),
+            (
+                "p.resetJointState(k, 2, float('inf'))\np.resetBaseVelocity(c, [1e200, 0, 0])",
+                "model",
+                1,
+            ),
+            ("p.resetBaseVelocity(c, [1e200, 0, 0])", "cube_small", None),
+        ],
+        1,
+    ),
 )
 def test_a_call_is_blamed_only_for_its_own_body(
     set_up: str, label: str, call: int | None, tmp_path: Path

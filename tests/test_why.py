@@ -181,6 +181,7 @@ def test_what_nothing_proves_is_to_be_tried_until_a_trial_has_shown_it(held: Why
     assert all("to try: give it more" in text for text in texts)
 
 
+@pytest.mark.long
 def test_the_best_trial_is_filmed_beside_the_scripts_own_run(
     drop: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -196,6 +197,7 @@ def test_the_best_trial_is_filmed_beside_the_scripts_own_run(
     assert "both.gif" in done.stderr
 
 
+@pytest.mark.long
 def test_shares_are_the_articles_and_the_exact_terms(tmp_path: Path) -> None:
     """A box falls for 0.3 s: -1.82 mm = -6.13 timestep + 4.31 damping + 0.00 interaction."""
     result = proved(tmp_path, "p.loadURDF('cube_small.urdf', [0, 0, 1])\nsteps(72)\n")
@@ -282,6 +284,7 @@ for k in range(240):
 """
 
 
+@pytest.mark.long
 def test_a_body_that_calls_move_in_both_runs_is_not_what_a_trial_moves(tmp_path: Path) -> None:
     """The belt goes the same 0.15 m in both runs; the parcel is carried along in one of them."""
     (tried,) = found(proved(tmp_path, BELT), "dragged-by-nothing").tried
@@ -307,6 +310,7 @@ steps(1200)
 """
 
 
+@pytest.mark.long
 def test_a_body_is_the_same_though_its_file_has_another_name_in_each_run(tmp_path: Path) -> None:
     """A pendulum of a temporary file swings less, since PyBullet damps it by 0.04."""
     result = proved(tmp_path, PENDULUM.format(folder=str(tmp_path)))
@@ -327,6 +331,7 @@ for _ in range(400):
 """
 
 
+@pytest.mark.long
 def test_what_has_no_trial_is_said_not_to_have_been_tried(tmp_path: Path) -> None:
     """An arm whose base is free stands still with `useFixedBase=True`, which no trial sets."""
     result = proved(tmp_path, TIPS)
@@ -336,6 +341,7 @@ def test_what_has_no_trial_is_said_not_to_have_been_tried(tmp_path: Path) -> Non
     assert "not tried: drop has no trial for this" in text
 
 
+@pytest.mark.long
 def test_what_reaches_outside_is_not_run_again_unasked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -359,6 +365,7 @@ def test_what_reaches_outside_is_not_run_again_unasked(
     ).read_text() == "x" * 6  # its own, the nudge, an unchanged run, and the trial
 
 
+@pytest.mark.long
 def test_trials_write_in_a_copy_and_draw_what_the_script_drew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -388,6 +395,7 @@ def test_trials_write_in_a_copy_and_draw_what_the_script_drew(
     assert Path("sub/script.py.log").read_text() == "x"
 
 
+@pytest.mark.long
 def test_trials_that_part_from_one_run_are_runs_of_their_own_to_the_bit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -415,6 +423,7 @@ def test_trials_that_part_from_one_run_are_runs_of_their_own_to_the_bit(
     assert len(set(parted.values())) == len(tries)
 
 
+@pytest.mark.long
 def test_what_is_asked_with_try_is_tried_and_nothing_else(tmp_path: Path) -> None:
     result = proved(tmp_path, HELD, tries=["damping", "constraint-force=40"], duration_s=0.24)
     assert result.ended == "duration"
@@ -444,6 +453,7 @@ def test_trials_go_with_the_recording(tmp_path: Path, monkeypatch: pytest.Monkey
     assert not folder.exists()
 
 
+@pytest.mark.long
 def test_ctrl_c_shows_what_was_found_so_far(tmp_path: Path) -> None:
     notes: list[str] = []
 
@@ -461,6 +471,7 @@ def test_ctrl_c_shows_what_was_found_so_far(tmp_path: Path) -> None:
     assert any(each.startswith("interrupted: ") for each in notes)
 
 
+@pytest.mark.long
 def test_runs_that_differ_by_themselves_are_said_to(tmp_path: Path) -> None:
     notes: list[str] = []
     chance = "import os\nb = p.loadURDF('cube_small.urdf', [int.from_bytes(os.urandom(4)), 0, 1])\n"
@@ -470,6 +481,7 @@ def test_runs_that_differ_by_themselves_are_said_to(tmp_path: Path) -> None:
     assert any("differ though nothing is changed" in each for each in notes)
 
 
+@pytest.mark.long
 def test_a_script_is_swept_over_interventions(
     drop: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
