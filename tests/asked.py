@@ -36,3 +36,14 @@ def told_in_pieces(seen: Seen, **origin: str) -> list[Finding]:
     for piece in story.explanation.pieces(steps):
         story.see(piece)
     return story.findings()
+
+
+def found(scene: str, folder: Path, code: str) -> list[Finding]:
+    """Record a scene in a folder, and return the findings of one code."""
+    return [each for each in findings(scene, folder / "scene.rrd") if each.code == code]
+
+
+def in_pieces(scene: str, folder: Path, code: str) -> list[Finding]:
+    """Return the same where the recording comes in pieces."""
+    said = told_in_pieces(record(scene, folder / "pieces.rrd").seen)
+    return [each for each in said if each.code == code]

@@ -85,28 +85,6 @@ for i in range(120):
     p.stepSimulation()
 """
 )
-JERKED = LIFT.replace("(i - 120) / 1200", "(i - 120) / 240").replace("if i < 400 else 0", "")
-TURNED = (
-    FLOOR
-    + BOX
-    + """
-d = p.createCollisionShape(p.GEOM_CYLINDER, radius=.5, height=.05)
-t = p.createMultiBody(0, -1, -1, linkMasses=[5], linkCollisionShapeIndices=[d],
-    linkVisualShapeIndices=[-1], linkPositions=[[0, 0, .3]], linkOrientations=[[0, 0, 0, 1]],
-    linkInertialFramePositions=[[0, 0, 0]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
-    linkParentIndices=[0], linkJointTypes=[p.JOINT_REVOLUTE], linkJointAxis=[[0, 0, 1]])
-p.changeDynamics(t, 0, lateralFriction=1)
-b = box(.3, [.3, 0, .375], mu={mu})
-steps(60)
-for i in range(420):
-    p.setJointMotorControl2(t, 0, p.VELOCITY_CONTROL, targetVelocity=min(i / 60, 4), force=50)
-    p.stepSimulation()
-"""
-)
-DUCKS = FLOOR + (
-    "for i in range(3):\n    b = p.loadURDF('duck_vhacd.urdf', [0, .05 * i, .1 + .1 * i])\n"
-    "steps(240)"
-)
 PUSHED = (
     FLOOR
     + BOX

@@ -173,8 +173,8 @@ FEW = [*((by_why, way) for way in QUICK), *((verb, QUICK[0]) for verb in VERBS[1
 EACH = [
     *((by_why, way) for way in WAYS if way not in QUICK),  # forks
     *(
-        each  # runs from the start, a verb in turn
-        for each in zip(itertools.cycle(VERBS[1:]), WAYS, strict=False)
+        each  # runs from the start see a file system of their own: each third way, a verb in turn
+        for each in zip(itertools.cycle(VERBS[1:]), [*WAYS][::3], strict=False)
         if each not in FEW
     ),
 ]

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pybullet as p
 import pytest
+from asked import found, in_pieces
 from clients import release_clients
 from conftest import some
 from drop_physics.recording import schema
@@ -15,7 +16,6 @@ from drop_physics.recording.reader import contents
 from drop_physics.rules.collides_as_hull import distances_m
 from drop_physics.stages.analyze import analyze
 from scenes import HEAD, record
-from test_contact_answers import found, in_pieces
 from viewer import COLOURED, Viewer, vulkan_driver
 
 RING = """

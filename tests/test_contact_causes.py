@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from asked import found, in_pieces
 from conftest import some
 from contact_scenes import BOX, FLOOR, GRIP, SLOPE, TRAY, bare
 from scenes import site
-from test_contact_answers import DROPPED, found, in_pieces
 from test_contact_overlaps import BOUNCES, HEAVY, run
 
 # -- creeps ---------------------------------------------------------------------------------------
@@ -403,6 +403,7 @@ def test_what_does_not_leave_faster_than_it_comes(scene: str, tmp_path: Path) ->
     assert not found(scene, tmp_path, "energy-gained")
 
 
+DROPPED = FLOOR + BOX + "b = ball(1, [0, 0, {z}])\np.changeDynamics(b, -1, restitution={r})\n"
 SOFTLY = DROPPED.format(z=1, r=0.9) + (
     "p.changeDynamics(b, -1, contactStiffness=2000, contactDamping=5)\nsteps(240)"
 )

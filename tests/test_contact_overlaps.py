@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from asked import found, in_pieces
 from conftest import some
 from contact_scenes import BOX, FLOOR, HEIGHT, PANDA, PUSHED, STACK, bare
-from test_contact_answers import found, in_pieces
 
 # -- deep-penetration -----------------------------------------------------------------------------
 

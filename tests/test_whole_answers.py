@@ -12,11 +12,14 @@ from typing import Any
 import numpy as np
 import pybullet as p
 import pytest
+from asked import found as ask
 from clients import release_clients
 from conftest import some
 from scenes import HEAD, analyze, record, site
 from scenes import found as of_code
-from test_call_answers import AIR, CUBE, FLOOR, KUKA, ask, one
+from test_call_answers import AIR, CUBE, FLOOR, one
+
+KUKA = "k = p.loadURDF('kuka_iiwa/model.urdf', useFixedBase=True)\n"
 
 # -- not-finite -----------------------------------------------------------------------------------
 

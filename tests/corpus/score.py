@@ -4,6 +4,7 @@
     python tests/corpus/score.py --tenth    # only the tenth that the tests score by default
     python tests/corpus/score.py NAME …     # only these: print what falls short
     python tests/corpus/score.py --mujoco   # the scripts in mujoco/, likewise
+    python tests/corpus/score.py --attacks  # the scenes in attacks/ (`attacks.py`)
 
 `truth.toml` says of each script what its author asks, and of the findings:
 
@@ -267,13 +268,28 @@ def print_scores(verdicts: Verdicts, known: Mapping[str, Truth]) -> None:
     print(f"\nunjudged: {', '.join(f'{code} {n}' for code, n in sorted(codes.items())) or 'none'}")
 
 
+def print_attacks(names: list[str]) -> None:
+    """Print what attacks fall short of, of all or of those that are named."""
+    import attacks
+
+    known = attacks.attacks()
+    for name in names or known:
+        with tempfile.TemporaryDirectory() as folder:
+            for short in known[name].shortfalls(Path(folder)):
+                print(f"{name:30}{short}")
+
+
 def main() -> None:
     """Score scripts, print what falls short, and write scores that have risen."""
     ask = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     ask.add_argument("names", nargs="*", metavar="NAME", help="score only these scripts")
     ask.add_argument("--tenth", action="store_true", help="score the tests' tenth")
     ask.add_argument("--mujoco", action="store_true", help="score MuJoCo's scripts")
+    ask.add_argument("--attacks", action="store_true", help="score scenes that attack a code")
     asked = ask.parse_args()
+    if asked.attacks:
+        print_attacks(asked.names)
+        return
     corpus = FOLDER / "mujoco" if asked.mujoco else FOLDER
     known, files = truths(corpus), {name: corpus / f"{name}.json" for name in ("tenth", "whole")}
     tenth = list(read_scores(files["tenth"]))

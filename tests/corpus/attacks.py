@@ -1,0 +1,246 @@
+"""Scenes that attack one code: some of which it is the answer, and some that look alike.
+
+`attacks/*.toml` has, of each attack,
+
+    code     the code that is asked for
+    script   lines of PyBullet, behind those that connect (`scenes.HEAD`)
+    says     cases of which the code is said, once (at least, where `many` is true)
+    silent   cases of which it is not, or not so
+
+A `$name` of the script is a number or a text of the case, else of the attack, else of the file's
+table `pieces`. A case may also have, or the attack for all of which its code is said,
+
+    words, numbers, joint           what the finding says, as in `truth.toml`
+    level, body, other, reason      what else it is
+    remedy                          the name of its cure, empty if it has none
+    call, count                     a part of the line of its call, and the number of its steps
+    ended, error                    how the script ended
+    cure                            other values for names, or a list of such: nothing is said then
+    proof                           what is true of its `States` `here` and, with a cure, `cured`; a
+                                    silent case has but its own
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import chain
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+from asked import told_in_pieces, told_whole
+from drop_physics.explain.jsonable import jsonable
+from drop_physics.recording.reader import Recording
+from drop_physics.rules.answer import Finding
+from drop_physics.trace.history import Seen
+from numpy.typing import NDArray
+from scenes import record
+from score import Truth, lacking
+
+FOLDER = Path(__file__).with_name("attacks")
+SAID = {"words", "numbers", "joint"}
+EQUAL = {"level", "body", "other", "reason"}
+ENDED = {"ended", "error"}
+ABOUT = {*SAID, *EQUAL, *ENDED, "remedy", "call", "count", "many", "cure", "proof"}
+NAMES = {
+    "norm": np.linalg.norm,
+    "abs": np.abs,
+    "min": np.min,
+    "max": np.max,
+    "math": math,
+    "np": np,
+}
+"""What a proof may call."""
+Case = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class States:
+    """The states that a script went through; of a body or joint by number, a row per step."""
+
+    seen: Seen
+
+    def at(self, body: int) -> NDArray[np.float64]:
+        """Return positions of a body's centre of mass, shape (n, 3)."""
+        return self._base(body, "position_m")
+
+    def v(self, body: int) -> NDArray[np.float64]:
+        """Return its velocities, shape (n, 3)."""
+        return self._base(body, "velocity_m_s")
+
+    def w(self, body: int) -> NDArray[np.float64]:
+        """Return its angular velocities, shape (n, 3)."""
+        return self._base(body, "spin_rad_s")
+
+    def turned(self, body: int) -> NDArray[np.float64]:
+        """Return the vector parts of its quaternions, shape (n, 3)."""
+        return self._base(body, "orientation")[:, :3]
+
+    def q(self, body: int, joint: int) -> NDArray[np.float64]:
+        """Return positions of a joint with one, shape (n,)."""
+        return np.asarray(self.seen.joints[body].position[:, self._before(body, joint, 0)])
+
+    def rate(self, body: int, joint: int) -> NDArray[np.float64]:
+        """Return its velocities, shape (n,)."""
+        return np.asarray(self.seen.joints[body].velocity[:, self._before(body, joint, 1)])
+
+    def _before(self, body: int, joint: int, which: int) -> int:
+        joints = self.seen.bodies[body].joints
+        return sum(each.widths[which] for each in joints if each.link < joint)
+
+    def _base(self, body: int, column: str) -> NDArray[np.float64]:
+        rows = self.seen.bases
+        return np.asarray(rows[column][rows["body"] == body], dtype=float)
+
+
+@dataclass(frozen=True)
+class Attack:
+    """A script with names, and cases of which a code is said or not."""
+
+    code: str
+    script: str
+    says: Sequence[Case] = ()
+    silent: Sequence[Case] = ()
+    names: Case = field(default_factory=dict)
+    """Values of the attack's names and of its file's."""
+    about: Case = field(default_factory=dict)
+    """What else all cases have of which it is said."""
+
+    def scene(self, case: Case) -> str:
+        """Return the script of a case."""
+        return self.filled(self.script, case)
+
+    def filled(self, text: str, case: Case) -> str:
+        """Return a text with a case's names in it."""
+        before = ""
+        while text != before:
+            before, text = text, Template(text).safe_substitute({**self.names, **case})
+        return text
+
+    def shortfalls(self, folder: Path) -> Iterator[str]:
+        """Yield in words what each case, recorded in a folder, falls short of."""
+        for number, case in enumerate(self.says):
+            run = Run(self, {**self.about, **case}, folder)
+            lacks = chain(run.lacks(), () if number else run.differs_in_pieces())
+            yield from (f"{_short(case)}: {line}" for line in lacks)
+        for case in self.silent:
+            run = Run(self, case, folder)
+            if false := [each for each in run.found if not [*run.differs(each)]]:
+                yield f"{_short(case)}: FALSE {false[0].message}"
+            if not run.proved():
+                yield f"{_short(case)}: not proved"
+
+
+@dataclass(frozen=True)
+class Run:
+    """A case that is recorded."""
+
+    attack: Attack
+    case: Case
+    folder: Path
+    """The folder in which recordings are made."""
+
+    @cached_property
+    def recording(self) -> Recording:
+        """The recording of its script, which runs beside it."""
+        folder = Path(tempfile.mkdtemp(dir=self.folder))
+        return record(self.attack.scene(self.case), folder / "x.rrd", folder=folder)
+
+    @cached_property
+    def found(self) -> list[Finding]:
+        """The findings of the code."""
+        return [each for each in self._told(told_whole) if each.code == self.attack.code]
+
+    def lacks(self) -> Iterator[str]:
+        """Yield what is not said that should be, and what should not be said of the cure."""
+        case, times = self.case, len(self.found)
+        if times != 1 and not (times and case.get("many")):
+            yield f"said {times} times"
+            return
+        finding = self.found[0]
+        yield from self.differs(finding)
+        cures = case.get("cure", {})
+        for cure in [cures] if isinstance(cures, dict) else cures:
+            cured = Run(self.attack, {**case, **cure}, self.folder) if cure else self
+            if cure and cured.found:
+                yield f"FALSE of {_short(cure)}: {cured.found[0].message}"
+            if not self.proved(finding, cured):
+                yield f"not proved of {_short(cure)}, effect {finding.effect}"
+
+    def differs_in_pieces(self) -> Iterator[str]:
+        """Yield what is said otherwise where the recording comes in pieces."""
+        pieces = [each for each in self._told(told_in_pieces) if each.code == self.attack.code]
+        if [*map(_told, pieces)] != [*map(_told, self.found)]:
+            yield f"in pieces {[each.message for each in pieces]}"
+
+    def proved(self, finding: Finding | None = None, cured: Run | None = None) -> bool:
+        """Return whether the proof of the case is true."""
+        known = {
+            **NAMES,
+            **self.attack.names,
+            **self.case,
+            "here": States(self.recording.seen),
+            "cured": States((cured or self).recording.seen),
+            "finding": finding,
+            "effect": finding.effect.value if finding and finding.effect else None,
+        }
+        return bool(eval(" ".join(self.case.get("proof", "True").split()), known))
+
+    def _told(self, how: Any) -> list[Finding]:
+        origin = {name: self.case[name] for name in ENDED & self.case.keys()}
+        return list(how(self.recording.seen, **origin))
+
+    def differs(self, finding: Finding) -> Iterator[str]:
+        """Yield what is not as the case says."""
+        case, said = self.case, jsonable(finding)
+        about = {k: case[k] for k in SAID & case.keys()}
+        about["words"] = [self.attack.filled(each, case) for each in case.get("words", [])]
+        truth = Truth("", "", [finding.code], **about)
+        yield from (f"no {each!r} in: {finding.message}" for each in lacking(truth, said))
+        for name in sorted(EQUAL & case.keys()):
+            if (is_so := getattr(finding, name)) != (case[name] or None):
+                yield f"{name} is {is_so}"
+        call = self.attack.filled(case.get("call", ""), case)
+        if call not in (line := self._line(finding)):
+            yield f"its call is {line}"
+        if "remedy" in case and (finding.cure.name if finding.cure else "") != case["remedy"]:
+            yield f"its cure is {finding.cure}"
+        if "count" in case and (finding.steps is None or finding.steps.count != case["count"]):
+            yield f"its steps are {finding.steps}"
+
+    def _line(self, finding: Finding) -> str:
+        """Return the line of a finding's call; empty if it has none."""
+        lines = self.attack.scene(self.case).lstrip("\n").splitlines()
+        _, _, number = (finding.site or "").partition(":")
+        return lines[int(number) - 1] if number else ""
+
+
+def attacks() -> dict[str, Attack]:
+    """Return all attacks, by file and name."""
+    return dict(chain.from_iterable(map(_attacks_of, sorted(FOLDER.glob("*.toml")))))
+
+
+def _attacks_of(path: Path) -> Iterator[tuple[str, Attack]]:
+    entries = tomllib.loads(path.read_text(encoding="utf-8"))
+    pieces = entries.pop("pieces", {})
+    own = {"code", "script", "says", "silent"}
+    for name, entry in entries.items():
+        given, about = ({k: v for k, v in entry.items() if k in keys} for keys in (own, ABOUT))
+        names = {k: v for k, v in entry.items() if k not in own | ABOUT}
+        yield f"{path.stem}/{name}", Attack(**given, names=pieces | names, about=about)
+
+
+def _told(finding: Finding) -> tuple[object, ...]:
+    return finding.message, finding.advice, finding.steps, finding.site
+
+
+def _short(case: Case) -> str:
+    return ", ".join(
+        f"{name}={str(value)[:40]!r}" for name, value in case.items() if name != "words"
+    )

@@ -1,0 +1,17 @@
+"""Validation: what is said of a scene is the answer, and is not said of scenes that look alike."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import attacks
+import pytest
+from conftest import some
+
+ALL = attacks.attacks()
+TENTH = sorted(ALL, key=lambda name: [*ALL].index(name) % 10)
+
+
+@pytest.mark.parametrize("name", some(TENTH, len(ALL) // 10))
+def test_an_attack_is_answered(name: str, tmp_path: Path) -> None:
+    assert [*ALL[name].shortfalls(tmp_path)] == []
