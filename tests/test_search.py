@@ -101,6 +101,54 @@ def test_of_changes_with_the_same_motion_the_one_of_a_named_element_is_said() ->
     assert said.tried.change == force
 
 
+SPEED = Change(
+    "SPEED", "*0.1", ("*", 0.1), ((40, 41, "5", "", "lift.py:7"),), ("5",),
+    site=("lift.py", 7), engine="source",
+)  # fmt: skip
+
+
+def test_another_text_with_which_everything_moves_as_before_is_not_said() -> None:
+    """What it changes is only how what is expected is measured."""
+    still = ChangeOutcome(True, 0.2, 0.5, [motion(0.1)])
+    search = Search(
+        ChangeOutcome(False, -0.2, 0.1, [motion(0.1)]),
+        lambda all_: ((each, still) for each in all_),
+    )
+    search.all_of([SPEED, TIMESTEP])
+    assert [each.tried.change for each in ranked(search.tried)] == [TIMESTEP]
+
+
+def test_another_text_that_throws_things_out_of_the_scene_takes_it_apart() -> None:
+    """The scene of the own run is 0.1 m high."""
+    for aside_m, breaks in ((0.4, False), (0.6, True)):
+        search = searched(Runs(lambda _: 0.5, lambda _, by=aside_m: by), SPEED, TIMESTEP)
+        said = {each.tried.change.change: each.tried.change.breaks for each in ranked(search.tried)}
+        assert said == {"option.timestep": False}, "with one motion, the model is said"
+        (tried,) = (each for each in search.tried if each.change.change == "SPEED")
+        assert tried.change.breaks == breaks
+
+
+def test_another_text_has_to_do_it_with_less_than_half_of_the_side_effects() -> None:
+    for aside_m, first in ((0.06, "option.timestep"), (0.04, "SPEED")):
+        aside = {"SPEED": aside_m, "option.timestep": 0.1}
+        runs = Runs(
+            lambda each: 0.35 + 0.01 * len(each.ids), lambda each, by=aside: by[each.change]
+        )
+        said = ranked(searched(runs, SPEED, TIMESTEP).tried, besides=["cube"])
+        assert said[0].tried.change.change == first
+
+
+def test_a_row_of_the_account_goes_with_what_acts_on_its_term() -> None:
+    search = searched(
+        Runs(lambda change: 0.5 + 0.1 * len(change.ids)), FRICTION.of_some([0]), TIMESTEP
+    )
+    said = ranked(search.tried, row_of=lambda change: "slips" if change.ids else None)
+    assert {each.tried.change.change: each.row for each in said} == {
+        "geom_friction": "slips",
+        "option.timestep": None,
+    }
+
+
 def test_operators_of_one_field_are_one_outcome_said_by_what_moves_least_besides() -> None:
     gears = [Change("actuator_gear", op, how_of(op), (0,), ("lift",)) for op in ("*10", "*-1")]
     other = Change("actuator_gear", "*10", how_of("*10"), (1,), ("turn",))

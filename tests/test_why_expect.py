@@ -20,10 +20,11 @@ import mujoco
 XML = '''<mujoco><worldbody><geom name="floor" type="plane" size="5 5 1" friction="0.1"/>
 <body name="box" pos="0 0 .1"><freejoint/>
 <geom name="box" type="box" size=".1 .1 .1" friction="0.1"/></body></worldbody></mujoco>'''
+SPEED = 1
 def main():
     m = mujoco.MjModel.from_xml_string(XML)
     d = mujoco.MjData(m)
-    d.qvel[0] = 1
+    d.qvel[0] = SPEED
     for step in range(60):
         mujoco.mj_step(m, d)
     slid = d.qpos[0]
@@ -70,8 +71,20 @@ def test_the_friction_of_a_box_that_slides_is_found(tmp_path: Path) -> None:
     assert first["result"] < 0.08
     assert not first["breaks"]
     assert first in found["makes_true"][:3]
+    assert first["site"] == "script.py:3"
+    assert "slid" in first["row"], "the account names it, too"
+    assert first["from_step"] == 15, "it takes 5 cm: after 6 cm it is too late"
     breaking = [each["breaks"] for each in found["makes_true"]]
     assert breaking == sorted(breaking)
+    slower = next(each for each in found["makes_true"] if each["change"] == "SPEED")
+    assert (slower["site"], slower["op"], slower["row"]) == ("script.py:6", "*0.1", None)
+    assert slower["call"] == "SPEED 0.1 in place of 1 (script.py:6)"
+    assert slower["result"] < 0.02, "a tenth of the speed slides a hundredth of the way"
+    # What is printed, `--try` takes without an expectation, too.
+    code, tried, _ = why(tmp_path, SLIDES, "--try", slower["try"], "--try", first["try"])
+    assert code == 0
+    assert {each["name"] for each in tried["hangs_on"]} == {slower["try"], first["try"]}
+    assert all(each["moved"]["body"] == "1_box" for each in tried["hangs_on"])
 
 
 def test_what_holds_is_said_after_one_run_and_a_local_name_is_known(tmp_path: Path) -> None:
@@ -105,13 +118,14 @@ ASSERTS = SLIDES.replace('print("slid", slid)', 'assert slid < 0.08, "too far"')
 
 @pytest.mark.long
 def test_an_assert_that_fails_says_what_is_expected(tmp_path: Path) -> None:
-    code, found, _ = why(tmp_path, ASSERTS)
+    code, found, _ = why(tmp_path, ASSERTS, "--try", "geom_friction *10", "--try", "friction=8")
     assert code == 0, "as without --expect"
     expected = found["expectation"]
     assert (expected["text"], expected["source"]) == ("slid < 0.08", "assert")
-    assert expected["site"] == "script.py:13"
+    assert expected["site"] == "script.py:14"
     assert expected["margin"] == pytest.approx(0.08 - expected["value"])
-    assert "geom_friction" in [each["change"] for each in found["makes_true"]]
+    tried = {each["change"] for each in found["makes_true"]}
+    assert tried == {"geom_friction", "friction=8"}, "what is asked for, and nothing else"
     assert all(each["result"] < 0.08 for each in found["makes_true"])
 
 
@@ -121,7 +135,7 @@ def test_an_assert_of_a_test_counts_too(tmp_path: Path) -> None:
     tmp_path.joinpath("test_slides.py").write_text(test)
     code, found, _ = why(tmp_path, "", "-m", "pytest", "-q", "test_slides.py::test_it")
     assert code == 0
-    assert found["expectation"]["site"] == "test_slides.py:13"
+    assert found["expectation"]["site"] == "test_slides.py:14"
     assert "geom_friction" in [each["change"] for each in found["makes_true"]]
 
 

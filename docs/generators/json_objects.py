@@ -582,11 +582,14 @@ TIE = {
 }
 TIE_SAYS = {
     "change": "The compiled field, `option.timestep`, `flag.NAME`, `pair`, `input.ctrl`; or "
-    "`function.argument`, `function` of a call that is left out or added.",
+    "`function.argument`, `function` of a call that is left out or added; or of the script's own "
+    "text the name of what a number is the value of, `tag.attribute` of a model, or what a "
+    "statement sets.",
     "target": "The names of elements, bodies or joints; none if it is the whole run.",
-    "op": "What is done: `*10`, `=0`, `=default`, `stiff`, `^` (turned over), `held`, `late`, "
+    "op": "What is done: `*10`, `=0`, `=default`, `stiff`, `^` (switched), `held`, `late`, "
     "`undone`, `left-out`.",
-    "site": "File and line of the call; null for all, or if it is no call.",
+    "site": "File and line of the call, or of what stands in the text; null for all, or if no line "
+    "is known.",
 }
 MAKES_TRUE = Object(
     {
@@ -609,13 +612,14 @@ MAKES_TRUE = Object(
         ],
         "place": int | None,
         "row": str | None,
+        "from_step": int | None,
         "recording": Path | None,
     },
     {
         **TIE_SAYS,
         "value": "The operand: the factor, or the new value.",
         "least": "The least factor that makes it true, of the first three that are factors.",
-        "try": "What `--try` takes to repeat it, beside `--expect`.",
+        "try": "What `--try` takes to repeat it, and `--vary` of `drop trust`.",
         "call": "The change in words.",
         "result": "The quantity in that run.",
         "side": "The RMS change of all other motion [m].",
@@ -624,11 +628,13 @@ MAKES_TRUE = Object(
         "ties": "Other changes with the same motion.",
         "also": "Other operators on the same elements that make it true, with another motion.",
         "place": "Its place; outcomes that are alike share one.",
-        "row": "The row of the account that names the same, if there is one.",
+        "row": "The row of the account that names what it acts on, if there is one.",
+        "from_step": "The latest step, of the quarters of the run, from which on it still makes it "
+        "true; null where it does so from the beginning alone, or that was not tried.",
         "recording": "The recording of that run, if it was recorded.",
     },
     frozenset({*TIE, "value", "least", "try", "call", "result", "side", "breaks", "worse", "ties",
-               "also", "place", "row", "recording"}),
+               "also", "place", "row", "from_step", "recording"}),
 )  # fmt: skip
 WHY = Object(
     {

@@ -157,7 +157,9 @@ OPERATORS = {
     "undone": Message("not written"),
     "left-out": Message("left out"),
     "*-1": Message("reversed"),
-    "^": Message("turned over"),
+    "^": Message("switched"),
+    "+M0": Message("raised by the joint's own inertia"),
+    "+10M0": Message("raised by 10/s × the joint's own inertia"),
 }
 """Words of the operators of the causal search."""
 
@@ -166,7 +168,8 @@ def done(op: str) -> str:
     """Return the effect of an operator of the causal search, in words."""
     if op in OPERATORS or op[0] == "^":
         return OPERATORS.get(op, OPERATORS["^"])
-    return op.replace("*", "×").replace("=", "= ") if op[0] in "*=" else op
+    signs = {"*": "×", "/": "÷", "=": "= "}
+    return signs.get(op[0], op[0]) + op[1:]
 
 
 def named(names: Sequence[str]) -> str:

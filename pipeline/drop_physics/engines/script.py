@@ -24,6 +24,7 @@ from drop_physics.engines.decoder import MUJOCO, Decoder
 from drop_physics.engines.other_processes import OtherProcesses
 from drop_physics.engines.reached import Reached, reached_of, state_of
 from drop_physics.engines.watching import pipe
+from drop_physics.engines.watching.edits import Edit
 from drop_physics.engines.whole_episodes import Episodes
 from drop_physics.errors import DropError
 from drop_physics.messages import Message
@@ -53,7 +54,7 @@ _EXIT_CODE = re.compile(r"sys\.exit\((-?\d+|True)\)")
 """Endings that Python does not report; an exception leaves a traceback, a text that text."""
 
 
-TRIES = ("steps", "variation", "interventions", "streams", "evaluator", "limits")
+TRIES = ("steps", "variation", "interventions", "edits", "streams", "evaluator", "limits")
 """Fields of a program that may differ between trials that part from one run."""
 TOLD = (
     "is_module",
@@ -108,6 +109,8 @@ class Program:
     """Whether it sends the contents of files that its engine loads."""
     interventions: Sequence[Mapping[str, Any]] = ()
     """Changes of its calls, as `interventions` makes them."""
+    edits: Sequence[Edit] = ()
+    """Parts of the script's text that are other ones."""
     scratch: str | None = None
     """A copy of the working directory to run in."""
     private: Mapping[str, Any] | None = None

@@ -85,6 +85,18 @@ def side_m(far: Mapping[str, float], besides: Sequence[str] = ()) -> float:
     return math.sqrt(sum(value * value for value in others))
 
 
+def size_m(motion: RunMotion) -> float:
+    """Return the diagonal of the box in which all bodies stay in a run [m]."""
+    points = motion.positions_m.reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1)]
+    return float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
+
+
+def is_still(far: Mapping[str, float]) -> bool:
+    """Return whether everything moves as in the run that distances are from."""
+    return all(value <= SAME_M for value in far.values())
+
+
 def same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
     """Return whether two runs have equal distances from a third in all bodies, to 1 %."""
     if one.keys() != other.keys():

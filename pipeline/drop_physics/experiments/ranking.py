@@ -9,10 +9,11 @@ same elements.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from drop_physics.engines.source import SOURCE
 from drop_physics.engines.watching.single_changes import Change
 from drop_physics.experiments.motion import same, side_m
 from drop_physics.experiments.search import TriedChange
@@ -20,6 +21,8 @@ from drop_physics.experiments.search import TriedChange
 SAME_VALUE = 0.01
 """Outcomes are alike where their quantity differs by less, as a share of it."""
 SIZES = {"default": 0.5, "=default": 0.5, "left-out": 0.6, "*-1": 1.5}
+OF_TEXT = 2.0
+"""The weight of the side effects of changes of the script's text."""
 ADDED = 0.8
 """How large a change is by its operator, or as an added call; a factor is 1, any other 1.2."""
 
@@ -35,9 +38,15 @@ class SaidChange:
     """The RMS change of all other motion [m]."""
     also: Sequence[TriedChange] = ()
     """Other operators on the same elements, whose motion is another one."""
+    row: str | None = None
+    """The row of the account that names what it acts on."""
 
 
-def ranked(tried: Iterable[TriedChange], besides: Sequence[str] = ()) -> list[SaidChange]:
+def ranked(
+    tried: Iterable[TriedChange],
+    besides: Sequence[str] = (),
+    row_of: Callable[[Change], str | None] = lambda _: None,
+) -> list[SaidChange]:
     """Return the outcomes that make it true, each once, in the order of the report.
 
     Parameters
@@ -46,6 +55,8 @@ def ranked(tried: Iterable[TriedChange], besides: Sequence[str] = ()) -> list[Sa
         All changes that were tried.
     besides
         The bodies that the expectation names: their motion is no side effect.
+    row_of
+        Returns the row of the account that names what a change acts on.
     """
     true = [each for each in sorted(tried, key=lambda e: e.number) if each.outcome.holds]
     groups: list[list[TriedChange]] = []
@@ -60,11 +71,19 @@ def ranked(tried: Iterable[TriedChange], besides: Sequence[str] = ()) -> list[Sa
     said = []
     for group in groups:
         first, *alike = sorted(group, key=_plainness)
-        said.append(SaidChange(first, alike, side_m(first.far_m, besides)))
-    order = sorted(
-        said, key=lambda each: (each.tried.change.breaks, bool(each.tried.worse), each.side_m)
-    )
-    return [*_by_field(order)]
+        row = row_of(first.change)
+        said.append(SaidChange(first, alike, side_m(first.far_m, besides), row=row))
+    return [*_by_field(sorted(said, key=_order))]
+
+
+def _order(said: SaidChange) -> tuple[Any, ...]:
+    """Order outcomes: what takes nothing away, what follows all commands, least side effects.
+
+    Any number of a text may do much: it has to do so with less than half of the side effects.
+    """
+    change = said.tried.change
+    weight = OF_TEXT if change.engine == SOURCE else 1.0
+    return change.breaks, bool(said.tried.worse), weight * said.side_m
 
 
 def _by_field(said: Sequence[SaidChange]) -> Iterator[SaidChange]:
@@ -72,7 +91,7 @@ def _by_field(said: Sequence[SaidChange]) -> Iterator[SaidChange]:
     of_field: dict[tuple[Any, ...], list[SaidChange]] = {}
     for each in said:
         change = each.tried.change
-        sets = sorted(change.how[1]["sets"]) if isinstance(change.how[1], Mapping) else ()
+        sets = sorted(change.how[1].get("sets", ())) if isinstance(change.how[1], Mapping) else ()
         ids = frozenset(map(str, change.ids))
         key = change.change, change.site, ids, change.breaks, *sets
         of_field.setdefault(key, []).append(each)
@@ -101,11 +120,12 @@ def _plainness(each: TriedChange) -> tuple[Any, ...]:
     """Order outcomes with one motion: nothing removed, few named elements, a small change."""
     change = each.change
     size = change.is_geometry, size_of(change), each.number
-    return change.breaks, not any(change.of), len(change.ids), *size
+    is_text = change.engine == SOURCE  # it says the line of what is found in the model
+    return is_text, change.breaks, not any(change.of), len(change.ids), *size
 
 
 def size_of(change: Change) -> float:
     """Return the size of a change, from its operator."""
     if isinstance(change.how[1], Mapping):  # a call that is often left out
         return ADDED
-    return SIZES.get(change.op, 1.0 if change.op[0] in "*/" else 1.2)
+    return SIZES.get(change.op, 1.0 if change.op[:1] in "*/" else 1.2)

@@ -9,11 +9,12 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+from drop_physics.engines.source import SOURCE
 from drop_physics.engines.watching.single_changes import Change
-from drop_physics.experiments.motion import RunMotion, apart_m, worse
+from drop_physics.experiments.motion import RunMotion, apart_m, is_still, size_m, worse
 
 ONE_BY_ONE = 8
 """So many elements are tried one by one; more of them by halves."""
@@ -23,6 +24,9 @@ NARROWED = 3
 """Number of changes that are narrowed: the first ones reported."""
 NOISE = 10.0
 """A change moves the quantity where it does so by this many times what nudges do."""
+THROWN = 5.0
+"""A change of the text with which a body goes farther from its way than so many times the size of
+the scene throws it away: that takes the scene apart."""
 MOST_MOVERS = 12
 """Number of kinds that move the quantity without making it true, and are tried by element."""
 
@@ -128,6 +132,11 @@ class Search:
         near = [each for each in near if each.outcome.margin > self.base.margin]
         return sorted(near, key=lambda each: -each.outcome.margin)
 
+    @property
+    def _size_m(self) -> float:
+        """The size of what the script's own run is about [m]."""
+        return max(map(size_m, self.base.motion), default=0.0)
+
     def _drain(self, queue: _Queue) -> None:
         for change, outcome in self.run(queue):
             if outcome is None:
@@ -135,7 +144,13 @@ class Search:
                 continue
             far_m = apart_m(self.base.motion, outcome.motion)
             follows = worse(self.base.motion, outcome.motion)
-            each = TriedChange(change, outcome, queue.number(change), far_m, follows)
+            number = queue.number(change)
+            if change.engine == SOURCE:
+                if is_still(far_m):  # another number is told, or sooner
+                    outcome = replace(outcome, holds=False)
+                apart = max(far_m.values(), default=0.0) > THROWN * self._size_m
+                change = replace(change, breaks=change.breaks or apart)
+            each = TriedChange(change, outcome, number, far_m, follows)
             self.tried.append(each)
             self.told(len(self.tried), sum(one.outcome.holds for one in self.tried))
             if outcome.holds:

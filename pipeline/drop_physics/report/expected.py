@@ -20,6 +20,8 @@ FAILS = 3
 """Exit code if what was expected did not come."""
 SHOWN = 3
 """Outcomes that are shown without `--all`."""
+ROUNDING = 1e-6
+"""A quantity is told as 0 where it is smaller than this share of what came."""
 MOST_COMMANDS = 2
 """Commands that are named of those that are followed worse."""
 
@@ -41,8 +43,10 @@ def json_of(found: Expected) -> dict[str, Any]:
     base = found.base
     least = [*found.least, *[None] * len(found.makes_true)]
     recordings = [*found.recordings, *[None] * len(found.makes_true)]
+    latest = [*found.latest, *[None] * len(found.makes_true)]
     lines = [None if each is None else each[0] for each in found.lines]
-    made = zip(found.makes_true, least, _places(found), recordings, lines, strict=False)
+    places = _places(found)
+    made = zip(found.makes_true, least, places, recordings, lines, latest, strict=False)
     return {
         "expectation": {
             "text": found.text,
@@ -58,13 +62,15 @@ def json_of(found: Expected) -> dict[str, Any]:
         "makes_true": [
             {
                 **_json_of(found, each.tried, each.side_m, factor),
+                "row": each.row,
                 "ties": [_named(one) for one in each.alike],
                 "also": [{**_named(one), "result": one.outcome.value} for one in each.also],
                 "place": place,
                 "recording": recording,
                 "site": line,
+                "from_step": step,
             }
-            for each, factor, place, recording, line in made
+            for each, factor, place, recording, line, step in made
         ],
         "moves": [
             {**_json_of(found, each, None, None), "ties": [], "also": [], "place": None}
@@ -88,7 +94,8 @@ def _json_of(
         "side": side_m,
         "breaks": change.breaks,
         "worse": [*tried.worse],
-        "row": found.row_of(change),
+        "row": None,
+        "from_step": None,
         "recording": None,
     }
 
@@ -130,22 +137,25 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
     shown = found.makes_true if every else found.makes_true[:SHOWN]
     if shown:
         places = [*_places(found)]
-        least = [*found.least, *[None] * len(shown)]
+        least, latest = ([*each, *[None] * len(shown)] for each in (found.least, found.latest))
         blocks.append(
             DataTable(
                 [
                     Column("", [str(place) for place in places[: len(shown)]]),
-                    Column("", [_value(found, each.tried.outcome) for each in shown], right=True),
                     Column(
-                        "",
+                        Message("becomes"),
+                        [_value(found, each.tried.outcome) for each in shown],
+                        right=True,
+                    ),
+                    Column(
+                        Message("with"),
                         [
                             _told(found, *each)
-                            for each in zip(shown, least, found.lines, strict=False)
+                            for each in zip(shown, least, found.lines, latest, strict=False)
                         ],
                         wraps=True,
                     ),
-                ],
-                has_heads=False,
+                ]
             )
         )
     elif found.moves:
@@ -170,8 +180,13 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
 
 
 def _value(found: Expected, outcome: ChangeOutcome) -> str:
-    """Return the compared quantity, with its unit if known."""
-    return number(outcome.value) if found.unit is None else quantity(outcome.value, found.unit)
+    """Return the compared quantity, with its unit if known.
+
+    Rounding, compared with the quantity in the script's own run, is 0.
+    """
+    is_none = abs(outcome.value) < ROUNDING * abs(found.base.value)
+    value = 0.0 if is_none else outcome.value
+    return number(value) if found.unit is None else quantity(value, found.unit)
 
 
 def _asked(found: Expected) -> str:
@@ -203,13 +218,17 @@ def _places(found: Expected) -> list[int]:
 
 
 def _told(
-    found: Expected, each: SaidChange, least: float | None, line: tuple[str, str] | None
+    found: Expected,
+    each: SaidChange,
+    least: float | None,
+    line: tuple[str, str] | None,
+    latest: int | None,
 ) -> str:
     """Return a change in words, with the remarks about it."""
     parts = [found.words(each.tried.change)]
     if line is not None and each.tried.change.site is None:
         parts.append(" ".join(line).rstrip())
-    if found.row_of(each.tried.change) is not None:
+    if found.row is not None and each.row == found.row.words:
         parts.append(Message("the row names it, too"))
     if each.tried.change.breaks:
         parts.append(Message("takes a part of the scene or of the command away"))
@@ -218,18 +237,20 @@ def _told(
             Message("follows {commands} worse", commands=all_of(each.tried.worse[:MOST_COMMANDS]))
         )
     if least is not None:
-        parts.append(Message("from ×{factor} on", factor=number(least)))
+        parts.append(Message("×{factor} is enough", factor=number(least)))
+    if latest is not None:
+        parts.append(Message("from step {step} of {steps} on, too", step=latest, steps=found.steps))
     if each.also:
         does = joined(
             ", ",
             [
                 Message(
-                    "{how}: {value}", how=found.does(one.change), value=_value(found, one.outcome)
+                    "{how} ({value})", how=found.does(one.change), value=_value(found, one.outcome)
                 )
                 for one in each.also
             ],
         )
-        parts.append(Message("so does {changes}", changes=does))
+        parts.append(Message("also {changes}", changes=does))
     if each.alike:
         others = joined(", ", [found.words(one.change) for one in each.alike[:2]])
         more = len(each.alike) - 2
@@ -238,4 +259,7 @@ def _told(
             if more > 0
             else Message("the same motion: {others}", others=others)
         )
+    if each.row is not None and (found.row is None or each.row != found.row.words):
+        row = each.row.partition(";")[0]
+        parts.append(Message("the account names it, too: {row}", row=row))
     return joined("; ", parts)

@@ -71,6 +71,8 @@ class ChangedRun:
     below: dict[str, Any] = field(default_factory=dict)
     """What differs in the engine, unseen by the script: the arguments of a `Variation`, and
     `draws`, a seed that replaces the script's own."""
+    edits: list[Any] = field(default_factory=list)
+    """Parts of the script's text that are other ones, as `watching.edits` has them."""
 
     @property
     def finer(self) -> int:
@@ -82,7 +84,8 @@ class ChangedRun:
         below = {**self.below, **other.below}
         if self.finer > 1 and other.finer > 1:
             below["finer"] = self.finer * other.finer
-        return ChangedRun([*self.operations, *other.operations], below)
+        operations = [*self.operations, *other.operations]
+        return ChangedRun(operations, below, [*self.edits, *other.edits])
 
 
 def whole_number(value: float) -> float:

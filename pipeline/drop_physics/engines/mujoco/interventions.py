@@ -691,9 +691,13 @@ def _words_of(change: Change) -> str:
     kind, _, part = change.change.partition(".")
     elements, how = named(change.target), done(change.op)
     if kind == "flag":
-        return Message("flag {name} turned over", name=part.lower())
+        return Message("flag {name} switched", name=part.lower())
     if kind == "pair":
         return Message("no contact of {elements}", elements=elements)
+    if kind == "start" and change.how[0] == "+":
+        return Message("bodies {mm:g} mm higher at the start", mm=1e3 * change.how[1])
+    if kind == "option" and OPTIONS.get(part) and change.how[0] == "=":
+        how = OPTIONS[part][int(change.how[1])]
     if kind in ("option", "start"):
         return Message("{attribute} {how}", attribute=f"{kind} {part}", how=how)
     attribute = f"data.{part}" if part else WRITTEN_AS.get(kind, kind.partition("_")[2])

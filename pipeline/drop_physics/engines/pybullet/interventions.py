@@ -786,9 +786,9 @@ def _words_of(change: Change) -> str:
         call = f"p.{added['call']}(…, {', '.join(sets)})"
         of = named(change.target)
         return (
-            Message("{call} of {of}, added", call=call, of=of)
+            Message("{call} added for {of}", call=call, of=of)
             if of
-            else Message("{call}, added", call=call)
+            else Message("{call} added", call=call)
         )
     place = "" if change.site is None else f" ({change.site[0]}:{change.site[1]})"
     what = f"{argument} of p.{function}" if argument else f"p.{function}"
@@ -800,7 +800,7 @@ def _words_of(change: Change) -> str:
     if argument == "flags" and change.op[0] == "^":
         flags = BOTH_FRAMES if function in PUSHES else FLAGS
         flag = flags.get(int(change.op[1:]), change.op[1:])
-        how = Message("with {flag} turned over", flag=flag)
+        how = Message("with {flag} switched", flag=flag)
     return Message("{what}{place} {how}", what=what, place=place, how=how)
 
 

@@ -74,6 +74,12 @@ class Expression:
         return units.pop() if len(units) == 1 and plain and sums else None
 
     @property
+    def is_of_end(self) -> bool:
+        """Whether nothing matters but how a run ends: not the way there, and not what it prints."""
+        called = {_called(node) for node in ast.walk(self._tree) if isinstance(node, ast.Call)}
+        return not (called & {*TAKEN} - {"end"} or self.reads_prints or self.reads_episodes)
+
+    @property
     def reads_prints(self) -> bool:
         """True if it refers to the script's printed output."""
         return any(getattr(node, "id", None) == PRINTED for node in ast.walk(self._tree))

@@ -27,8 +27,9 @@ from . import descriptors, limits
 if TYPE_CHECKING:
     from .host import ScriptWatch
 
-FIRST_USE = -1
-"""Where a run stops before it first uses its engine, instead of after some steps."""
+FIRST_USE, FIRST_LINE = -1, -2
+"""Where a run stops, instead of after some steps: before it first uses its engine, or before the
+first line of the script after its imports."""
 LENGTH = struct.Struct("<I")
 """What precedes a request: the length of its JSON. Two descriptors go with it, or three."""
 LOOKS_EVERY_S = 0.02
@@ -45,7 +46,7 @@ class Forks:
     asks
         The descriptor of the socket through which trials are asked for.
     at
-        After how many steps the run stops for them, or `FIRST_USE`.
+        After how many steps the run stops for them, or `FIRST_USE` or `FIRST_LINE`.
     """
 
     def __init__(self, watch: ScriptWatch, asks: int, at: int) -> None:
@@ -64,8 +65,20 @@ class Forks:
             Whether the call makes a step.
         """
         later = self._at != FIRST_USE and not (steps and self._watch.steps_made >= self._at)
-        if self._is_trial or later:
+        if self._is_trial or later or self.at_first_line:
             return False
+        return self._stop()
+
+    @property
+    def at_first_line(self) -> bool:
+        """Whether the run stops before the first line of the script after its imports."""
+        return self._at == FIRST_LINE
+
+    def stop_at_first_line(self) -> None:
+        """Stop before the first line after the imports; what goes on from there is a trial."""
+        self._stop()
+
+    def _stop(self) -> bool:
         self._tell("serving", shared=self._shared())
         while True:
             request, *files = self._next()
@@ -116,7 +129,7 @@ class Forks:
         """Fork from the run; return whether this process is the trial."""
         watch, files = self._watch, (pipe, block, printed)
         begun, child = b"", -1
-        if not self._shared(*files) and all(each.can_become(trial) for each in watch.engines):
+        if not self._shared(*files) and watch.can_become(trial):
             gc.unfreeze()
             descriptors.flush()
             with watch.lock:

@@ -17,6 +17,7 @@ from typing import Any
 from weakref import ref
 
 from .clock import Clock
+from .edits import Edit
 from .environments import Environments
 from .evaluating import evaluator_of
 from .forks import Forks
@@ -132,6 +133,8 @@ class ScriptWatch:
         Whether nothing differs from the script's own run.
     private
         The view of the file system that the process has entered; None for the machine's own.
+    edits
+        Parts of the script's text that are other ones.
     """
 
     def __init__(
@@ -147,8 +150,10 @@ class ScriptWatch:
         evaluator: Mapping[str, Any] | None = None,
         is_plain: bool = True,
         private: Private | None = None,
+        edits: Sequence[Edit] = (),
     ) -> None:
         self.pipe, self.clock, self.private = pipe, clock, private
+        self.edits = edits
         self.on = True
         self.keeps_files = False
         """Whether contents of files that an engine loads are sent."""
@@ -192,8 +197,8 @@ class ScriptWatch:
         Parameters
         ----------
         trial
-            Its `steps`, `variation`, `interventions`, `streams` and `evaluator`, as of a run of its
-            own.
+            Its `steps`, `variation`, `interventions`, `edits`, `streams` and `evaluator`, as of a
+            run of its own.
         pipe, block
             File descriptors of its pipe and of the memory shared with its reader.
         """
@@ -203,8 +208,19 @@ class ScriptWatch:
             self.pipe.mute()
         self.evaluator = evaluator_of(trial["evaluator"])
         self._limit_steps, self._intervened = trial["steps"], set()
+        self.edits = trial["edits"]
         for engine in self.engines:
             engine.become(trial)
+
+    def can_become(self, trial: dict[str, Any]) -> bool:
+        """Return whether a trial differs only in what is still to come.
+
+        An engine that is not imported yet would begin without what differs.
+        """
+        differs = bool(trial["variation"] or trial["interventions"])
+        return all(each.can_become(trial) for each in self.engines) and (
+            bool(self.engines) or not differs
+        )
 
     def on_removal(self, undo: Callable[[], None]) -> None:
         """Register a function to be called when this watch ends."""

@@ -8,9 +8,12 @@ import json
 import os
 import runpy
 import sys
+from functools import partial
 from types import ModuleType
 
 from . import asking, ending, limits, start
+from .edits import InTwoParts, edited
+from .host import ScriptWatch
 from .private import private_of
 from .programs import Programs
 
@@ -50,7 +53,7 @@ def main(options: str, *command: str) -> None:
     asking.install(watch)
     if listens:
         watch.listen_outside()
-    run = _run_module if is_module else _run_file
+    run = _run_module if is_module else partial(_run_file, watch)
     ending.run(watch, lambda: run(command[0]))
 
 
@@ -70,15 +73,22 @@ def _enter(folder: str) -> None:
                 del sys.modules[module]
 
 
-def _run_file(name: str) -> None:
+def _run_file(watch: ScriptWatch, name: str) -> None:
     path = os.path.abspath(name)
-    _enter(os.path.dirname(os.path.realpath(path)))
+    folder = os.path.dirname(os.path.realpath(path))
+    _enter(folder)
     module = _new_main()
     module.__file__ = path
     module.__loader__ = importlib.machinery.SourceFileLoader("__main__", path)
     with open(path, "rb") as file:
-        code = compile(file.read(), path, "exec", dont_inherit=True)
-    exec(code, vars(module))
+        text = file.read()
+    if watch.forks is not None and watch.forks.at_first_line:
+        begun = InTwoParts(text, path, folder)
+        exec(begun.first, vars(module))
+        watch.forks.stop_at_first_line()
+        exec(begun.second(watch.edits), vars(module))
+    else:
+        exec(compile(edited(text, watch.edits), path, "exec", dont_inherit=True), vars(module))
 
 
 def _run_module(name: str) -> None:

@@ -41,6 +41,8 @@ class Change:
     """Whether it changes where things are, or how large."""
     bodies: tuple[str, ...] = ()
     """The bodies whose elements all are changed, of which it can be; empty of some of them."""
+    on: tuple[str, ...] = ()
+    """The names of the links that the elements belong to, where these are not their own."""
 
     @property
     def target(self) -> tuple[str, ...]:
@@ -50,10 +52,11 @@ class Change:
 
     def of_some(self, places: Sequence[int]) -> Change:
         """Return the same change restricted to some of its elements, by their places."""
-        ids, of = (tuple(held[place] for place in places) for held in (self.ids, self.of))
-        return replace(
-            self, ids=ids, of=of, bodies=self.bodies if len(ids) == len(self.ids) else ()
+        ids, of, on = (
+            tuple(held[place] for place in places if held) for held in (self.ids, self.of, self.on)
         )
+        bodies = self.bodies if len(ids) == len(self.ids) else ()
+        return replace(self, ids=ids, of=of, on=on, bodies=bodies)
 
     def by(self, factor: float) -> Change:
         """Return the same change by another factor.
@@ -70,7 +73,7 @@ class Change:
 
 def change_of(told: Mapping[str, Any]) -> Change:
     """Return a change from a run's report."""
-    lists = ("how", "ids", "of", "site", "model", "bodies")
+    lists = ("how", "ids", "of", "site", "model", "bodies", "on")
     pairs = {name: told[name] if told[name] is None else tuple(told[name]) for name in lists}
     return Change(**{**told, **pairs})
 

@@ -12,6 +12,7 @@ from typing import Any
 from . import ENGINES, asserted, numerics
 from .clock import Clock
 from .draws import Draws
+from .edits import Edit
 from .host import ScriptWatch
 from .pipe import Pipe
 from .private import Private
@@ -34,6 +35,7 @@ def watch(
     streams: bool = True,
     evaluator: Mapping[str, Any] | None = None,
     private: Private | None = None,
+    edits: Sequence[Edit] = (),
     keeps_files: bool = False,
     again: bool = False,
 ) -> ScriptWatch:
@@ -62,6 +64,8 @@ def watch(
         evaluated in it, as `ScriptWatch` takes them.
     private
         The view of the file system that this process has entered; None for the machine's own.
+    edits
+        Parts of the script's text that are other ones.
     keeps_files
         Whether to send the contents of files that an engine loads.
     again
@@ -76,8 +80,9 @@ def watch(
         asks=asks,
         streams=streams,
         evaluator=evaluator,
-        is_plain=not (variation or interventions or asks),
+        is_plain=not (variation or interventions or edits or asks),
         private=private,
+        edits=edits,
     )
     started.keeps_files = keeps_files
     version = ".".join(map(str, sys.version_info[:3]))

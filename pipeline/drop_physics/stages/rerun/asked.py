@@ -10,6 +10,7 @@ from drop_physics.engines.pybullet.interventions import RESIDUAL, TIMESTEPS
 from drop_physics.errors import ScenarioError
 from drop_physics.fields import all_of, alternatives
 from drop_physics.option_types import number
+from drop_physics.stages.rerun.single import RESIDUAL_0, SINGLE, is_single
 from drop_physics.trace.cures import Cure
 
 SIGNS = {"timestep": "/", "iterations": "*"}
@@ -23,6 +24,8 @@ UNNAMED = ("without", "parameter")
 
 def cures_of(texts: Sequence[str], option: str, *, whole: bool) -> list[Cure]:
     """Return the interventions of texts, one for each value, with their text as their call.
+
+    A single change is one named `SINGLE`, whatever it changes.
 
     Parameters
     ----------
@@ -43,6 +46,8 @@ def cures_of(texts: Sequence[str], option: str, *, whole: bool) -> list[Cure]:
 
 
 def _named(text: str, option: str, *, whole: bool) -> list[Cure]:
+    if is_single(text):
+        return [Cure(SINGLE, call=text.strip())]
     names = sorted({*ROWS, *PARAMETERS}.difference(UNNAMED, SIGNS))
     near = difflib.get_close_matches(text.partition("=")[0], names, MOST_NEAR, 0.0)
     refused = ScenarioError(
@@ -52,8 +57,8 @@ def _named(text: str, option: str, *, whole: bool) -> list[Cure]:
         near=all_of(near),
         text=text,
     )
-    if text in ("residual 0", "residual=0"):
-        return [Cure("parameter", value=0.0, call="residual 0", given={"name": RESIDUAL})]
+    if text in (RESIDUAL_0, "residual=0"):
+        return [Cure("parameter", value=0.0, call=RESIDUAL_0, given={"name": RESIDUAL})]
     for name, sign in SIGNS.items():
         if text.startswith(name + sign):
             times = text.removeprefix(name + sign).split(",")

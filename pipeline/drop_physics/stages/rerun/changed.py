@@ -106,7 +106,11 @@ class RunChanged(ABC, Generic[T]):
             draws = variation.pop("draws")
             seed = (seed or 0) + 1 if draws is None else draws
         return replace(
-            self.program, variation=variation or None, interventions=run.operations, seed=seed
+            self.program,
+            variation=variation or None,
+            interventions=run.operations,
+            edits=run.edits,
+            seed=seed,
         )
 
     def path_of(self, number: int) -> Path:

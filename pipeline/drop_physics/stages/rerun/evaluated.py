@@ -5,14 +5,17 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drop_physics.engines.cures import TABLES
+from drop_physics.engines.cures import trial_of
 from drop_physics.engines.script import Program
+from drop_physics.engines.source import SOURCE
+from drop_physics.engines.watching.expression import Expression
 from drop_physics.engines.watching.single_changes import Change
 from drop_physics.experiments.motion import motion_of
 from drop_physics.experiments.search import ChangeOutcome
@@ -32,6 +35,9 @@ chance does it."""
 CONFIRMS = 2
 """The number of nudged runs in which a change has to make it true, where chance matters."""
 FINISHED = "finished"
+
+QUARTERS = 4
+"""Parts of a run from whose beginnings changes are tried."""
 
 Answer = Mapping[str, Any]
 
@@ -64,6 +70,18 @@ def outcome_of(answer: Answer, *, ended_well: bool) -> ChangeOutcome:
     )
 
 
+def expression_is_of_end(program: Program) -> bool:
+    """Return whether a run answers the same where it is evaluated from some step on alone."""
+    text = None if program.evaluator is None else program.evaluator["arguments"]["text"]
+    return text is not None and Expression(text).is_of_end
+
+
+def _may_begin_later(change: Change) -> bool:
+    """Return whether a change can begin at any step: it is not of the text, the start or time."""
+    is_start = change.change.startswith("start.") or change.how[0] == "/"
+    return change.engine != SOURCE and not is_start
+
+
 NOT_MADE = ChangeOutcome(holds=False, margin=-math.inf, value=math.nan)
 """The outcome of a run that was stopped, or has died."""
 
@@ -78,6 +96,8 @@ class EvaluatedRuns:
         The script, as it is run again.
     reruns
         What makes the runs.
+    of_text
+        What makes those of another text of the script.
     ends
         How a run may end whose outcome counts.
     until
@@ -88,6 +108,7 @@ class EvaluatedRuns:
 
     program: Program
     reruns: Reruns
+    of_text: Reruns
     ends: frozenset[str]
     until: float
     jobs: int
@@ -98,7 +119,7 @@ class EvaluatedRuns:
     def answered(self, **changed: object) -> tuple[Answer | None, str]:
         """Make a run with a change; return its answer, and its ending."""
         program = replace(self.program, **changed)  # type: ignore[arg-type]
-        with self.reruns.begun(program) as process:
+        with self._begun(program) as process:
             self._under_way.add(process)
             for _ in process.events():
                 pass
@@ -107,6 +128,9 @@ class EvaluatedRuns:
         self.made += 1
         answer, error = process.decoder.answer or (None, "")
         return answer, error or ended
+
+    def _begun(self, program: Program) -> AbstractContextManager[Script | Fork]:
+        return (self.of_text if program.edits else self.reruns).begun(program)
 
     def changed(self, change: Change) -> ChangeOutcome | None:
         """Return the outcome of a run with a change; None if no time is left."""
@@ -123,8 +147,8 @@ class EvaluatedRuns:
         return self._outcome(**{**trial, "variation": {**(trial.get("variation") or {}), **nudge}})
 
     def _trial_of(self, change: Change) -> dict[str, Any]:
-        trial = TABLES[change.engine].trial_of(change)
-        return {"interventions": trial["interventions"], "variation": trial["variation"] or None}
+        trial = trial_of(change)
+        return {**trial, "variation": trial.get("variation") or None}
 
     def _outcome(self, **changed: object) -> ChangeOutcome:
         answer, ended = self.answered(**changed)
@@ -160,7 +184,7 @@ class EvaluatedRuns:
         """
         program = replace(self.program, streams=True, evaluator=None, **self._trial_of(change))
         identity = hashlib.sha256(f"{own.recording_id} {name}".encode()).hexdigest()[:32]
-        with self.reruns.begun(program) as process:
+        with self._begun(program) as process:
             RunsUnderWay(self._under_way).recorded(
                 process,
                 path,
@@ -168,6 +192,34 @@ class EvaluatedRuns:
                 recording_id=identity,
                 drawn=drawn,
             )
+
+    def latest_of(self, changes: Sequence[Change], steps: int) -> list[int | None]:
+        """Return the latest step from which on each change still makes it true.
+
+        None where it has to be there from the beginning, or no run can begin with it later.
+
+        Parameters
+        ----------
+        changes
+            Changes that make it true from the beginning.
+        steps
+            Steps of the script's own run, whose quarters are tried.
+        """
+        latest: list[int | None] = [None for _ in changes]
+        going = [n for n, each in enumerate(changes) if _may_begin_later(each)]
+        quarters = sorted({steps * part // QUARTERS for part in range(1, QUARTERS)} - {0})
+        if not going or not quarters or not expression_is_of_end(self.program):
+            return latest
+        with Reruns(self.program, self.reruns.again, at=quarters[0]) as reruns:
+            trials = replace(self, reruns=reruns, made=0)
+            for step in quarters:
+                if not going or not (step == quarters[0] or reruns.go_on(step)) or not reruns.parts:
+                    break
+                tried = [(n, trials.changed(changes[n])) for n in going]
+                going = [n for n, outcome in tried if outcome is not None and outcome.holds]
+                latest = [step if n in going else each for n, each in enumerate(latest)]
+        self.made += trials.made
+        return latest
 
     def stands(self, change: Change) -> bool:
         """Return whether a change still makes it true if everything is nudged."""

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import functools
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drop_physics.engines.cures import ROWS
+from drop_physics.engines.cures import ROWS, trial_of, words_of
 from drop_physics.engines.interventions import FACTOR, Interventions
 from drop_physics.experiments.interventions import Intervention
+from drop_physics.stages.rerun.single import SINGLE, named
 from drop_physics.trace.acts import FILTERS, PUSHES, Act
 from drop_physics.trace.cures import ChangedRun, Cure, Scope
 from drop_physics.trace.events import located
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 if TYPE_CHECKING:
+    from drop_physics.engines.watching.single_changes import Change
     from drop_physics.rules.answer import Finding
     from drop_physics.trace.history import Seen
 
@@ -65,10 +68,19 @@ class Proposals:
         What is found in it.
     cures
         What is known of cures for its engine.
+    possible
+        Returns the single changes that it could have; called where one is asked for.
     """
 
-    def __init__(self, seen: Seen, findings: Sequence[Finding], cures: Interventions) -> None:
+    def __init__(
+        self,
+        seen: Seen,
+        findings: Sequence[Finding],
+        cures: Interventions,
+        possible: Callable[[], Sequence[Change]] = list,
+    ) -> None:
         self._seen, self._findings, self._cures = seen, findings, cures
+        self._possible = functools.cache(possible)
         settings = [each.values.get("fixedTimeStep") for each in seen.settings]
         self._timestep_s = float(np.ravel(settings[-1])[0]) if settings else 1 / 240  # type: ignore[arg-type]
         self._commanded: frozenset[tuple[int, int]] | None = None
@@ -100,6 +112,9 @@ class Proposals:
         found: list[Candidate] = []
         named = [self._findings[place] for place in about]
         for cure in cures:
+            if cure.name == SINGLE:
+                found.append(self._single(cure, list(about), words=True))
+                continue
             proposes = [one for one in named if one.cure is not None and one.cure.name == cure.name]
             of = [] if ROWS[cure.name].whole_run else named
             candidates = [
@@ -134,11 +149,32 @@ class Proposals:
 
     def whole(self, cure: Cure) -> Candidate:
         """Return a cure applied to the whole run, where some values become factors."""
+        if cure.name == SINGLE:
+            return self._single(cure, [], words=False)
         is_factor = f"{cure.name}:{FACTOR}" in self._cures.rows
         if is_factor and cure.value is not None and cure.value >= 0:
             cure = replace(cure, form=FACTOR)
         scope = Scope([*self._seen.bodies.values()], timestep_s=self._timestep_s, whole=True)
         return self._made(cure, scope, whole=True)
+
+    def _single(self, cure: Cure, findings: list[int], *, words: bool) -> Candidate:
+        """Return a single change that is asked for by its text, said in words or by that."""
+        change = named(cure.call, self._possible())
+        operand, site = change.how[1], change.site
+        asked = Cure(
+            cure.call,
+            ", ".join(change.target) or None,
+            operand if isinstance(operand, int | float) else None,
+            words_of(change) if words else cure.call,
+        )
+        trial = trial_of(change)
+        run = ChangedRun(
+            [*trial.get("interventions", ())],
+            trial.get("variation") or {},
+            [*trial.get("edits", ())],
+        )
+        place = None if site is None else located(*site)
+        return Candidate(Intervention(asked, site=place), run, findings)
 
     def _candidate(self, cure: Cure, finding: Finding) -> Candidate:
         labels = {body.label: body for body in self._seen.bodies.values()}

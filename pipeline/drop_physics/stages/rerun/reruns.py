@@ -24,7 +24,7 @@ from typing import Self
 
 from drop_physics.engines.fork_server import Fork, ForkServer
 from drop_physics.engines.script import TRIES, Program, Script
-from drop_physics.engines.watching.forks import FIRST_USE
+from drop_physics.engines.watching.forks import FIRST_LINE, FIRST_USE
 from drop_physics.stages.rerun.again import Again
 
 FORKS = sys.platform.startswith("linux")
@@ -43,20 +43,20 @@ class Reruns:
     again
         How it is run again.
     at
-        After how many steps runs part from one another, if they are forks; by default before the
-        first use of the engine.
+        After how many steps runs part from one another, if they are forks, or `FIRST_LINE`; by
+        default before the first use of the engine.
     """
 
     def __init__(self, program: Program, again: Again, *, at: int = FIRST_USE) -> None:
-        self._program, self._again, self._at = program, again, at
+        self._program, self.again, self._at = program, again, at
         self._server: ForkServer | None = None
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        if self._again.parts and FORKS:
-            ready = self._stack.enter_context(self._again.ready(self._program))
+        if self.again.parts and FORKS:
+            ready = self._stack.enter_context(self.again.ready(self._program))
             server = self._stack.enter_context(ForkServer(ready, at=self._at))
-            if server.shared(self._again.patience_s()) == "":
+            if server.shared(self.again.patience_s()) == "":
                 self._server = server
         return self
 
@@ -68,6 +68,24 @@ class Reruns:
     ) -> None:
         self._server = None
         self._stack.__exit__(kind, error, trace)
+
+    def go_on(self, steps: int) -> bool:
+        """Let the run go on from which others are forked; return whether it stands there.
+
+        Parameters
+        ----------
+        steps
+            Number of steps after which they part from now on.
+        """
+        if self._server is None:
+            return False
+        self._server.go_on(steps)
+        return self._server.shared(self.again.patience_s()) == ""
+
+    @property
+    def parts(self) -> bool:
+        """Whether runs are forks."""
+        return self._server is not None
 
     @contextmanager
     def begun(
@@ -86,7 +104,7 @@ class Reruns:
             The descriptor of what it prints into; None for nowhere.
         """
         finer = int((changed.variation or {}).get("finer", 1))
-        stops = min(until or float("inf"), time.time() + self._again.patience_s(finer))
+        stops = min(until or float("inf"), time.time() + self.again.patience_s(finer))
         with ExitStack() as stack:
             if printed is None:
                 printed = stack.enter_context(Path(os.devnull).open("wb")).fileno()
@@ -104,12 +122,13 @@ class Reruns:
     def _forked(self, stack: ExitStack, changed: Program, finer: int, printed: int) -> Fork | None:
         """Return a run that is a fork; None if it cannot be one."""
         alike = {name: getattr(self._program, name) for name in (*TRIES, "explain")}
-        if self._server is None or replace(changed, **alike) != self._program:
+        too_late = changed.edits and self._at != FIRST_LINE
+        if self._server is None or too_late or replace(changed, **alike) != self._program:
             return None
-        limited = replace(changed, limits=self._again.limits(finer))
+        limited = replace(changed, limits=self.again.limits(finer))
         fork = stack.enter_context(self._server.fork(limited, printed))
         return fork if fork.begin() else None
 
     def _from_start(self, stack: ExitStack, changed: Program, finer: int, printed: int) -> Script:
-        ready = stack.enter_context(self._again.ready(changed, finer=finer))
+        ready = stack.enter_context(self.again.ready(changed, finer=finer))
         return stack.enter_context(Script(ready, stdout=printed, stderr=printed))

@@ -23,7 +23,8 @@ from drop_physics.stages.interpreter import interpreter_of
 from drop_physics.stages.program import SEEDED_CLOCK_S, checked_limits
 from drop_physics.stages.rerun.asked import cures_of
 from drop_physics.stages.rerun.proposals import Candidate
-from drop_physics.stages.trust import candidates_of
+from drop_physics.stages.rerun.single import is_single
+from drop_physics.stages.trust import OwnRun, candidates_of
 from drop_physics.stages.trust.runs import BASE, RunFolder, RunKept, identity_of, made_of, run_kept
 from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.sweeping.rows import Row, write_rows
@@ -133,8 +134,9 @@ def sweep_script(asked: verbs.SweepScriptArguments) -> ScriptSweep:
     combined = [", ".join(each.call for each in one) for one in itertools.product(*lists)]
     with folder.claimed((BASE, *combined)):
         base, limited, rerun = folder.begun(program, anyway=asked.again, stdout=asked.stdout)
-        known = [candidates_of(base.seen, cures, "--try", usual=False) for cures in lists]
-        all_of = [*itertools.product(*known)]
+        known = OwnRun(base.seen, limited, rerun)
+        tried = [candidates_of(known, cures, "--try", usual=False) for cures in lists]
+        all_of = [*itertools.product(*tried)]
         candidates = [_together(each) for each in all_of]
         work = RunSwept(limited, candidates, folder.path, base.path, base, rerun, runs=folder.runs)
         found = run_kept(work, jobs=asked.jobs, ray=asked.ray, progress=asked.progress)
@@ -161,7 +163,7 @@ def _together(candidates: Sequence[Candidate]) -> Candidate:
 
 def _given(cure: Cure) -> tuple[str, float | str | bool]:
     """Return the name and the value of an intervention; True if it has no value."""
-    found = GIVEN.fullmatch(cure.call)
+    found = None if is_single(cure.call) else GIVEN.fullmatch(cure.call)
     name, value = (cure.call, None) if found is None else found.groups()
     if value is None:
         return name, True

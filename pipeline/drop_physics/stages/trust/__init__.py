@@ -19,6 +19,7 @@ from drop_physics.stages.interpreter import interpreter_of
 from drop_physics.stages.program import SEEDED_CLOCK_S, checked_limits
 from drop_physics.stages.rerun.asked import cures_of
 from drop_physics.stages.rerun.proposals import Candidate, Proposals
+from drop_physics.stages.rerun.single import possible
 from drop_physics.stages.trust.runs import (
     BASE,
     Made,
@@ -34,8 +35,10 @@ from drop_physics.trace.cures import NUDGE, Cure
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 if TYPE_CHECKING:
+    from drop_physics.engines.watching.single_changes import Change
     from drop_physics.experiments.robustness import Converging, Growth, Standing
     from drop_physics.rules.answer import Finding
+    from drop_physics.stages.rerun.again import Again
     from drop_physics.trace.history import Seen
 
 USUAL = (
@@ -135,7 +138,8 @@ def trust(asked: verbs.TrustArguments) -> Trust:
         base, limited, rerun = folder.begun(
             program, anyway=asked.again, stdout=asked.stdout, note=asked.note
         )
-        candidates = candidates_of(base.seen, cures, "--vary", usual=not asked.vary)
+        known = OwnRun(base.seen, limited, rerun)
+        candidates = candidates_of(known, cures, "--vary", usual=not asked.vary)
         work = RunVariation(
             limited, candidates, folder.path, base.path, base, rerun, runs=folder.runs
         )
@@ -146,14 +150,27 @@ def trust(asked: verbs.TrustArguments) -> Trust:
     return result
 
 
+@dataclass(frozen=True)
+class OwnRun:
+    """A script's own run, and how it is run again."""
+
+    seen: Seen
+    program: Program
+    again: Again
+
+    def possible(self) -> list[Change]:
+        """Return the single changes that it could have."""
+        return possible(self.program, self.again, self.seen.engine.partition(" ")[0])
+
+
 def candidates_of(
-    seen: Seen, asked: Sequence[Cure], option: str, *, usual: bool
+    known: OwnRun, asked: Sequence[Cure], option: str, *, usual: bool
 ) -> list[Candidate]:
     """Return the requested interventions, as the engine supports them, on the whole run.
 
     Parameters
     ----------
-    seen
+    known
         The script's own run.
     asked
         The interventions.
@@ -167,8 +184,9 @@ def candidates_of(
     ScenarioError
         If the engine does not support one.
     """
-    engine, settings = seen.engine, seen.settings[-1].values
-    proposals, found = Proposals(seen, [], engine_cures(engine)), []
+    engine, settings = known.seen.engine, known.seen.settings[-1].values
+    proposals = Proposals(known.seen, [], engine_cures(engine), known.possible)
+    found = []
     for cure in asked:
         candidate, name = proposals.whole(cure), cure.given.get("name")
         if candidate.run is None and not usual:

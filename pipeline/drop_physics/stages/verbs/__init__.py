@@ -293,7 +293,7 @@ class WhyArguments(OfScript):
         takes(
             "NAME[=V]",
             "Instead of what findings propose: force=70, default-motor-off, damping, friction=2, "
-            "timestep/4, …; repeatable.",
+            "timestep/4, …, or a change that --expect has printed in its JSON; repeatable.",
             "--try",
         ),
     ] = ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,6 +30,7 @@ from drop_physics.stages.rerun.changed import run_changed
 from drop_physics.stages.rerun.evaluated import evaluator_of
 from drop_physics.stages.rerun.proposals import Candidate, Proposals
 from drop_physics.stages.rerun.runs import only_of
+from drop_physics.stages.rerun.single import possible
 from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.stages.why.asked import checked_bounds, place_of
 from drop_physics.stages.why.expect import Expected, of_row, own_of, parsed, searched
@@ -38,6 +40,7 @@ from drop_physics.stages.why.trials import RunTrial, TrialRun, first_tried
 from drop_physics.workers import cores
 
 if TYPE_CHECKING:
+    from drop_physics.analysis.results import Analysis
     from drop_physics.experiments.run_distance import Distance
     from drop_physics.experiments.shares import Shares
     from drop_physics.experiments.verdicts import Outcome, TrialVerdict, Verdict
@@ -142,7 +145,7 @@ def why(asked: verbs.WhyArguments) -> Why:
     checked_bounds(asked)
     if asked.expect is not None:
         parsed(asked.expect)
-    cures = [] if asked.expect else cures_asked(asked.tries, "--try", whole=False)
+    cures = cures_asked(asked.tries, "--try", whole=False)
     placed, force = place_of(asked)
     python = interpreter_of(
         asked.target, is_module=asked.is_module, given=asked.python, note=asked.note
@@ -196,18 +199,51 @@ def why(asked: verbs.WhyArguments) -> Why:
     folder = trials_of(recorded.recording)
     forget_trials(recorded.recording)
     folder.mkdir(exist_ok=True)
+
+    @functools.cache
+    def analyzed() -> Analysis:
+        from drop_physics.rules.choice import EVERY
+        from drop_physics.stages.analyze import analyze
+
+        choice, script = asked.choice or EVERY, Path(asked.target)
+        return analyze(recorded.recording, choice=choice, script=script)
+
     if expected is not None:
-        expected = searched(expected, asked, recorded, rerun, python=python, until=until, base=base)
+        expected = searched(
+            expected,
+            asked,
+            recorded,
+            rerun,
+            cures=cures,
+            python=python,
+            until=until,
+            base=base,
+            account=lambda: analyzed().account,
+        )
         if asked.expect is not None:
             result = _only(expected, recorded, time.monotonic() - began)
             _keep(folder, result, base.recording_id)
             return result
-    from drop_physics.rules.choice import EVERY
-    from drop_physics.stages.analyze import analyze
-
-    analysis = analyze(recorded.recording, choice=asked.choice or EVERY, script=Path(asked.target))
+    analysis = analyzed()
     findings = analysis.findings
-    proposals = Proposals(base.seen, findings, cures_of(base.seen.engine))
+    all_steps = sum(samples - 1 for samples in base.seen.samples.values())
+    program = Program(
+        asked.target,
+        tuple(map(str, asked.arguments)),
+        python,
+        asked.is_module,
+        all_steps + 2 * (recorded.ended not in STOPPED),  # may make one more, and end by itself
+        seed=asked.seed,
+        of_first=True,
+        begins_s=SEEDED_CLOCK_S,
+        explain=True,
+    )
+    proposals = Proposals(
+        base.seen,
+        findings,
+        cures_of(base.seen.engine),
+        lambda: possible(program, rerun, base.seen.engine.partition(" ")[0]),
+    )
     chosen = _about(findings, asked.about)
     candidates_found = False
     if asked.tries:
@@ -226,18 +262,6 @@ def why(asked: verbs.WhyArguments) -> Why:
             usual = [each for each in usual if each.intervention.name != "damping"]
         candidates += [each for each in usual if each.intervention not in known]
     ablated = proposals.left_out() if asked.ablate else []
-    all_steps = sum(samples - 1 for samples in base.seen.samples.values())
-    program = Program(
-        asked.target,
-        tuple(map(str, asked.arguments)),
-        python,
-        asked.is_module,
-        all_steps + 2 * (recorded.ended not in STOPPED),  # may make one more, and end by itself
-        seed=asked.seed,
-        of_first=True,
-        begins_s=SEEDED_CLOCK_S,
-        explain=True,
-    )
     order = [*first_tried([*candidates, *ablated])]
     spent_s = time.monotonic() - began
     work = RunTrial(
@@ -302,7 +326,14 @@ def why(asked: verbs.WhyArguments) -> Why:
         row = None if candidates_found else row_expectation(analysis.account, analysis.episodes)
         if row is not None and time.time() < until:
             found = searched(
-                of_row(row), asked, recorded, rerun, python=python, until=until, base=base
+                of_row(row),
+                asked,
+                recorded,
+                rerun,
+                python=python,
+                until=until,
+                base=base,
+                account=lambda: analysis.account,
             )
             expected = found if found.tried or found.chaotic else None
     result = replace(result, expected=expected)

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from drop_physics.engines.cures import TABLES
+from drop_physics.engines.cures import RUN, cures_of, words_of, written_as
 from drop_physics.engines.interventions import done
 from drop_physics.engines.script import Program
+from drop_physics.engines.source import SOURCE, place_of
 from drop_physics.engines.watching.expression import Expression
-from drop_physics.engines.watching.forks import FIRST_USE
-from drop_physics.engines.watching.single_changes import Change, change_of
-from drop_physics.errors import DropError, ScenarioError
+from drop_physics.engines.watching.forks import FIRST_LINE, FIRST_USE
+from drop_physics.engines.watching.single_changes import Change
+from drop_physics.errors import ScenarioError
 from drop_physics.experiments.ranking import SaidChange, ranked
 from drop_physics.experiments.search import NARROWED, ChangeOutcome, Search, TriedChange
-from drop_physics.messages import Message
+from drop_physics.messages import Message, joined
 from drop_physics.recording.layer_file import trials_of
 from drop_physics.stages import verbs
 from drop_physics.stages.program import SEEDED_CLOCK_S, STOPPED
@@ -30,16 +33,20 @@ from drop_physics.stages.rerun.evaluated import (
     evaluator_of,
     outcome_of,
 )
+from drop_physics.stages.rerun.proposals import Proposals
 from drop_physics.stages.rerun.reruns import Reruns
+from drop_physics.stages.rerun.runs import Progress
+from drop_physics.stages.rerun.single import SINGLE, named, seen_changes, text_of
 from drop_physics.stages.why.lines import line_of, texts_of
-from drop_physics.stages.why.row import RowExpectation
-from drop_physics.stages.why.tries import text_of, tried
+from drop_physics.stages.why.row import RowExpectation, row_of
 from drop_physics.workers import cores
 
 if TYPE_CHECKING:
+    from drop_physics.account.rows import AccountRow
     from drop_physics.recording.reader import Recording
     from drop_physics.stages.record import Recorded
     from drop_physics.stages.rerun.again import Again
+    from drop_physics.trace.cures import Cure
 
 CHANCE = 1e-3
 """Where nudges move the quantity by more than this share of what it is short of, a change has to
@@ -57,6 +64,8 @@ MOST_MOVERS = 5
 Source = Literal["option", "assert", "row"]
 """Where an expectation is from: `--expect`, an `assert` of the script that has failed, or the
 account: what was asked of a joint, or an episode that failed."""
+MOST_ROWS = 6
+"""Rows of the account beside which a change is said: those that it shows first."""
 SAME_GAP = 0.05
 """A row is searched where a run again is short of it by the same gap, to this share."""
 
@@ -95,6 +104,11 @@ class Expected:
     """The least factor of each of the first that makes it true; None where it is no factor."""
     recordings: Sequence[Path] = ()
     """Those of the first that make it true."""
+    latest: Sequence[int | None] = ()
+    """The latest step from which on each of the first still makes it true; None where it has to be
+    there from the beginning."""
+    steps: int = 0
+    """Number of steps of the script's own run."""
     moves: Sequence[TriedChange] = ()
     """Changes that move the quantity most towards the expectation, if none makes it true."""
 
@@ -112,10 +126,6 @@ class Expected:
             return None
         return self.recordings[0], self.words(self.makes_true[0].tried.change)
 
-    def row_of(self, change: Change) -> str | None:
-        """Return the row's words, if a change acts on one of its terms."""
-        return self.row.words if self.row is not None and self.row.names(change) else None
-
     def repeats(self, change: Change) -> str:
         """Return the text by which `--try` repeats a change."""
         return text_of(change)
@@ -126,7 +136,7 @@ class Expected:
 
     def words(self, change: Change) -> str:
         """Return a change in its user's words: friction of left, right ×10."""
-        return TABLES[change.engine].words_of(change)
+        return words_of(change)
 
 
 def parsed(text: str) -> Expression:
@@ -207,6 +217,8 @@ def searched(
     python: str,
     until: float,
     base: Recording,
+    account: Callable[[], Sequence[AccountRow]],
+    cures: Sequence[Cure] = (),
 ) -> Expected:
     """Return an unmet expectation with the changes that make it true.
 
@@ -225,6 +237,10 @@ def searched(
     base
         The recording of the script's own run, beside which those of the first that make it true
         are written.
+    account
+        Returns the account of the script's own run.
+    cures
+        The changes that are tried; without any, all that there are.
 
     Raises
     ------
@@ -247,13 +263,19 @@ def searched(
         evaluator=evaluator,
     )
     at = PARTS.get(recorded.engine, FIRST_USE)
-    with Reruns(program, again, at=at) as reruns:
+    of_text = Reruns(program, again, at=FIRST_LINE)
+    with Reruns(program, again, at=at) as reruns, ExitStack() as later:
         at_once = 1 if again.alone else asked.jobs or cores()
-        trials = EvaluatedRuns(program, reruns, _ends(own, recorded), until, at_once)
-        found = _searched(trials, recorded.engine, asked, own.row)
+        trials = EvaluatedRuns(program, reruns, of_text, _ends(own, recorded), until, at_once)
+        asked_for = partial(_asked_for, cures, base) if cures else None
+        found = _searched(
+            trials, recorded.engine, own.row, later, account, asked_for, asked.progress
+        )
+        first = [each.tried.change for each in found.get("makes_true", ())[:NARROWED]]
+        found |= {"latest": trials.latest_of(first, made_steps), "steps": made_steps}
         recordings = _recorded(trials, found.get("makes_true", ()), base, drawn=asked.drawn)
     texts = {} if asked.is_module else texts_of(Path(asked.target))
-    lines = [_line_of(each.tried.change, texts) for each in found.get("makes_true", ())]
+    lines = [_line_of(each, texts) for each in found.get("makes_true", ())]
     found |= {"recordings": recordings, "lines": lines}
     return replace(own, **found, runs=trials.made, seconds=time.monotonic() - began)
 
@@ -268,21 +290,16 @@ def _ends(own: Expected, recorded: Recorded) -> frozenset[str]:
 
 
 def _searched(
-    trials: EvaluatedRuns, engine: str, asked: verbs.WhyArguments, row: RowExpectation | None
+    trials: EvaluatedRuns,
+    engine: str,
+    row: RowExpectation | None,
+    later: ExitStack,
+    account: Callable[[], Sequence[AccountRow]],
+    asked_for: Callable[[Sequence[Change]], list[Change]] | None,
+    progress: Progress,
 ) -> dict[str, Any]:
     """Return the results of a search; nothing if a repeated run does not fall short of a row."""
-    rows = {name: each.tried for name, each in TABLES.items()}
-    evaluator: dict[str, Any] = {**trials.program.evaluator}  # type: ignore[dict-item]
-    arguments = {**evaluator["arguments"], "rows": rows}
-    seen, ended = trials.answered(
-        interventions=TABLES[engine].sees, evaluator={**evaluator, "arguments": arguments}
-    )
-    if seen is None or seen["changes"] is None:
-        raise DropError(
-            "{script} cannot be run again as it was: {reason}",
-            script=trials.program.target,
-            reason=ended,
-        )
+    seen, of_engine, its_text = seen_changes(trials, engine)
     base = outcome_of(seen, ended_well=True)
     if row is not None:
         short = row.gap is None or math.isclose(base.value, row.gap, rel_tol=SAME_GAP)
@@ -294,14 +311,18 @@ def _searched(
     if any(each.holds for each in nudged):
         return {"noise": noise, "chaotic": True}
     search = Search(base, trials.all_of, noise)
-    changes = sorted(map(change_of, seen["changes"]), key=_likely)
+    changes, its_text = (sorted(each, key=_likely) for each in (of_engine, its_text))
     if row is not None:  # what acts on a term of it first
         changes.sort(key=lambda each: not row.names(each))
-    if asked.expect is not None and asked.tries:
-        changes = tried(asked.tries, changes)
-    search.told = lambda made, true: asked.progress(made, true, len(changes))
+    if asked_for is not None:
+        changes, its_text = asked_for([*changes, *its_text]), []
+    search.told = lambda made, true: progress(made, true, len(changes) + len(its_text))
     search.all_of(changes)
-    said = ranked(search.tried)
+    if its_text and search.complete:
+        later.enter_context(trials.of_text)
+        search.all_of(its_text)
+    rows = account() if any(each.outcome.holds for each in search.tried) else ()
+    said = ranked(search.tried, row_of=partial(_row_of, row, rows))
     if noise > CHANCE * abs(base.margin):  # what it does may be chance
         said = _standing(trials, said)
     return {
@@ -314,12 +335,49 @@ def _searched(
     }
 
 
-def _line_of(change: Change, texts: Mapping[Path, str]) -> tuple[str, str] | None:
+def _asked_for(cures: Sequence[Cure], base: Recording, changes: Sequence[Change]) -> list[Change]:
+    """Return the changes that `--try` names: those of the search, and interventions.
+
+    Raises
+    ------
+    ScenarioError
+        If there is none such.
+    """
+    proposals = Proposals(base.seen, [], cures_of(base.seen.engine))
+    found = []
+    for cure in cures:
+        if cure.name == SINGLE:
+            found.append(named(cure.call, changes))
+            continue
+        run = proposals.whole(cure).run
+        if run is None:
+            raise ScenarioError(
+                "--try {name} is no option of {engine}, which steps the script",
+                name=cure.call,
+                engine=base.seen.engine,
+            )
+        fields = {"interventions": run.operations, "variation": run.below}
+        found.append(Change(cure.call, "", (RUN, fields)))
+    return found
+
+
+def _row_of(row: RowExpectation | None, rows: Sequence[AccountRow], change: Change) -> str | None:
+    """Return the row that names what a change acts on: that which is expected, or another."""
+    if row is not None and row.names(change):
+        return row.words
+    found = row_of(change, rows[:MOST_ROWS])
+    return None if found is None else joined(" ", [found.who, found.told])
+
+
+def _line_of(said: SaidChange, texts: Mapping[Path, str]) -> tuple[str, str] | None:
     """Return the place where a user would write a change, and its current text."""
+    change = said.tried.change
     if change.site is not None:
         return f"{change.site[0]}:{change.site[1]}", ""
-    written = TABLES[change.engine].written_as(change)
-    return None if written is None else line_of(texts, change.of, *written)
+    written = written_as(change)
+    found = None if written is None else line_of(texts, change.of, *written)
+    of_text = (each.change for each in said.alike if each.change.engine == SOURCE)
+    return next(map(place_of, of_text), None) if found is None else found
 
 
 def _recorded(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,8 @@ LEFT = 0.2
 """The share of a row's gap that may be left, as where a trial cures a finding."""
 FAR = 0.2
 """The salience of a row from which on it is asked what would close its gap."""
+CAME = 0.01
+"""What was asked for has come where the gap is a smaller share of it."""
 SERIES = {"rad": "joint", "m": "joint", "rad/s": "rate", "m/s": "rate"}
 """The series of an expression by the unit of a joint's row."""
 NAMED = (
@@ -32,9 +34,18 @@ NAMED = (
     (r"\w+\.(lateral|rolling|spinning)Friction", "contact|friction"),
     (r"eq_\w+|flag\.EQUALITY|changeConstraint.*", "constraint.*|equality.*"),
     (r"\w+\.(linear|angular)Damping", "damping|drag"),
-    (r"input\.(xfrc|qfrc)_applied|applyExternal.*", "applied"),
+    (r"input\.(xfrc|qfrc)_applied|applyExternal.*", "applied|push|force"),
+    (r"input\.(qpos|qvel)|reset(Base|Joint)\w+.*", "set"),
 )
 """Patterns of changes, and of the causes of a row's terms that each acts on."""
+OF_KIND = {
+    "asked": ("motors",),
+    "given": ("motors",),
+    "slips": ("friction",),
+    "press": ("contact",),
+    "set": ("set",),
+}
+"""What rows of a kind are about, besides their terms."""
 
 
 @dataclass(frozen=True)
@@ -54,11 +65,41 @@ class RowExpectation:
 
     def names(self, change: Change) -> bool:
         """Return whether a change acts on a term of the row."""
-        return any(
-            re.fullmatch(pattern, change.change)
-            and any(re.fullmatch(cause, each) for each in self.causes)
-            for pattern, cause in NAMED
-        )
+        return _acts_on(change, self.causes)
+
+
+def _acts_on(change: Change, causes: Iterable[str]) -> bool:
+    return any(
+        re.fullmatch(pattern, change.change) and any(re.fullmatch(cause, each) for each in causes)
+        for pattern, cause in NAMED
+    )
+
+
+def row_of(change: Change, rows: Sequence[AccountRow]) -> AccountRow | None:
+    """Return the first row that names what a change acts on, on what it acts; None if none does."""
+    its = _names(change)
+    for row in rows:
+        if not row.at_limit and row.asked and abs(row.gap or row.asked) < CAME * abs(row.asked):
+            continue  # what was asked for has come
+        causes = {*OF_KIND.get(row.kind, ()), *(term.cause for term in row.terms)}
+        if _acts_on(change, causes) and (not its or its & _names_of(row)):
+            return row
+    return None
+
+
+def _names(change: Change) -> set[str]:
+    """Return the names of what a change acts on: of elements, and of the links that have them."""
+    named = {part for each in change.of for part in re.split(" x | of ", each)}
+    return {*named, *change.on} - {""}
+
+
+def _names_of(row: AccountRow) -> set[str]:
+    """Return the names of what a row is about."""
+    pair = row.pair or ()
+    own = [row.joint, row.constraint, row.actuator, row.link, *row.joints, *pair]
+    if not row.joint:
+        own += [label.partition("_")[2] or label for label in (row.body, row.other) if label]
+    return {each for each in own if each}
 
 
 def row_expectation(

@@ -108,7 +108,7 @@ class RunTrial(RunChanged[TrialRun]):
         findings = self._findings(number, other)
         steps = sum(samples - 1 for samples in other.seen.samples.values()) // finer
         run = self.run_of(number)
-        fired = bool(ended.intervened or (run is not None and run.below))
+        fired = bool(ended.intervened or (run is not None and (run.below or run.edits)))
         error = str((other.ended or {}).get("error") or "")
         began = _began(base, other)
         return TrialRun(Outcome(fired, ended.how, error, steps, findings, far, began), path)

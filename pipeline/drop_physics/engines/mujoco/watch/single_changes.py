@@ -96,9 +96,12 @@ def possible(module: Any, rows: Sequence[Mapping[str, Any]], seen: SeenInputs) -
             kind, ids = elements
             ids = [n for n in ids if _does(module, seen, replace(whole, ids=(n,)))]
             of = tuple(name_of(module, m, kind, n) for n in ids)
-            trees = (_tree_of(module, m, kind, n) for n in ids)
-            bodies = tuple(dict.fromkeys(each for each in trees if each))
-            found += [replace(whole, ids=tuple(ids), of=of, bodies=bodies)] if ids else []
+            on = [_body_of(m, kind, n) for n in ids]
+            trees = [name_of(module, m, "body", int(m.body_rootid[n])) for n in on if n >= 0]
+            bodies = tuple(dict.fromkeys(trees))
+            links = tuple("" if n < 0 else name_of(module, m, "body", n) for n in on)
+            change = replace(whole, ids=tuple(ids), of=of, bodies=bodies, on=links)
+            found += [change] if ids else []
     return found
 
 
@@ -110,15 +113,14 @@ def trial_of(change: Change) -> dict[str, Any]:
     return {"interventions": [operation], "variation": {}}
 
 
-def _tree_of(module: Any, m: Any, kind: str, which: Any) -> str:
-    """Return the name of the first body of the tree that an element belongs to; empty if none."""
+def _body_of(m: Any, kind: str, which: Any) -> int:
+    """Return the body that an element belongs to; -1 if it belongs to none."""
     if kind == "actuator":
         kind, which = "joint", int(m.actuator_trnid[which, 0])
     owner = {"geom": "geom_bodyid", "joint": "jnt_bodyid", "site": "site_bodyid"}.get(kind)
     if kind != "body" and owner is None:
-        return ""
-    body = which if owner is None else int(getattr(m, owner)[which])
-    return name_of(module, m, "body", int(m.body_rootid[body]))
+        return -1
+    return int(which) if owner is None else int(getattr(m, owner)[which])
 
 
 def name_of(module: Any, m: Any, kind: str, which: Any) -> str:

@@ -1,0 +1,494 @@
+"""The numbers and the statements of a script's own text, as single changes of the causal search.
+
+They are what its user would edit: each number, also in the attributes of models that stand in the
+text, each of these attributes, and each statement that sets something. What only says what is
+measured is none of them: bounds of loops, indices, what is printed, asserted, or compared with.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import accumulate, zip_longest
+from typing import Any
+
+from drop_physics.engines.watching.expression import EPISODE, PRINTED, SERIES, TAKEN
+from drop_physics.engines.watching.single_changes import MOST_NAMES, Change
+from drop_physics.fields import all_of
+from drop_physics.messages import Message
+
+SOURCE = "source"
+"""Value of `engine` in changes of a script's text."""
+NUMBERS = ("*10", "*0.1", "*-1", "=0")
+SIZES, PLACES = ("*2", "*0.5"), ("*2", "*0.5", "*-1")
+LEFT_OUT = "left-out"
+NUMBER = "number"
+"""The name of a number that is no value of anything."""
+DEGREES = 0.017453292519943295
+"""A factor that makes radians of degrees [rad/degree]."""
+LARGEST_RAD, LARGEST_DEGREES = 6.3, 720.0
+"""A number between them may be an angle in degrees."""
+MEASURES = re.compile(
+    r"^(print|round|range|enumerate|sleep|append|extend|add_argument|format|isclose|allclose|exit|"
+    r"savetxt|plot|show|join|disconnect|connect|stepSimulation|mj_step\d?|mj_forward|reset|step|"
+    r"render|write_text|write|close|flush|mkdir|mkdtemp|seed|default_rng|parse_args|"
+    r"setAdditionalSearchPath|loadURDF|loadMJCF|loadSDF|from_xml_\w+|log|info|debug|warning)$"
+)
+"""Functions whose call is never left out: they measure, print, or make what the script is about."""
+ENGINES = re.compile(r"^(set|change|create|load|reset|apply|calculate|enable)[A-Z]\w*$")
+"""Functions of PyBullet, whose arguments are changed as such."""
+COLLECTS = re.compile(r"^(join|zip|map|dict|tuple|list|array|asarray|deg2rad|radians)$")
+"""Functions whose arguments are what is named, or told, where they are called."""
+FIELDS = re.compile(
+    r"^(friction|mass|damping|stiffness|armature|frictionloss|gravcomp|kp|kv|gear|solref|solimp|"
+    r"condim|timestep|integrator|cone|iterations|limited|\w+limited|density|impratio|gravity|"
+    r"i[xyz][xyz]|diaginertia|fullinertia|value|noslip_iterations|effort|velocity)$"
+)
+"""Attributes whose values are changed in the compiled model, or by a call."""
+SPARED = re.compile(
+    r"^(print|round|range|enumerate|sleep|format|isclose|allclose|approx|savetxt|plot|exit|seed|"
+    r"default_rng|RandomState|linspace|getenv|get|reshape|astype|zeros|ones|eye|percentile)$"
+)
+"""Functions whose numbers say how much is measured, shown or made, or draw what is random."""
+PURE = re.compile(r"^(np|numpy|math|abs|min|max|sum|float|int|list|tuple|len|norm|sorted|array)\b")
+"""Functions that only compute."""
+ARGUMENTS = ("argv", "environ", "__name__")
+TAGGED = re.compile(
+    r"<(?P<tag>[a-zA-Z]\w*)(?P<given>(?:\s+[\w:]+\s*=\s*\\?(?P<q>[\"']).*?(?P=q))+)\s*(?P<end>/?)>"
+)
+"""A tag with attributes, as text has it that may be Python's."""
+ATTRIBUTE = re.compile(r"\s+(?P<name>[\w:]+)\s*=\s*\\?(?P<q>[\"'])(?P<value>.*?)\\?(?P=q)")
+NAME = re.compile(r"\bname\s*=\s*\\?([\"'])(?P<name>.*?)\\?\1")
+REFERS = re.compile(
+    r"^(name|class|childclass|\w*joint\w*|\w*site\w*|\w*body\w*|mesh\w*|link|rgba|\w*file\w*|"
+    r"version|model|angle|geom\w*|tendon|target|material|texture|hfield|type|root|xmlns\S*|"
+    r"mimic|builtin|rgb\d|group|dclass|compiler|coordinate|eulerseq|\w*dir|texrepeat|reflectance)$"
+)
+"""Attributes that name something, or say how the model is written or looks."""
+SHOWS = re.compile(
+    r"^(visual|material|texture|camera|light|map|headlight|global|quality|scale|rgba|key|statistic|"
+    r"color|sensor|limit_display|size|compiler|asset|mujoco|robot|xml)$"
+)
+"""Tags that say nothing of the physics."""
+SHAPES = re.compile(
+    r"^(size|pos|fromto|xyz|rpy|radius|length|quat|euler|axisangle|zaxis|height|halfExtents|"
+    r"axis|ref|range|lower|upper)$"
+)
+"""Attributes and arguments that say where things are, and how large."""
+POSITIVE = re.compile(r"^(size|radius|length|height)$")
+"""Those whose sign means nothing."""
+NEEDED = re.compile(r"^(size|fromto|radius|length|height|axis)$")
+"""Those that cannot be left out, or are seldom."""
+BEGINS = re.compile(
+    r"(^body\.(pos|quat|euler)|basePosition|baseOrientation|posObj|ornObj|\.qpos\b|"
+    r"^data\.qpos|resetBasePosition\w*|resetJointState\w*\.?|\.qpos0)"
+)
+"""Changes of where things begin, which is seldom what is wrong, and may be what is expected."""
+
+
+@dataclass(frozen=True)
+class TextPart:
+    """A part of the text that can be another one."""
+
+    name: str
+    """What it is the value of: `KP`, `changeDynamics.lateralFriction`, `geom.friction`."""
+    of: str
+    """What it belongs to, or else the number itself."""
+    line: int
+    start: int
+    end: int
+    tries: tuple[str, ...]
+    without: str = ""
+    """What stands there where it is left out."""
+    again: bool = False
+    """Whether it stands in a loop."""
+    in_markup: bool = False
+    """Whether it is an attribute of a model."""
+
+    @property
+    def breaks(self) -> bool:
+        """Whether it is where something begins, before the first step."""
+        return not self.again and BEGINS.search(self.name) is not None
+
+    @property
+    def is_geometry(self) -> bool:
+        """Whether it is where things are, and how large."""
+        return SHAPES.match(self.name.rpartition(".")[2]) is not None
+
+
+def changes_of(text: bytes, file: str, expected: str) -> list[Change]:
+    """Return the changes of a script's text; none of one that is no Python.
+
+    Attributes that many elements of a model have are changed of all of them at once.
+
+    Parameters
+    ----------
+    text
+        The script, in UTF-8.
+    file
+        Its name, as it is shown.
+    expected
+        What is expected of it: what that compares with is not changed.
+    """
+    try:
+        tree = ast.parse(text)
+    except (SyntaxError, ValueError):
+        return []
+    found: dict[tuple[str, int | None], list[TextPart]] = {}
+    for each in _TextParts(tree, text, _feeding(tree, expected)).all():
+        found.setdefault((each.name, None if each.in_markup else each.line), []).append(each)
+    changes: list[Change] = []
+    for places in found.values():
+        names = [*_told_apart([each.of for each in places])]
+        groups = [[*zip(places, names, strict=True)]]
+        if not places[0].in_markup or len(places) <= MOST_NAMES:
+            groups = [[each] for each in groups[0]]
+        for group in groups:
+            changes += _of_places(group, text, file)
+    return changes
+
+
+def _told_apart(names: Sequence[str]) -> Iterator[str]:
+    """Yield names, those that are alike with their numbers."""
+    alike, seen = Counter(names), Counter[str]()
+    for name in names:
+        seen[name] += 1
+        yield f"{name}#{seen[name]}" if alike[name] > 1 else name
+
+
+def _of_places(group: Sequence[tuple[TextPart, str]], text: bytes, file: str) -> Iterator[Change]:
+    """Yield the changes of some places at once."""
+    first, _ = group[0]
+    for op in dict.fromkeys(op for each, _ in group for op in each.tries):
+        its = [
+            (each, name, was)
+            for each, name in group
+            for was in (text[each.start : each.end].decode(errors="replace"),)
+            if op in each.tries and _does(was, op)
+        ]
+        if its:
+            yield Change(
+                first.name,
+                op,
+                (op, None) if op == LEFT_OUT else (op[0], float(op[1:])),
+                tuple((e.start, e.end, was, e.without, f"{file}:{e.line}") for e, _, was in its),
+                tuple(name for _, name, _ in its),
+                breaks=first.breaks,
+                site=None if first.in_markup else (file, first.line),
+                engine=SOURCE,
+                is_geometry=first.is_geometry,
+            )
+
+
+def edits_of(change: Change) -> list[list[Any]]:
+    """Return the parts of the text that are other ones with a change."""
+    return [[start, end, _becomes(was, change, other)] for start, end, was, other, _ in change.ids]
+
+
+def place_of(change: Change) -> tuple[str, str]:
+    """Return file and line of a change, and what stands there."""
+    _, _, was, _, where = change.ids[0]
+    return where, _in_a_line(was)
+
+
+def words_of(change: Change) -> str:
+    """Return a change in words, with what stands in the text, and where."""
+    _, _, was, other, where = change.ids[0]
+    of = all_of([each.partition("#")[0] for each in change.of])
+    if change.op == LEFT_OUT:
+        return Message("without {was} ({where})", was=_in_a_line(was), where=where)
+    does = {"becomes": _becomes(was, change, other).strip("()"), "was": was, "where": where}
+    if change.change == NUMBER:
+        return Message("{becomes} in place of {was} ({where})", **does)
+    if not of or of == was:
+        return Message("{name} {becomes} in place of {was} ({where})", name=change.change, **does)
+    return Message(
+        "{name} of {of} {becomes} in place of {was} ({where})", name=change.change, of=of, **does
+    )
+
+
+MOST_SHOWN = 50
+"""Most characters that are shown of a part of the text."""
+
+
+def _in_a_line(text: str) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= MOST_SHOWN else f"{line[:MOST_SHOWN]}…"
+
+
+def _numbers(text: str) -> list[float] | None:
+    """Return the numbers of a text; None where it is none."""
+    try:
+        return [float(each) for each in text.replace("_", "").split()]
+    except ValueError:
+        return None
+
+
+def _does(was: str, op: str) -> bool:
+    """Return whether an operator makes another text of this one."""
+    if op == LEFT_OUT:
+        return True
+    numbers = _numbers(was)
+    return bool(numbers and any(numbers))
+
+
+def _becomes(was: str, change: Change, without: str) -> str:
+    """Return what stands in the text with a change."""
+    operator, operand = change.how
+    if operator == LEFT_OUT:
+        return without
+    numbers = _numbers(was) or []
+    made = [operand if operator == "=" else each * operand for each in numbers]
+    whole = not re.search(r"[.eE]", was)
+    texts = [f"{int(each)}" if whole and each == int(each) else f"{each:.10g}" for each in made]
+    if len(texts) == 1 and texts[0].startswith("-") and not without:
+        return f"({texts[0]})"  # in Python it may follow an operator
+    return " ".join(texts)
+
+
+# -- what only feeds the expectation ---------------------------------------------------------------
+
+
+def _feeding(tree: ast.AST, expected: str) -> set[str]:
+    """Return the names of what is expected that are numbers of the script, and nothing that moves.
+
+    They come from numbers by arithmetic alone.
+    """
+    try:
+        asked = ast.parse(expected.strip(), mode="eval")
+    except (SyntaxError, ValueError):
+        return set()
+    names = {node.id for node in ast.walk(asked) if isinstance(node, ast.Name)}
+    names -= {*SERIES, *TAKEN, *EPISODE, PRINTED}
+    values: dict[str, list[ast.expr | None]] = {}
+    for node in ast.walk(tree):
+        for name, value in _assigned(node):
+            values.setdefault(name, []).append(value)
+    feeding: set[str] = set()
+    while new := {name for name in names - feeding if _is_computed(values.get(name, []))}:
+        feeding |= new
+        names |= {
+            node.id
+            for name in new
+            for value in values[name]
+            if value is not None
+            for node in ast.walk(value)
+            if isinstance(node, ast.Name)
+        }
+    return feeding
+
+
+def _assigned(node: ast.AST) -> Iterator[tuple[str, ast.expr | None]]:
+    """Yield the names that a statement gives a value, with it; None where it is not known."""
+    targets: Sequence[ast.expr] = ()
+    value: ast.expr | None = None
+    if isinstance(node, ast.Assign):
+        targets, value = node.targets, node.value
+    elif isinstance(node, ast.AnnAssign):
+        targets, value = [node.target], node.value
+    elif isinstance(node, ast.AugAssign | ast.For):
+        targets = [node.target]
+    for target in targets:
+        if isinstance(target, ast.Tuple | ast.List):
+            parts = value.elts if isinstance(value, ast.Tuple | ast.List) else []
+            pairs = [*zip_longest(target.elts, parts)]
+        else:
+            pairs = [(target, value)]
+        yield from ((one.id, its) for one, its in pairs if isinstance(one, ast.Name))
+
+
+def _is_computed(values: Sequence[ast.expr | None]) -> bool:
+    """Return whether values are numbers, and what is computed of numbers."""
+    return bool(values) and all(
+        value is not None
+        and all(
+            PURE.match(ast.unparse(node.func))
+            for node in ast.walk(value)
+            if isinstance(node, ast.Call)
+        )
+        and not any(isinstance(node, ast.Lambda) for node in ast.walk(value))
+        for value in values
+    )
+
+
+# -- which parts ----------------------------------------------------------------------------------
+
+
+class _TextParts:
+    """The parts of a script's text that can be others."""
+
+    def __init__(self, tree: ast.Module, text: bytes, feeding: set[str]) -> None:
+        self._tree, self._text, self._feeding = tree, text, feeding
+        self._lines = [0, *accumulate(len(each) + 1 for each in text.split(b"\n"))]
+
+    def all(self) -> Iterator[TextPart]:
+        """Yield them in the order of the text."""
+        for each in self._tree.body:
+            yield from self._of(each, "", "")
+
+    def _of_loop(self, node: ast.For | ast.While) -> Iterator[TextPart]:
+        """Yield what stands in a loop, but for the numbers of what it goes through."""
+        if isinstance(node, ast.For) and not _are_whole(node.iter):
+            yield from self._of(node.iter, "", "")
+        for each in (*node.body, *node.orelse):
+            yield from (replace(place, again=True) for place in self._of(each, "", ""))
+
+    def _at(self, node: ast.expr | ast.stmt) -> tuple[int, int]:
+        start = self._lines[node.lineno - 1] + node.col_offset
+        assert node.end_lineno is not None
+        assert node.end_col_offset is not None
+        return start, self._lines[node.end_lineno - 1] + node.end_col_offset
+
+    def _of(self, node: ast.AST, name: str, function: str) -> Iterator[TextPart]:
+        """Yield what is below a node, which is the value of a name, in a call of a function."""
+        if isinstance(node, ast.Assert | ast.Import | ast.ImportFrom | ast.FormattedValue):
+            return
+        if isinstance(node, ast.Compare) and _asks_for_arguments(node):
+            return
+        if isinstance(node, ast.Subscript):  # an index is where something is, not how much
+            yield from self._of(node.value, name, function)
+        elif isinstance(node, ast.For | ast.While):
+            yield from self._of_loop(node)
+        elif isinstance(node, ast.comprehension) and _are_whole(node.iter):
+            return
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield from self._of_function(node)
+        elif isinstance(node, ast.Constant | ast.JoinedStr):
+            yield from self._of_constant(node, name)
+        elif isinstance(node, ast.Call):
+            yield from self._of_call(node, name)
+        elif isinstance(node, ast.Expr | ast.Assign | ast.AugAssign | ast.AnnAssign):
+            yield from self._of_statement(node, function)
+        elif isinstance(node, ast.If | ast.While | ast.IfExp) and _asks_for_arguments(node.test):
+            for each in (each for each in ast.iter_child_nodes(node) if each is not node.test):
+                yield from self._of(each, name, function)
+        else:
+            for each in ast.iter_child_nodes(node):
+                yield from self._of(each, name, function)
+
+    def _of_function(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> Iterator[TextPart]:
+        given = [*node.args.posonlyargs, *node.args.args]
+        defaults = [*zip(given[::-1], node.args.defaults[::-1], strict=False)]
+        for argument, value in [*defaults, *zip(node.args.kwonlyargs, node.args.kw_defaults)]:  # noqa: B905
+            if value is not None:
+                yield from self._of(value, f"{node.name}.{argument.arg}", node.name)
+        for each in node.body:
+            yield from self._of(each, node.name, node.name)
+
+    def _of_call(self, node: ast.Call, name: str) -> Iterator[TextPart]:
+        function = _last(node.func)
+        if isinstance(node.func, ast.Attribute):
+            yield from self._of(node.func.value, name, function)
+        if SPARED.match(function) or _asks_for_arguments(node):
+            return
+        of_engine = ENGINES.match(function) is not None
+        passes = COLLECTS.match(function) or PURE.match(ast.unparse(node.func))
+        for each in node.args:
+            if not (of_engine and (_is_number(each) or _are_whole(each))):
+                yield from self._of(each, name if passes and name else function, function)
+        for keyword in node.keywords:
+            if not (of_engine and _is_number(keyword.value)):
+                yield from self._of(keyword.value, f"{function}.{keyword.arg}", function)
+
+    def _of_statement(
+        self, node: ast.Expr | ast.Assign | ast.AugAssign | ast.AnnAssign, function: str
+    ) -> Iterator[TextPart]:
+        if isinstance(node, ast.Expr):
+            name, sets = "", isinstance(node.value, ast.Call)
+            function = _last(node.value.func) if isinstance(node.value, ast.Call) else function
+            if sets and (MEASURES.match(function) or ENGINES.match(function)):
+                sets = False
+        else:
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            name = ast.unparse(targets[0]).replace(" ", "")
+            sets = all(isinstance(each, ast.Attribute | ast.Subscript) for each in targets)
+            sets = sets and not name.startswith(("self.", "os.", "sys."))
+            if {ast.unparse(each) for each in targets} & self._feeding:
+                return
+        if sets:
+            start, end = self._at(node)
+            lines = (node.end_lineno or node.lineno) - node.lineno
+            what, without = name or function, "pass" + "\n" * lines
+            yield TextPart(what, "", node.lineno, start, end, (LEFT_OUT,), without=without)
+        if node.value is not None:
+            yield from self._of(node.value, name, function)
+
+    def _of_constant(self, node: ast.Constant | ast.JoinedStr, name: str) -> Iterator[TextPart]:
+        start, end = self._at(node)
+        value = node.value if isinstance(node, ast.Constant) else ""
+        if isinstance(node, ast.JoinedStr) or isinstance(value, str):
+            yield from self._of_markup(start, end)
+        elif isinstance(value, int | float) and not isinstance(value, bool) and value:
+            was = self._text[start:end].decode()
+            if _numbers(was) is None:  # in hexadecimal digits
+                return
+            tries: tuple[str, ...] = NUMBERS
+            if LARGEST_RAD < abs(value) <= LARGEST_DEGREES:
+                tries = (*tries, f"*{DEGREES}")
+            yield TextPart(name or NUMBER, was, node.lineno, start, end, tries)
+
+    def _of_markup(self, start: int, end: int) -> Iterator[TextPart]:
+        """Yield attributes of a model that stands in the text, and its elements without parts."""
+        text = self._text[start:end].decode("latin-1")  # a character for each byte
+        near = ""
+        for found in TAGGED.finditer(text):
+            named, tag = NAME.search(found["given"]), found["tag"]
+            of = named["name"] if named else near
+            near = of if named and not found["end"] else near
+            if SHOWS.match(tag):
+                continue
+            for each in ATTRIBUTE.finditer(found[0]):
+                at = start + found.start() + each.start()
+                value = start + found.start() + each.start("value")
+                yield from self._of_attribute(tag, of, each, at, value)
+
+    def _of_attribute(
+        self, tag: str, near: str, found: re.Match[str], at: int, value: int
+    ) -> Iterator[TextPart]:
+        name, numbers = found["name"], _numbers(found["value"])
+        if REFERS.match(name) or FIELDS.match(name) or "{" in found["value"]:
+            return
+        if BEGINS.search(f"{tag}.{name}"):
+            return
+        if numbers is not None and not any(numbers):
+            return
+        line = self._text.count(b"\n", 0, value) + 1
+        of, own = near.encode("latin-1").decode(errors="replace"), f"{tag}.{name}"
+        if numbers:
+            tries: tuple[str, ...] = PLACES if SHAPES.match(name) else NUMBERS
+            tries = SIZES if POSITIVE.match(name) else tries
+            tries = PLACES[-1:] if name == "axis" else tries
+            end = value + len(found["value"])
+            yield TextPart(own, of, line, value, end, tries, " ", in_markup=True)
+        if not NEEDED.match(name):
+            end = at + len(found[0])
+            yield TextPart(own, of, line, at, end, (LEFT_OUT,), " ", in_markup=True)
+
+
+def _asks_for_arguments(node: ast.AST) -> bool:
+    """Return whether something is about the script's own arguments, or how it is run."""
+    return any(
+        getattr(each, "attr", getattr(each, "id", None)) in ARGUMENTS for each in ast.walk(node)
+    )
+
+
+def _is_number(node: ast.AST) -> bool:
+    """Return whether something is a number as it is."""
+    if isinstance(node, ast.UnaryOp):
+        node = node.operand
+    return isinstance(node, ast.Constant) and isinstance(node.value, int | float)
+
+
+def _are_whole(node: ast.AST) -> bool:
+    """Return whether something is a list of whole numbers, such as those of joints."""
+    return isinstance(node, ast.Tuple | ast.List) and all(
+        isinstance(each, ast.Constant) and isinstance(each.value, int) for each in node.elts
+    )
+
+
+def _last(function: ast.expr) -> str:
+    """Return the name of a function without what it is an attribute of."""
+    return ast.unparse(function).rpartition(".")[2] if not isinstance(function, ast.Call) else ""

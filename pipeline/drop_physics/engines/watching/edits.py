@@ -1,0 +1,99 @@
+"""Parts of a script's text that are other ones in a run, and a script that stops after its imports.
+
+Its files stay as they are: tracebacks show what its user has written.
+"""
+
+from __future__ import annotations
+
+import importlib.machinery
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import ast
+    from types import CodeType
+
+Edit = Sequence[Any]
+"""Begin and end of a part in the bytes of a text, and what stands there instead."""
+OF_PYTHON = ("os", "sys", "warnings", "logging", "matplotlib")
+"""Modules that scripts often set something of between their imports."""
+
+
+def edited(text: bytes, edits: Iterable[Edit]) -> bytes:
+    """Return a text with other parts."""
+    for start, end, other in sorted(map(tuple, edits), reverse=True):
+        text = text[:start] + other.encode() + text[end:]
+    return text
+
+
+class InTwoParts:
+    """Code of a script that runs in two parts: its imports, and the rest, which may be another.
+
+    Parameters
+    ----------
+    text, path
+        The script.
+    folder
+        Where it is; modules from there are no imports of the first part.
+
+    Raises
+    ------
+    SyntaxError
+        If it is no Python.
+    """
+
+    def __init__(self, text: bytes, path: str, folder: str) -> None:
+        import ast
+
+        self._text, self._path = text, path
+        lines: list[ast.stmt] = ast.parse(text, path).body
+        imports = [_is_import(ast, each, folder) for each in lines]
+        self._length = [*imports, False].index(False)
+        self.first: CodeType = self._compiled(lines[: self._length], 0)
+
+    def second(self, edits: Iterable[Edit]) -> CodeType:
+        """Return the rest with other parts of its text."""
+        import __future__
+
+        import ast
+
+        lines = ast.parse(edited(self._text, edits), self._path).body[self._length :]
+        of_future = [getattr(__future__, each) for each in __future__.all_feature_names]
+        flags = self.first.co_flags & sum({each.compiler_flag for each in of_future})
+        return self._compiled(lines, flags)
+
+    def _compiled(self, lines: list[ast.stmt], flags: int) -> CodeType:
+        import ast
+
+        code: CodeType = compile(
+            ast.Module(lines, []), self._path, "exec", flags=flags, dont_inherit=True
+        )
+        return code
+
+
+def _is_import(ast: Any, line: Any, folder: str) -> bool:
+    """Return whether a line of a script imports what others have written, or prepares that."""
+    if isinstance(line, ast.Import):
+        return not any(_lies_in(each.name, folder) for each in line.names)
+    if isinstance(line, ast.ImportFrom):
+        return not line.level and not _lies_in(line.module or "", folder)
+    if isinstance(line, ast.Expr):
+        root = line.value.func if isinstance(line.value, ast.Call) else line.value
+        return isinstance(root, ast.Constant) or _root_of(ast, root) in OF_PYTHON
+    if isinstance(line, ast.Assign):
+        return all(_root_of(ast, each) in OF_PYTHON for each in line.targets)
+    return False
+
+
+def _lies_in(module: str, folder: str) -> bool:
+    name = module.partition(".")[0]
+    return importlib.machinery.PathFinder.find_spec(name, [folder]) is not None
+
+
+def _root_of(ast: Any, node: Any) -> str | None:
+    """Return the name that an attribute or an element is of; None of what is neither."""
+    if not isinstance(node, (ast.Attribute, ast.Subscript)):
+        return None
+    while isinstance(node, (ast.Attribute, ast.Subscript)):
+        node = node.value
+    return getattr(node, "id", None)

@@ -1,0 +1,138 @@
+"""The single changes that a run could have, and their texts, as they are printed.
+
+`--try` and `--vary` take these texts: `geom_friction *10 of left`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from drop_physics.engines.cures import TABLES
+from drop_physics.engines.script import Program
+from drop_physics.engines.source import changes_of
+from drop_physics.engines.watching.observed import nearest
+from drop_physics.engines.watching.single_changes import Change, change_of, how_of
+from drop_physics.errors import DropError, ScenarioError
+from drop_physics.stages.rerun.again import Again
+from drop_physics.stages.rerun.evaluated import Answer, EvaluatedRuns, evaluator_of
+from drop_physics.stages.rerun.reruns import Reruns
+
+TEXT = re.compile(
+    r"(?P<change>\S+) (?P<op>[-=*/+^~]\S+|[a-z]+(?:-[a-z]+)?)"
+    r"(?: of (?P<names>.+?))?(?: at (?P<site>\S+:\d+))?"
+)
+RESIDUAL_0 = "residual 0"
+"""An intervention that has the form of such a text."""
+SINGLE = "change"
+"""The name of an intervention that is a single change."""
+
+
+def is_single(text: str) -> bool:
+    """Return whether a text has the form of a single change, not that of an intervention."""
+    return text != RESIDUAL_0 and TEXT.fullmatch(text.strip()) is not None
+
+
+def text_of(change: Change) -> str:
+    """Return the text that repeats a change."""
+    if not change.op:  # an intervention, which has a name
+        return change.change
+    names = [each for each in change.of if each]
+    of = f" of {', '.join(names)}" if names else ""
+    at = "" if change.site is None else f" at {change.site[0]}:{change.site[1]}"
+    return f"{change.change} {change.op}{of}{at}"
+
+
+def seen_changes(trials: EvaluatedRuns, engine: str) -> tuple[Answer, list[Change], list[Change]]:
+    """Run a script to see which single changes it could have.
+
+    Return what is evaluated in that run, the changes of what the engine has, and those of the
+    script's own text.
+
+    Raises
+    ------
+    DropError
+        If it cannot be run again.
+    """
+    program = trials.program
+    evaluator: dict[str, Any] = {**(program.evaluator or evaluator_of(None))}
+    rows = {name: each.tried for name, each in TABLES.items()}
+    arguments = {**evaluator["arguments"], "rows": rows}
+    seen, ended = trials.answered(
+        interventions=TABLES[engine].sees, evaluator={**evaluator, "arguments": arguments}
+    )
+    if seen is None or seen["changes"] is None:
+        raise DropError(
+            "{script} cannot be run again as it was: {reason}",
+            script=program.target,
+            reason=ended,
+        )
+    its_text: list[Change] = []
+    if not program.is_module:  # whose text is that of many files
+        script = Path(program.target)
+        its_text = changes_of(script.read_bytes(), script.name, arguments["text"] or "")
+    return seen, [*map(change_of, seen["changes"])], its_text
+
+
+def possible(program: Program, again: Again, engine: str) -> list[Change]:
+    """Return the single changes that a run of a program could have.
+
+    Raises
+    ------
+    DropError
+        If it cannot be run again.
+    """
+    silent = replace(program, streams=False, explain=False)
+    reruns = Reruns(silent, again)
+    trials = EvaluatedRuns(silent, reruns, reruns, frozenset(), float("inf"), 1)
+    _, of_engine, of_text = seen_changes(trials, engine)
+    return [*of_engine, *of_text]
+
+
+def named(text: str, changes: Sequence[Change]) -> Change:
+    """Return the change that a text names, of those that a run could have; a factor may be any.
+
+    Raises
+    ------
+    ScenarioError
+        If the run could not have it.
+    """
+    found = TEXT.fullmatch(text.strip())
+    alike: list[Change] = []
+    if found is not None:
+        alike = [
+            each
+            for each in changes
+            if each.change == found["change"]
+            and found["site"] in (None, each.site and f"{each.site[0]}:{each.site[1]}")
+        ]
+    for each in alike:
+        assert found is not None
+        change = _by(each, found["op"])
+        if change is None:
+            continue
+        if found["names"] is None:
+            return change
+        names = found["names"].split(", ")
+        places = [change.of.index(name) for name in names if name in change.of]
+        if len(places) == len(names):
+            return change.of_some(places)
+    raise ScenarioError(
+        "{text!r} is no change that the run could have; near it are: {near}; drop why --expect "
+        "prints those that make something true",
+        text=text,
+        near="; ".join(nearest(text, map(text_of, changes))),
+    )
+
+
+def _by(change: Change, op: str) -> Change | None:
+    """Return a change with an operator; None if it is of another kind."""
+    if change.op == op:
+        return change
+    operator, operand = how_of(op)
+    if operator == change.how[0] == "*" and operand is not None:
+        return change.by(operand)
+    return None

@@ -1,0 +1,149 @@
+"""The numbers and statements of a script's own text, as single changes of the causal search.
+
+Verification: an edit makes of the text what its user would write, and what only says what is
+measured is none.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from drop_physics.engines.source import changes_of, edits_of, place_of, words_of
+from drop_physics.engines.watching.edits import InTwoParts, edited
+from drop_physics.engines.watching.single_changes import Change
+
+TEXT = '''"""A script."""
+from __future__ import annotations
+import sys
+import numpy as np
+FIX = len(sys.argv) > 1
+GOAL = 0.4
+KP = 20 if FIX else 5
+XML = """<mujoco><option timestep="0.002"/><worldbody>
+<body name="arm" pos="0 0 .5"><joint name="hinge" range="-1 1" damping="2"/>
+<geom size=".1 0.2" rgba="1 0 0 1"/></body></worldbody></mujoco>"""
+def held(torque, gain=3.0):
+    data.ctrl[0] = -torque
+    return gain
+worst = 0
+for step in range(300):
+    data.qpos[:] = [0.1, step]
+    error = GOAL - data.qpos[0]
+    p.setJointMotorControl2(arm, 1, p.TORQUE_CONTROL, force=KP * error + 7)
+    if step > 150:
+        worst = max(worst, abs(error))
+assert worst < 0.3
+print("worst", 1000 * worst)
+'''
+
+
+def found(expected: str = "worst < 0.3") -> list[Change]:
+    """Return the changes of the text."""
+    return changes_of(TEXT.encode(), "script.py", expected)
+
+
+def made(change: Change) -> str:
+    """Return the text with a change."""
+    return edited(TEXT.encode(), edits_of(change)).decode()
+
+
+def test_what_a_user_would_edit_is_found_and_what_is_only_measured_is_not() -> None:
+    numbers = {(each.change, each.of[0]) for each in found() if each.op == "*-1"}
+    assert numbers == {
+        ("KP", "20"),
+        ("KP", "5"),
+        ("held.gain", "3.0"),
+        ("data.qpos[:]", "0.1"),
+        ("setJointMotorControl2.force", "7"),
+        ("number", "150"),
+        ("joint.range", "hinge#1"),
+    }, "no argument, index, bound or goal; what the compiled model has is changed there"
+    left_out = {each.change for each in found() if each.op == "left-out"}
+    assert left_out == {"data.ctrl[0]", "data.qpos[:]", "joint.range"}
+
+
+def test_what_is_expected_is_no_change_where_it_is_a_number_and_is_one_elsewhere() -> None:
+    assert not [each for each in found("abs(error) < 0.1") if each.change == "GOAL"]
+    assert [each for each in found("z('arm') < 0.1") if each.change == "GOAL"]
+
+
+@pytest.mark.parametrize(
+    ("name", "op", "line"),
+    [
+        ("KP", "*10", "KP = 20 if FIX else 50"),
+        ("KP", "*-1", "KP = 20 if FIX else (-5)"),
+        ("held.gain", "*0.1", "def held(torque, gain=0.3):"),
+        ("geom.size", "*2", '<geom size="0.2 0.4" rgba="1 0 0 1"/></body></worldbody></mujoco>"""'),
+        (
+            "joint.range",
+            "left-out",
+            '<body name="arm" pos="0 0 .5"><joint name="hinge"  damping="2"/>',
+        ),
+        ("data.ctrl[0]", "left-out", "    pass"),
+    ],
+)
+def test_an_edit_is_what_its_user_would_write(name: str, op: str, line: str) -> None:
+    change = [each for each in found() if (each.change, each.op) == (name, op)][-1]
+    before, after = TEXT.splitlines(), made(change).splitlines()
+    assert len(before) == len(after), "lines keep their numbers"
+    (differing,) = (
+        n for n, (one, other) in enumerate(zip(before, after, strict=True)) if one != other
+    )
+    assert after[differing] == line
+    assert place_of(change)[0] == f"script.py:{differing + 1}"
+    assert f"script.py:{differing + 1}" in words_of(change)
+
+
+def test_where_things_begin_is_a_part_of_the_scene_and_what_a_loop_sets_is_none() -> None:
+    assert not any(each.breaks for each in found())
+    before_it = TEXT.replace("for step in range(300):", "if True:")
+    (first, *_) = (e for e in changes_of(before_it.encode(), "s", "") if e.change == "data.qpos[:]")
+    assert first.breaks
+
+
+def test_an_attribute_that_many_elements_have_is_one_change_of_all() -> None:
+    geoms = "".join(f'<geom name="g{n}" size="0.{n}"/>' for n in range(1, 9))
+    sizes = [e for e in changes_of(f"XML = '''{geoms}'''".encode(), "s.py", "") if e.op == "*2"]
+    assert [each.of for each in sizes] == [tuple(f"g{n}" for n in range(1, 9))]
+    half = sizes[0].of_some([1])
+    assert (half.of, half.change) == (("g2",), "geom.size")
+    assert edited(f"XML = '''{geoms}'''".encode(), edits_of(half)).count(b'"0.4"') == 2
+
+
+def test_a_script_in_two_parts_is_the_script(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its imports run first, the rest perhaps with another text: names and lines are the same."""
+    tmp_path.joinpath("mine.py").write_text("")
+    monkeypatch.syspath_prepend(tmp_path)
+    lines = [
+        '"""About."""',
+        "from __future__ import annotations",
+        "import os, sys",
+        'os.environ.setdefault("DROP_TEST", "1")',
+        "import json",
+        "import mine",
+        "N = 5",
+        "def f(x: Missing): return x",
+        "raise ValueError(f(N))",
+    ]
+    text = "\n".join(lines).encode()
+    parts = InTwoParts(text, "script.py", str(tmp_path))
+    assert "json" in parts.first.co_names
+    assert "mine" not in parts.first.co_names, "its text may be another"
+    (ten,) = (e for e in changes_of(text, "s", "") if (e.change, e.op) == ("N", "*10"))
+    names: dict[str, Any] = {}
+    exec(parts.first, names)
+    assert "N" not in names
+    with pytest.raises(ValueError, match=r"^50$") as raised:
+        exec(parts.second(edits_of(ten)), names)
+    assert raised.traceback[-1].lineno + 1 == len(lines)
+    assert names["__doc__"] == "About."
+    assert names["f"].__annotations__ == {"x": "Missing"}
+
+
+def test_no_python_has_no_changes() -> None:
+    assert changes_of(b"def (:", "s.py", "") == []
+    assert changes_of(b"x = 0x1f\ny = True\nz = 'a < b'\nw = 0.0\n", "s.py", "") == []
