@@ -6,6 +6,7 @@ The causes of dumps, and what twins have otherwise, are those that `other_engine
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -142,6 +143,13 @@ def test_an_input_that_is_no_number_is_the_cause(swings: Path) -> None:
     assert (made.states, made.explained) == (41, 40)
 
 
+def test_states_in_half_precision_are_read_without_a_warning(swings: Path) -> None:
+    """The largest number that MuJoCo allows is none in half precision."""
+    arrays, _ = twin_of(None, 10)
+    arrays["qpos"] = arrays["qpos"].astype(np.float16)
+    assert imported(swings, arrays).states == 10
+
+
 class Never:
     """What must not be made when a file is read."""
 
@@ -173,12 +181,15 @@ def test_bad_input_is_one_line(says: str, swings: Path) -> None:
 def test_bad_files_are_one_line(swings: Path) -> None:
     np.savez(swings / "other.npz", qpos=np.zeros((3, 9)))
     (swings / "cut.npz").write_bytes((swings / "other.npz").read_bytes()[:200])
+    with zipfile.ZipFile(swings / "bytes.npz", "w") as archive:
+        archive.writestr("qpos.npy", b"no array")
     (swings / "bad.mjb").write_bytes(b"no model")
     (swings / "bad.hdf5").write_bytes(b"no data")
     np.savez(swings / "arm.npz", **twin_of(None, 5)[0])
     for words, says in {
         ("other.npz",): "does not say which model",
         ("cut.npz", "--model", "arm.xml"): "cannot be read as npz",
+        ("bytes.npz", "--model", "arm.xml"): "has no qpos",
         ("bad.hdf5",): "cannot be read as hdf5",
         ("arm.npz", "--model", "bad.mjb"): "must be a model that MuJoCo",
         ("arm.npz", "--model", "none.xml"): "--model must be a file",

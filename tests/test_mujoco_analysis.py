@@ -209,6 +209,27 @@ mujoco.mj_step(m, d, 100)
 """
 
 
+BROKEN = (
+    WAITS.replace('<joint name="j" axis="0 1 0"/>', "<freejoint/>")
+    + """
+mujoco.mj_step(m, d, 20)
+d.xfrc_applied[1, 2] = 1e308
+mujoco.mj_step(m, d)
+mujoco.mj_step(m, d, 79)
+"""
+)
+
+
+def test_a_force_that_breaks_a_state_is_told_with_its_number_and_lasts_until_the_reset(
+    tmp_path: Path,
+) -> None:
+    """MuJoCo starts again, and a reset clears forces: it has pushed in one step of eighty."""
+    (found,) = told(tmp_path, BROKEN).analysis.findings
+    assert found.code == "auto-reset"
+    assert "huge or no number after xfrc_applied was given 1e+308" in found.message
+    assert found.site is not None
+
+
 EDITED = """
 import mujoco
 m = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom type="plane" size="5 5 1"/>'

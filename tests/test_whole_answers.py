@@ -42,6 +42,17 @@ def test_a_state_that_is_no_number_and_the_call(scene: str, call: str, tmp_path:
     assert not ask(scene + "steps(18)", tmp_path, "not-finite")
 
 
+@np.errstate(all="ignore")  # as `analyze` has it
+def test_a_number_whose_square_is_none_breaks_a_state_too(tmp_path: Path) -> None:
+    """The moment of 1e308 N at 100 m is infinite; at 1 m no number is."""
+    far = "p.applyExternalForce(c, -1, [0, 0, 1e308], [{}, 0, 0], p.LINK_FRAME)"
+    found = one(AIR + CUBE + "steps(9)\n" + far.format(100) + "\nsteps(9)", tmp_path, "not-finite")
+    assert found.site == site(4)
+    assert "was given 1e+308, whose square is no number" in found.message
+    near = far.format(1).replace("1e308", "1e150")
+    assert not ask(AIR + CUBE + "steps(9)\n" + near + "\nsteps(9)", tmp_path, "not-finite")
+
+
 # -- unstable, velocity-clamped -------------------------------------------------------------------
 
 SINE = """

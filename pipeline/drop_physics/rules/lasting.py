@@ -5,6 +5,7 @@ It grows piece by piece, as part of `inputs`.
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from dataclasses import dataclass, field
 
@@ -18,6 +19,8 @@ from drop_physics.trace.writes import WrittenElements, computed_by, read_by, wri
 WIDTHS = {Act.SET_BODY_FORCE: 6, Act.SET_JOINT_FORCE: 1, Act.SET_ACTIVE: 1}
 """How many elements of a field belong together: force and torque of a body, one of a joint or of
 what an equality is switched by."""
+HUGE = 1e10
+"""The size from which on MuJoCo takes a number as a sign of a broken state (`mjMAXVAL`)."""
 UNIT = 1e-3
 """Largest difference from 1 of the square of a quaternion's length."""
 
@@ -53,7 +56,7 @@ class LastingForce:
     def become(self, now: Float64, step: int) -> None:
         """Set the value from a step on."""
         self.acts, self.since, self.now = self.until(step), step, now
-        if np.linalg.norm(now) > np.linalg.norm(self.most):
+        if math.hypot(*now) > math.hypot(*self.most):
             self.most = now
 
 
@@ -90,12 +93,16 @@ class Lasting:
     """Positions that were written, by client."""
     turned: dict[tuple[int, int], tuple[Call, tuple[float, ...]]] = field(default_factory=dict)
     """The first writes of positions that are turns about z with w last, by client and place."""
+    huge: dict[tuple[int, int], Call] = field(default_factory=dict)
+    """Writes of a number that is none or huge, by client and the number of steps before."""
     stale: dict[tuple[int, str], list[Call]] = field(default_factory=dict)
     """Writes of positions that a function read around, by client and its name."""
 
     def see(self, calls: list[Call]) -> None:
         """Add the calls between some steps, in order."""
         for call in calls:
+            if not all(abs(each) < HUGE for each in call.numbers):
+                self.huge.setdefault((call.client, call.at.step), call)
             if call.act is Act.SET_STATE:
                 self._turn(call)
             if call.act is Act.RESET_STATE:

@@ -12,13 +12,16 @@ from drop_physics.quantities import effort
 from drop_physics.rules.answer import Cure, Effect, Span, so_many
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.lasting import LastingEdit
+from drop_physics.rules.lasting import LastingEdit, LastingForce
 from drop_physics.rules.rows import Said
 from drop_physics.rules.rule import input_rule
 from drop_physics.rules.thresholds import EACH_STEP, MASS_EDIT, PUSHES_STEPS, WATCHED
 from drop_physics.trace.acts import Act
-from drop_physics.trace.events import Body
+from drop_physics.trace.events import Body, EngineWarning
 
+POSITION = "bad position"
+RESETS = POSITION, "bad velocity", "bad acceleration"
+"""The warnings with which the engine resets the state."""
 BASE_M = 3
 """Number of coordinates of a free base that come before its quaternion."""
 
@@ -82,17 +85,28 @@ def reset_clears_force(inputs: Inputs) -> Iterator[Said]:
             yield Said(call=force.call, message=message, advice=advice, share=1.0)
 
 
+def _cleared(inputs: Inputs, force: LastingForce) -> int:
+    """Return the number of steps before the engine's own next reset, which clears forces."""
+    warnings = [each for each in inputs.scene.seen.warnings if each.client == force.client]
+    resets = [step for each in warnings if each.kind in RESETS for step in _first_and_last(each)]
+    return min([_ends(inputs, force.client), *(step for step in resets if step > force.since)])
+
+
+def _first_and_last(warning: EngineWarning) -> tuple[int, int]:
+    return warning.at.step, warning.last_step
+
+
 @input_rule("push-stays", "model", engines=MUJOCOS)
 def force_stays(inputs: Inputs) -> Iterator[Said]:
     """A force on a body or a joint acts in each step until it is written again."""
     for (client, act, place), force in inputs.lasting.forces.items():
-        acts, first = force.until(_ends(inputs, client)), force.call.at.step + 1
+        acts, first = force.until(_cleared(inputs, force)), force.call.at.step + 1
         if acts < PUSHES_STEPS * force.writes or force.was_cleared or force.from_start:
             continue
         body, joint, kind = body_at(inputs, client, place), None, "prismatic"
         if act is Act.SET_JOINT_FORCE:
             body, joint, kind = rate_at(inputs, client, place) or (None, None, "")
-        push = float(np.linalg.norm(force.most[:3]))
+        push = math.hypot(*force.most[:3])
         unit = "N" if kind == "prismatic" and push else "N m"
         if act is Act.SET_ACTIVE or body is None or not body.moving:
             continue
@@ -100,7 +114,7 @@ def force_stays(inputs: Inputs) -> Iterator[Said]:
             "{body} is pushed by {push} in {acts}, from step {step:,} on: {field} keeps what is "
             "written there until something else is",
             body=joint or body.label,
-            push=effort(push or float(np.linalg.norm(force.most)), unit),
+            push=effort(push or math.hypot(*force.most), unit),
             field=f"{force.call.function}[{place}]",
             acts=so_many(acts),
             step=first,

@@ -15,6 +15,9 @@ from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.events import Body
 from drop_physics.trace.log import Log
 
+OVERFLOWS = float(np.sqrt(np.finfo(np.float64).max))
+"""The square of a number from this size on is infinite."""
+
 
 @body_rule("not-finite", "broken", engines=ANY)
 def not_finite(bodies: BodyColumns) -> Match | None:
@@ -36,17 +39,25 @@ def not_finite(bodies: BodyColumns) -> Match | None:
 def _(first: int, given: Call | None) -> Noted:
     called = given is not None
     # The first counts, one that a call names before others.
-    noted: Noted = {"why": "", "stood": (first, first), "part": 1 + 1 / (first - called / 2)}
+    noted: Noted = {"why": "", "number": np.nan, "stood": (first, first), "part": 1 + 1 / (first - called / 2)}
     if given is None:
         return noted
     return noted | {
         "function": given.function,
         "arguments": given.arguments,
+        "number": float(np.abs(given.numbers).max()),
         "site": site_of(given),
     }
 
 
 not_finite.rows(
+    SayingRow(
+        when=lambda given, number: given is not None and number < np.inf,
+        why=Message(
+            ": p.{function}({arguments}) was given {number:.4g}, whose square is no number"
+        ),
+        site="site",
+    ),
     SayingRow(
         when=lambda given: given is not None,
         why=Message(": p.{function}({arguments}) was given it"),
@@ -67,11 +78,11 @@ def _wrong(numbers: Float64) -> Flags:
 
 
 def _without_number(calls: Log, body: Body, step: int) -> Call | None:
-    """Return the last call for a body, or for all, with a non-finite number."""
+    """Return the last call for a body, or for all, with a number that breaks a state."""
     for each in reversed(list[Call](calls)):
         numbers = (each.values[name][0] for name in BODY_NAMES if name in each.values)
         mine = next(numbers, body.engine_id) == body.engine_id
-        wrong = each.at.step < step and not np.isfinite(each.numbers).all()
+        wrong = each.at.step < step and not (np.abs(each.numbers) < OVERFLOWS).all()
         if each.client == body.client and mine and wrong:
             return each
     return None

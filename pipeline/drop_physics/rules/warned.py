@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Cure, Effect, Span, so_many
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.memory import rate_at
+from drop_physics.rules.memory import POSITION, RESETS, rate_at
 from drop_physics.rules.rows import Said
 from drop_physics.rules.rule import input_rule
+from drop_physics.trace.calls import Call
 from drop_physics.trace.events import EngineWarning
 from drop_physics.trace.switches import NO_AUTO_RESET, is_off
 
-POSITION = "bad position"
 CONTACTS, CONTROL = "contacts full", "bad control"
-RESETS = POSITION, "bad velocity", "bad acceleration"
-"""The warnings with which the engine resets the state."""
 
 
 @input_rule("auto-reset", "broken", engines=MUJOCOS)
@@ -40,16 +40,19 @@ def auto_reset(inputs: Inputs) -> Iterator[Said]:
             if first.kind != "bad acceleration":
                 number = Message("the velocity of {what}", what=joint or body.label)
         all_steps = inputs.scene.seen.samples.get(client, 1) - 1
+        call = inputs.lasting.huge.get((client, first.at.step - 1))
         message = Message(
             "the state is reset in {steps} of {all:,}, first in step {first:,}: {number} was huge "
-            "or no number, and MuJoCo then starts again from the model's pose",
+            "or no number{given}, and MuJoCo then starts again from the model's pose",
             steps=so_many(steps),
             all=all_steps,
             first=first.at.step,
             number=number,
+            given="" if call is None else _given(call),
         )
         span = Span(first.at.step, max(each.last_step for each in warnings), steps)
         yield Said(
+            call=call,
             subject=body,
             joint=joint,
             steps=span,
@@ -57,6 +60,14 @@ def auto_reset(inputs: Inputs) -> Iterator[Said]:
             effect=Effect(float(steps), "steps"),
             share=steps / all_steps,
         )
+
+
+def _given(call: Call) -> Message:
+    """Return the largest number that a call gives, or the one that is none."""
+    largest = float(call.numbers[int(np.argmax(np.abs(call.numbers)))])  # a nan before all others
+    return Message(
+        " after {function} was given {number:.4g}", function=call.function, number=largest
+    )
 
 
 @input_rule("not-finite", "broken", engines=MUJOCOS)

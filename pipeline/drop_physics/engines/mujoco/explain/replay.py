@@ -56,6 +56,7 @@ UNREAD = ("geom_", "pair_", "exclude_", "site_", "hfield_", "body_invweight0", "
 TAKEN = frames.arrays_bytes("taken", {})
 """The last answer to a request."""
 CONTROL = CALLBACKS.index("control")
+LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 SPARE = 1 << 16
 """Results of so many unexplained steps are sent at once."""
 
@@ -470,7 +471,7 @@ class Replay:
             "pattern": summed.patterns.astype(np.int32),
             "values": summed.values,
             "remainder": summed.remainder.astype(np.float32),
-            "largest": summed.largest.astype(np.float32),
+            "largest": np.minimum(summed.largest, LARGEST_FLOAT32).astype(np.float32),
         }
         points = answer.points
         if len(points):

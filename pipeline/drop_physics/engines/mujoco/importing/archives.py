@@ -87,7 +87,7 @@ def _npz(path: Path) -> Archive:
                     raise
                 objects.append(name)
             else:
-                if array.dtype.kind in "fiub":
+                if isinstance(array, np.ndarray) and array.dtype.kind in "fiub":  # not bytes
                     arrays[name] = array
                 else:
                     objects.append(name)

@@ -245,7 +245,7 @@ def _chosen(arrays: Mapping[str, NDArray[Any]]) -> int:
 def _is_number(rows: NDArray[Any]) -> NDArray[np.bool_]:
     """Flag the states whose numbers are all finite, and no larger than MuJoCo allows."""
     with np.errstate(invalid="ignore"):
-        return np.asarray((np.abs(rows) <= LARGEST).all(axis=-1))
+        return np.asarray((np.abs(rows.astype(np.float64)) <= LARGEST).all(axis=-1))
 
 
 def _found(
