@@ -36,6 +36,7 @@ from drop_physics.errors import DropError, ScenarioError
 from drop_physics.experiments.run_distance import Apart, Track
 from drop_physics.experiments.shares import Coordinate, shares_of
 from drop_physics.experiments.verdicts import Outcome, judged, moved
+from drop_physics.recording import writer
 from drop_physics.recording.layer_file import trials_of
 from drop_physics.recording.reader import read
 from drop_physics.report.annotations import github_of, sarif_of
@@ -515,6 +516,17 @@ def test_a_script_is_swept_over_interventions(
 def test_a_script_without_a_step_has_nothing_to_compare(tmp_path: Path) -> None:
     tmp_path.joinpath("script.py").write_text("import pybullet as p\np.connect(p.DIRECT)\n")
     with pytest.raises(DropError, match="makes no step"):
+        why(str(tmp_path / "script.py"), out=tmp_path / "out", stdout=2)
+
+
+def test_a_script_that_a_full_disk_stops_is_not_blamed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(writer, "_is_short_of_room", lambda _: True)
+    tmp_path.joinpath("script.py").write_text(
+        "import pybullet as p\np.connect(p.DIRECT)\nfor _ in range(9): p.stepSimulation()\n"
+    )
+    with pytest.raises(DropError, match="as the disk is nearly full"):
         why(str(tmp_path / "script.py"), out=tmp_path / "out", stdout=2)
 
 

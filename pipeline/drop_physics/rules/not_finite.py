@@ -39,7 +39,12 @@ def not_finite(bodies: BodyColumns) -> Match | None:
 def _(first: int, given: Call | None) -> Noted:
     called = given is not None
     # The first counts, one that a call names before others.
-    noted: Noted = {"why": "", "number": np.nan, "stood": (first, first), "part": 1 + 1 / (first - called / 2)}
+    noted: Noted = {
+        "why": "",
+        "number": np.nan,
+        "stood": (first, first),
+        "part": 1 + 1 / (first - called / 2),
+    }
     if given is None:
         return noted
     return noted | {

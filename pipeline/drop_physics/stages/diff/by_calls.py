@@ -13,11 +13,12 @@ from drop_physics.arrays import Float64
 from drop_physics.compare.paired import PairedBody, moving_alone, paired_bodies
 from drop_physics.engines.pybullet.logged import BODY, FILES, LogError, LogOf, renumbered
 from drop_physics.engines.pybullet.replayed import Replayer
-from drop_physics.errors import DropError, RecordingError
+from drop_physics.errors import DropError
 from drop_physics.experiments.swap.answer import ProvedDifference
 from drop_physics.experiments.swap.calls import WhyCalls
 from drop_physics.explain.times import StepTimes
 from drop_physics.stages.diff.sides import RunSide
+from drop_physics.stages.rerun.no_step import no_step
 from drop_physics.temporary import temporary_folder
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
@@ -90,10 +91,8 @@ def steps_of(side: RunSide) -> int:
     """
     steps = max(side.recording.seen.samples.values(), default=0) - 1
     if steps < 1:
-        raise RecordingError(
-            "{name} makes no step that can be compared; give it the arguments with which it steps",
-            name=Path(side.target).name,
-        )
+        how = str((side.recording.ended or {}).get("ended", ""))
+        raise no_step(Path(side.target).name, how)
     return steps
 
 

@@ -28,6 +28,7 @@ from drop_physics.messages import Message
 from drop_physics.stages.program import STOPPED, digest_of_script
 from drop_physics.stages.rerun.again import Again, again_of
 from drop_physics.stages.rerun.changed import RunChanged, plain, run_changed
+from drop_physics.stages.rerun.no_step import no_step
 from drop_physics.stages.rerun.runs import Ended, Progress, RunsUnderWay, only_of
 from drop_physics.workers import cores
 
@@ -291,11 +292,7 @@ class RunFolder:
             note(only_of(base.seen.engine))
         made = made_of(BASE, base)
         if not made.steps:
-            raise DropError(
-                "{script} makes no step, so there is nothing to compare; give it the arguments "
-                "with which it steps",
-                script=program.target,
-            )
+            raise no_step(program.target, str((base.ended or {}).get("ended", "")))
         first = self._read_first_run()
         again = again_of(
             program.target,

@@ -28,6 +28,7 @@ from drop_physics.stages.rerun.again import LONGEST, again_of
 from drop_physics.stages.rerun.asked import cures_of as cures_asked
 from drop_physics.stages.rerun.changed import run_changed
 from drop_physics.stages.rerun.evaluated import evaluator_of
+from drop_physics.stages.rerun.no_step import no_step
 from drop_physics.stages.rerun.proposals import Candidate, Proposals
 from drop_physics.stages.rerun.runs import only_of
 from drop_physics.stages.rerun.single import possible
@@ -171,11 +172,7 @@ def why(asked: verbs.WhyArguments) -> Why:
     if recorded.ended == "interrupted":
         raise KeyboardInterrupt
     if made_steps < 1:
-        raise DropError(
-            "{script} makes no step, so there is nothing to compare; give it the arguments "
-            "with which it steps",
-            script=asked.target,
-        )
+        raise no_step(asked.target, recorded.ended)
     if recorded.answer is None and asked.expect is not None:
         raise DropError("{script} has ended before --expect was evaluated", script=asked.target)
     expected = None

@@ -1,0 +1,20 @@
+"""The error of a script that makes no step, so that nothing can be compared with it."""
+
+from __future__ import annotations
+
+from drop_physics.errors import RecordingError
+
+
+def no_step(script: str, how: str) -> RecordingError:
+    """Return the error; `how` is the ending of the script, as `trace.events.ENDED` names it."""
+    if how == "disk":
+        return RecordingError(
+            "{script} was stopped before its first step, as the disk is nearly full; make room "
+            "there, or choose another folder",
+            script=script,
+        )
+    return RecordingError(
+        "{script} makes no step, so there is nothing to compare; give it the arguments with which "
+        "it steps",
+        script=script,
+    )
