@@ -14,9 +14,8 @@ from drop_physics.account.feedback import GivenControls
 from drop_physics.account.idle import (
     Overlaps,
     PushedSoft,
-    coasting_row,
     idle_actuator_rows,
-    weightless_row,
+    unforced_row,
 )
 from drop_physics.account.ledger import Ledger, bins_for
 from drop_physics.account.names import Names
@@ -65,8 +64,6 @@ class Account:
         self._carried: dict[int, Carried] = {}
         self._gravity: dict[int, Float64] = {}
         """The strongest gravity that acted on each body, shape (3,)."""
-        self._last: dict[int, int] = {}
-        """The last sample of each body."""
         self._broken: dict[int, int] = {}
         """The first sample of each body that is no number."""
         self._touching, self._held, self._overlaps = TouchedPairs(), Held(seen), Overlaps(seen)
@@ -152,15 +149,7 @@ class Account:
                 if row is not None:
                     yield row
             written = self._written[number]
-            idle = weightless_row(
-                subject,
-                self._seen,
-                self._gravity[number],
-                written.steps,
-                self._last[number],
-            )
-            if idle is None:
-                idle = coasting_row(subject, self._seen)
+            idle = unforced_row(subject, self._seen, self._gravity[number])
             yield from filter(None, (written.row(subject, words), idle))
             if number in self._carried:
                 lines = self._made.get((subject.body.client, subject.body.engine_id), set())
@@ -230,7 +219,6 @@ class Account:
             if tree.fixed:
                 self._carried.setdefault(number, Carried()).add(steps)
         self._written.setdefault(number, WrittenStates()).add(steps, points)
-        self._last[number] = int(steps.steps[-1])
         pull = steps.reported.gravity_m_s2
         strongest = pull[int(np.argmax(np.linalg.norm(pull, axis=1)))].copy()
         known = self._gravity.get(number)

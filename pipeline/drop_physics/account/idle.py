@@ -8,11 +8,11 @@ from itertools import combinations, product
 
 import numpy as np
 
-from drop_physics.account.ledger import Ledger
 from drop_physics.account.rows import AccountRow
 from drop_physics.account.subjects import MeasuredBody
+from drop_physics.account.terms import Term
 from drop_physics.account.words import RowWords
-from drop_physics.arrays import Float64, Int64
+from drop_physics.arrays import Float64
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.solids import Solid, overlap_m, solid_of
 from drop_physics.messages import Message
@@ -33,6 +33,11 @@ DEEP = 0.05
 """Share of the smaller body from which an overlap is one."""
 SELF_COLLISION, OF_PARENTS = 8, 16 | 32 | 8192
 """`flags` of `loadURDF`: `URDF_USE_SELF_COLLISION`, and those that decide on parent and child."""
+
+NO_FORCES = ("bias", "integrator", "remainder")
+"""Causes of a sum that are no forces."""
+SLOW = 0.01
+"""A body that goes by less than this share of its size in a second stands still."""
 
 Place = tuple[int, int]
 """The number of a body, and a link."""
@@ -290,78 +295,63 @@ class PushedSoft:
             )
 
 
-def weightless_row(
-    subject: MeasuredBody, seen: Seen, gravity_m_s2: Float64, steps: int, step: int
-) -> AccountRow | None:
-    """Return the row of a free body on which nothing ever acts; None if anything does."""
-    acting = [
-        term
-        for term, impulse in subject.ledger.impulse.items()
-        if term.cause not in ("bias", "integrator", "remainder") and impulse.any()
-    ]
-    if acting or subject.tree.fixed or subject.ledger.counts.sum() < steps:
-        return None
-    told = Message(
-        "no force acts on it in any of {steps:,} steps; gravity is {gravity} m/s²",
-        steps=steps,
-        gravity=number(float(np.linalg.norm(gravity_m_s2))),
-    )
-    if is_off(seen, subject.body.client, NO_GRAVITY):
-        told = told + Message(", which a flag of the model switches off")
-    return AccountRow(
-        kind="idle",
-        told=told,
-        step=step,
-        salience=0.7,
-        subject=subject.body,
-        group=("weightless", subject.kind),
-    )
+def unforced_row(subject: MeasuredBody, seen: Seen, gravity_m_s2: Float64) -> AccountRow | None:
+    """Return the row of a free body that no force acts on, at all or as it ends; None if one does.
 
-
-def coasting_row(subject: MeasuredBody, seen: Seen) -> AccountRow | None:
-    """Return the row of a free body that keeps moving at the end without any force.
-
-    None if a force acts in the last tenth of its steps, or these are not explained.
+    The end is the last tenth of its steps; a body that stands still there has no such row.
     """
-    ledger = subject.ledger
-    known = np.flatnonzero(ledger.counts)
-    late = known[-max(1, len(known) // 10) :]
-    window = ledger.window(ledger.last - len(late) * ledger.width, ledger.last)
-    speed = _speed_m_s(ledger, late)
-    if subject.tree.fixed or not ledger.covers(window) or speed < 0.01 * subject.size_m:
+    ledger, client = subject.ledger, subject.body.client
+    whole = ledger.window(ledger.first, ledger.last)
+    tenth = max(1, np.count_nonzero(ledger.counts) // 10) * ledger.width
+    late = ledger.window(ledger.last - tenth, ledger.last)
+    if subject.tree.fixed or not ledger.covers(late) or _acts(ledger.impulse, late, 6):
         return None
-    acting = {
-        term.cause for term, impulse in ledger.impulse.items() if impulse[window, :6].any()
-    } - {"bias", "integrator", "remainder"}
-    if acting:
-        return None
-    told = Message(
-        "no force acts on it in the last steps, and it goes on at {speed}",
-        speed=quantity(speed, "m/s"),
-    )
-    reported = [each.reported for each in seen.dynamics if each.body.number == subject.body.number]
-    damping = reported[-1].get("base_damping") if reported else None
-    if damping is not None and np.isfinite(damping[0]):
-        told = told + Message(
-            "; the damping of its free joint is {damping}", damping=number(float(damping[0]))
+    never = ledger.covers(whole) and not _acts(ledger.impulse, whole, subject.tree.size)
+    way_m = ledger.way[late, 3:6].sum(axis=0)
+    speed = float(np.linalg.norm(way_m)) / float(ledger.seconds[late].sum())
+    if never:
+        told = Message(
+            "no force acts on it in any of {steps:,} steps; gravity is {gravity} m/s²",
+            steps=int(ledger.counts.sum()),
+            gravity=number(float(np.linalg.norm(gravity_m_s2))),
         )
+        if is_off(seen, client, NO_GRAVITY):
+            told = told + Message(", which a flag of the model switches off")
+    elif speed < SLOW * subject.size_m:
+        return None
+    else:
+        told = Message(
+            "no force acts on it in the last steps, and it goes on at {speed}",
+            speed=quantity(speed, "m/s"),
+        )
+        told = told + _damping_of_base(subject.body, seen)
     return AccountRow(
         kind="idle",
         told=told,
-        got=speed,
-        unit="m/s",
+        got=None if never else speed,
+        unit=None if never else "m/s",
         step=ledger.last,
-        salience=0.6,
+        salience=0.7 if never else 0.6,
         subject=subject.body,
-        group=("coasting", subject.kind),
+        group=("unforced", never, subject.kind),
     )
 
 
-def _speed_m_s(ledger: Ledger, bins: Int64) -> float:
-    """Return the mean speed of a free base in bins."""
-    seconds = float(ledger.seconds[bins].sum())
-    way_m = ledger.way[bins, 3:6].sum(axis=0) if not ledger.tree.fixed else np.zeros(3)
-    return float(np.linalg.norm(way_m)) / seconds if seconds else 0.0
+def _acts(impulses: Mapping[Term, Float64], window: slice, rates: int) -> bool:
+    """Return whether a force acts on any of the first rates of a body in a window."""
+    forces = (each for term, each in impulses.items() if term.cause not in NO_FORCES)
+    return any(each[window, :rates].any() for each in forces)
+
+
+def _damping_of_base(body: Body, seen: Seen) -> Message:
+    """Return the damping of a free joint, if the engine reports it."""
+    reported = [each.reported for each in seen.dynamics if each.body.number == body.number]
+    damping = reported[-1].get("base_damping") if reported else None
+    if damping is None or not np.isfinite(damping[0]):
+        return Message("")
+    return Message(
+        "; the damping of its free joint is {damping}", damping=number(float(damping[0]))
+    )
 
 
 def idle_actuator_rows(
