@@ -150,7 +150,7 @@ class Account:
                     yield row
             written = self._written[number]
             idle = unforced_row(subject, self._seen, self._gravity[number])
-            yield from filter(None, (written.row(subject, words), idle))
+            yield from filter(None, (written.row(subject, subjects, words), idle))
             if number in self._carried:
                 lines = self._made.get((subject.body.client, subject.body.engine_id), set())
                 line = next(iter(lines)) if len(lines) == 1 else None

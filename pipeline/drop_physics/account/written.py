@@ -88,7 +88,9 @@ class WrittenStates:
         self.way += float(np.abs(begin.joints - end.joints).sum())
         self.velocity += float(np.abs(begin.velocity - end.velocity).sum())
 
-    def row(self, subject: MeasuredBody, words: RowWords) -> AccountRow | None:
+    def row(
+        self, subject: MeasuredBody, subjects: Mapping[int, MeasuredBody], words: RowWords
+    ) -> AccountRow | None:
         """Return the row of a body with written states, None if the writes changed nothing."""
         way = self.way / subject.size_m
         if not self.written or (way <= 0.01 and self.velocity <= 0.01):
@@ -108,7 +110,9 @@ class WrittenStates:
             told = told + Message(
                 "; it changed its velocities by {velocity} in all", velocity=number(self.velocity)
             )
-        if self.way and self.into is not None and self.deepest_m > DEEP * subject.size_m:
+        other = None if self.into is None else subjects.get(self.into[0])
+        size_m = min(subject.size_m, np.inf if other is None else other.size_m)
+        if self.way and self.into is not None and self.deepest_m > DEEP * size_m:
             told = told + Message(
                 ", up to {depth} into {other}",
                 depth=quantity(self.deepest_m, "m"),
