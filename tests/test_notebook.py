@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from command import HANGS_S
+from drop_physics.recording.viewer import in_notebook
 
 NOTEBOOK = Path(__file__).parents[1] / "docs/examples/arm.ipynb"
 
@@ -59,6 +60,15 @@ def test_a_viewer_is_shown_where_it_is_installed(outputs: list[list[dict[str, An
     film, *widgets = [shown["data"] for shown in outputs[5]]
     assert "application/vnd.jupyter.widget-view+json" in widgets[-1]
     assert "data:image/gif" in film["text/html"]  # until the viewer is there, or in its place
+
+
+def test_a_viewer_opens_at_the_moment_of_a_row(tmp_path: Path) -> None:
+    """The time is set after the recording was sent, in nanoseconds of simulated time."""
+    recording = tmp_path / "any.rrd"
+    recording.write_bytes(b"RRF2")
+    sent = [message for message, _ in in_notebook([recording], 100, 1.5)._viewer._event_queue]
+    assert [message["type"] for message in sent] == ["rrd", "time_ctrl"]
+    assert (sent[1]["timeline"], sent[1]["duration_nanos"]) == ("sim_time", "1500000000")
 
 
 def test_the_notebook_is_kept_without_outputs() -> None:
