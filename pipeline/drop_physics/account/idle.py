@@ -302,7 +302,7 @@ def unforced_row(subject: MeasuredBody, seen: Seen, gravity_m_s2: Float64) -> Ac
     """
     ledger, client = subject.ledger, subject.body.client
     whole = ledger.window(ledger.first, ledger.last)
-    tenth = max(1, np.count_nonzero(ledger.counts) // 10) * ledger.width
+    tenth = max(1, int(np.count_nonzero(ledger.counts)) // 10) * ledger.width
     late = ledger.window(ledger.last - tenth, ledger.last)
     if subject.tree.fixed or not ledger.covers(late) or _acts(ledger.impulse, late, 6):
         return None
