@@ -27,9 +27,9 @@ class RowTerm:
     words: str
     """The cause and its partner, as readers see them."""
     body: str | None = None
-    """Label of the partner's body, in a contact."""
+    """Label of the partner's body, in a contact or a constraint."""
     link: str | None = None
-    """Name of the partner's link in a contact, or of the joint whose acceleration drags."""
+    """Name of the partner's link, likewise, or of the joint whose acceleration drags."""
     value: float
     """Mean force [N] or torque [N m] over the row's moment, or work [J] up to it."""
     unit: str
