@@ -144,19 +144,16 @@ def _(
         "impratio": ratio,
         "cone": Message("elliptic") if settings.get("cone") else Message("pyramidal"),
         "loose": not settings.get("cone") or ratio < IMPRATIO,
-        "sticks": bool(settings.get("noslip_iterations")),
     }
 
 
 gives_way.rows(
     SayingRow(
-        when=lambda loose, sticks: loose and not sticks,
+        when=lambda loose: loose,
         advice=Message('{call}, or noslip_iterations="5"'),
         cure=Remedy("impratio", value=IMPRATIO),
     ),
-    SayingRow(when=lambda loose: loose, cure=Remedy("impratio", value=IMPRATIO)),
-    SayingRow(when=lambda sticks: not sticks, cure=Remedy("noslip", value=5.0)),
-    SayingRow(),
+    SayingRow(cure=Remedy("noslip", value=5.0)),
     like=SayingRow(
         says=Message(
             "{body} creeps {went:mm} on {other} in {time:.3g} s, {speed:.3g} mm/s, with "

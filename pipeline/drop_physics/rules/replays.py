@@ -44,16 +44,12 @@ stale_step.rows(
             "{steps} from step {first:,} on used what had been computed for the state before qpos "
             "was written: mj_step2 takes positions, contacts and forces as mj_step1 left them"
         ),
-    ),
-    SayingRow(
-        says=Message(
-            "{steps} from step {first:,} on used what had been computed for another state: "
-            "mj_step2 takes positions, contacts and forces as mj_step1 left them"
-        ),
-    ),
-    like=SayingRow(
-        cure=Remedy("forward"), effect="count", unit="steps", share="count", site=Act.SET_STATE
-    ),
+        cure=Remedy("forward"),
+        effect="count",
+        unit="steps",
+        share="count",
+        site=Act.SET_STATE,
+    )
 )
 
 
