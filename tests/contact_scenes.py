@@ -72,19 +72,6 @@ for i in range(480):
     p.stepSimulation()
 """
 )
-TRAY = (
-    FLOOR
-    + BOX
-    + """
-t = joined([shape(.5, .5, .02)], [[0, 0, .5]], [[1, 0, 0]], [0], [5])
-p.changeDynamics(t, 0, lateralFriction=1)
-b = box(1, [0, 0, .57], mu={mu})
-steps(60)
-for i in range(120):
-    p.setJointMotorControl2(t, 0, p.VELOCITY_CONTROL, targetVelocity=5 * i / 240, force=1000)
-    p.stepSimulation()
-"""
-)
 PUSHED = (
     FLOOR
     + BOX

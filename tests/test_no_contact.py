@@ -1,22 +1,18 @@
-"""Bodies that overlap without a contact: why, and that nothing is said of those that touch.
+"""Shapes that overlap do by what PyBullet's `getClosestPoints` says of the same.
 
-`explain/overlap` is judged by what PyBullet's `getClosestPoints` says of the same shapes.
+Why some make no contact is in `corpus/attacks/contacts.toml`.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pybullet as p
 import pytest
-from asked import findings
 from conftest import some
 from drop_physics.arrays import Float64
 from drop_physics.explain import overlap
 from drop_physics.explain.convex import outside
 from drop_physics.explain.overlap import PlacedShape, overlaps
-from drop_physics.rules.answer import Finding
 from drop_physics.trace.events import Collision
 
 UP = (0.0, 0.0, 0.0, 1.0)
@@ -86,106 +82,3 @@ def test_shapes_that_are_apart_are_known_to_be_after_a_few_looks(
     assert looks[0] < 20 * len(still)
     beside[:, 0] = 0.195
     assert overlaps(shape("mesh", still), shape("mesh", beside), 1e-3).all()
-
-
-WALL = "p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.05, 1, 1])"
-POSED = f"""
-wall = p.createMultiBody(0, {WALL}, -1, [1, 0, 1])
-hand = p.createMultiBody({{kg}}, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1), -1, [0, 0, 1])
-for i in range(240):
-    p.resetBasePositionAndOrientation(hand, [0.005 * i, 0, 1], [0, 0, 0, 1])
-    p.stepSimulation()
-    {{read}}
-"""
-ARM = """
-s = p.createCollisionShape(p.GEOM_SPHERE, radius=0.05)
-arm = p.createMultiBody(0, -1, -1, [0, 0, 0], linkMasses=[1] * {n},
-    linkCollisionShapeIndices=[-1] * ({n} - 1) + [s], linkVisualShapeIndices=[-1] * {n},
-    linkPositions=[[0.2, 0, 0]] * {n}, linkOrientations=[[0, 0, 0, 1]] * {n},
-    linkInertialFramePositions=[[0, 0, 0]] * {n},
-    linkInertialFrameOrientations=[[0, 0, 0, 1]] * {n}, linkParentIndices=range({n}),
-    linkJointTypes={kinds}, linkJointAxis=[[0, 0, 1]] * {n})
-w = p.createMultiBody({kg}, p.createCollisionShape(p.GEOM_BOX, halfExtents=[1, 0.05, 1]), -1,
-    [1, 0.15, 0])
-p.setJointMotorControl2(arm, 0, p.VELOCITY_CONTROL, targetVelocity=1, force=50)
-steps(240)
-"""
-TURNS, STAYS = "p.JOINT_REVOLUTE", "p.JOINT_FIXED"
-FILTERED = """
-s = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.05] * 3)
-a, b = (p.createMultiBody(1, s, -1, [x, 0, 0]) for x in (0, 0.3))
-p.setCollisionFilterPair(a, b, -1, -1, 0)
-{more}
-p.resetBaseVelocity(a, [1, 0, 0])
-steps(100)
-"""
-BAR = (
-    '<inertial><origin xyz="{x} 0 0"/><mass value="1"/><inertia ixx="1e-3" iyy="1e-2" izz="1e-2" '
-    'ixy="0" ixz="0" iyz="0"/></inertial><collision><origin xyz="{x} 0 0"/><geometry>'
-    '<box size=".2 .04 .04"/></geometry></collision>'
-)
-FOLDS = f"""
-import os, tempfile
-path = os.path.join(tempfile.mkdtemp(), "ruler.urdf")
-open(path, "w").write('''<robot name="ruler"><link name="one">{BAR.format(x=-0.15)}</link>
-<link name="two">{BAR.format(x=0.15)}</link><joint name="hinge" type="continuous">
-<parent link="one"/><child link="two"/><axis xyz="0 0 1"/></joint></robot>''')
-b = p.loadURDF(path, useFixedBase=True, flags=p.URDF_USE_SELF_COLLISION{{more}})
-p.setJointMotorControl2(b, 0, p.VELOCITY_CONTROL, targetVelocity=3, force=5)
-steps(240)
-folded = p.getJointState(b, 0)[0]
-"""
-SHAPELESS = """
-p.setGravity(0, 0, -9.81)
-p.createMultiBody(0, p.createCollisionShape(p.GEOM_{floor}))
-b = p.createMultiBody(1, {shape}, -1, [0, 0, {z}])
-steps(240)
-"""
-
-
-def said(scene: str, path: Path) -> list[Finding]:
-    """Return the findings of this code."""
-    return [each for each in findings(scene, path / "a.rrd") if each.code == "no-contact"]
-
-
-READ = "p.getContactPoints(hand, wall)"
-BALL = "p.createCollisionShape(p.GEOM_SPHERE, radius=0.1)"
-PASSES = {
-    "two without mass": (POSED.format(kg=0, read=READ), "both-static"),
-    "a tool on the first link": (
-        ARM.format(n=2, kinds=f"[{TURNS}, {STAYS}]", kg=0),
-        "link-counted-static",
-    ),
-    "a pair that is off": (FILTERED.format(more=""), "filter"),
-    "a link and its parent": (FOLDS.format(more=""), "parent-and-child"),
-    "no shape": (SHAPELESS.format(floor="PLANE", shape=-1, z=1), "no-shape"),
-}
-
-
-@pytest.mark.parametrize("what", PASSES)
-def test_what_passes_through_and_why(what: str, tmp_path: Path) -> None:
-    scene, reason = PASSES[what]
-    (found,) = said(scene, tmp_path)
-    assert found.reason == reason
-    assert found.level == ("note" if reason in ("filter", "parent-and-child") else "asked")
-    assert found.steps is not None
-    assert found.steps.count >= 5
-
-
-TOUCHES = [
-    POSED.format(kg=1, read=READ),
-    POSED.format(kg=0, read=""),  # nobody asks whether they touch
-    ARM.format(n=3, kinds=f"[{TURNS}, {TURNS}, {STAYS}]", kg=0),
-    ARM.format(n=2, kinds=f"[{TURNS}, {STAYS}]", kg=5),
-    FILTERED.format(more="p.setCollisionFilterPair(a, b, -1, -1, 1)"),
-    FILTERED.format(
-        more="p.createConstraint(a, -1, b, -1, p.JOINT_FIXED, [0] * 3, [0.3, 0, 0], [0] * 3)"
-    ),
-    FOLDS.format(more=" | p.URDF_USE_SELF_COLLISION_INCLUDE_PARENT"),
-    SHAPELESS.format(floor="PLANE", shape=BALL, z=1),
-]
-
-
-@pytest.mark.parametrize("scene", some(TOUCHES, 4))
-def test_what_touches_is_left_in_peace(scene: str, tmp_path: Path) -> None:
-    assert not said(scene, tmp_path)
