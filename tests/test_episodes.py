@@ -243,6 +243,18 @@ def test_a_reset_begins_an_episode(told: Told, before: str, lasts: list[int]) ->
     assert [row.last_step for row in rows] == lasts
 
 
+DOOR = """</body><body name="door" pos="1 0 1"><joint axis="0 0 1"/><geom size="0.1"/></body>"""
+
+
+def test_a_reset_begins_an_episode_also_where_a_body_has_not_moved(told: Told) -> None:
+    calls = LOOP.replace("</body>", DOOR).format(
+        before="if step in (20, 50): mujoco.mj_resetData(model, data)"
+    )
+    assert [row.last_step for row in told(calls)[0]] == [20, 50, 60]
+    writes = LOOP.replace("</body>", DOOR).format(before="if step == 20: data.qpos[:3] = 0, 0, 2")
+    assert [row.last_step for row in told(writes)[0]] == [60]
+
+
 def test_the_account_is_of_the_end_of_what_failed(tmp_path: Path) -> None:
     file = tmp_path / "script.py"
     file.write_text(ENVIRONMENT + ROLLED)
@@ -400,6 +412,47 @@ def test_a_finding_of_a_reset_names_its_episode(tmp_path: Path, resets: int, sai
     (found,) = [each for each in analysis.findings if each.code == "reset-leaves"]
     assert found.told.endswith(said)
     assert found.episodes == resets
+
+
+BEGINS_INSIDE = """
+for episode in range(20):
+    {before}
+    for _ in range(60):
+        {step}
+"""
+
+
+@pytest.mark.parametrize(
+    ("begins", "before", "step"),
+    [
+        (
+            LOOP.partition("for step")[0].replace(
+                "<worldbody>", '<worldbody><geom type="plane" size="5 5 1"/>'
+            ),
+            "mujoco.mj_resetData(model, data); data.qpos[2] = 0.02",
+            "mujoco.mj_step(model, data)",
+        ),
+        pytest.param(
+            BULLET.partition("state =")[0].replace(
+                "ball =", "p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))\nball ="
+            ),
+            "p.resetBasePositionAndOrientation(ball, [0, 0, 0.05], [0, 0, 0, 1])",
+            "p.stepSimulation()",
+            marks=pytest.mark.pybullet,
+        ),
+    ],
+    ids=["MuJoCo", "PyBullet"],
+)
+def test_what_happens_in_twenty_episodes_is_one_finding_with_a_count(
+    tmp_path: Path, begins: str, before: str, step: str
+) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(begins + BEGINS_INSIDE.format(before=before, step=step))
+    analysis = analyze(record_script(str(script), out=tmp_path / "run.rrd").recording)
+    assert len(analysis.episodes) == 20
+    (found,) = [each for each in analysis.findings if each.code == "starts-in-contact"]
+    assert found.episodes == 20
+    assert found.told.endswith("; so in 20 episodes")
 
 
 @pytest.mark.parametrize("text", some(["not terminated", "length > 6"], 1))

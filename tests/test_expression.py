@@ -20,6 +20,7 @@ TIMES_S = [0.1, 0.2, 0.3, 0.4]
 HEIGHT = series_of([0.5, 0.9, -0.7, 0.2], TIMES_S)
 FORCE = series_of([[3.0, 4.0], [0.0, 1.0], [6.0, 8.0], [0.0, 2.0]], TIMES_S)
 OURS: dict[str, Any] = {**FUNCTIONS, "z": lambda _: HEIGHT, "sensor": lambda _: FORCE}
+OURS |= {"terminated": True, "length": 50, "reward": 7.0}
 
 
 @pytest.mark.parametrize(
@@ -38,6 +39,7 @@ OURS: dict[str, Any] = {**FUNCTIONS, "z": lambda _: HEIGHT, "sensor": lambda _: 
         ("norm(sensor('touch')) > 3", False, -1.0, 2.0),
         ("peak(norm(sensor('touch'))) > 3", True, 7.0, 10.0),
         ("0.1 < z('cube') < 0.5", True, 0.1, 0.2),
+        ("not terminated", False, -1 / 50, 1.0),  # an end after twice the steps is half as far
         ("z('cube') > 0.1 and z('cube') > 0.4", False, -0.2, 0.2),
         ("z('cube') > 0.1 or z('cube') > 0.4", True, 0.1, 0.2),
         ("not z('cube') > 0.4", True, 0.2, 0.2),

@@ -18,6 +18,7 @@ mujoco = pytest.importorskip("mujoco")
 import numpy as np  # noqa: E402
 from drop_physics.engines.cures import TABLES  # noqa: E402
 from drop_physics.engines.mujoco.watch.intervene import ModelChanges  # noqa: E402
+from drop_physics.engines.mujoco.watch.seen import SeenInputs  # noqa: E402
 from drop_physics.engines.mujoco.watch.single_changes import possible, trial_of  # noqa: E402
 from drop_physics.engines.mujoco.watch.writes import sizes  # noqa: E402
 from drop_physics.engines.watching.single_changes import Change  # noqa: E402
@@ -207,6 +208,16 @@ def held(m: Any, d: Any, step: int) -> None:
     d.ctrl[:] = [0.3, 0.2, 0.1]
 
 
+def exchanged(m: Any, d: Any, step: int) -> None:
+    scripted(m, d, step)
+    d.ctrl[:] = d.ctrl[[0, 2, 1]]
+
+
+def in_reverse(m: Any, d: Any, step: int) -> None:
+    scripted(m, d, step)
+    d.ctrl[:] = d.ctrl[::-1].copy()
+
+
 def tenfold(m: Any, d: Any, step: int) -> None:
     scripted(m, d, step)
     d.xfrc_applied[1, 0] *= 10
@@ -221,6 +232,8 @@ def untouched(m: Any, d: Any, step: int) -> None:
 INPUTS = {
     ("input.ctrl", "late"): late,
     ("input.ctrl", "held"): held,
+    ("input.ctrl", "exchanged"): exchanged,  # of those that it can be of, the last two
+    ("input.ctrl", "reversed"): in_reverse,
     ("input.xfrc_applied", "*10"): tenfold,
     ("input.qvel", "undone"): untouched,
 }
@@ -292,6 +305,22 @@ def test_changes_are_those_that_change_something(found: dict[tuple[str, str], Ch
     breaks = {change for (change, _), each in found.items() if each.breaks}
     assert {"body_mass", "flag.CONTACT", "option.gravity", "input.ctrl"} <= breaks
     assert not {"geom_friction", "dof_damping", "pair"} & breaks
+
+
+def test_what_holds_a_robot_from_outside_takes_a_part_of_the_scene_away() -> None:
+    """A brake at its base, which nothing drives, is no part of it; a door's hinge may have one."""
+    scene = """<mujoco><worldbody><body name="torso"><joint name="rail" type="slide"/>
+    <joint name="pitch" axis="0 1 0"/><geom size="0.1"/><body name="leg" pos="0 0 -0.3">
+    <joint name="knee" axis="0 1 0"/><geom size="0.1"/></body></body>
+    <body name="door" pos="1 0 0"><joint name="hinge"/><geom size="0.1"/></body></worldbody>
+    <actuator><motor name="a" joint="knee"/></actuator></mujoco>"""
+    m = mujoco.MjModel.from_xml_string(scene)
+    seen = SeenInputs(m, mujoco.MjData(m))
+    braked = [each for each in possible(mujoco, ROWS, seen) if each.op == "+10M0"]
+    assert {each.of: each.breaks for each in braked} == {
+        ("knee", "hinge"): False,
+        ("rail", "pitch"): True,
+    }
 
 
 def test_a_change_of_some_elements_or_by_another_factor(

@@ -180,6 +180,26 @@ def test_what_follows_a_command_worse_comes_after_what_follows_it_as_before() ->
     assert said[0].side_m > said[1].side_m
 
 
+def test_where_ten_times_is_too_much_its_root_is_tried() -> None:
+    """A motor of a third of its strength: ten times of it throws the cube."""
+    heights = {"*10": -0.4, "*3.16": 0.5}
+    gear = Change("actuator_gear", "*10", ("*", 10.0), (0, 1), ("lift", "turn"))
+    runs = Runs(lambda change: heights.get(change.op, 0.1) if len(change.ids) == 2 else 0.1)
+    (said,) = ranked(searched(runs, gear, TIMESTEP).tried)
+    assert (said.tried.change.op, said.tried.change.ids) == ("*3.16", (0, 1))
+    found = [each.op for each in runs.made]
+    searched(again := Runs(lambda change: 0.5 if change == TIMESTEP else 0.2), gear, TIMESTEP)
+    assert "*3.16" in found
+    assert "*3.16" not in [each.op for each in again.made]  # something makes it true as it is
+
+
+def test_commands_that_change_places_are_no_commands_one_by_one() -> None:
+    swap = Change("input.ctrl", "exchanged", how_of("exchanged"), (0, 1), ("lift", "turn"))
+    runs = Runs(lambda _: 0.5)
+    searched(runs, swap)
+    assert runs.made == [swap]
+
+
 def test_the_least_factor_that_does_it_is_found() -> None:
     runs = Runs(lambda change: 0.1 * change.how[1])
     search = searched(runs, FRICTION.of_some([0]))

@@ -154,6 +154,8 @@ OPERATORS = {
     "stiff": Message("as stiff as the timestep allows"),
     "held": Message("held at its first value"),
     "late": Message("a step late"),
+    "exchanged": Message("exchanged"),
+    "reversed": Message("in reverse order"),
     "undone": Message("not written"),
     "left-out": Message("left out"),
     "*-1": Message("reversed"),

@@ -1,7 +1,8 @@
 """A causal search: single changes that make an expectation of a run true.
 
 A kind of change is tried on all elements at once, then on each of them, then with the least factor
-that suffices. A change of which a part makes it true is not reported.
+that suffices; where none makes it true, factors are tried by their roots, too. A change of which a
+part makes it true is not reported.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from drop_physics.engines.source import SOURCE
-from drop_physics.engines.watching.single_changes import Change
+from drop_physics.engines.watching.single_changes import ORDERS, Change
 from drop_physics.experiments.motion import RunMotion, apart_m, is_still, size_m, worse
 
 ONE_BY_ONE = 8
@@ -105,6 +106,11 @@ class Search:
             for part in _parts(each.change):
                 queue.put(part, 2)
         self._drain(queue)
+        if not any(each.outcome.holds and not each.change.breaks for each in self.tried):
+            for each in self._factors():  # ten times may be too much
+                root = math.sqrt(each.change.how[1])
+                queue.put(each.change.by(float(f"{root:.3g}")), 2)
+            self._drain(queue)
 
     def least_of(self, each: TriedChange) -> float | None:
         """Return the least factor that makes it true; None if the change is no factor."""
@@ -125,6 +131,15 @@ class Search:
         """Return whether a change moves the quantity by more than chance does."""
         far = abs(each.outcome.margin - self.base.margin)
         return math.isfinite(far) and far > NOISE * self.noise + 1e-12
+
+    def _factors(self) -> list[TriedChange]:
+        """Return the kinds of factors that move the quantity, either way, the nearest first."""
+        moving = [
+            each
+            for each in self.tried
+            if each.change.how[0] == "*" and each.change.how[1] > 0 and self.moves(each)
+        ]
+        return sorted(moving, key=lambda each: -each.outcome.margin)[: 2 * MOST_MOVERS]
 
     def movers(self) -> list[TriedChange]:
         """Return the changes that move the quantity the expected way, the farthest first."""
@@ -186,7 +201,7 @@ class _Queue(Iterator[Change]):
 def _parts(change: Change) -> list[Change]:
     """Split a change into its elements, or into halves of them; nothing for a single one."""
     number = len(change.ids)
-    if number < 2:
+    if number < 2 or change.op in ORDERS:
         return []
     if number <= ONE_BY_ONE:
         return [change.of_some([place]) for place in range(number)]

@@ -345,6 +345,8 @@ class Rules:
         for place, parts in enumerate(found):
             if parts:
                 consecutive = self._rules[place].consecutive
+                if not consecutive:
+                    self._note_each(place, parts[self._open[place] is not None :])
                 runs = Runs.listed(parts).joined(consecutive=consecutive)
                 self._end(place, runs.at(~runs.ends))
                 self._open[place] = runs.at(runs.ends)
@@ -357,18 +359,32 @@ class Rules:
         if len(runs):
             self._ended[place] = runs.greatest(self._sized(place, runs).ranks)
 
+    def _note_each(self, place: int, parts: Sequence[Runs]) -> None:
+        """Note the episodes of a piece in which a rule has a match that is of all steps."""
+        if not parts or len(self.scene.episodes) < 2:
+            return
+        rows = Runs.listed(parts)
+        numbers = self._numbers(rows)
+        for number in np.unique(numbers).tolist():
+            self._note(place, rows.at(numbers == number).joined(consecutive=False))
+
     def _note(self, place: int, ended: Runs) -> None:
         """Note the episodes in which a rule has a match for a key."""
-        episodes = self.scene.episodes
-        if len(episodes) < 2 or not len(ended):
+        if len(self.scene.episodes) < 2 or not len(ended):
             return
         counting = ended.at(self._sized(place, ended).sizes > 0)
-        clients = {n: self.scene.body(n).client for n in np.unique(counting.keys[:, 0]).tolist()}
-        for number, client in clients.items():
-            its = counting.at(counting.keys[:, 0] == number)
-            numbers = episode_at(episodes, client, its["first"])
-            rows = np.unique(np.column_stack([its.keys, numbers])[numbers > 0], axis=0)
-            self._in.setdefault(place, set()).update(map(tuple, rows.tolist()))
+        numbers = self._numbers(counting)
+        rows = np.unique(np.column_stack([counting.keys, numbers])[numbers > 0], axis=0)
+        self._in.setdefault(place, set()).update(map(tuple, rows.tolist()))
+
+    def _numbers(self, runs: Runs) -> Int64:
+        """Return the number of the episode in which each begins, 0 for none."""
+        numbers = np.zeros(len(runs), np.int64)
+        for body in np.unique(runs.keys[:, 0]).tolist():
+            its = runs.keys[:, 0] == body
+            client = self.scene.body(body).client
+            numbers[its] = episode_at(self.scene.episodes, client, runs["first"][its])
+        return numbers
 
     def _episodes(self, place: int, keys: Int64) -> int:
         """Return the number of episodes in which a rule has a match for some keys."""

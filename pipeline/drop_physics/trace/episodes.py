@@ -10,6 +10,7 @@ import numpy as np
 
 from drop_physics.arrays import Int64
 from drop_physics.errors import ScenarioError
+from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Appearance, At, EpisodeEnd, Put, order
 from drop_physics.trace.history import Seen
 from drop_physics.trace.states import by_body, motion_of
@@ -133,10 +134,20 @@ def _starts(seen: Seen, client: int, end: int) -> list[At]:
     if len(puts) > OFTEN * end:
         return [found[step] for step in sorted(found)]
     for number, (step, here) in enumerate(sorted(puts.items())):
-        all_there = _there(mine, here[-1].at) <= {put.body.number for put in here}
-        if all_there and (number >= MOST_LOOKED or _moves(seen, step, here)):
+        looked = number < MOST_LOOKED
+        if _there(mine, here[-1].at) <= {put.body.number for put in here}:
+            begins = not looked or _moves(seen, step, here)
+        else:
+            begins = looked and _is_reset(seen, client, step)
+        if begins:
             found.setdefault(step, here[0].at)
     return [found[step] for step in sorted(found)]
+
+
+def _is_reset(seen: Seen, client: int, step: int) -> bool:
+    """Return whether a call before a step sets the whole state: also of what had not moved."""
+    calls = seen.sampled.piece(step, step + 1).calls.of(Act.RESET_STATE, Act.RESTORE)
+    return any((each.client, each.at.step) == (client, step) for each in calls)
 
 
 def _there(appearances: Iterable[Appearance], at: At) -> set[int]:

@@ -350,8 +350,12 @@ SEARCHED = (
     ("start.qpos", "data.qpos", "=default +0.001 +0.01", ""),
     ("start.qvel", "data.qvel", "=0", "=0"),
     *(
-        (f"input.{part}", f"data.{part}", "=0 *0.1 *10 *-1 held late", "=0 held")
-        for part in ("ctrl", "qfrc_applied", "xfrc_applied")
+        (f"input.{part}", f"data.{part}", f"=0 *0.1 *10 *-1 held late{orders}", "=0 held")
+        for part, orders in (
+            ("ctrl", " exchanged reversed"),
+            ("qfrc_applied", ""),
+            ("xfrc_applied", ""),
+        )
     ),
     ("input.mocap_pos", "data.mocap_pos", "held late", "held"),
     ("input.qpos", "data.qpos", "undone", ""),

@@ -15,7 +15,8 @@ SERIES = ("x", "y", "z", "up", "joint", "rate", "force", "sensor")
 """Functions that return a series."""
 TAKEN = ("end", "peak", "low", "drift", "norm", "at", "always", "ever")
 """Functions of a series."""
-EPISODE = ("terminated", "reward", "length")
+TERMINATED = "terminated"
+EPISODE = (TERMINATED, "reward", "length")
 """What the environments of a script make known: whether an episode was terminated, the mean return,
 and the least number of steps of an episode."""
 PRINTED = "printed"
@@ -152,7 +153,10 @@ def _judged(node: ast.expr, names: dict[str, Any]) -> Judged:
         parts = [_compared(op, left, right, names) for op, left, right in pairs]
         return min(parts, key=lambda part: (part[0], part[1]))
     value = _value(node, names)
-    return bool(value), 0.0 if value else -1.0, _number(value)
+    margin = 0.0 if value else -1.0
+    if value is True and getattr(node, "id", None) == TERMINATED:
+        margin = 1 / max(names["length"], 1)  # a later end is nearer to none
+    return bool(value), margin, _number(value)
 
 
 def _compared(op: ast.cmpop, left: ast.expr, right: ast.expr, names: dict[str, Any]) -> Judged:

@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+ORDERS = ("exchanged", "reversed")
+"""Operators on several elements together: their first half with their second, and their order."""
 MOST_NAMES = 6
 """Most elements of a change that are named one by one."""
 

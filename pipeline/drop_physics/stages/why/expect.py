@@ -17,7 +17,7 @@ from drop_physics.engines.script import Program
 from drop_physics.engines.source import SOURCE, place_of
 from drop_physics.engines.watching.expression import Expression
 from drop_physics.engines.watching.forks import FIRST_LINE, FIRST_USE
-from drop_physics.engines.watching.single_changes import Change
+from drop_physics.engines.watching.single_changes import ORDERS, Change
 from drop_physics.errors import ScenarioError
 from drop_physics.experiments.ranking import SaidChange, ranked
 from drop_physics.experiments.search import NARROWED, ChangeOutcome, Search, TriedChange
@@ -414,4 +414,4 @@ def _likely(change: Change) -> int:
         return 1
     if op in ("*10", "*0.1"):
         return 2
-    return {"*-1": 4, "held": 5, "late": 5}.get(op, 3)
+    return {"*-1": 4, **dict.fromkeys(("held", "late", *ORDERS), 5)}.get(op, 3)

@@ -452,6 +452,10 @@ class ChangedData:
             new = self._input.setdefault(number, own)
         elif how[0] == "late":
             new = self._input.get(number, own)
+        elif how[0] == "reversed":
+            new = own[::-1]
+        elif how[0] == "exchanged":
+            new = np.roll(own, len(own) // 2)
         else:
             new = becoming(own, how)
         self._own.append((number if how[0] == "late" else None, part, its, own))

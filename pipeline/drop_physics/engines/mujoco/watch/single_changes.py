@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from ...watching.single_changes import Change, how_of
+from ...watching.single_changes import ORDERS, Change, how_of
 from .seen import SeenInputs
-from .writes import BALL, FREE, Operation, field_of, has_field, rows_of, sizes, writes_of
+from .writes import BALL, BY_JOINT, FREE, Operation, field_of, has_field, rows_of, sizes, writes_of
 
 ENGINE = "mujoco"
 """Value of `engine` in operations for MuJoCo."""
@@ -60,6 +60,13 @@ STIFF_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
 AFFINE, MESH = 1, 7
 """A bias of an actuator that is affine in length and rate; a type of geometries."""
 
+ALL_PAIRS = 8
+"""Of so many actuators at most, any two may have been taken for each other; else neighbours."""
+BRAKES = ("dof_damping", "dof_frictionloss", "dof_armature", "jnt_stiffness")
+"""Fields that keep a joint from moving."""
+
+Group = tuple[Sequence[Any], bool]
+"""Elements that are changed together, and whether that takes a part of the scene away."""
 Written = tuple[str, Any, Sequence[int]]
 """A field, its operator with what that takes, and elements."""
 
@@ -94,15 +101,59 @@ def possible(module: Any, rows: Sequence[Mapping[str, Any]], seen: SeenInputs) -
                 found += [whole] if _does(module, seen, whole) else []
                 continue
             kind, ids = elements
-            ids = [n for n in ids if _does(module, seen, replace(whole, ids=(n,)))]
-            of = tuple(name_of(module, m, kind, n) for n in ids)
-            on = [_body_of(m, kind, n) for n in ids]
-            trees = [name_of(module, m, "body", int(m.body_rootid[n])) for n in on if n >= 0]
-            bodies = tuple(dict.fromkeys(trees))
-            links = tuple("" if n < 0 else name_of(module, m, "body", n) for n in on)
-            change = replace(whole, ids=tuple(ids), of=of, bodies=bodies, on=links)
-            found += [change] if ids else []
+            if op in ORDERS:
+                groups = _ordered(op, ids)
+            else:
+                ids = [n for n in ids if _does(module, seen, replace(whole, ids=(n,)))]
+                groups = _supports(m, whole, ids)
+            for group, supports in groups:
+                of = tuple(name_of(module, m, kind, n) for n in group)
+                on = [_body_of(m, kind, n) for n in group]
+                trees = [name_of(module, m, "body", int(m.body_rootid[n])) for n in on if n >= 0]
+                bodies = tuple(dict.fromkeys(trees))
+                links = tuple("" if n < 0 else name_of(module, m, "body", n) for n in on)
+                its = replace(whole, ids=tuple(group), of=of, bodies=bodies, on=links)
+                found.append(replace(its, breaks=breaks or supports))
     return found
+
+
+def _ordered(op: str, ids: Sequence[int]) -> Iterator[Group]:
+    """Yield the elements that change places: all, or two; of many, two neighbours."""
+    if op == "reversed":
+        if len(ids) > 2:
+            yield ids, False
+        return
+    if len(ids) > 3:
+        yield ids[: len(ids) // 2 * 2], False
+    every = len(ids) <= ALL_PAIRS
+    for k, one in enumerate(ids):
+        for other in ids[k + 1 :] if every else ids[k + 1 : k + 2]:
+            yield (one, other), False
+
+
+def _supports(m: Any, change: Change, ids: Sequence[Any]) -> Iterator[Group]:
+    """Yield elements, and apart from them those that hold a robot from outside.
+
+    These are the joints of its base that no actuator drives: what brakes them stands in no robot.
+    """
+    outside: list[Any] = []
+    if change.change in BRAKES and change.op != "=0":
+        driven = {int(m.jnt_bodyid[each]) for each in _driven(m)}
+        robots = {int(m.body_rootid[each]) for each in driven}
+        outside = [
+            joint
+            for joint in ids
+            if (body := int(m.jnt_bodyid[joint])) in robots and body not in driven
+        ]
+    for group in ([each for each in ids if each not in outside], outside):
+        if group:
+            yield group, group is outside
+
+
+def _driven(m: Any) -> list[int]:
+    """Return the joints that actuators act on."""
+    of_joint = [int(kind) in BY_JOINT for kind in m.actuator_trntype]
+    return [int(joint) for joint, is_its in zip(m.actuator_trnid[:, 0], of_joint) if is_its]
 
 
 def trial_of(change: Change) -> dict[str, Any]:
