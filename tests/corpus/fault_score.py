@@ -1,0 +1,127 @@
+"""How many faults of controllers are named where an episode fails.
+
+    python tests/corpus/fault_score.py                # all, and robots without a fault
+    python tests/corpus/fault_score.py hopper-sign …  # these
+
+A fault is named if what `truth.toml` says of it is in one of the first two rows of the account, or
+of the first three outcomes of `drop why --expect`, which is asked only where the account does not
+name it. Of a robot without a fault nothing may be found.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import sys
+import tempfile
+import tomllib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from drop_physics.analysis.results import Analysis
+from drop_physics.report.account import facts_of
+from drop_physics.stages.analyze import analyze
+from drop_physics.stages.record import record_script
+from drop_physics.stages.why import why
+from drop_physics.stages.why.tries import text_of
+
+FOLDER = Path(__file__).parent / "controllers"
+SCRIPT = FOLDER / "scripts" / "controllers.py"
+ROWS, OUTCOMES = 2, 3
+"""A reader looks at so many rows of the account, and outcomes of a search."""
+BUDGET_S = 1200.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """A controller with a fault."""
+
+    robot: str
+    fault: str
+    expect: str
+    """The expectation that it fails."""
+    names: Sequence[str]
+    """Patterns that name the fault."""
+
+    def named_by(self, lines: Sequence[str]) -> str | None:
+        """Return the first line that names it."""
+        return next((line for line in lines if any(re.search(n, line) for n in self.names)), None)
+
+
+def cases() -> dict[str, Case]:
+    """Return all cases, by `ROBOT-FAULT`."""
+    told = tomllib.loads((FOLDER / "truth.toml").read_text(encoding="utf-8"))
+    return {
+        f"{robot}-{fault}": Case(
+            robot, fault, its.get("instead", {}).get(fault, its["expect"]), names
+        )
+        for robot, its in told.items()
+        for fault, names in its["faults"].items()
+    }
+
+
+def analyzed(robot: str, *fault: str) -> Analysis:
+    """Return the analysis of a controller's episode."""
+    with _quiet() as folder:
+        recorded = record_script(str(SCRIPT), [robot, *fault], out=folder / "run.rrd", stdout=2)
+        return analyze(recorded.recording)
+
+
+def rows_of(analysis: Analysis) -> list[str]:
+    """Return the rows of the account as a reader sees them."""
+    return [" ".join(str(fact.words) for fact in facts_of(row)) for row in analysis.account]
+
+
+def outcomes_of(case: Case, budget_s: float = BUDGET_S) -> list[str]:
+    """Return the outcomes of the search, each with all that is the same."""
+    with _quiet() as folder:
+        found = why(
+            str(SCRIPT),
+            [case.robot, case.fault],
+            expect=case.expect,
+            budget_s=budget_s,
+            out=folder,
+            stdout=2,
+        ).expected
+    assert found is not None
+    assert not found.base.holds, case
+    return [
+        "; ".join(text_of(one.change) for one in (each.tried, *each.alike, *each.also))
+        for each in found.makes_true
+    ]
+
+
+def named(case: Case) -> str | None:
+    """Return the line that names the fault; None if none does."""
+    rows = rows_of(analyzed(case.robot, case.fault))[:ROWS]
+    return case.named_by(rows) or case.named_by(outcomes_of(case)[:OUTCOMES])
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[Path]:
+    """Yield a folder to work in."""
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        yield Path(folder)
+
+
+def main(chosen: Sequence[str]) -> None:
+    """Print which faults are named."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    known = cases()
+    wanted = chosen or [*known]
+    hits = 0
+    for name in wanted:
+        line = named(known[name])
+        hits += line is not None
+        print(f"{name:24} {line or '-'}", flush=True)
+    print(f"{hits} of {len(wanted)} named")
+    for robot in () if chosen else dict.fromkeys(each.robot for each in known.values()):
+        analysis = analyzed(robot)
+        said = [each.code for each in analysis.findings] + rows_of(analysis)
+        print(f"{robot:24} {said or 'its end, and no more'}", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
