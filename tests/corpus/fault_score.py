@@ -3,9 +3,9 @@
     python tests/corpus/fault_score.py                # all, and robots without a fault
     python tests/corpus/fault_score.py hopper-sign …  # these
 
-A fault is named if what `truth.toml` says of it is in one of the first two rows of the account, or
-of the first three outcomes of `drop why --expect`, which is asked only where the account does not
-name it. Of a robot without a fault nothing may be found.
+A fault is named if what `truth.toml` says of it, or a line of the script that makes it, is in one
+of the first two rows of the account, or of the first three outcomes of `drop why --expect`, which
+is asked only where the account does not name it. Of a robot without a fault nothing may be found.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from drop_physics.analysis.results import Analysis
 from drop_physics.report.account import facts_of
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.record import record_script
+from drop_physics.stages.rerun.single import text_of
 from drop_physics.stages.why import why
-from drop_physics.stages.why.tries import text_of
 
 FOLDER = Path(__file__).parent / "controllers"
 SCRIPT = FOLDER / "scripts" / "controllers.py"
@@ -45,9 +45,24 @@ class Case:
     names: Sequence[str]
     """Patterns that name the fault."""
 
-    def named_by(self, lines: Sequence[str]) -> str | None:
-        """Return the first line that names it."""
-        return next((line for line in lines if any(re.search(n, line) for n in self.names)), None)
+    def named_by(self, told: Sequence[str]) -> str | None:
+        """Return the first text that names it."""
+        patterns = [*self.names, *(rf"{SCRIPT.name}:{line}\b" for line in _lines_of(self.fault))]
+        return next((text for text in told if any(re.search(n, text) for n in patterns)), None)
+
+
+def _lines_of(fault: str) -> Iterator[int]:
+    """Yield the lines of the script that make a fault."""
+    depth: int | None = None
+    for number, line in enumerate(SCRIPT.read_text(encoding="utf-8").splitlines(), 1):
+        indent = len(line) - len(line.lstrip())
+        if f'fault == "{fault}"' in line:
+            depth = indent
+            yield number
+        elif depth is not None and indent > depth:
+            yield number
+        else:
+            depth = None
 
 
 def cases() -> dict[str, Case]:
@@ -88,7 +103,10 @@ def outcomes_of(case: Case, budget_s: float = BUDGET_S) -> list[str]:
     assert found is not None
     assert not found.base.holds, case
     return [
-        "; ".join(text_of(one.change) for one in (each.tried, *each.alike, *each.also))
+        "; ".join(
+            f"{text_of(one.change)} ({found.words(one.change)})"
+            for one in (each.tried, *each.alike, *each.also)
+        )
         for each in found.makes_true
     ]
 

@@ -54,11 +54,13 @@ class Episode:
 
 def episode_at(episodes: Sequence[Episode], client: int, steps: Int64 | Sequence[int]) -> Int64:
     """Return the number of the episode in which each step to a sample was made, 0 for none."""
-    found = np.zeros(len(steps), np.int64)
-    for each in episodes:
-        if each.client == client:
-            found[(each.first < np.asarray(steps)) & (np.asarray(steps) <= each.last)] = each.number
-    return found
+    its = [(e.first, e.last, e.number) for e in episodes if e.client == client and e.kept]
+    if not its:
+        return np.zeros(len(steps), np.int64)
+    first, last, number = np.array(sorted(its), np.int64).T
+    which = np.maximum(np.searchsorted(first, steps) - 1, 0)  # the last that starts before it
+    within = (first[which] < steps) & (np.asarray(steps) <= last[which])
+    return np.where(within, number[which], 0)
 
 
 def looked_at(episodes: Sequence[Episode], number: int | None) -> Episode | None:

@@ -61,7 +61,7 @@ AFFINE, MESH = 1, 7
 """A bias of an actuator that is affine in length and rate; a type of geometries."""
 
 ALL_PAIRS = 8
-"""Of so many actuators at most, any two may have been taken for each other; else neighbours."""
+"""Most actuators of which any two are exchanged; of more, only neighbours."""
 BRAKES = ("dof_damping", "dof_frictionloss", "dof_armature", "jnt_stiffness")
 """Fields that keep a joint from moving."""
 
