@@ -106,14 +106,13 @@ def test_the_box_of_a_film_is_large_and_seen_to_fall() -> None:
     assert fall.sum() > 120
 
 
-def test_a_translation_has_the_blocks_options_and_pictures_of_its_page() -> None:
+def test_a_translation_has_the_blocks_and_pictures_of_its_page() -> None:
     assert {page.name for page in TRANSLATED} == {"README.md", "drop.md", "walkthrough.md"}
     for page in TRANSLATED:
         mine = text_of(page)
         for theirs in map(text_of, pages.translations(page)):
             assert [_typed(one) for one in blocks(theirs)] == [_typed(one) for one in blocks(mine)]
             for pattern in (
-                r"^\| (`--.*?) \|",  # the options
                 r"!\[.*?\]\((.*?)\)",  # the pictures
                 r"src(?:set)?=\"(.*?)\"",
             ):

@@ -215,7 +215,7 @@ def undescribed(schema: Any, path: str = "") -> Iterator[str]:
 def test_every_entry_of_the_recordings_reference_is_described() -> None:
     page = (SCHEMAS.parent / "recording.md").read_text(encoding="utf-8")
     rows = [line for line in page.splitlines() if line.startswith("| `")]
-    assert len(rows) > 100
+    assert len(rows) > 50
     assert [row for row in rows if row.endswith("|  |")] == []
 
 

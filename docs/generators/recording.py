@@ -1,4 +1,4 @@
-"""Write the reference of recordings, from one made for it with every setting given."""
+"""Write the reference of recordings, from one made for it."""
 
 from __future__ import annotations
 
@@ -11,38 +11,18 @@ from pathlib import Path
 import polars as pl
 import pyarrow as pa
 from drop_physics import Camera, Scenario, analyze, simulate
-from drop_physics.engine_report import EngineReport
 from drop_physics.explain.decomposition import TERMS
-from drop_physics.fields import Option
 from drop_physics.recording import rrd, schema
-from drop_physics.recording.layer_file import layer_of
 from drop_physics.trace.tables import columns_of
 
 from generators.typed import run_python
 
-CHOSEN = Scenario(
-    linear_damping=0.04,
-    angular_damping=0.04,
-    mass_kg=0.1,
-    restitution=0.5,
-    contact_erp=0.08,
-    solver_residual=1e-7,
-    solver_iterations=50,
-    restitution_threshold_m_s=0.2,
-    friction=0.5,
-    substeps=1,
-)
 UNITS = {
     "m_s2": "m/s²", "kg_m2": "kg m²", "m_s": "m/s", "rad_s": "rad/s", "m": "m", "s": "s", "n": "N",
     "j": "J", "kg": "kg", "px": "px", "deg": "°",
 }  # fmt: skip
 TYPES = {"double": "float64", "float": "float32"}
 """Arrow's name -> numpy's."""
-
-PROPERTIES = [
-    f"__properties/{name}" for name in schema.PROPERTIES if name != schema.ORIGIN_PROPERTY
-]
-"""Of a drop's recording."""
 
 MEASURED = {
     "state": {
@@ -72,17 +52,6 @@ CURVES = {
     schema.HEIGHT_SIMULATED: "height of the body's centre",
     schema.HEIGHT_FREE_FALL: "free fall, without air; stops at the floor",
     schema.HEIGHT_DAMPED_FALL: "a fall through Bullet's damping, in continuous time",
-    f"{schema.ERROR}/total": "simulated minus free fall; the sum of the next four, but for the "
-    "rounding of free fall to a float64",
-    f"{schema.ERROR}/timestep": "from semi-implicit Euler, without damping",
-    f"{schema.ERROR}/damping": "from damping, in continuous time",
-    f"{schema.ERROR}/interaction": "from their interaction",
-    f"{schema.ERROR}/rounding": "from double-precision rounding",
-    **{f"{schema.ERROR_MM}/{term}": "the same, for the viewer" for term in ("total", *TERMS)},
-    f"{schema.ENERGY}/kinetic": "energy of the motion",
-    f"{schema.ENERGY}/rotation": "energy of the rotation",
-    f"{schema.ENERGY}/potential": "energy of the height above z = 0",
-    f"{schema.ENERGY}/total": "their sum",
 }
 DRAWN = {
     schema.WORLD: "z is up",
@@ -93,43 +62,22 @@ DRAWN = {
     schema.CAMERA: "the camera: its lens and pose",
     schema.IMAGE: "a frame, a PNG",
     schema.ABOUT: "a description of this recording",
-    schema.EVENTS: "what happened: release, first contact, lowest point, rebounds, rest",
-    schema.FINDINGS: "the error, broken down, and the findings",
-}
-CLOSING = {
-    "schema_version": "the version that this page describes; other versions have other names",
-    "samples": "number of samples that must be there",
-    "frames": "number of frames that must be there",
-    "state_sha256": "digest of the states",
-    "contacts_sha256": "digest of the contacts",
-    "frames_sha256": "digest of the frames; of a script one for each camera",
-    "inputs_sha256": "digest of scenario, engine and camera, or of the origin",
-    "samples_of_clients": "number of samples of each simulation",
-    "bodies": "how many bodies there were",
-    "ended": "how it ended",
-    "told_sha256": "digest of the rows of JSON",
-    "series_sha256": "digests of joints and of constraints' forces, in the order of their entities",
-    "calls_sha256": "digests of the calls of each simulation",
-    "impulses_sha256": "digests of what acted in the steps of each simulation",
-    "models_sha256": "digest of the compiled models",
-    "steps_sha256": "digest of what steps can be taken again with",
-    "closing_sha256": "digest of this property",
 }
 HAPPENED = {
-    schema.BODIES: "a body came, went, or looks different: its links, joints with axes, limits and "
-    "frames, shapes, collision shapes and hulls, what its file asks for",
-    schema.SURFACES: "a body came with a mesh that is held as its convex hull and is hollow: the "
-    "surface of its file; of those that are alike, the first has the arrays, the others its digest",
-    schema.DYNAMICS: "what the engine reports of a body's links: mass, inertia, friction …",
-    schema.SETTINGS: "what the engine reports of itself: timestep, gravity, solver …",
-    schema.SET: "where a call placed a body between two steps, unless it was there already, to "
-    "the bit",
+    schema.BODIES: "a body is added, removed, or changes its looks: its links, joints with axes, "
+    "limits and frames, shapes, collision shapes and hulls, what its file asks for",
+    schema.SURFACES: "a body is added with a hollow mesh, which the engine replaces by its convex "
+    "hull: the surface in its file; equal ones are stored once, then as a digest",
+    schema.DYNAMICS: "the engine reports other properties of a body's links: mass, inertia, "
+    "friction …",
+    schema.SETTINGS: "the engine reports other settings: timestep, gravity, solver …",
+    schema.SET: "a call places a body between two steps, unless it is there already, to the bit",
     schema.READINGS: "a place in the script has read: function, file, line, the arguments given, "
     "what it read, in which steps and how often (where `exact` is false, estimated from one of 61 "
     "steps); of pictures the first one's matrices",
     schema.SITES: "a place in the script that calls the engine: function, file, line, the form of "
     "its arguments with `{}` for each number",
-    schema.RAISED: "what a call raised",
+    schema.RAISED: "a call raises an error",
     schema.CAUSES: "something gives impulses to a body: its kind, its name, and on which degrees "
     "of freedom of the body's generalised velocity it acts (spin and velocity of the base, then "
     "the joints' rates); of MuJoCo",
@@ -167,17 +115,6 @@ SAMPLED = {
 }
 """Of what a recording with joints, constraints or a script holds besides."""
 
-CAMERA_SAYS = {
-    "distance_m": "from the camera to its target",
-    "far_m": "nothing farther away is drawn",
-    "near_m": "nothing nearer is drawn",
-    "pitch_deg": "angle of its view above (positive) or below the horizontal",
-    "roll_deg": "rotation about its own axis",
-    "target_m": "what it looks at: x, y, z",
-    "vertical_fov_deg": "vertical field of view",
-    "yaw_deg": "rotation about the vertical",
-}
-"""The camera's fields without an option."""
 TABLE_SAYS = {
     "step": "number of the sample",
     "time_s": "step × timestep",
@@ -198,6 +135,15 @@ TABLE_SAYS = {
     "energy_j": "their sum",
 }
 """The columns of the table that `analyze` makes, a row per sample."""
+LAYER = {
+    "error_m": f"{schema.ERROR}/total",
+    **{f"{term}_m": f"{schema.ERROR}/{term}" for term in TERMS},
+    "kinetic_linear_j": f"{schema.ENERGY}/kinetic",
+    "kinetic_angular_j": f"{schema.ENERGY}/rotation",
+    "potential_j": f"{schema.ENERGY}/potential",
+    "energy_j": f"{schema.ENERGY}/total",
+}
+"""Column of that table -> its curve in the layer."""
 
 _HEAD = f"""# What is in a recording
 
@@ -210,13 +156,12 @@ up, and every sample is the state *before* a step: sample 0 is the release.
 
 ## Timelines
 
-| timeline | type | what it is |
+| timeline | type | meaning |
 | --- | --- | --- |
 | `{schema.STEP_TIMELINE}` | sequence, int64 | number of the step: the key of the samples |
 | `{schema.TIME_TIMELINE}` | duration, int64 ns | step × timestep, in whole nanoseconds |
-| `{schema.CALL_TIMELINE}` | sequence, int64 | of a script: how many calls came before |
+| `{schema.CALL_TIMELINE}` | sequence, int64 | of a script: number of calls before |
 """
-
 
 _STATE = f"""## State
 
@@ -231,14 +176,27 @@ after the step that led to the sample. A component is a list with the values of 
 one after the other. Read back, a point is a row of the table `contacts`.
 """
 
+_PROPERTIES = f"""## Properties
+
+Under `__properties/`, once. Of a drop: `{schema.SCENARIO_PROPERTY}` and
+`{schema.ENGINE_PROPERTY}`, whose names, units and meanings are those of the keys in
+[JSON](json.md#drop-analyze), and `{schema.CAMERA_PROPERTY}`. Of a script:
+`{schema.ORIGIN_PROPERTY}`, its name, arguments and digest. Values left to the engine are absent.
+`{schema.RECORDING_PROPERTY}` comes last: the schema version, the numbers of samples and frames, how
+the run ended, and SHA-256 digests of everything that numbers are computed from.
+"""
+_LAYER = f"""## The layer of `drop analyze`, and its `--table`
+
+One row per sample of a drop. Error terms are null where the law of free flight does not hold. The
+layer also has the errors in millimetres (`{schema.ERROR_MM}/`), `{schema.EVENTS}` and
+`{schema.FINDINGS}`.
+"""
 _POLARS = """import polars as pl
 from rerun.chunk import RrdReader
-
 
 def table(entity: str) -> pl.DataFrame:
     chunks = RrdReader("recordings/run.rrd").stream().filter(content=entity).to_chunks()
     return pl.concat([pl.from_arrow(chunk.to_record_batch()) for chunk in chunks])
-
 
 touching = table("/state").join(table("/contacts"), on="sim_step")
 rows = touching.select(
@@ -278,13 +236,9 @@ class Entity:
 def made() -> dict[str, str]:
     """Return the page."""
     with tempfile.TemporaryDirectory() as name:
-        path = Path(name, "run.rrd")
-        simulate(CHOSEN, path, camera=Camera(capture_every=120, size_px=(32, 24)))
-        table = analyze(path).table
-        run, layer = _entities(path), _entities(layer_of(path))
-        shown = Path(name, "recordings/run.rrd")
-        shown.parent.mkdir()
-        simulate(Scenario(), shown, camera=None)
+        path = Path(name, "recordings/run.rrd")
+        simulate(Scenario(), path, camera=Camera(capture_every=120, size_px=(32, 24)))
+        table, run = analyze(path).table, _entities(path)
         printed = run_python(_POLARS, Path(name))[1]
     parts = [
         _HEAD,
@@ -297,13 +251,8 @@ def made() -> dict[str, str]:
         _curves(run),
         "## For display\n",
         _drawn(run),
-        "## Properties\n\nUnder `__properties/`, once. What was left to the engine is absent.\n",
-        *(_property(run, name) for name in PROPERTIES),
-        "## The layer of `drop analyze`\n",
-        _curves(layer),
-        _drawn(layer),
-        "## The table of `drop analyze --table`\n\nOne row per sample. Error terms are null where "
-        "the law of free flight does not hold.\n",
+        _PROPERTIES,
+        _LAYER,
         _table(table),
         _READING.format(polars=_POLARS, printed=printed),
     ]
@@ -312,7 +261,7 @@ def made() -> dict[str, str]:
 
 def _rest() -> str:
     """Return what a recording holds besides states and contacts."""
-    sampled = _rows(["entity", "what it is"], ([f"`{k}`", v] for k, v in SAMPLED.items()))
+    sampled = _rows(["entity", "meaning"], ([f"`{k}`", v] for k, v in SAMPLED.items()))
     told = _rows(["entity", "a row when"], ([f"`{k}`", v] for k, v in HAPPENED.items()))
     return (
         "## Joints, constraints and calls\n\nThe poses of links follow from base and joints.\n\n"
@@ -328,9 +277,7 @@ def _entities(path: Path) -> dict[str, Entity]:
         entity.timed |= schema.STEP_TIMELINE in chunk.batch.schema.names
         for column in chunk.batch.schema:
             if pa.types.is_list(column.type):
-                values = len(chunk.batch[column.name][0])
-                several = f"{values} × " if values > 1 and chunk.entity in PROPERTIES else ""
-                entity.types[column.name] = several + _element(column.type)
+                entity.types[column.name] = _element(column.type)
         if "SeriesLines:names" in chunk.batch.schema.names:
             entity.label = chunk.batch["SeriesLines:names"][0].as_py()[0]
     return entities
@@ -355,7 +302,7 @@ def _measured(run: Mapping[str, Entity], table: schema.Table) -> str:
         )
         unit, description = _unit(component) or "", MEASURED[table.entity][component]
         rows.append([f"`{component}`", dtype, unit, names, description])
-    return _rows(["component", "type", "unit", "columns", "what it is"], rows)
+    return _rows(["component", "type", "unit", "columns", "meaning"], rows)
 
 
 def _curves(entities: Mapping[str, Entity]) -> str:
@@ -364,7 +311,7 @@ def _curves(entities: Mapping[str, Entity]) -> str:
         [f"`{name}`", entity.types["Scalars:scalars"], _bracketed(entity.label), CURVES[name]]
         for name, entity in sorted(curves.items(), key=lambda pair: [*CURVES].index(pair[0]))
     ]
-    return _rows(["entity", "type", "unit", "what it is"], rows)
+    return _rows(["entity", "type", "unit", "meaning"], rows)
 
 
 def _drawn(entities: Mapping[str, Entity]) -> str:
@@ -375,37 +322,15 @@ def _drawn(entities: Mapping[str, Entity]) -> str:
         archetypes = dict.fromkeys(component.partition(":")[0] for component in entity.types)
         when = "over time" if entity.timed else "once"
         rows.append([f"`{name}`", ", ".join(archetypes), when, DRAWN[name]])
-    return _rows(["entity", "Rerun's archetypes", "when", "what it is"], rows)
-
-
-def _property(run: Mapping[str, Entity], entity: str) -> str:
-    name = entity.rpartition("/")[2]
-    options = {**Scenario.options(), **Camera.options()}
-    # The engine's report has its own descriptions, also of names that a scenario has.
-    descriptions = {
-        schema.SCENARIO_PROPERTY: {key: _option(option) for key, option in options.items()},
-        schema.CAMERA_PROPERTY: CAMERA_SAYS
-        | {key: _option(option) for key, option in options.items()},
-        schema.ENGINE_PROPERTY: EngineReport.says(),
-        schema.RECORDING_PROPERTY: CLOSING,
-    }[name]
-    types = run[entity].types
-    rows = [
-        [f"`{key}`", dtype, _unit(key) or "", descriptions[key]] for key, dtype in types.items()
-    ]
-    return f"### {name}\n\n{_rows(['name', 'type', 'unit', 'what it is'], rows)}"
-
-
-def _option(option: Option) -> str:
-    return f"false with `{option.name}`" if option.is_flag else f"`{option.name}`: {option.help}"
+    return _rows(["entity", "Rerun's archetypes", "when", "meaning"], rows)
 
 
 def _table(table: pl.DataFrame) -> str:
     rows = [
-        [f"`{name}`", str(dtype).lower(), _unit(name) or "", TABLE_SAYS[name]]
-        for name, dtype in table.schema.items()
+        [f"`{name}`", LAYER.get(name, ""), _unit(name) or "", TABLE_SAYS[name]]
+        for name in table.columns
     ]
-    return _rows(["column", "type", "unit", "what it is"], rows)
+    return _rows(["column", "curve of the layer", "unit", "meaning"], rows)
 
 
 def _unit(name: str) -> str | None:

@@ -50,7 +50,6 @@ INSTEAD = (
     (r"--samples \d+", "--samples 5", "takes minutes"),
     (r"--duration \d{4}\S+", "--duration 1", "takes half a minute"),
     (r"^(python -m benchmarks.*?)( *#.*)?$", r"\1 --help", "takes minutes"),
-    (r"^python (tests/public_scripts\.py) .*", r"ls $ROOT/\1", "takes an hour"),
     (r"^python -m build$", ":", "builds a wheel: .ci/run does"),
     (r"\$\{\{ vars\.PYBULLET \}\}", "3", "is a variable of GitHub's"),
 )

@@ -317,17 +317,11 @@ is the damping's, which no smaller timestep makes smaller: the model is another 
 
 ## Every step of a tree of links
 
-A step of PyBullet changes the momentum of a body's links by a sum of impulses:
-
-```
-M (u' - u) = gravity + bias + damping + joint damping + applied + motors
-             + contacts + constraints + rolling + stops + clamp + remainder
-```
-
-All is computed from the state before the step and what PyBullet reports after it
-(`physics/laws/bullet/tree`). Stops, the velocity clamp behind the solver and friction against
-rolling and spinning are reported nowhere: what of the remainder lies in the only directions in
-which they can act is theirs. Of a tree with few degrees of freedom these may span everything.
+The [sum of impulses](record.md#what-its-bodies-did-and-why) of a step is computed from the state
+before it and what PyBullet reports after it (`physics/laws/bullet/tree`). Stops, the velocity clamp
+behind the solver and friction against rolling and spinning are reported nowhere: the part of the
+remainder in the only directions in which they can act is theirs. Of a tree with few degrees of
+freedom these may span everything.
 
 The largest remainder of any step, over the largest term or single force of that step; in brackets
 over the largest entry of a term alone, in steps in which one exceeds 1e-6 N s or N m s.
@@ -363,29 +357,11 @@ load `kuka_iiwa/model_for_sdf.urdf`, `kuka_iiwa/model2.sdf` and `kuka_iiwa/kuka_
 `gripper/wsg50_one_motor_gripper_free_base.sdf` ends the process. None of those that load is left
 out.
 
-**Where the sum need not hold**, as `laws/bullet/tree.not_covered` says from settings alone:
+**Where the sum need not hold**, a step [says why](record.md#what-its-bodies-did-and-why).
 
-| setting | why |
-| --- | --- |
-| `numSubSteps` above 1 | reported is the last substep; see below |
-| sleeping allowed | a sleeping body is not stepped, whatever acts on it |
-| soft bodies | no tree of links |
-| `useMaximalCoordinates` | another law (`physics/laws/bullet/law`) |
-| something can move without mass or inertia | M has no inverse |
-| planar joints | PyBullet reports two of their three numbers |
-| a prismatic constraint | its force is reported along axes that are not |
-| `enableConeFriction=0` with rolling or spinning friction | its torque is reported as friction |
-
-**Substeps.** With `numSubSteps=N` a step is N steps of dt/N with a collision detection each, over
-which PyBullet holds what calls gave: forces and torques, in the world's axes; the force of joint
-damping, from the rates before the first; the moment of a push on a link, from the pose before the
-last substep of the step before. PD_CONTROL is added again in each substep: the k-th has k of them.
-Motors may give force × dt in each. Motors and contacts are reported as the last substep's impulse
-over dt, so they are N times as strong; constraints over dt/N. For some N, from 55 on, rounding
-makes one step in 200, or every second one, of N - 1 substeps.
-
-`physics/laws/bullet/substeps` takes what is reported of the last substep for all, and looks whether
-velocities and pose are then those at the end of the step (`tests/test_substeps.py`):
+**Substeps.** With `numSubSteps=N`, PyBullet reports motors and contacts of the last substep alone.
+`physics/laws/bullet/substeps` takes them for all, and looks whether velocities and pose are then
+those at the end of the step (`tests/test_substeps.py`):
 
 | with N = 2 and 4 | largest remainder | so |
 | --- | ---: | --- |

@@ -111,11 +111,11 @@ def _named(tried: TriedChange) -> dict[str, Any]:
 
 def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
     """Yield the expectation, its outcome, and the changes that make it true; with `every`, all."""
-    words = Message(
-        "{expected}: {holds}, {value}",
-        expected=_asked(found),
-        holds=Message("yes") if found.base.holds else Message("no"),
-        value=_value(found, found.base),
+    expected, value = _asked(found), _value(found, found.base)
+    words = (
+        Message("{expected}: yes, {value}", expected=expected, value=value)
+        if found.base.holds
+        else Message("{expected}: no, {value}", expected=expected, value=value)
     )
     yield Section([Words(words, key=found.text, indent="  ")], apart=False)
     if found.base.holds:
