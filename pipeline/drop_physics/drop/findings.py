@@ -77,7 +77,7 @@ def _undone(fall: Fall, in_bullet: Message, elsewhere: Message) -> Message:
 
 @drop_rule("no-gravity", "asked")
 def no_gravity(fall: Fall) -> Iterator[Said]:
-    """The scenario of a drop leaves gravity out."""
+    """A drop's scenario leaves out gravity."""
     if not fall.case.scenario.gravity_set:
         yield Said(
             message=Message(
@@ -98,7 +98,7 @@ def no_gravity(fall: Fall) -> Iterator[Said]:
 
 @drop_rule("not-stepped", "asked")
 def not_stepped(fall: Fall) -> Iterator[Said]:
-    """The scenario of a drop makes no step."""
+    """A drop's scenario makes no step."""
     if not fall.case.scenario.stepped:
         yield Said(
             message=Message(
@@ -119,7 +119,7 @@ def not_stepped(fall: Fall) -> Iterator[Said]:
 
 @drop_rule("no-floor", "asked")
 def no_floor(fall: Fall) -> Iterator[Said]:
-    """A dropped body falls past where the floor would be, and there is none."""
+    """A dropped body falls past the height of a missing floor."""
     case, floor_m, lowest_m = fall.case, fall.case.engine.rest_height_m, fall.course.lowest_m
     if floor_m is not None and not case.scenario.floor and lowest_m < floor_m <= case.fall.height_m:
         yield Said(
@@ -158,7 +158,7 @@ def still_airborne(fall: Fall) -> Iterator[Said]:
 
 @drop_rule("law-mismatch", "broken")
 def law_mismatch(fall: Fall) -> Iterator[Said]:
-    """A sample of a drop is not what its engine computes from the one before, or no release."""
+    """A drop's sample does not follow from the previous one by the engine's law, or the release."""
     case, step = fall.case, fall.mismatch_step
     if step is None:
         return
@@ -184,7 +184,7 @@ def law_mismatch(fall: Fall) -> Iterator[Said]:
 
 @drop_rule("tunnelled", "broken")
 def tunnelled(fall: Fall) -> Iterator[Said]:
-    """A dropped body is below the floor as a whole, and has touched nothing."""
+    """A dropped body is entirely below the floor, without any contact."""
     step, case, through = fall.course.through_step(), fall.case, fall.course.through
     if step is None or through is None:
         return
@@ -208,7 +208,7 @@ def tunnelled(fall: Fall) -> Iterator[Said]:
 
 @drop_rule("starts-in-contact", "asked")
 def starts_in_contact(fall: Fall) -> Iterator[Said]:
-    """A body is released at the floor or inside it: no fall can be compared with theory."""
+    """A body is released at the floor or inside it, so that no fall can be compared."""
     floor_m, height_m = fall.case.floor_height_m, fall.case.fall.height_m
     if floor_m is None or fall.case.starts_above:
         return
@@ -328,7 +328,7 @@ def tumbled(fall: Fall) -> Iterator[Said]:
 
 @drop_rule("restitution-inflated", "model")
 def inflated(fall: Fall) -> Iterator[Said]:
-    """The position correction makes a rebound faster than the restitution asked for."""
+    """Position correction makes a rebound faster than restitution alone would."""
     asked = fall.case.engine.pair_restitution
     if not asked or fall.analysis.impact is None:
         return
@@ -351,7 +351,7 @@ def inflated(fall: Fall) -> Iterator[Said]:
 
 @drop_rule("bounce-swallowed", "asked")
 def swallowed(fall: Fall) -> Iterator[Said]:
-    """A dropped body stays where it would bounce if restitution had no threshold."""
+    """A dropped body stays down where it would bounce if restitution had no threshold."""
     case, tumbled_step = fall.case, fall.analysis.tumbled_step
     threshold_m_s, restitution = restitution_threshold_m_s(case), case.engine.pair_restitution
     if not restitution or case.is_springy or not case.is_bullet:
@@ -381,7 +381,7 @@ def swallowed(fall: Fall) -> Iterator[Said]:
 
 @drop_rule("rest-below-expected", "model")
 def rest_below_expected(fall: Fall) -> Iterator[Said]:
-    """A dropped body comes to rest lower than its shape says."""
+    """A dropped body rests lower than its shape implies."""
     rest = fall.analysis.rest
     if rest is None or rest.terms_m is None or rest.error_m is None:
         return

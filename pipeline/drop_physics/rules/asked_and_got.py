@@ -41,7 +41,7 @@ from drop_physics.trace.requests import Request
 
 @joint_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS)
 def joint_friction(joints: JointColumns) -> Match:
-    """PyBullet never uses `<dynamics friction>` of a joint, which coasts with its motor off."""
+    """PyBullet ignores a joint's `<dynamics friction>`; the joint coasts with its motor off."""
     friction = joints.of_joints(lambda joint: joint.friction)
     off = (
         (joints.asked.impulse == 0)
@@ -66,7 +66,7 @@ joint_friction.rows(
 
 @joint_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS)
 def without_force(joints: JointColumns) -> Match:
-    """A position motor with a force of 0 is off, whatever target it is given."""
+    """A position motor with a force of 0 is off, whatever its target."""
     off = np.abs(joints.after - joints.asked.target)
     where = (joints.mode == POSITION) & (joints.asked.force == 0) & (joints.asked.pd != 1)
     where &= (joints.steps.reported.commanded == 0) & (off > joints.at_target)
@@ -94,7 +94,7 @@ without_force.rows(
 
 @joint_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS)
 def speed_without_force(joints: JointColumns) -> Match:
-    """A velocity motor with a force of 0 is off, whatever speed it is asked for."""
+    """A velocity motor with a force of 0 is off, whatever its target."""
     asked = joints.target_velocity
     where = (joints.mode == VELOCITY) & (joints.asked.force == 0) & (asked != 0)
     where &= joints.steps.reported.commanded == 0
@@ -148,7 +148,7 @@ ball_velocity.rows(
 
 @input_rule("not-taken", "asked", "no-effect")
 def damping_of_base(inputs: Inputs) -> Iterator[Said]:
-    """Damping of joints is a link's, and PyBullet ignores what a call gives the base of it."""
+    """Joint damping belongs to a link; PyBullet ignores it in a call for the base."""
     uses = [use for use in inputs.of(Act.SET_PROPERTY) if use.body and "jointDamping" in use.low]
     links = {use.body.number for use in uses if use.body and use.high["linkIndex"][0] >= 0}
     for use in uses:
@@ -168,7 +168,7 @@ def damping_of_base(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("not-taken", "asked", "no-effect")
 def ik_lists(inputs: Inputs) -> Iterator[Said]:
-    """Inverse kinematics ignores lists that do not have one number for each movable joint."""
+    """Inverse kinematics ignores lists without one number for each movable joint."""
     for use in inputs.of(Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK):
         movable = sum(1 for joint in use.body.joints if joint.widths[1]) if use.body else 0
         widths = {name: len(use.low[name]) for name in IK_LISTS if name in use.low}
@@ -188,7 +188,7 @@ def ik_lists(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("not-taken", "asked", "other-client")
 def other_client(inputs: Inputs) -> Iterator[Said]:
-    """A setter without `physicsClientId` is client 0's, and the other simulation has none."""
+    """A setter without `physicsClientId` acts on client 0, and not on the other simulation."""
     for act in (Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_ENGINE):
         mine, left = inputs.left_out(act)
         for client in left[:1]:
@@ -206,7 +206,7 @@ def other_client(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("not-taken", "asked", "scale-keeps-mass")
 def scale_keeps_mass(inputs: Inputs) -> Iterator[Said]:
-    """`globalScaling` scales what a body looks like, and leaves the mass of its file."""
+    """`globalScaling` scales the shapes of a body, but not its mass."""
     scene = inputs.scene
     moves = {number for number, body in scene.seen.bodies.items() if body.base_moves}
     pushed = set[int]().union(*(pair for pair in inputs.touched if {*pair} <= moves))
@@ -232,7 +232,7 @@ def scale_keeps_mass(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("not-taken", "asked", "contact-despite-filter")
 def contact_despite_filter(inputs: Inputs) -> Iterator[Said]:
-    """Two bodies touch if either one's mask lets them, unless collisionFilterMode is 0."""
+    """Two bodies touch if either mask allows it, unless collisionFilterMode is 0."""
     masks: dict[int, Use] = {}
     for use in inputs.of(Act.FILTER_GROUP):
         if use.body is not None and "collisionFilterMask" in use.low:
@@ -272,7 +272,7 @@ def contact_despite_filter(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("taken-elsewhere", "asked", "call-elsewhere")
 def call_elsewhere(inputs: Inputs) -> Iterator[Said]:
-    """A call of `changeDynamics` for a link lands on the base where a later setter carries it."""
+    """A `changeDynamics` call for a link acts on the base because a later setter redirects it."""
     lost: dict[int, list[Request]] = {}
     for each in inputs.requests:
         if each.body is not None and each.reached != each.link and not each.taken:
@@ -316,7 +316,7 @@ CARRIERS = (
 
 @input_rule("taken-elsewhere", "asked", "wrong-body")
 def wrong_body(inputs: Inputs) -> Iterator[Said]:
-    """A body that was made to stay is given mass, and falls."""
+    """A body that was created without mass gets a mass, and falls."""
     for each in inputs.requests:
         body = each.body
         if body is None or each.name != "mass" or each.link != -1 or not each.asked[0] > 0:
@@ -372,7 +372,7 @@ def _made_kg(inputs: Inputs, body: Body) -> float:
 
 @input_rule("taken-elsewhere", "asked", "ik-index")
 def ik_index(inputs: Inputs) -> Iterator[Said]:
-    """Answers of inverse kinematics are sent to joints by their index, fixed joints among them."""
+    """Results of inverse kinematics go to joints by their index, including fixed joints."""
     for number, call in _solved(inputs).items():
         message = Message(
             "commands go to {fixed}, a fixed joint, and none to {left}: inverse kinematics "
@@ -383,7 +383,7 @@ def ik_index(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("taken-elsewhere", "asked", "joint-index")
 def joint_index(inputs: Inputs) -> Iterator[Said]:
-    """A target for each joint that moves is sent to joints by index, fixed ones among them."""
+    """Targets of the movable joints go to joints by index, including fixed joints."""
     for number in inputs.commanded.keys() - _solved(inputs).keys():
         message = Message(
             "commands go to {fixed}, a fixed joint, and none to {left}: {n} joints move, and these "
@@ -425,7 +425,7 @@ def _by_index(inputs: Inputs, number: int, said: Said) -> Iterator[Said]:
 
 @input_rule("taken-elsewhere", "asked", "reset-frame")
 def reset_frame(inputs: Inputs) -> Iterator[Said]:
-    """A reset places the centre of mass, where a load places the frame of the file."""
+    """A reset places the centre of mass; loading places the frame of the file."""
     for use in inputs.of(Act.SET_POSE):
         body = use.body
         load = None if body is None else inputs.scene.asked.load(body)
@@ -456,7 +456,7 @@ def reset_frame(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("overwritten", "asked", "velocity-set-each-step")
 def velocity_set_each_step(inputs: Inputs) -> Iterator[Said]:
-    """A velocity that is set before each step takes away what gravity gave in the last one."""
+    """A velocity set before each step removes the speed that gravity gave in the last one."""
     for use in inputs.of(Act.SET_VELOCITY):
         body, z = use.body, use.low.get("linearVelocity", np.zeros(0))
         if body is None or len(z) != 3:
@@ -487,7 +487,7 @@ def velocity_set_each_step(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("overwritten", "asked", "command-overwritten")
 def command_overwritten(inputs: Inputs) -> Iterator[Said]:
-    """A joint has one motor: of a position and a rate that it is told before a step, one counts."""
+    """A joint has one motor: of a position and a velocity command before a step, one counts."""
     for (number, joint, _), (first, last, steps) in inputs.overridden.items():
         body, made = inputs.scene.body(number), inputs.motions[number].samples
         message = Message(
@@ -522,7 +522,7 @@ def command_overwritten(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("overwritten", "asked", "pose-set-each-step")
 def pose_set_each_step(inputs: Inputs) -> Iterator[Said]:
-    """A pose that is set step after step has no force: it goes through what it meets."""
+    """A pose set in every step exerts no force: the body passes through obstacles."""
     carried = [
         use
         for use in inputs.of(Act.SET_VELOCITY)
@@ -589,7 +589,7 @@ def _branch(body: Body, link: int) -> tuple[int, ...]:
 
 @input_rule("overwritten", "asked", "drive-lags")
 def drive_lags(inputs: Inputs) -> Iterator[Said]:
-    """A constraint closes a share of the gap in a step; a target set from the body stays ahead."""
+    """A constraint closes a share of its gap per step, so that a moving target stays ahead."""
     for drive in inputs.drives.values():
         if len(drive.targets_m) < FALLS_STEPS * 2:
             continue

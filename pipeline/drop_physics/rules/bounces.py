@@ -24,7 +24,7 @@ OF_THRESHOLD = "restitutionVelocityThreshold"
 
 @pair_rule("no-restitution", "asked")
 def no_restitution(pair: PairColumns) -> Match | None:
-    """The engine multiplies both bodies' restitution; that of most is 0.
+    """The engine multiplies both bodies' restitution, and most bodies have 0.
 
     Or they meet slower than Bullet's threshold, or a contact stops them before they touch: of the
     rebound `e v - gap / timestep` is left.
@@ -154,7 +154,7 @@ FINER = 4.0
 
 @pair_rule("energy-gained", "broken", consecutive=True, argument="restitution", engines=ANY)
 def energy_gained(pair: PairColumns) -> Match:
-    """Bodies leave a contact with more energy than they brought; no call moves them, no joints."""
+    """Two bodies leave a contact with more energy than they had, without calls or joints."""
     rows = np.flatnonzero((pair.pairs.normal_n > 0) & (pair.body != pair.other))
     bodies, steps = pair.pairs.body[rows], pair.step[rows]
     moved = pair.scene.placing.moved(bodies, steps[:, None]).any(axis=1)

@@ -25,7 +25,7 @@ SAME_M = 1e-3
 
 @side_rule("collides-as-hull", "asked", subject=1, engines=ANY)
 def collides_as_hull(pair: PairColumns) -> Match:
-    """The engine says where bodies touch; how far that is off the file's surface is geometry."""
+    """Bodies touch away from the surface of the mesh in its file."""
     points, side, scene = pair.pairs.points, pair.side, pair.scene
     acts = (points.normal_n > 0) & (points.step % HULL_EVERY == 0)
     acts &= points.body[:, 0] != points.body[:, 1]

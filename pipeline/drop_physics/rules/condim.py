@@ -31,7 +31,7 @@ ROLLS_WITH = 6
     "slides", "model", reason="condim", consecutive=True, least_count=SLIPS_STEPS, engines=MUJOCOS
 )
 def without_friction(pair: PairColumns) -> Match:
-    """Contacts of condim 1 have no friction, and what lies on them slides."""
+    """Contacts of condim 1 have no friction, so that bodies slide."""
     where = (pair.pairs.normal_n > 0) & (pair.pairs.summed(pair.points.friction) == 0)
     where &= pair.body != pair.other
     numbers = {"bodies": pair.pairs.body, "links": pair.links}
@@ -64,7 +64,7 @@ without_friction.rows(
 
 @pair_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS, engines=MUJOCOS)
 def rolls_on(pair: PairColumns) -> Match | None:
-    """Rolling friction is given, and acts with condim 6 alone: what rolls is not braked."""
+    """Rolling friction acts only with condim 6: with less, a rolling body is not braked."""
     given = pair.scene.seen.condims.values()
     if not any(1 < condim < ROLLS_WITH and rolling > ROLLING for condim, rolling in given):
         return None

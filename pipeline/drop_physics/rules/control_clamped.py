@@ -36,7 +36,7 @@ RANGE_FREE = "motor", *SENT
 
 @actuator_rule("target-clamped", "asked", least_count=COASTS_STEPS, engines=MUJOCOS)
 def control_clamped(actuators: ActuatorColumns) -> Match:
-    """An actuator that is sent beyond its ctrlrange is sent to the end of it."""
+    """An actuator's control beyond its ctrlrange is clamped to the end of the range."""
     low, high, given = actuators.lower, actuators.upper, actuators.given
     share = np.maximum(low - given, given - high) / (high - low)
     beyond, sent = share > BEYOND_RANGE, np.zeros(share.shape, np.bool_)
@@ -105,7 +105,7 @@ control_clamped.rows(
 
 @actuator_rule("off-target", "note", reason="gear", least_count=COASTS_STEPS, engines=MUJOCOS)
 def divided_by_gear(actuators: ActuatorColumns) -> Match:
-    """A position actuator sends its joint to what it is given, over its gear."""
+    """A position actuator sends its joint to its control divided by its gear."""
     gears = [
         each.gear if (each.kind, each.acts_on) == ("position", "joint") and each.gear else 1.0
         for each in actuators.actuators
@@ -138,7 +138,7 @@ divided_by_gear.rows(
     engines=MUJOCOS,
 )
 def sent_by_turns(actuators: ActuatorColumns) -> Match:
-    """A position actuator sends a joint without a range by more than a turn at once."""
+    """A position actuator sends a joint without a range by more than one turn at once."""
     turning = {
         each.name
         for each in actuators.scene.body(actuators.number).joints
@@ -179,7 +179,7 @@ sent_by_turns.rows(
 
 @actuator_rule("not-taken", "asked", reason="no-effect", engines=MUJOCOS)
 def switched_off(actuators: ActuatorColumns) -> Match | None:
-    """An actuator is given something, and a flag of the model keeps all of them from acting."""
+    """An actuator has a control, but a flag of the model switches all actuators off."""
     if not is_off(actuators.scene.seen, actuators.client, NO_ACTUATION):
         return None
     return Match(actuators.given != 0, np.abs(actuators.given))
@@ -207,7 +207,7 @@ switched_off.rows(
     engines=MUJOCOS,
 )
 def reset_clears(actuators: ActuatorColumns) -> Match:
-    """A reset of the state sets what actuators are given to zero, and nothing gives it again.
+    """A reset of the state sets controls to zero, and nothing sets them again.
 
     An episode that begins with zeros as the one before did may be given them: what is written
     shows only where it differs.

@@ -37,7 +37,7 @@ TORQUE = np.array([[[False, True]]])
 
 @joint_rule("default-motor", "asked", least_count=COASTS_STEPS)
 def default_motor(joints: JointColumns) -> Match | None:
-    """A joint that torques, weight or a hit should move, and its motor does not let."""
+    """A joint is held by its motor against torques, weight or a collision."""
     steps, default, torqued = (
         joints.steps,
         joints.mode == DEFAULT,

@@ -14,7 +14,7 @@ from drop_physics.rules.thresholds import DEEP_M, OVERLAPS_STEPS
 
 @filtered_rule("no-contact", "model", least_count=OVERLAPS_STEPS, subject=2, engines=MUJOCOS)
 def filtered_out(pairs: FilteredColumns) -> Match:
-    """Shapes that did not overlap at first, of bodies that never touch, go into each other."""
+    """Shapes that did not overlap at first, of bodies that never touch, move into each other."""
     return Match(pairs.depth_m > DEEP_M, pairs.depth_m, {"pair": pairs.keys[:, 2]})
 
 

@@ -31,7 +31,7 @@ OUTSIDE = "contacts", "constraints", "rolling", "clamp"
 
 @body_rule("momentum-drift", "model", consecutive=True, subject=1, least_count=FREE_STEPS)
 def momentum_drift(bodies: BodyColumns) -> Match | None:
-    """Momentum drifts in steps in a row in which nothing outside acts, gravity apart."""
+    """Momentum drifts in consecutive steps without any external force except gravity."""
     tree, verdict = bodies.law.tree, bodies.verdict
     if tree.fixed or not bodies.terms:
         return None
@@ -188,7 +188,7 @@ def _taken(bodies: BodyColumns, term: str, where: Flags) -> Match | None:
 
 @body_rule("default-damping", "note", subject=1, proposes=True)
 def default_damping(bodies: BodyColumns) -> Match | None:
-    """Damping that no call set takes a share of the energy of what nothing touches."""
+    """Damping that no call set takes a share of the energy of a body that nothing touches."""
     if bodies.whole.config.damping != (None, None):
         return None
     # In the air is also a robot whose motors hold its joints, and what hangs on a constraint.
@@ -199,7 +199,7 @@ def default_damping(bodies: BodyColumns) -> Match | None:
 
 @body_rule("joint-damping", "model", subject=1)
 def swing_damped(bodies: BodyColumns) -> Match | None:
-    """The damping in a file takes the energy of joints that no motor and no torque drives."""
+    """The damping in a file takes energy from joints without a motor or a torque."""
     joints = bodies.batch.bodies[0].body.joints
     told = [joint.damping for joint in joints for _ in range(joint.widths[1])]
     # One that a call set is meant.
@@ -211,7 +211,7 @@ def swing_damped(bodies: BodyColumns) -> Match | None:
 
 @body_rule("rolling-friction", "model", subject=1)
 def rolling_friction(bodies: BodyColumns) -> Match | None:
-    """Rolling friction takes a share of the energy of what rolls."""
+    """Rolling friction takes a share of a rolling body's energy."""
     if bodies.law.tree.size != 6:  # a robot has motors to make up for it
         return None
     return _taken(bodies, "rolling", bodies.verdict.why < 0)

@@ -45,7 +45,7 @@ IMPRATIO = 10.0
 
 @body_rule("slides", "asked", consecutive=True, subject=1, engines=MUJOCOS)
 def slides_off(bodies: BodyColumns) -> Match | None:
-    """The weight of what lies on something, or is gripped, asks more of friction than it gives."""
+    """The weight of a body held by friction needs more than friction can give."""
     return _held(bodies, steady=False)
 
 
@@ -116,7 +116,7 @@ slides_off.rows(
     proposes=True,
 )
 def gives_way(bodies: BodyColumns) -> Match | None:
-    """Friction below its limit is a damper: what hangs on it moves, however much of it there is."""
+    """Friction below its limit is a damper: a body held by it creeps, whatever the coefficient."""
     return _held(bodies, steady=True)
 
 

@@ -25,7 +25,7 @@ from drop_physics.trace.events import Body
 
 @body_rule("ik-off", "asked", subject=1)
 def ik_off(bodies: BodyColumns) -> Match | None:
-    """`calculateInverseKinematics` ends after 20 iterations, wherever it has got to."""
+    """`calculateInverseKinematics` stops after 20 iterations, converged or not."""
     keys, found = [], []
     for driven in bodies.driven:
         inputs, joints = bodies.scene.inputs, driven.body.joints

@@ -20,7 +20,7 @@ from drop_physics.trace.acts import Act
 
 @input_rule("not-taken", "model", "inactive", engines=MUJOCOS)
 def never_active(inputs: Inputs) -> Iterator[Said]:
-    """An equality that is never active holds nothing, and the bodies that it names part."""
+    """An equality that is never active holds nothing, and its bodies part."""
     scene, forces = inputs.scene, inputs.lasting.forces
     switched = {client for client, act, _ in forces if act is Act.SET_ACTIVE}
     for each in scene.seen.equalities:

@@ -42,7 +42,7 @@ def _other(scene: Scene, subject: Body, held: ConstraintVersion) -> dict[str, ob
 
 @constraint_rule("constraint-apart", "asked")
 def constraint_apart(joined: ConstraintColumns) -> Match | None:
-    """A constraint pulls or turns together what was apart when it began; a spring does not."""
+    """A constraint pulls or turns together bodies that were apart when it began."""
     soon = joined.step < joined.began + CLOSES_STEPS
     if not soon.any() or joined.last.moved >= joined.began:
         return None
@@ -103,7 +103,7 @@ constraint_apart.rows(
 
 @constraint_rule("weak-constraint", "asked")
 def weak_constraint(joined: ConstraintColumns) -> Match:
-    """Where a constraint ends, it is at its limit, or the solver has used up its iterations."""
+    """A constraint does not close: it is at its limit, or the solver uses all its iterations."""
     n, held = len(joined.step), joined.last
     limit_n = joined.of_held(lambda held: held.limit_n_s) / joined.timestep_s
     at_limit = np.abs(joined.forces_n).max(axis=1) >= limit_n * FULL

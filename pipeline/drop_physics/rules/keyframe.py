@@ -19,7 +19,7 @@ from drop_physics.trace.acts import LOADS_KEYFRAME, Act
 
 @joint_rule("reset-leaves", "asked", engines=MUJOCOS)
 def keyframe_without_control(joints: JointColumns) -> Match | None:
-    """Writing a keyframe's `qpos` sets its pose, and not its `ctrl`."""
+    """Writing a keyframe's `qpos` sets its pose, but not its `ctrl`."""
     body, steps = joints.driven.body, joints.driven.steps
     if steps.steps[0] != 1 or len(steps) < WATCHED or not (body.keyframes and body.actuators):
         return None
@@ -71,7 +71,7 @@ keyframe_without_control.rows(
 
 @joint_rule("reset-leaves", "note", reason="keyframe", engines=MUJOCOS)
 def never_loaded(joints: JointColumns) -> Match | None:
-    """A keyframe gives actuators something, and they are given 0 from another pose on."""
+    """A keyframe has controls, but the actuators get 0, from another pose on."""
     body, steps = joints.driven.body, joints.driven.steps
     keys = [each for each in body.keyframes if any(each.given)]
     if not keys or not len(steps):

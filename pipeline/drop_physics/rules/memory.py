@@ -66,7 +66,7 @@ def _ends(inputs: Inputs, client: int) -> int:
 
 @input_rule("reset-leaves", "model", "reset-clears", engines=MUJOCOS)
 def reset_clears_force(inputs: Inputs) -> Iterator[Said]:
-    """A reset of the state sets forces to zero, and nothing gives them again."""
+    """A reset of the state sets forces to zero, and nothing sets them again."""
     for (client, act, place), force in inputs.lasting.forces.items():
         steps = _ends(inputs, client) - force.since
         by_reset = force.since in inputs.lasting.episodes[client] and not force.now.any()
@@ -160,7 +160,7 @@ def without_joint(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("model-edited", "model", engines=MUJOCOS)
 def model_edited(inputs: Inputs) -> Iterator[Said]:
-    """What a model derives from its masses is computed when it is compiled, and not again."""
+    """Quantities that a model derives from its masses are computed only when it is compiled."""
     lasting = inputs.lasting
     anew = {(each.call.client, each.call.at.step) for each in lasting.edits[Act.SET_DERIVED]}
     derived: dict[tuple[int, int], tuple[int, float]] = {}
@@ -202,7 +202,7 @@ def model_edited(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("reading", "note", "reading-stale", engines=MUJOCOS)
 def stale_after_write(inputs: Inputs) -> Iterator[Said]:
-    """What is computed from positions is that of the state before, until it is computed again."""
+    """Quantities derived from positions stay those of the earlier state until recomputed."""
     for client, writes in inputs.lasting.positions.items():
         if len(writes.steps) < EACH_STEP * _ends(inputs, client) or writes.is_computed:
             continue
@@ -223,7 +223,7 @@ def stale_after_write(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("reading", "note", "reading-stale", engines=MUJOCOS)
 def read_after_write(inputs: Inputs) -> Iterator[Said]:
-    """A function reads what was computed before positions were written."""
+    """A function reads quantities that were computed before positions were written."""
     for (_, reader), calls in inputs.lasting.stale.items():
         message = Message(
             "{reader} is called {n:,} times after qpos is written and before mj_forward: what it "
@@ -236,7 +236,7 @@ def read_after_write(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("taken-elsewhere", "model", "quaternion-order", engines=MUJOCOS)
 def w_first(inputs: Inputs) -> Iterator[Said]:
-    """A quaternion about z with w last is half a turn about another axis for MuJoCo."""
+    """MuJoCo reads a quaternion about z with w last as half a turn about another axis."""
     for (client, place), (call, turn) in inputs.lasting.turned.items():
         body = turn_at(inputs, client, place)
         if body is None:

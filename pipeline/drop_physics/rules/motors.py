@@ -33,7 +33,7 @@ from drop_physics.trace.motors import VELOCITY
 
 @joint_rule("target-clamped", "asked")
 def target_clamped(joints: JointColumns) -> Match:
-    """PyBullet moves a position target beyond a joint's limit to that limit."""
+    """PyBullet clamps a position target to the joint's limits."""
     low, high, target = joints.lower, joints.upper, joints.asked.target
     over = np.maximum(low - target, target - high)
     least = np.where(low < high, BEYOND_RANGE * (high - low), joints.at_target)
@@ -88,7 +88,7 @@ target_clamped.rows(
 
 @joint_rule("motor-gain", "asked", least_count=CROSSINGS, proposes=True)
 def motor_gain(joints: JointColumns) -> Match:
-    """A joint passes its target, or turns around, time and again, and its gains can do that.
+    """A joint passes its target, or reverses, again and again, because of its gains.
 
     Off its limit a motor leaves gaps e with e' = (2 - kp - kd) e - (1 - kd) e_before.
     """
@@ -134,7 +134,7 @@ motor_gain.rows(
 
 @joint_rule("timestep-after-motor", "asked")
 def timestep_after_motor(joints: JointColumns) -> Match:
-    """PyBullet keeps force × timestep of the call, which a later timestep divides again."""
+    """PyBullet stores force × timestep of the call, which a later timestep divides again."""
     force, limit = joints.asked.force, joints.limit / joints.steps.substeps
     share = np.round(np.abs(limit - force) / force, 9)
     given = np.abs(joints.torque) / joints.steps.substeps
@@ -158,7 +158,7 @@ timestep_after_motor.rows(
 
 @joint_rule("substeps-scale-motors", "asked")
 def substeps_scale_motors(joints: JointColumns) -> Match:
-    """A motor gives up to force × timestep in each substep, with `numSubSteps`."""
+    """With `numSubSteps`, a motor gives up to force × timestep in each substep."""
     substeps, given = joints.steps.substeps, np.abs(joints.torque)
     force = joints.limit / substeps
     share = given / force - 1
@@ -189,7 +189,7 @@ FORCE = np.array([[[False, True]]])
 
 @joint_rule("beyond-urdf", "note", least_count=COASTS_STEPS, proposes=True)
 def beyond_urdf(joints: JointColumns) -> Match:
-    """`getJointInfo` reports the effort and velocity of a file, and no motor heeds them."""
+    """`getJointInfo` reports the effort and velocity limits of a file, but motors ignore them."""
     told = (joints.mode != DEFAULT) | (joints.asked.pd == 1)
     limits = [
         joints.of_joints(lambda each: each.velocity * (each.widths[1] == 1)),
@@ -251,7 +251,7 @@ beyond_urdf.rows(
 
 @joint_rule("joint-damping", "model")
 def joint_damping(joints: JointColumns) -> Match:
-    """`<dynamics damping>` acts on joints that torques drive, and inverse dynamics omits it."""
+    """`<dynamics damping>` brakes joints driven by torques, and inverse dynamics omits it."""
     damping, applied = joints.steps.law.joint_damping, joints.term("applied")
     # One that a call set is meant.
     told = joints.of_joints(lambda each: each.damping)
@@ -310,7 +310,7 @@ joint_damping.rows(
 
 @joint_rule("mimic-ignored", "asked")
 def mimic_ignored(joints: JointColumns) -> Match | None:
-    """Where both are at rest, or at the end, a joint is not where its file wants it to follow."""
+    """At rest, or at the end, a joint is not where its file makes it follow another."""
     places = zip(joints.body.joints, joints.body.rates, strict=True)
     rates = {each.name: at.start for each, at in places if each.widths[1] == 1}
     pairs = [each for each in joints.body.asked.mimics if {each.joint, each.of} <= rates.keys()]

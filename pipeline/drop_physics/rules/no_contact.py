@@ -18,7 +18,7 @@ from drop_physics.trace.events import Body
 
 @unpaired_rule("no-contact", "asked", least_count=OVERLAPS_STEPS)
 def no_contact(pair: UnpairedColumns) -> Match:
-    """Links overlap of which the engine makes no contacts: the others push."""
+    """Links overlap between which the engine makes no contacts."""
     every = np.ones(len(pair.step))
     return Match(every > 0, every, {"why": pair.reason, "switch": pair.call})
 

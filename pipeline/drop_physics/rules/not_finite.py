@@ -21,7 +21,7 @@ OVERFLOWS = float(np.sqrt(np.finfo(np.float64).max))
 
 @body_rule("not-finite", "broken", engines=ANY)
 def not_finite(bodies: BodyColumns) -> Match | None:
-    """The state after a step, or an impulse in it, is infinite or no number."""
+    """The state after a step, or an impulse in it, is infinite or not a number."""
     names = ("velocity", "position_m", "orientation", "joints")
     states = np.hstack([getattr(bodies.after, name) for name in names])
     rows = np.flatnonzero(np.any([*map(_wrong, [states, *bodies.terms.values()])], axis=0))

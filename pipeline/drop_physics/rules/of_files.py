@@ -60,7 +60,7 @@ def _came(inputs: Inputs) -> Iterator[tuple[Body, Tree]]:
 
 @input_rule("no-inertial", "asked")
 def no_inertial(inputs: Inputs) -> Iterator[Said]:
-    """PyBullet gives a link without `<inertial>` 1 kg; what cannot move weighs nothing."""
+    """PyBullet gives a movable link without `<inertial>` a mass of 1 kg."""
     for body, tree in _came(inputs):
         masses_kg = {link: float(tree.masses_kg[link + 1]) for link in moving_links(tree)}
         links = [
@@ -91,7 +91,7 @@ def no_inertial(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("impossible-inertia", "model")
 def impossible_inertia(inputs: Inputs) -> Iterator[Said]:
-    """The two smaller moments of a link do not add up to the largest."""
+    """The two smaller moments of inertia of a link add up to less than the largest."""
     for body, tree in _came(inputs):
         told = told_links(body, tree)
         for link in moving_links(tree):
@@ -134,7 +134,7 @@ def _is_possible(moments: Sequence[float]) -> bool:
 
 @body_rule("inertia-from-shape", "note", subject=1, proposes=True)
 def inertia_from_shape(bodies: BodyColumns) -> Match | None:
-    """PyBullet computes inertias from shapes; the file's would change how something turns."""
+    """PyBullet computes inertias from shapes; the file's would change a rotation."""
     found = {each.body.number: _other(bodies.scene, each) for each in bodies.batch.bodies}
     whole = all(len(each.added) == bodies.law.tree.size for each in found.values())
     if not bodies.terms or not whole or not any(each.added.any() for each in found.values()):

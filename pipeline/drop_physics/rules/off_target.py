@@ -43,7 +43,7 @@ from drop_physics.trace.motors import VELOCITY
 
 @target_rule("off-target", "asked")
 def rests_off(targets: TargetColumns) -> Match | None:
-    """A target stood until its joint was at rest, and the joint is not there."""
+    """A joint came to rest away from its target."""
     # One that began in an earlier piece has been noted, and may have been reached since.
     rests = targets.stood.resting & (targets.off >= targets.least)
     where = (targets.stood.row >= 0) & (
@@ -139,7 +139,7 @@ def _lawful(targets: TargetColumns) -> Flags:
 
 @target_rule("off-target", "note")
 def follows_behind(targets: TargetColumns) -> Match | None:
-    """Targets change before their joint is there: its gains leave a share of each change."""
+    """Targets change before their joint arrives: its gains leave a share of each change."""
     asked = targets.driven.asked.target_velocity[targets.stood.row, targets.stood.k]
     match = _followed(targets, _lawful(targets) & (targets.stood.at_limit == 0) & (asked == 0))
     # The first change may be a jump that no other is like.
@@ -175,7 +175,7 @@ follows_behind.rows(
 
 @target_rule("off-target", "asked")
 def falls_behind(targets: TargetColumns) -> Match | None:
-    """Targets change before their joint is there, and its motor is at its limit."""
+    """Targets change before their joint arrives, with its motor at its limit."""
     weak = ~_lawful(targets) & ~np.isnan(targets.stood.lawful) & (targets.stood.at_limit > 0)
     match = _followed(targets, weak)
     if match is None:
@@ -239,7 +239,7 @@ def _takes_more(
 
 @target_rule("off-target", "asked")
 def still_moves(targets: TargetColumns) -> Match | None:
-    """The run ends before a joint is at the only target that it had."""
+    """The run ends before a joint reaches its only target."""
     moved = _replaced(targets)
     where = (moved & targets.ended) | targets.ends_run
     if not where.any():
@@ -327,7 +327,7 @@ still_moves.rows(MISSED)
 
 @joint_rule("off-target", "asked")
 def too_slow(joints: JointColumns) -> Match:
-    """A velocity motor is at its limit, most of the time that its target stood.
+    """A velocity motor is at its limit for most of the time of its target.
 
     What grips something, or presses its stop, is to stand still; and a target beyond every rate
     stands for a constant force.

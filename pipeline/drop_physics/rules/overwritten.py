@@ -25,7 +25,7 @@ from drop_physics.trace.acts import Act
 
 @pair_rule("overwritten", "asked", reason="pose-set-each-step", engines=MUJOCOS)
 def pose_set_in_contact(pair: PairColumns) -> Match:
-    """A pose that is set step after step has no force: it goes through what it meets."""
+    """A pose set in every step exerts no force: the body passes through obstacles."""
     posed = _posed(pair)
     deep = posed & (pair.pairs.normal_n > 0) & (pair.pairs.depth_m > DEEP_M)
     return Match(posed, np.where(deep, pair.pairs.depth_m, 0.0), sums={"deep": deep * 1})
@@ -75,7 +75,7 @@ pose_set_in_contact.rows(
     engines=MUJOCOS,
 )
 def rate_gathers(bodies: BodyColumns) -> Match | None:
-    """A pose is set step after step and its velocity is not, which gathers what acts on it."""
+    """A pose is set in every step but its velocity is not, so that the velocity grows."""
     if bodies.law.tree.fixed:
         return None
     came, at = bodies.came(lambda states: states.position_m), bodies.before.position_m
@@ -110,7 +110,7 @@ rate_gathers.rows(
     proposes=True,
 )
 def falls_no_faster(bodies: BodyColumns) -> Match | None:
-    """A velocity that is written before each step takes away what gravity gave in the last one."""
+    """A velocity written before each step removes the speed that gravity gave in the last one."""
     if bodies.law.tree.fixed:
         return None
     given = bodies.reported.gravity_m_s2 * bodies.reported.timestep_s[:, None]

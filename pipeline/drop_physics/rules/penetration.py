@@ -39,7 +39,7 @@ SLOP, ITERATIONS = "contactSlop", "numSolverIterations"
 
 @pair_rule("deep-penetration", "model", consecutive=True)
 def deep_penetration(pair: PairColumns) -> Match:
-    """Bodies that were not placed so overlap by a good part of the thinner one."""
+    """Bodies overlap by a good part of the thinner one, though not placed so."""
     rows = np.flatnonzero((pair.pairs.depth_m > DEEP_M) & (pair.body != pair.other))
     points, placing = pair.points, pair.scene.placing
     steps, bodies, depth_m = pair.step[rows], pair.pairs.body[rows], pair.pairs.depth_m[rows]
@@ -215,7 +215,7 @@ def _presses(pair: PairColumns, rows: NDArray[np.intp]) -> dict[str, Float64]:
 
 @pair_rule("starts-in-contact", "asked")
 def starts_in_contact(pair: PairColumns) -> Match | None:
-    """The engine pushes what overlaps apart: faster, the deeper and the shorter the timestep."""
+    """The engine pushes overlapping bodies apart, faster with depth and with shorter timesteps."""
     points, placing, both = pair.points, pair.scene.placing, pair.pairs.body
     # How fast the deepest parts leave each other after the step.
     parting = pair.pairs.most(np.where(points.distance_m < -DEEP_M, points.parting_m_s, 0.0))

@@ -32,7 +32,7 @@ PLACES = "linkIndex", "jointIndex", "jointIndices"
 
 @input_rule("push-lasted-a-step", "note", proposes=True)
 def push_lasted_a_step(inputs: Inputs) -> Iterator[Said]:
-    """A force or torque from a call acts in the next step, and then is gone."""
+    """A force or torque of a call acts in the next step only."""
     alike: defaultdict[tuple[int, Act], list[Use]] = defaultdict(list)
     for use in inputs.of(*PUSHES, Act.COMMAND):
         torque = use.first.act in PUSHES or use.low.get("controlMode", (None,))[0] == TORQUE
@@ -103,7 +103,7 @@ def _came_to_nothing(inputs: Inputs, number: int) -> bool:
 
 @body_rule("force-off-centre", "asked", subject=1, proposes=True)
 def force_off_centre(bodies: BodyColumns) -> Match | None:
-    """A point of the world is given in the body's frame, or one of the body in the world's."""
+    """A point in world coordinates is given in the body's frame, or the other way round."""
     tree, pushes = bodies.law.tree, bodies.reported.applied
     strength = lengths(pushes.force_n)
     pushes, strength = pushes.at(strength > 0), strength[strength > 0]

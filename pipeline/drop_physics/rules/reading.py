@@ -54,7 +54,7 @@ def stale(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("reading", "note", "reading-static")
 def static(inputs: Inputs) -> Iterator[Said]:
-    """The velocity of a base that only calls move is what a call gave it, and 0 without one."""
+    """The velocity of a base that only calls move is the one set by a call, or 0."""
     posed = {u.body.number: u for u in inputs.of(Act.SET_POSE) if u.body is not None}
     given = {u.body.number for u in inputs.of(Act.SET_VELOCITY) if u.body is not None}
     for each, body, _ in _read(inputs, Act.READ_VELOCITY):
@@ -76,7 +76,7 @@ def static(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("reading", "note", "reading-torque")
 def torque(inputs: Inputs) -> Iterator[Said]:
-    """`getJointState` gives the torque of the motor, and not that of TORQUE_CONTROL.
+    """`getJointState` returns the torque of the motor, and not that of TORQUE_CONTROL.
 
     A torque that changes may follow from the positions that are read, and only these be used.
     """

@@ -33,7 +33,7 @@ def _of_steps(bodies: BodyColumns, why: str) -> Match:
 
 @body_rule("not-replayed", "asked", reason="stale", subject=0, engines=MUJOCOS)
 def stale_step(bodies: BodyColumns) -> Match:
-    """A step that leads elsewhere than its state does was taken with data of another state."""
+    """A step used data of another state, and leads elsewhere than its own state would."""
     return _of_steps(bodies, "stale")
 
 
@@ -55,7 +55,7 @@ stale_step.rows(
 
 @body_rule("not-replayed", "note", subject=0, engines=MUJOCOS)
 def not_replayed(bodies: BodyColumns) -> Match:
-    """Steps that are taken again from what was recorded lead elsewhere."""
+    """Repeated steps lead to other states than the recorded ones."""
     return _of_steps(bodies, "not replayed")
 
 
@@ -74,7 +74,7 @@ not_replayed.rows(
 
 @body_rule("no-gravity", "model", least_count=FALLS_STEPS, engines=MUJOCOS)
 def floats_without_gravity(bodies: BodyColumns) -> Match | None:
-    """A free body that nothing holds, and that does not fall: gravity is zero, or off."""
+    """A free body without support does not fall: gravity is zero, or off."""
     body = bodies.batch.bodies[0].body
     if not body.base_moves:
         return None
@@ -89,7 +89,7 @@ def floats_without_gravity(bodies: BodyColumns) -> Match | None:
 
 @body_rule("no-gravity", "note", reason="gravcomp", least_count=FALLS_STEPS, engines=MUJOCOS)
 def floats_by_compensation(bodies: BodyColumns) -> Match | None:
-    """A free body that nothing touches, and whose `gravcomp` takes all of gravity off it."""
+    """The `gravcomp` of a free body without contact cancels its weight."""
     lifts = bodies.terms.get("gravity compensation")
     if not bodies.batch.bodies[0].body.base_moves or lifts is None:
         return None

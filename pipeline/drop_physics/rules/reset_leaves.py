@@ -56,7 +56,7 @@ def driven_off(
 
 @joint_rule("reset-leaves", "asked", consecutive=True)
 def reset_leaves(joints: JointColumns) -> Match:
-    """`resetJointState` and `restoreState` set positions and rates, and no motors."""
+    """`resetJointState` and `restoreState` set positions and velocities, but not motors."""
     return left_targets(joints)
 
 
@@ -82,7 +82,7 @@ reset_leaves.rows(
 
 @joint_rule("reset-leaves", "model", consecutive=True, engines=MUJOCOS)
 def state_leaves_control(joints: JointColumns) -> Match | None:
-    """Writing `qpos` sets positions, and not what actuators are given."""
+    """Writing `qpos` sets positions, but not controls."""
     body, scene = joints.driven.body, joints.scene
     writes = scene.inputs.lasting.positions.get(body.client)
     # Written in each step, it is no reset.
@@ -116,7 +116,7 @@ for _rule in (reset_leaves, state_leaves_control):
 
 @body_rule("teleported", "note")
 def teleported(bodies: BodyColumns) -> Match | None:
-    """A call puts a body elsewhere while it moves; a restored state is none of these."""
+    """A call moves a body elsewhere while it moves, without restoring a state."""
     if bodies.law.tree.fixed:
         return None
     way = lengths(bodies.before.position_m - bodies.came(lambda states: states.position_m))
@@ -148,7 +148,7 @@ teleported.rows(
 
 @joint_rule("reset-leaves", "asked")
 def rates_left(joints: JointColumns) -> Match | None:
-    """`resetBasePositionAndOrientation` stops a base, and leaves the rates of its joints."""
+    """`resetBasePositionAndOrientation` stops a base, but not its joints."""
     steps, number = joints.steps, np.full(len(joints.step), joints.body.number)
     if steps.law.tree.fixed:
         return None

@@ -26,7 +26,7 @@ from drop_physics.trace.states import by_body
 
 @input_rule("restore-differs", "asked")
 def restore_differs(inputs: Inputs) -> Iterator[Said]:
-    """Episodes that begin in the same state, with the same calls, are not equal to the bit."""
+    """Episodes with the same initial state and the same calls differ."""
     kinds: defaultdict[tuple[object, ...], list[AfterRestore]] = defaultdict(list)
     for each in inputs.episodes.all():
         if each.end - each.begin.at.step >= EPISODE_STEPS:  # else something is moved by resets

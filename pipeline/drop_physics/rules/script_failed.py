@@ -26,7 +26,7 @@ NOT_CONNECTED = "Not connected to physics server."
 
 @input_rule("script-failed", "broken", engines=ANY)
 def script_failed(inputs: Inputs) -> Iterator[Said]:
-    """The script ended with an error, which a call of it may have raised."""
+    """The script ended with an error, possibly raised by a call."""
     if found := failure(inputs.scene.origin, *inputs.raised):
         yield found
 

@@ -92,7 +92,7 @@ class ServoGap:
 
 @joint_rule("off-target", "asked", consecutive=True, engines=MUJOCOS)
 def off_its_servo(joints: JointColumns) -> Match | None:
-    """A joint rests, or ends, off the target of its only actuator, which is a spring.
+    """A joint rests, or ends, off the target of its only actuator, a spring.
 
     Of each joint it is the greatest gap of the piece whose cause is sure.
     """

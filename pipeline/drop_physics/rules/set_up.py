@@ -28,7 +28,7 @@ HOLDS = Act.SET_GRAVITY, Act.CONSTRAIN, *PUSHES
 
 @input_rule("not-stepped", "asked")
 def not_stepped(inputs: Inputs) -> Iterator[Said]:
-    """Something waits for a step in a simulation that has none: time passes only in steps."""
+    """A simulation waits for a step and has none: time passes only in steps."""
     seen, ended = inputs.scene.seen, inputs.scene.origin.get("ended")
     stepped = any(samples > 1 for samples in seen.samples.values())
     uses = [*inputs.of(*WAITS)], [*inputs.of(Act.SET_GRAVITY)]
@@ -73,7 +73,7 @@ def only_computed(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("no-gravity", "asked")
 def no_gravity(inputs: Inputs) -> Iterator[Said]:
-    """Bodies that nothing holds do not fall: gravity is never set, or a reset sets it to 0."""
+    """Bodies without support do not fall: gravity is never set, or a reset sets it to 0."""
     scene, said = inputs.scene, set[tuple[int, bool]]()
     # Where the call is there, and for another client, that is said.
     left_out = inputs.left_out(Act.SET_GRAVITY)[1]
@@ -133,7 +133,7 @@ def _would_fall_m(inputs: Inputs, body: Body, life: BodyLife) -> float:
 
 @input_rule("free-base", "model", proposes=True)
 def free_base(inputs: Inputs) -> Iterator[Said]:
-    """An arm that is loaded without `useFixedBase` stands on its base, and tips over."""
+    """An arm loaded without `useFixedBase` stands on its base, and tips over."""
     for number, life in inputs.first_lives.items():
         body, tree = inputs.scene.body(number), life.tree
         load, commanded = inputs.scene.asked.load(body), inputs.commanded.get(number)
@@ -160,7 +160,7 @@ def free_base(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("timestep-changed", "model", engines=ANY)
 def timestep_changed(inputs: Inputs) -> Iterator[Said]:
-    """The timestep changes in the life of what goes by it."""
+    """The timestep changes while motors, constraints or gains depend on it."""
     is_mujoco = engine_of(inputs.scene.seen) == MUJOCO
     for client, times in inputs.scene.times.items():
         keeps = [
@@ -223,7 +223,7 @@ def timestep_changed(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("real-time", "repeat")
 def real_time(inputs: Inputs) -> Iterator[Said]:
-    """The number of steps depends on how fast the machine is."""
+    """The number of steps depends on the speed of the machine."""
     for use in inputs.of(Act.SET_REAL_TIME) if inputs.scene.seen.real_time else ():
         told = use.high.get("enableRealTimeSimulation", ("True" in use.first.arguments,))
         if told[0]:
@@ -258,7 +258,7 @@ def unseeded(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("massless", "asked")
 def massless(inputs: Inputs) -> Iterator[Said]:
-    """A body that was given no mass is pushed in vain, or hangs in the air."""
+    """A body without mass is pushed in vain, or hangs in the air."""
     scene, pushed = inputs.scene, {use.body.number for use in inputs.of(*PUSHES) if use.body}
     for number, body in scene.seen.bodies.items():
         call = scene.asked.load(body)
@@ -282,7 +282,7 @@ def massless(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("inertia-without-mass", "model")
 def inertia_without_mass(inputs: Inputs) -> Iterator[Said]:
-    """A call for the inertia of a btRigidBody sets its mass, too, to whatever is in memory."""
+    """A call for the inertia of a btRigidBody also sets its mass, to a leftover in memory."""
     dynamics = inputs.scene.seen.dynamics
     rigid = {each.body.number for each in dynamics if int(each.reported["kind"][0]) == RIGID}
     alone = {

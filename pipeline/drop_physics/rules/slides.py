@@ -57,7 +57,7 @@ Rows = NDArray[np.intp]
     proposes=True,
 )
 def slides(pair: PairColumns) -> Match:
-    """Gravity and the support's acceleration, no push, ask more of friction than it can give."""
+    """Gravity and the support's acceleration need more friction than there is, without a push."""
     return _slips(pair, pair.pairs.slip_m_s > SLIPS_M_S)
 
 
@@ -154,7 +154,7 @@ slides.rows(
     "creeps", "model", consecutive=True, argument="lateralFriction", least_count=CREEPS_STEPS
 )
 def creeps(pair: PairColumns) -> Match:
-    """The solver ends before contacts are at rest: once it changes little, or has no iterations."""
+    """The solver stops before contacts rest: its changes are small, or iterations run out."""
     return _slips(pair, (pair.pairs.slip_m_s > TREMBLES_M_S) & (pair.pairs.slip_m_s < CREEPS_M_S))
 
 
@@ -315,7 +315,7 @@ def _dot(a: Float64, b: Float64) -> Float64:
 
 @pair_rule("friction-pyramid", "model", least_count=PYRAMID_STEPS)
 def friction_pyramid(pair: PairColumns) -> Match | None:
-    """Friction is more than μN in most steps, or turns a slide, with enableConeFriction=0."""
+    """With enableConeFriction=0, friction exceeds μN in most steps, or turns a slide."""
     clients = pair.scene.clients_with("set_enableConeFriction", 0)
     bodies = [number for number, body in pair.scene.seen.bodies.items() if body.client in clients]
     slides = (
@@ -361,7 +361,7 @@ friction_pyramid.rows(
 
 @side_rule("dragged-by-nothing", "asked", engines=ANY)
 def dragged_by_nothing(pair: PairColumns) -> Match | None:
-    """Friction acts on velocities: where only poses are set, there is none to be dragged by."""
+    """Friction acts on velocities, and a body moved by poses alone has none."""
     moves = pair.points.moves[pair.starts]
     lies = moves[:, pair.side] & ~moves[:, 1 - pair.side] & (pair.pairs.available_n > 0)
     ahead_m, where = np.zeros((len(lies), 3)), np.zeros(len(lies), np.bool_)

@@ -48,7 +48,7 @@ def _alone(joints: JointColumns, *others: str) -> Flags:
 
 @joint_rule("joint-damping", "model", engines=MUJOCOS)
 def stays_slow(joints: JointColumns) -> Match:
-    """What drives a joint one way leaves it slow, where the model's losses or armature take it."""
+    """The model's losses or armature keep a driven joint slow."""
     steps, body = joints.steps, joints.driven.body
     motors = {
         f"actuator {each.name}"
@@ -166,7 +166,7 @@ stays_slow.rows(
     engines=MUJOCOS,
 )
 def servo_is_a_damper(joints: JointColumns) -> Match:
-    """A joint's only actuator is a damper: it gives what a load takes only off its target."""
+    """A joint's only actuator is a damper, which carries a load only off its target."""
     goal, dt = joints.target_velocity, joints.steps.reported.timestep_s[:, None]
     kv, own = np.zeros(goal.shape), joints.torque * dt
     for k in range(goal.shape[1]):

@@ -47,7 +47,7 @@ def _staying(pair: PairColumns, depth_m: Float64, least_m: float) -> Int64:
 
 @pair_rule("deep-penetration", "model", engines=MUJOCOS)
 def sinks_in(pair: PairColumns) -> Match:
-    """A contact that is soft, or soft for what it carries, lets a body that rests on it sink in."""
+    """A contact is soft, or soft for its load, so that a resting body sinks in."""
     rows = _staying(pair, pair.pairs.depth_m, SINKS_M)
     numbers = {
         "links": pair.links[rows],
@@ -183,7 +183,7 @@ def _left_m(
 
 @pair_rule("margin", "note", engines=MUJOCOS)
 def held_apart(pair: PairColumns) -> Match:
-    """A margin lets contacts push before bodies touch, and one rests above the other."""
+    """A margin lets contacts push before bodies touch, so that one rests above the other."""
     rows = _staying(pair, pair.pairs.gap_m, SINKS_M)
     return Match(rows, pair.pairs.gap_m[rows], keys=pair.keys[rows])
 
@@ -219,7 +219,7 @@ def _follows(bodies: BodyColumns) -> Iterator[tuple[Equality, int, int]]:
 
 @body_rule("constraint-lags", "model", engines=MUJOCOS)
 def constraint_lags(bodies: BodyColumns) -> Match | None:
-    """What is held to a body that only calls move follows behind: that body has no velocity."""
+    """A body held to one that only calls move lags behind, since that body has no velocity."""
     rows, parts = np.arange(len(bodies.step)), []
     for equality, lead, link in _follows(bodies):
         # Where it is as a step begins: what is written before it counts.

@@ -27,7 +27,7 @@ HALF = 1e-3
 
 @pair_rule("starts-in-contact", "asked", consecutive=True, engines=MUJOCOS)
 def starts_inside(pair: PairColumns) -> Match:
-    """Bodies of different trees that overlap as they are placed, and are thrown apart."""
+    """Bodies of different trees overlap at the start, and are thrown apart."""
     rows = np.flatnonzero(pair.body != pair.other)
     placed = pair.scene.placing.placed(pair.pairs.body[rows], pair.step[rows, None]).any(axis=1)
     starts = placed & (pair.pairs.depth_m[rows] > DEEP_M) & (pair.pairs.normal_n[rows] > 0)
@@ -125,7 +125,7 @@ def _is_half(body: Body, depth_m: float) -> bool:
 
 @pair_rule("static-parent", "asked", subject=1, engines=MUJOCOS)
 def static_parent(pair: PairColumns) -> Match:
-    """A body collides with its parent where that cannot move, and with no other parent."""
+    """A body collides with its parent only if the parent cannot move."""
     points = pair.points
     own = np.flatnonzero((points.body[:, 0] == points.body[:, 1]) & (points.normal_n > 0))
     both = np.column_stack([points.body[own, 0], np.sort(points.link[own], axis=1)])

@@ -30,7 +30,7 @@ from drop_physics.trace.events import Body, Collision
 
 @body_rule("tunnelled", "asked", engines=ANY)
 def tunnelled(bodies: BodyColumns) -> Match | None:
-    """Where steps begin, between which nothing is in the way, a body is on two sides of a box."""
+    """A body is on two sides of a box as successive steps begin, without a contact between."""
     scene, tree = bodies.scene, bodies.law.tree
     if tree.links or not tree.size:
         return None
@@ -73,7 +73,7 @@ def tunnelled(bodies: BodyColumns) -> Match | None:
 
 @body_rule("tunnelled", "broken", engines=MUJOCOS)
 def pushed_through(bodies: BodyColumns) -> Match | None:
-    """A body gets into a box, which its contacts do not stop it from, and out on the other side."""
+    """A body enters a box despite contacts, and leaves on the other side."""
     scene, tree, body = bodies.scene, bodies.law.tree, bodies.batch.bodies[0].body
     if tree.links or not tree.size or len(body.collisions) != 1:
         return None  # of several shapes the centre may be in none
@@ -287,7 +287,7 @@ FINER = 4.0
 
 @body_rule("timestep-too-long", "model", engines=ANY)
 def far(bodies: BodyColumns) -> Match | None:
-    """Before or after a contact, a body moves further in a step than it is thick."""
+    """Before or after a contact, a body moves farther in a step than it is thick."""
     if bodies.law.tree.size != 6:
         return None
     step_s = bodies.reported.timestep_s / bodies.whole.substeps

@@ -32,7 +32,7 @@ end of a step."""
 
 @joint_rule("unstable", "broken", engines=MUJOCOS)
 def turned_around(joints: JointColumns) -> Match:
-    """A gain is too stiff for the timestep, or a damper for a step that takes it at its beginning.
+    """A gain or a damper is too stiff for the timestep.
 
     The rate turns around with every step and grows, by an actuator or a damper of a law that says
     so; or it turns again and again, faster each time, by what the script gives.

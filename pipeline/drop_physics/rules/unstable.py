@@ -60,7 +60,7 @@ def _named(subject: Body, keys: list[int], first_rate: int) -> Noted:
 
 @body_rule("unstable", "broken", consecutive=True, least_count=RINGS_STEPS, subject=1)
 def unstable(bodies: BodyColumns) -> Match | None:
-    """A rate changes its sign with every step, by what answers to it too stiffly."""
+    """A velocity changes its sign with every step, because a term reacts too stiffly."""
     if not bodies.terms:
         return None
     before, after = bodies.before.velocity, bodies.after.velocity
@@ -149,7 +149,7 @@ unstable.rows(
 
 @body_rule("velocity-clamped", "asked", subject=1, proposes=True)
 def velocity_clamped(bodies: BodyColumns) -> Match | None:
-    """A rate reaches the limit where PyBullet clamps every rate, which takes some of it."""
+    """A velocity reaches the limit at which PyBullet clamps it."""
     if not bodies.terms:
         return None
     taken, limit = np.abs(bodies.terms["clamp"]), bodies.law.velocity_limit

@@ -22,7 +22,7 @@ CONTACTS, CONTROL = "contacts full", "bad control"
 
 @input_rule("auto-reset", "broken", engines=MUJOCOS)
 def auto_reset(inputs: Inputs) -> Iterator[Said]:
-    """The engine sets the state back by itself where a number in it is huge or none."""
+    """The engine resets the state by itself after a huge or non-finite number."""
     by_client: dict[int, list[EngineWarning]] = {}
     for warning in inputs.scene.seen.warnings:
         if warning.kind in RESETS:
@@ -72,7 +72,7 @@ def _given(call: Call) -> Message:
 
 @input_rule("not-finite", "broken", engines=MUJOCOS)
 def bad_control(inputs: Inputs) -> Iterator[Said]:
-    """A control that is huge or no number: no actuator acts in such a step."""
+    """A control is huge or not a number, so that no actuator acts in that step."""
     for warning in inputs.scene.seen.warnings:
         if warning.kind == CONTROL:
             yield Said(
@@ -94,7 +94,7 @@ def bad_control(inputs: Inputs) -> Iterator[Said]:
 
 @input_rule("buffer-full", "broken", engines=MUJOCOS)
 def buffer_full(inputs: Inputs) -> Iterator[Said]:
-    """Contacts or constraints that found no place in memory do not act."""
+    """Contacts or constraints without room in memory do not act."""
     for warning in inputs.scene.seen.warnings:
         if warning.kind not in (CONTACTS, "constraints full"):
             continue

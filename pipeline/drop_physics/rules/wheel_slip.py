@@ -41,7 +41,7 @@ OF_BOTH = {PYBULLET: Message("the product of both"), MUJOCO: Message("the larger
 
 @joint_rule("wheel-slip", "asked", engines=ANY)
 def wheel_slip(joints: JointColumns) -> Match | None:
-    """A wheel slips: the joint alone would move its contact point otherwise than it moves."""
+    """A wheel slips: its contact point moves otherwise than its joint turns."""
     steps, number = joints.steps, joints.body.number
     drives = (joints.mode == VELOCITY) & (joints.asked.impulse > 0)
     if not steps.terms or steps.law.tree.fixed or not drives.any():
