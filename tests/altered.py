@@ -50,7 +50,7 @@ class Held:
 
 
 def otherwise(seen: Seen, **parts: Any) -> Seen:
-    """Return what was seen with other `bases`, `joints`, `forces`, `contacts` or `calls`.
+    """Return a recorded history with other `bases`, `joints`, `forces`, `contacts` or `calls`.
 
     Bases and contacts may be tables.
     """

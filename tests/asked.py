@@ -20,7 +20,7 @@ def findings(scene: str, path: Path, **origin: str) -> list[Finding]:
 
 
 def told_whole(seen: Seen, **origin: str) -> list[Finding]:
-    """Return what is found in a recording."""
+    """Return the findings of a recording."""
     return Story(seen, COMPLETE | origin, call_of=call_of(seen.engine)).analysis().findings
 
 
@@ -30,7 +30,7 @@ def codes(scene: str, path: Path) -> list[str]:
 
 
 def told_in_pieces(seen: Seen, **origin: str) -> list[Finding]:
-    """Return what is found where a recording comes in ten pieces, of seven steps at least."""
+    """Return the findings of a recording that is read in ten pieces, of seven steps at least."""
     story = Story(seen, COMPLETE | origin, call_of=call_of(seen.engine))
     steps = max(7, max(seen.samples.values()) // 10)
     for piece in story.explanation.pieces(steps):

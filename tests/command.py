@@ -46,7 +46,7 @@ def wait_for(condition: Callable[[], bool], what: str) -> None:
 
 
 def environment(**more: str) -> dict[str, str]:
-    """Return what a process of the command is given; it finds this checkout."""
+    """Return the environment of a process of the command, which finds this checkout."""
     return {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "80"} | more
 
 

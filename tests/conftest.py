@@ -1,4 +1,4 @@
-"""What the tests share: one standard drop for the session, and the command as a user has it."""
+"""Fixtures shared by the tests: one standard drop a session, and the command as users have it."""
 
 from __future__ import annotations
 

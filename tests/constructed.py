@@ -562,7 +562,7 @@ miss = .5 - place(t)[2]
 
 @kind(small=0.05)
 def release(draw: Draw, wrong: bool) -> str:
-    """What is held by a mass of 0, and then let go, falls as it should: always right."""
+    """A body held by a mass of 0, and then released, falls as it should: always right."""
     mass = draw.uniform(0.2, 5)
     held, made = "p.changeDynamics(b, -1, mass=0)\nsteps(30)", f"{mass}"
     if wrong:
@@ -891,7 +891,7 @@ miss = max(0, {half} - d.qpos[2])
 
 @dataclass
 class Judged:
-    """What was said of one scene, and what trials of it came to."""
+    """The findings about one scene, and the results of their trials."""
 
     kind: Kind
     wrong: bool
@@ -901,7 +901,7 @@ class Judged:
     """Findings with a cure, its call, and the `miss` with it; None where the run failed."""
 
     def faults(self) -> Iterator[str]:
-        """Yield what is wrong with what was said, or with the scene itself."""
+        """Yield errors in the findings, or in the scene itself."""
         small, codes = self.kind.small, self.kind.codes
         if self.kind.measured and small < self.miss <= 2 * small:
             return

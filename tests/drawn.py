@@ -1,4 +1,4 @@
-"""What is drawn of a figure."""
+"""The drawn contents of a figure."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def seen_with(
     seen: Seen, states: pl.DataFrame | None, contacts: pl.DataFrame | None = None
 ) -> Seen:
-    """Return what was seen of a drop with other states of its body, or other contact points."""
+    """Return the record of a drop with other states of its body, or other contact points."""
     given = {"contacts": contacts}
     if states is not None:
         given["bases"] = states.filter(pl.col("link") == -1).sort("step")

@@ -22,7 +22,7 @@ AT_REST = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Driven:
-    """What PyBullet says before each step; rows of shape (samples, ...)."""
+    """PyBullet's reports before each step; rows of shape (samples, ...)."""
 
     position_m: np.ndarray
     velocity_m_s: np.ndarray

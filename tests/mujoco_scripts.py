@@ -114,7 +114,7 @@ class Run:
     """The payloads."""
 
     def steps(self, world: int = 0) -> int:
-        """Return how many steps a simulation has made."""
+        """Return the number of steps of a simulation."""
         return sum(len(piece.times_s) for piece in self.pieces if piece.world == world)
 
     def column(self, name: str, world: int = 0) -> np.ndarray:
@@ -123,7 +123,7 @@ class Run:
         return np.concatenate(found)
 
     def written(self, world: int = 0) -> list[ReceivedWrite]:
-        """Return what was written before steps."""
+        """Return the writes before steps."""
         return [each for piece in self.pieces if piece.world == world for each in piece.written]
 
     def line(self, site: int) -> int:

@@ -51,7 +51,7 @@ class _Kind:
 
 @dataclass(frozen=True)
 class _DofMotion:
-    """What a degree of freedom does to the bodies that it moves, at some steps in all copies."""
+    """The effect of a degree of freedom on the bodies that it moves, at steps in all copies."""
 
     spin: Float64
     velocity: Float64

@@ -1,4 +1,4 @@
-"""What is true of a drop, from PyBullet alone: nothing of `drop_physics` is imported here.
+"""The truth about a drop, from PyBullet alone: nothing of `drop_physics` is imported here.
 
 A drop is plain values. It is replayed in a client of its own, and what is true of it is read off
 the replay, step by step: contact points, poses, velocities of all links. A cause is confirmed by a
@@ -37,7 +37,7 @@ CLAMP = 100.0
 
 @dataclass(frozen=True, kw_only=True)
 class Drop:
-    """What to drop and how, SI units; None leaves the engine's own value."""
+    """Body and settings of a drop, SI units; None leaves the engine's own value."""
 
     body: str
     height_m: float = 1.0
@@ -114,18 +114,18 @@ class Replay:
 
     @functools.cached_property
     def kinetic_linear_j(self) -> Float64:
-        """Of all links [J], shape (samples,)."""
+        """Kinetic energy of all links [J], shape (samples,)."""
         return np.asarray((self.links[:, :, 7:10] ** 2).sum(axis=2) @ self.mass_kg / 2)
 
     @functools.cached_property
     def kinetic_angular_j(self) -> Float64:
-        """Of all links about their own centres of mass [J], shape (samples,)."""
+        """Rotational energy of all links about their own centres of mass [J], shape (samples,)."""
         spin, moment = self._spins()
         return np.asarray((spin * moment).sum(axis=(1, 2)) / 2)
 
     @functools.cached_property
     def potential_j(self) -> Float64:
-        """Of all links [J], 0 where the centre of mass is at the floor's height."""
+        """Potential energy of all links [J], 0 with the centre of mass at the floor's height."""
         return np.asarray(-self.gravity_m_s2 * (self.links[:, :, 2] @ self.mass_kg))
 
     @functools.cached_property
@@ -135,12 +135,12 @@ class Replay:
 
     @functools.cached_property
     def momentum_kg_m_s(self) -> Float64:
-        """Of all links, shape (samples, 3)."""
+        """Momentum of all links, shape (samples, 3)."""
         return np.asarray(np.einsum("l,nlk->nk", self.mass_kg, self.links[:, :, 7:10]))
 
     @functools.cached_property
     def angular_momentum_kg_m2_s(self) -> Float64:
-        """Of all links about their common centre of mass, shape (samples, 3)."""
+        """Angular momentum of all links about their common centre of mass, shape (samples, 3)."""
         total, (_, moment) = self.mass_kg.sum(), self._spins()
         centre = np.einsum("l,nlk->nk", self.mass_kg, self.links[:, :, :3]) / total
         arm = self.links[:, :, :3] - centre[:, None]
@@ -293,7 +293,7 @@ def _urdf_mass(body: str) -> tuple[float, Vector]:
 
 @dataclass(frozen=True)
 class BodyFacts:
-    """What PyBullet says of a body that it has loaded; links and shapes as a btMultiBody."""
+    """PyBullet's report of a loaded body; links and shapes as a btMultiBody."""
 
     joints: int
     total_mass_kg: float
@@ -326,7 +326,7 @@ class BodyFacts:
 
 @functools.lru_cache(maxsize=4096)
 def facts_of(drop: Drop) -> BodyFacts:
-    """Return what the engine says of the drop's body."""
+    """Return the engine's report of the drop's body."""
     with Client(replace(drop, maximal=False, floor=True)) as client:
         links = range(-1, client.joints)
         told = [client.dynamics(link) for link in links]
@@ -451,7 +451,7 @@ def extent_m(drop: Drop, orientation: Sequence[float]) -> Float64:
 
 
 def reach_m(drop: Drop) -> float:
-    """Return how far the body reaches from its centre of mass at most [m]."""
+    """Return the largest distance of the body from its centre of mass [m]."""
     client = scratch(body_only(drop))
     client.place(0.0, AS_LOADED)
     return float(np.linalg.norm(np.abs(client.box_m()).max(axis=0)))
@@ -465,7 +465,7 @@ def shape_pose(drop: Drop) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def depth_m(drop: Drop, height_m: float, orientation: Sequence[float]) -> float | None:
-    """Return how far the lowest point of a body without joints is in the floor [m]."""
+    """Return the depth of the lowest point of a body without joints in the floor [m]."""
     touching = touching_height(drop, orientation)
     return None if touching is None else touching - height_m
 
@@ -499,7 +499,7 @@ def free_fall_m(drop: Drop, time_s: float) -> float:
 
 
 def damping_m(drop: Drop, time_s: float) -> Float64:
-    """Return how far drag moves the body from free fall by a time [m]: x, y, z, by its own ODE.
+    """Return the displacement by drag from free fall at a time [m]: x, y, z, by its own ODE.
 
     What is integrated is the difference from free fall over the coefficient, which is no
     difference of large numbers.
@@ -530,7 +530,7 @@ def _drag_ode(drop: Drop, time_s: float, event: Any = None) -> Any:
 
 
 def falls_to_s(drop: Drop, floor_m: float, *, damped: bool, latest_s: float) -> float | None:
-    """Return when a fall without a floor first comes down to a height [s]; None if not by then."""
+    """Return the time at which a fall without a floor first reaches a height [s]; None if later."""
     k = drop.damping if damped else 0.0
     if drop.height_m <= floor_m:
         return 0.0
@@ -599,7 +599,7 @@ class Rebound:
 
 
 class Truth:
-    """What is true of one drop; each value is worked out when it is asked for."""
+    """The truth about one drop; values are computed on demand."""
 
     def __init__(self, drop: Drop) -> None:
         self.drop = drop
@@ -700,7 +700,7 @@ class Truth:
         return next(found, self.last + 1)
 
     def depth_m(self, step: int) -> float | None:
-        """Return how deep the lowest point of a sample is in the floor [m]; < 0 above it."""
+        """Return the depth of the lowest point of a sample in the floor [m]; < 0 above it."""
         if not self.facts.is_rigid:
             return None
         return depth_m(self.drop, float(self.run.height_m[step]), self.run.orientation[step])

@@ -66,7 +66,7 @@ else:
 
 @dataclass
 class Tried:
-    """What came of a script."""
+    """The result of recording a script."""
 
     name: str
     outcome: str
@@ -246,7 +246,7 @@ class Trial:
 
 
 def _contents(path: Path) -> tuple[int, bool]:
-    """Return how many steps a recording has, and whether there is any body."""
+    """Return the number of steps of a recording, and whether it has any body."""
     steps, bodies = 0, False
     for chunk in RrdReader(path).stream():
         bodies |= chunk.entity_path == "/bodies"

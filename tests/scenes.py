@@ -57,7 +57,7 @@ MOST_CLIENTS = 4
 
 
 def site(line: int) -> str:
-    """Return how a finding calls a line of a scene, the first being 1."""
+    """Return the name of a scene's line in a finding, the first being 1."""
     return f"{NAME}:{line}"
 
 
@@ -201,12 +201,12 @@ def _run(code: Code) -> dict[str, Any]:
 
 
 def analyze(seen: Seen, **how: Any) -> Analysis:
-    """Return what is said of a recording."""
+    """Return the analysis of a recording."""
     return Story(seen, {}, **{"call_of": call_of(seen.engine), **how}).analysis()
 
 
 def body_of(analysis: Analysis, number: int) -> BodyAnalysis:
-    """Return what is said of one body."""
+    """Return the analysis of one body."""
     return next(one for one in analysis.bodies if one.id == number)
 
 

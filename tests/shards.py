@@ -1,4 +1,4 @@
-"""What workers are given to do where only they are tested; it imports next to nothing."""
+"""Work for workers in tests of workers alone; it imports next to nothing."""
 
 from __future__ import annotations
 

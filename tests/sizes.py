@@ -95,7 +95,7 @@ def modules_before() -> dict[Path, str]:
 
 
 def _git(*arguments: str) -> bytes:
-    """Return what git prints; nothing where it fails, or is not installed."""
+    """Return the output of git; nothing if it fails, or is not installed."""
     try:
         return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, check=True).stdout
     except (OSError, subprocess.CalledProcessError):

@@ -1,4 +1,4 @@
-"""Which tests are skipped, and that in CI none is: it is a `conftest` of its own in `test_docs`."""
+"""Skipped tests, of which CI allows none; `test_docs` uses this file as a `conftest` of its own."""
 
 from __future__ import annotations
 

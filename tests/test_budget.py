@@ -342,7 +342,7 @@ def test_bounces_rise_as_theory_says_once_the_correction_is_off(recorded: Record
 
 
 def causes_of(recording: Recording) -> dict[str, float]:
-    """Return what changed the energy of the body [J], which is its whole change."""
+    """Return the causes of the body's change of energy [J], which add up to all of it."""
     energy = judge(recording).bodies[0].energy
     assert energy is not None
     change_j = energy.end_j - energy.start_j

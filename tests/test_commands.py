@@ -1,4 +1,4 @@
-"""What calls ask of joints, as a recording shows it: targets and limits, a row when one changes."""
+"""Commands of calls to joints in a recording: targets and limits, a row when one changes."""
 
 from __future__ import annotations
 

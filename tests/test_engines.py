@@ -240,7 +240,7 @@ def compared(one: Recording, other: Recording, **options: Any) -> Comparison:
 
 
 def parted(one: Recording, other: Recording) -> str:
-    """Return what is said of two engines."""
+    """Return the words about two engines."""
     return str(check(one.path, other.path).engines)
 
 

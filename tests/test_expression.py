@@ -100,13 +100,13 @@ class Falling(Observed):
         return 0.1 * self.steps
 
     def reader(self, _: str, *names: Any) -> Any:
-        """Return what reads a height of minus one a step."""
+        """Return a function that reads a height that falls by one a step."""
         if names != ("ball",):
             raise UnknownNameError(names[0], ["ball", "wall", "floor"])
         return lambda: -float(self.steps)
 
     def positions(self) -> list[float]:
-        """Return where it is."""
+        """Return its position."""
         return 3 * [0.0, 0.0, -float(self.steps)]
 
     def bodies(self) -> list[str]:
@@ -114,16 +114,16 @@ class Falling(Observed):
         return ["ball"]
 
     def astray(self) -> dict[str, float]:
-        """Return how far it is from what is asked: nothing is."""
+        """Return its distance from its target: it has none."""
         return {}
 
     def is_finite(self) -> bool:
-        """Return that it is."""
+        """Return True: it is finite."""
         return True
 
 
 def run_of(text: str, steps: int = 3) -> Any:
-    """Return what an expectation answers in a run whose steps a function of a script makes."""
+    """Return the answer of an expectation in a run whose steps a function of a script makes."""
     expected, falling = ExpectationEvaluator(text), Falling()
     host = SimpleNamespace(environments=SimpleNamespace(outcome=dict))
     engine: Any = SimpleNamespace(observed=lambda: falling, host=host)

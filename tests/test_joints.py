@@ -48,7 +48,7 @@ def run(scene: str) -> dict[str, Any]:
 
 
 def holds(scene: str, body: int = 0) -> dict[str, float]:
-    """Return what `calculateInverseDynamics` says of the pose in which a scene ends."""
+    """Return the result of `calculateInverseDynamics` for the pose in which a scene ends."""
     run(scene)
     try:
         moving = [j for j in range(p.getNumJoints(body)) if p.getJointInfo(body, j)[2] in (0, 1)]

@@ -347,7 +347,7 @@ def test_angular_momentum_drifts_as_measured() -> None:
 
 
 def parted(run: Recording, golden: Recording) -> str:
-    """Return what is said of two engines."""
+    """Return the words about two engines."""
     return str(check(run.path, golden.path).engines)
 
 

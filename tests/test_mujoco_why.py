@@ -1,4 +1,4 @@
-"""What differs in a run of a MuJoCo script: what a step finds. The script reads its own."""
+"""Changes in a run of a MuJoCo script: steps find them, and the script reads its own values."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -78,7 +78,7 @@ class RunChanged:
             self.call["mj_step"](self.m, self.d)
 
     def height(self, body: str) -> float:
-        """Return where a body is."""
+        """Return the height of a body."""
         return float(self.d.body(body).xpos[2])
 
 

@@ -1,4 +1,4 @@
-"""What a golden recording is worth on another processor, as docs/ci.md says.
+"""The worth of a golden recording on another processor, as docs/ci.md states it.
 
 The GNU C library's sines and cosines round otherwise where a processor cannot multiply and add in
 one step. It can be told that ours cannot, so that one machine stands for both. Elsewhere than on

@@ -1,4 +1,4 @@
-"""Where scripts read: what is recorded is what the scripts do, written beside them by hand.
+"""Readings of scripts: the recorded ones are those of the scripts, listed beside them by hand.
 
 Verification: of each place its function, line, arguments, flags, what it reads, how often, and from
 which step to which.
@@ -41,7 +41,7 @@ def line_of(text: str, mark: str) -> int:
 
 
 def parts(reading: Reading) -> list[list[tuple[int, int | None]]]:
-    """Return what was read, each as one body and link, or as two."""
+    """Return the subjects of a reading, as bodies with links: one or two."""
     found = []
     for each in reading.targets:
         pair = [] if each.other is None else [(each.other, each.other_link)]

@@ -1,4 +1,4 @@
-"""What Rerun's own tools make of a recording still tells the same, to the last digit.
+"""Recordings processed by Rerun's own tools give the same numbers, to the last digit.
 
 They may put rows into other chunks and another order, and write what is static again.
 """

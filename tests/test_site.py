@@ -54,7 +54,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Links(HTMLParser):
-    """What a page leads to (`href` of an `a`), and what it is made of."""
+    """The links of a page (`href` of an `a`), and its elements."""
 
     def __init__(self, page: Path) -> None:
         super().__init__()

@@ -24,7 +24,7 @@ def egg(corners: int, seed: int) -> Collision:
 
 
 def by_all_faces(shape: Collision, points_m: Float64) -> float:
-    """Return how deep the deepest of some points is in a hull; 0 where none is inside."""
+    """Return the depth of the deepest of some points in a hull; 0 if none is inside."""
     faces = hull_faces(shape.hull_m)
     assert faces is not None
     return max(0.0, float(-(points_m @ faces[:, :3].T + faces[:, 3]).max(axis=1).min()))

@@ -1,4 +1,4 @@
-"""What a killed process of ours leaves is removed by the next one, and nothing else is.
+"""Remains of our killed processes are removed by the next one, and nothing else is.
 
 Verification: a process makes a folder and is killed; of a folder's name, owner and lock, each alone
 keeps it.

@@ -1,4 +1,4 @@
-"""What people see: a terminal of 80 columns, colours and bars; what a pipe gets instead of them."""
+"""Output for people: a terminal of 80 columns, colours and bars; and the output in a pipe."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ MOVE = re.compile(r"\x1b\[[\d;?]*[A-Za-ln-z]")
 
 
 class Seen(NamedTuple):
-    """What a terminal was sent."""
+    """The contents sent to a terminal."""
 
     raw: str
     code: int
@@ -109,7 +109,7 @@ def terminal(tmp_path: Path) -> Terminal:
 
 
 def _all_of(terminal: int) -> bytes:
-    """Return what a terminal is sent until nobody has it open any more."""
+    """Return everything sent to a terminal until nobody has it open any more."""
     received = b""
     with contextlib.suppress(OSError):  # how Linux says that nobody writes there any more
         while more := os.read(terminal, 65536):
@@ -1097,7 +1097,7 @@ WORDS = [
 
 
 def completed(shell: str, line: str, action: str = "get-args") -> tuple[list[str], int]:
-    """Return what a shell is answered, and the exit code."""
+    """Return a shell's completions, and the exit code."""
     words = line.split(" ")
     done = drop_here(
         folder=ROOT,

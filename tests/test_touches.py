@@ -18,7 +18,7 @@ from scenes import record
 
 
 def touches(scene: str, path: Path, steps: int = 0) -> dict[tuple[int, str], Touch]:
-    """Return what bodies touched, by their numbers and the others' labels."""
+    """Return the contacts of bodies, by their numbers and the others' labels."""
     story = Story(record(scene, path / "scene.rrd").seen, {})
     for piece in story.explanation.pieces(steps):
         story.see(piece)

@@ -1,4 +1,4 @@
-"""What of a script's result stands: runs with variations, against known truths."""
+"""Trust in a script's result: runs with variations, compared with known truths."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def steps(number):
 
 
 def trusted(folder: Path, text: str, **how: object) -> Trust:
-    """Return what stands of a script's result."""
+    """Return the trust in a script's result."""
     script = folder / "script.py"
     script.write_text(HEAD + text)
     return trust(str(script), out=folder / "out", jobs=1, **how)  # type: ignore[arg-type]
 
 
 def ends(found: Trust) -> dict[str, dict[str, float]]:
-    """Return how far each variation ends apart, by unit."""
+    """Return the final distance of each variation, by unit."""
     return {one.name: {each.unit: each.value for each in one.apart.end} for one in found.variations}
 
 

@@ -604,7 +604,7 @@ def _engine_rest_height(said: Said) -> None:
     "partial",
 )
 def _not_of_the_drop(said: Said) -> None:
-    """Of the file and the versions, which other tests hold; nothing that the oracle could know."""
+    """Ignore file and versions, which other tests cover, and which the oracle cannot know."""
     hold(said.value is not True, "a whole recording is said to be partial")
 
 
@@ -651,7 +651,7 @@ def _at_free_fall(said: Said) -> None:
 
 
 def _far(said: Said) -> float:
-    """Return how far free fall goes [m]."""
+    """Return the distance of free fall [m]."""
     return abs(oracle.free_fall_m(said.drop, said.drop.steps * said.drop.timestep_s)) + 1
 
 
@@ -1462,7 +1462,7 @@ def _finding_cure(said: Said) -> None:
 
 
 def _uncovered(said: Said, step: int) -> str | None:
-    """Return what of a step in contact nobody reports: a word that its reason must have."""
+    """Return the part of a step in contact that nobody reports: a word for its reason."""
     if not said.truth.facts.is_rigid:
         return "joint"
     if max(1, said.drop.substeps or 1) > 1:
@@ -1716,7 +1716,7 @@ def _flight_rounding(said: Said) -> None:
 
 @dataclass
 class Tally:
-    """How often a statement was confirmed, null, or wrong; and the first that was."""
+    """Counts of a statement's confirmations, nulls and errors; and the first error."""
 
     confirmed: Counter[str] = field(default_factory=Counter)
     null: Counter[str] = field(default_factory=Counter)
@@ -1756,7 +1756,7 @@ class Tally:
 def walk(
     value: Any, path: str = "", beside: Any = None, place: int = 0
 ) -> Iterator[tuple[str, Any, Any, int]]:
-    """Yield each statement of a JSON object: its path, itself, its object and that one's number."""
+    """Yield the statements of a JSON object: path, value, owner and the owner's number."""
     if path in CHECKERS or not isinstance(value, dict | list):
         yield path, value, beside, place
     elif isinstance(value, dict):
@@ -1768,13 +1768,13 @@ def walk(
 
 
 def judge(scenario: Scenario) -> dict[str, Any]:
-    """Return what `analyze` says of a drop, without a recording between the two."""
+    """Return the analysis of a drop, without a recording between."""
     with World(scenario) as world:
         return analysis_of_world(world).as_json()
 
 
 def what_is_wrong(path: str, said: Said) -> str | None:
-    """Return what the oracle says against a statement; None where it confirms it."""
+    """Return the oracle's objection to a statement; None if it confirms it."""
     checker = CHECKERS.get(path)
     if checker is None:
         return "it has no checker"

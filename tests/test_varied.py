@@ -1,4 +1,4 @@
-"""What differs in a variation of a run.
+"""Differences in a variation of a run.
 
 Verification: a finer timestep is, to the last bit, the script written that way by hand; the script
 reads and sees what it did before. What else is varied is in the engine, and not in what is read.

@@ -48,7 +48,7 @@ def remainders(found: Sum) -> tuple[float, float]:
 
 
 def by_cause(file: str) -> Iterator[tuple[str, float]]:
-    """Yield how well energy and momentum close over 1,000 steps, over the largest cause."""
+    """Yield the closure of energy and momentum over 1,000 steps, relative to the largest cause."""
     with engine(floor=True):
         watched = scenes.robot(file, height_m=0.6)
         run([watched], 1000, scenes.driven(watched, "position"))

@@ -258,7 +258,7 @@ class Watched:
         return States(x, o, q.reshape(count, -1), u.reshape(count, -1))
 
     def where(self, link: int) -> np.ndarray:
-        """Return where a link's centre of mass is now, without asking PyBullet."""
+        """Return the position of a link's centre of mass, without asking PyBullet."""
         return kinematics(self.law.tree, self.states(slice(-1, None))).position_m(link)[-1]
 
     def kinematics(self) -> Kinematics:
@@ -266,7 +266,7 @@ class Watched:
         return kinematics(self.law.tree, self.states())
 
     def reported(self, **more: Any) -> Reported:
-        """Return what is known of the steps."""
+        """Return the known facts of the steps."""
         n, tree = len(self.timesteps), self.law.tree
         commanded = np.array(self.commanded, float).reshape(-1, 3)
         pd = np.array(self.pd, float).reshape(-1, 9)

@@ -154,7 +154,7 @@ class Viewer:
             time.sleep(0.1)
 
     def warnings(self) -> list[str]:
-        """Return what the viewer complained of."""
+        """Return the complaints of the viewer."""
         return [
             f"{entry.level}: {entry.message}"
             for entry in self.client.get_logs()
@@ -223,7 +223,7 @@ def is_blank(picture: Picture) -> bool:
 
 
 class Look(NamedTuple):
-    """What a view must look like."""
+    """Requirements on the look of a view."""
 
     moves: bool = False
     """Whether it must change with time."""

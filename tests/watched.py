@@ -28,7 +28,7 @@ INERTIA = (0.004, 0.005, 0.006)
 
 @dataclass(frozen=True)
 class Watched:
-    """What PyBullet says of a body before each step, and of the contacts of the step before."""
+    """PyBullet's reports of a body before each step, and of the contacts of the step before."""
 
     position_m: np.ndarray
     orientation: np.ndarray
@@ -44,7 +44,7 @@ class Watched:
 
 
 def random_throw(rng: random.Random, folder: Path, **fixed: Any) -> Watched:
-    """Return what becomes of a random body that is thrown at random."""
+    """Return the record of a random body thrown at random."""
     how: dict[str, Any] = {
         "body": rng.choice(list(BODIES)),
         "coordinates": rng.choice(MODES),
@@ -90,7 +90,7 @@ def thrown(
     floor_first: bool = True,
     before_step: Callable[[int, int, int], None] = lambda *_: None,
 ) -> Watched:
-    """Return what becomes of a body; `before_step` is called with client, body and step."""
+    """Return the record of a thrown body; `before_step` is called with client, body and step."""
     told = {name: value for name, value in locals().items() if name != "folder"}
     client = p.connect(p.DIRECT)
     try:

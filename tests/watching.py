@@ -76,7 +76,7 @@ def blocks(folder: Path, text: str) -> tuple[subprocess.CompletedProcess[str], l
 
 
 class Recorded(NamedTuple):
-    """What a block has sent."""
+    """The events sent by a block."""
 
     events: list[Event]
     decoder: Decoder

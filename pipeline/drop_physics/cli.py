@@ -401,7 +401,7 @@ def script(given: TypedLine) -> None:
 
 def _note_ours(given: TypedLine) -> None:
     """Note script arguments that are options of ours, too: perhaps they were meant so."""
-    ours = {name for each in given.context.command.params for name in each.opts}
+    ours = {name for param in given.context.command.params for name in param.opts}
     names = dict.fromkeys(argument.partition("=")[0] for argument in given["arguments"])
     both = [name for name in names if name.startswith("-") and name in ours]
     if both:

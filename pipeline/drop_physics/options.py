@@ -54,7 +54,7 @@ class TypedLine:
 
     def of(self, verb: type) -> dict[str, Any]:
         """Return the typed arguments of a verb's function."""
-        taken = (name for name, each in parameters_of(verb).items() if each.in_python)
+        taken = (name for name, parameter in parameters_of(verb).items() if parameter.in_python)
         return {name: self._values[name] for name in taken if name in self._values}
 
 

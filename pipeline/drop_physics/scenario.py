@@ -311,7 +311,7 @@ class Scenario(Optioned):
             if value == WITHOUT.get(field) or self.engine in engines:
                 continue
             if spec.written(value) != spec.default:
-                others = all_of(ENGINES[each] for each in engines)
+                others = all_of(ENGINES[engine] for engine in engines)
                 raise ScenarioError(
                     "{option} is an option of {engines}, not of {engine}; omit it",
                     option=spec.name,

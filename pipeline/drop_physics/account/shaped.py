@@ -24,7 +24,7 @@ def off_axle(subject: MeasuredBody, joint: Joint) -> Message:
     if joint.kind != "revolute":
         return Message("")
     axis, place = np.array(joint.axis), subject.tree.centres_m[joint.link]
-    its = [each for each in subject.body.collisions if each.link == joint.link]
+    its = [collision for collision in subject.body.collisions if collision.link == joint.link]
     if len(its) != 1 or its[0].kind not in ROUND or not axis.any():
         return Message("")
     (shape,), along = its, axis / np.linalg.norm(axis)
@@ -46,9 +46,9 @@ def off_axle(subject: MeasuredBody, joint: Joint) -> Message:
 def mass_outside(subject: MeasuredBody) -> Message:
     """Return the distance of a one-link body's centre of mass from its shapes, or nothing."""
     shapes = subject.body.collisions
-    if subject.tree.links or not shapes or any(each.kind in UNBOUNDED for each in shapes):
+    if subject.tree.links or not shapes or any(shape.kind in UNBOUNDED for shape in shapes):
         return Message("")
-    boxes = [_box(each) for each in shapes]
+    boxes = [_box(shape) for shape in shapes]
     low = np.min([box[0] for box in boxes], axis=0)
     high = np.max([box[1] for box in boxes], axis=0)
     out_m = float(np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0)))

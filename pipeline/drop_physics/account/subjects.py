@@ -67,8 +67,8 @@ def turning_rad_s(subject: MeasuredBody, *, before: bool = False) -> float:
 
 
 def _size_m(body: Body, tree: Tree) -> float:
-    shapes = [(each.kind, each.size_m) for each in body.collisions]
-    shapes += [(each.kind, each.size_m) for each in body.shapes]
+    shapes = [(collision.kind, collision.size_m) for collision in body.collisions]
+    shapes += [(shape.kind, shape.size_m) for shape in body.shapes]
     sizes = [max(size_m) for kind, size_m in shapes if size_m and kind not in UNBOUNDED]
     boxes = np.reshape(body.bounds_m, (-1, 2, 3))
     box = float(np.max(boxes[:, 1] - boxes[:, 0], initial=0.0))

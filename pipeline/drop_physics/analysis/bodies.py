@@ -139,7 +139,9 @@ class BodyStory:
         """Return the number of samples at which a body without samples of its own existed."""
         there = 0
         mine = [
-            each for each in self._scene.seen.appearances if each.body.number == self._body.number
+            appearance
+            for appearance in self._scene.seen.appearances
+            if appearance.body.number == self._body.number
         ]
         went = [each for each in mine if not each.there]
         for came in (each for each in mine if each.came):
@@ -152,9 +154,9 @@ class BodyStory:
     def _moves(self, last: int) -> int:
         """Return the number of steps after which calls moved it."""
         came = {
-            order(each.at)
-            for each in self._scene.seen.appearances
-            if each.came and each.body.number == self._body.number
+            order(appearance.at)
+            for appearance in self._scene.seen.appearances
+            if appearance.came and appearance.body.number == self._body.number
         }
         return len(
             {
@@ -171,7 +173,7 @@ def _sum_of(
     steps: Steps, row: int, judged: SampleStatus, time_s: float, bodies: Mapping[int, Body]
 ) -> StepSum:
     at = int(np.searchsorted(judged.steps, steps.steps[row]))
-    terms = {name: each[row].tolist() for name, each in steps.terms.items()}
+    terms = {name: term[row].tolist() for name, term in steps.terms.items()}
     return StepSum(
         step=int(steps.steps[row]),
         time_s=time_s,

@@ -209,14 +209,14 @@ class Story:
 
 def _together(parts: Sequence[Explained]) -> Explained:
     first = min(
-        (each for each in parts if each.until_s is not None),
+        (part for part in parts if part.until_s is not None),
         key=lambda each: each.until_s or 0.0,
         default=None,
     )
     return Explained(
-        samples=sum(each.samples for each in parts),
-        of=sum(each.of for each in parts),
-        remainder=max((each.remainder for each in parts), default=0.0),
+        samples=sum(part.samples for part in parts),
+        of=sum(part.of for part in parts),
+        remainder=max((part.remainder for part in parts), default=0.0),
         until_s=None if first is None else first.until_s,
         why=None if first is None else first.why,
     )

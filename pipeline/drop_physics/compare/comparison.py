@@ -101,7 +101,9 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
         versions = engine_versions(run.drop, golden.drop)
     else:
         settings, versions = [], script_versions(run, golden)
-        inputs = sorted(input_differences(run.seen, golden.seen, pairs), key=lambda each: each.when)
+        inputs = sorted(
+            input_differences(run.seen, golden.seen, pairs), key=lambda difference: difference.when
+        )
     at_start = [each.difference for each in inputs if each.when.step == 0]
     comparable = not any(each.column in TIMESTEPS for each in (*settings, *at_start))
     calls = CallComparison(pairs.clients)
@@ -147,9 +149,9 @@ def _pieces(run: Seen, golden: Seen) -> Iterator[tuple[Piece, Piece]]:
     """Yield the samples of both in the same steps."""
     sides, steps = (run.sampled, golden.sampled), min(run.piece_steps(), golden.piece_steps())
     for first in range(
-        min(each.first for each in sides), max(each.last for each in sides) + 1, steps
+        min(side.first for side in sides), max(side.last for side in sides) + 1, steps
     ):
-        mine, theirs = (each.piece(first, first + steps) for each in sides)
+        mine, theirs = (side.piece(first, first + steps) for side in sides)
         yield mine, theirs
 
 

@@ -81,7 +81,7 @@ def _keep_shared(
         ]
         for inputs in (mine, theirs)
     )
-    here, there = ([*each] for each in sides)
+    here, there = ([*side] for side in sides)
     known = [{_reported(name) for values in each for _, name in values} for each in (here, there)]
     if not all(known):
         return

@@ -66,19 +66,19 @@ def columns_of(bodies: Sequence[PairedBody]) -> list[Paired]:
     """Return the numbers of bodies as columns, before and after each step."""
     return [
         Paired(
-            each.name, "motion", each.labels, each.a[:-1], each.b[:-1], each.a[1:], each.b[1:],
-            each.units,
+            body.name, "motion", body.labels, body.a[:-1], body.b[:-1], body.a[1:], body.b[1:],
+            body.units,
         )
-        for each in bodies
+        for body in bodies
     ]  # fmt: skip
 
 
 def farthest(bodies: Sequence[PairedBody], step: int) -> EndApart:
     """Return the place and size of the largest distance between the runs after a step."""
     found = EndApart(0.0, "m", bodies[0].name if bodies else "")
-    for each in bodies:
-        a, b = each.a[step + 1], each.b[step + 1]
-        for value, unit, name in _distances(each, a, b):
+    for body in bodies:
+        a, b = body.a[step + 1], body.b[step + 1]
+        for value, unit, name in _distances(body, a, b):
             if value > found.value:
                 found = EndApart(value, unit, name)
     return found

@@ -67,18 +67,18 @@ class SampleComparison:
         self._touched: int | None = None
         began = [
             {
-                (number, each.at.step)
-                for each in seen.appearances
-                if each.came and (number := numbers[each.body.number]) in pairs.common
+                (number, appearance.at.step)
+                for appearance in seen.appearances
+                if appearance.came and (number := numbers[appearance.body.number]) in pairs.common
             }
             for seen, numbers in ((run, {n: n for n in run.bodies}), (golden, pairs.numbers))
         ]
         # A body that came after a picture was taken has no sample of where it began.
         self._began = began[0] & began[1]
         self._fresh = {
-            (each.body.number, each.at.step)
-            for each in run.appearances
-            if each.came and not each.sampled
+            (appearance.body.number, appearance.at.step)
+            for appearance in run.appearances
+            if appearance.came and not appearance.sampled
         }
 
     def add(self, mine: Piece, theirs: Piece) -> None:
@@ -92,7 +92,7 @@ class SampleComparison:
         joints = {numbers[number]: held for number, held in theirs.joints.items()}
         tracks = motions(mine.bases, mine.joints), motions(bases, joints)
         found = [
-            self._first_of_body(number, *(each.get(number, NOTHING) for each in tracks))
+            self._first_of_body(number, *(track.get(number, NOTHING) for track in tracks))
             for number in self._pairs.common
         ]
         if self.first is None:
@@ -146,7 +146,7 @@ class SampleComparison:
             exact = ~np.logical_or.reduce(allowed != 0, axis=(1, 2))
             (rows,) = np.nonzero(exact | np.logical_or.reduce(beyond, axis=(1, 2)))
             for row in rows[:1].tolist():
-                x, y = (each.numbers[row] for each in tracks)
+                x, y = (track.numbers[row] for track in tracks)
                 place = _worst(off(x, y), None if exact[row] else beyond[row, 0], tracks[0])
                 name, link = columns[place]
                 step = int(tracks[0].steps[row])

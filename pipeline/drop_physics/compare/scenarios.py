@@ -26,7 +26,7 @@ def scenario_differences(run: DropInputs, golden: DropInputs) -> list[Difference
     found, names = _scenario_differences(run, golden), asdict(run.scenario).keys()
     of_engines = [each for each in _engine_settings(run, golden) if not _is_version(each.column)]
     if found:
-        return [*found, *(each for each in of_engines if each.column not in names)]
+        return [*found, *(engine for engine in of_engines if engine.column not in names)]
     return [
         replace(each, column=f"engine.{each.column}") if each.column in names else each
         for each in of_engines

@@ -56,9 +56,9 @@ class App(typer.Typer):
         wanted = RECORDED if _is_of_script(first) else (first,)
         few = copy.copy(self)
         few.registered_commands = [
-            each
-            for each in self.registered_commands
-            if (each.name or getattr(each.callback, "__name__", None)) in wanted
+            command
+            for command in self.registered_commands
+            if (command.name or getattr(command.callback, "__name__", None)) in wanted
         ] or self.registered_commands
         return super(App, few).__call__(*args, **how)
 
@@ -75,7 +75,7 @@ class Plain(RuntimeParam):
         is_default = self.parameter_info.parser is not None and not isinstance(value, str)
         if is_default or value in get_args(kind):  # of a few texts, one
             return value
-        if all(isinstance(each, str) for each in texts):
+        if all(isinstance(text, str) for text in texts):
             if kind in (str, list[str]):
                 return value
             if kind in (Path, list[Path]) and not any(map(_is_unreadable, texts)):
@@ -97,9 +97,9 @@ class TakesPlainly(Command):
     def get_params(self, ctx: Any) -> Any:  # noqa: ANN401 - Typer's
         """Return its parameters."""
         params: list[Any] = super().get_params(ctx)
-        for each in params:
-            its = each.type_descriptor
-            each._runtime_param = each._runtime_param or Plain(its.parameter_info, its.annotation)
+        for param in params:
+            its = param.type_descriptor
+            param._runtime_param = param._runtime_param or Plain(its.parameter_info, its.annotation)
         return params
 
 

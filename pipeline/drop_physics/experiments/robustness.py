@@ -66,7 +66,7 @@ def growth(nudged: Apart, nudge: float) -> Growth | None:
         if rate <= 0 or residual >= min(_line(np.log(times), log)[1], spread / 4):
             rate = None
     first_s, last_s = (None, None) if rate is None else (float(times[0]), float(times[-1]))
-    unit = max(nudged.curves, key=lambda each: float(nudged.curves[each][1].max()))
+    unit = max(nudged.curves, key=lambda curve: float(nudged.curves[curve][1].max()))
     return Growth(rate, first_s, last_s, lost_s, nudge, float(d.max()), unit)
 
 

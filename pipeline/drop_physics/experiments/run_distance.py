@@ -115,14 +115,14 @@ class Apart:
         return [each.distance(each.most, each.most_s) for each in self._farthest("most")]
 
     def _farthest(self, name: str) -> Iterator[Track]:
-        for unit in sorted({each.unit for each in self.tracks}):
-            of_unit = [each for each in self.tracks if each.unit == unit]
+        for unit in sorted({track.unit for track in self.tracks}):
+            of_unit = [track for track in self.tracks if track.unit == unit]
             yield max(of_unit, key=lambda each: float(getattr(each, name)))
 
     @property
     def first(self) -> Track | None:
         """The position first more than `APART` apart, the farthest of several; None without any."""
-        apart = [each for each in self.tracks if each.from_step is not None]
+        apart = [track for track in self.tracks if track.from_step is not None]
         return min(apart, key=lambda each: (each.from_s, -each.first), default=None)
 
     @property
@@ -133,7 +133,7 @@ class Apart:
     @property
     def same(self) -> bool:
         """True if every position is the same to the bit; where none is compared, none is."""
-        return bool(self.tracks) and all(each.same for each in self.tracks)
+        return bool(self.tracks) and all(track.same for track in self.tracks)
 
     @property
     def furthest(self) -> tuple[Float64, Float64]:

@@ -120,7 +120,7 @@ def shares_of(
     if None in known or len(times) != 1 or not ends:
         return None
     own = next(each[1] for each in known if each is not None)
-    parts = {name: own - each[0] for name, each in ends.items() if each is not None}
+    parts = {name: own - end[0] for name, end in ends.items() if end is not None}
     limit = _limit({1: own, **{by: each[0] for by, each in timed.items() if each}})
     none = _limit({by: each[0] for by, each in whole.items() if each})
     if limit is not None and none is not None:

@@ -128,10 +128,10 @@ def moved(trial: Apart, nudge: Apart | None, about: Finding | None = None) -> Di
         if track.end > max(APART, BEYOND * noise.get(track.unit, 0.0))
     ]
     if about is not None:
-        mine = [each for each in ends if each.body == about.body]
+        mine = [end for end in ends if end.body == about.body]
         ends = [each for each in mine if each.joint == about.joint] or mine or ends
     if ends:
-        return max(ends, key=lambda each: each.value)
+        return max(ends, key=lambda end: end.value)
     found = []
     for unit, (times_s, off) in trial.curves.items():
         least, most = np.zeros(len(off)), 0.0
@@ -155,7 +155,7 @@ def _matters(far: Distance | None, trial: Apart) -> bool:
     """
     if far is None:
         return False
-    way = max((each.moved for each in trial.tracks if each.unit == far.unit), default=0.0)
+    way = max((track.moved for track in trial.tracks if track.unit == far.unit), default=0.0)
     return far.value > max(APART, TRIFLE * way)
 
 

@@ -207,7 +207,7 @@ def _tried(
 
 def _limited(law: Law, *velocities: Float64) -> Flags:
     """Flag the samples in which a velocity is beyond the engine's limit."""
-    beyond = [np.isfinite(each) & (each != law.held(each)) for each in velocities]
+    beyond = [np.isfinite(velocity) & (velocity != law.held(velocity)) for velocity in velocities]
     return any_of(np.hstack(beyond))
 
 

@@ -92,7 +92,7 @@ class Record:
         if not self.puts:
             return np.tile(AT_ORIGIN, (len(steps), 1))
         if self._known is None:
-            self._known = np.array([each.at.step + each.counts for each in self.puts], np.int64)
+            self._known = np.array([put.at.step + put.counts for put in self.puts], np.int64)
         which = np.maximum(np.searchsorted(self._known, steps, side="right") - 1, 0)
         used, rows = distinct(which)
         return np.array([self.puts[one].base for one in used.tolist()]).reshape(-1, 13)[rows]
@@ -151,7 +151,7 @@ class Records(dict[int, Record]):
         """Return whether any link was ever reported with a coefficient other than 0."""
         latest, changing = self._table(name)
         tables = latest, *(numbers for _, numbers in changing.values())
-        return any(np.nan_to_num(each).any() for each in tables)
+        return any(np.nan_to_num(table).any() for table in tables)
 
     def _table(self, name: str) -> tuple[Float64, dict[int, tuple[Int64, Float64]]]:
         """Return the last reports by body and link, and all reports of bodies that changed.
@@ -166,7 +166,9 @@ class Records(dict[int, Record]):
                 latest[number, : numbers.shape[1]] = numbers[-1]
                 latest[number, numbers.shape[1] :] = numbers[-1, -1]
             changing = {
-                number: each for number, each in reports.items() if (each[1] != each[1][0]).any()
+                number: report
+                for number, report in reports.items()
+                if (report[1] != report[1][0]).any()
             }
             self._tables[name] = latest, changing
         return self._tables[name]
@@ -215,7 +217,7 @@ class BodyConfigs:
         self._came = [each.at.step + each.sampled - 1 for each in record.came[1:]]
         kinds = [_kind(each.values) for each in settings]
         self._kinds = sorted(set(kinds))
-        self._which = [self._kinds.index(each) for each in kinds]
+        self._which = [self._kinds.index(kind) for kind in kinds]
         self._made: tuple[tuple[int, ...], BodyConfig] | None = None
 
     def of(self, began: Int64) -> Iterator[tuple[slice, BodyConfig]]:
@@ -370,7 +372,7 @@ def _armature(reported: Mapping[str, Float64]) -> Float64 | None:
 
 
 def _may_sleep(body: Body, calls: Sequence[Given]) -> bool:
-    states = [int(_number(each.values.get("activationState", 0))) for each in calls]
+    states = [int(_number(call.values.get("activationState", 0))) for call in calls]
     last = next((state for state in reversed(states) if state > 0), 0)
     return (body.can_sleep or last > 0) and not last & DISABLE_SLEEPING
 

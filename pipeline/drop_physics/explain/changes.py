@@ -87,11 +87,11 @@ def changes_of(
     first = np.array([transitions.start for transitions, _ in parts])
     begin_j, _ = energy_of(law, states.at(first), steps.gravity_then[first])
     energy, momentum = (
-        {name: each[steps.real] for name, each in causes.items()} for causes in (energy, momentum)
+        {name: cause[steps.real] for name, cause in causes.items()} for causes in (energy, momentum)
     )
     starts = np.array([its.start for _, its in parts])
     given_j, given_kg_m_s = (
-        {name: np.add.reduceat(each, starts, axis=0) for name, each in causes.items()}
+        {name: np.add.reduceat(cause, starts, axis=0) for name, cause in causes.items()}
         for causes in (energy, momentum)
     )
     found, all_weighed = [], _weighed(law, states, steps, starts)

@@ -124,7 +124,7 @@ class _JointCommands:
     def begin(self, first: int) -> None:
         """Drop torques that no step to sample `first` or a later one needs."""
         self.steps = None
-        self.torques = [each for each in self.torques if each[1][-1] + 1 >= first]
+        self.torques = [torque for torque in self.torques if torque[1][-1] + 1 >= first]
 
     def take(self) -> None:
         """Sort the calls of a piece, and fill in the columns that each left unchanged."""
@@ -178,7 +178,7 @@ class MotorCommands:
     """The commands of the joints of all bodies; calls are added piece by piece."""
 
     def __init__(self, seen: Seen) -> None:
-        self._came = [each for each in seen.appearances if each.came]
+        self._came = [appearance for appearance in seen.appearances if appearance.came]
         self._first = {each.client: each for each in reversed(seen.settings)}
         self._timesteps: dict[int, float] = {}
         """Timestep of each client [s]."""

@@ -47,10 +47,10 @@ def moments_of(seen: Seen, steps: Mapping[int, int]) -> list[Window]:
     for client in clients:
         n = steps[client]
         span = int(np.clip(SPAN * FREEDOMS // max(freedoms[client], 1), LEAST_SPAN, SPAN))
-        puts = (each.at.step for each in seen.puts if each.body.client == client and each.counts)
+        puts = (put.at.step for put in seen.puts if put.body.client == client and put.counts)
         middles = [*found[client].steps, *([min(puts, default=0)])]
         spans = [(0, 2 * span), (n - span, n)]
-        spans += [(each - span // 2, each + span // 2) for each in middles]
+        spans += [(middle - span // 2, middle + span // 2) for middle in middles]
         windows += [(client, *each) for each in _joined(spans, n)]
     return windows
 
@@ -101,7 +101,7 @@ def _velocities(seen: Seen, piece: Piece, client: int) -> tuple[Int64, Float64]:
         if seen.bodies[number].client == client:
             steps = joints.steps
             columns.append(joints.velocity)
-    same = [each for each in columns if len(each) == len(steps)]
+    same = [column for column in columns if len(column) == len(steps)]
     return steps, np.hstack(same) if same else np.empty((0, 0))
 
 

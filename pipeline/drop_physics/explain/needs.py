@@ -177,7 +177,7 @@ def holding(
     joint = slice(tree.first_rate, None)
     return PoseSupport(
         needs=np.where(known, -acting, np.nan)[joint],
-        contacts={one: each.sum(axis=0)[joint] for one, each in on_rates.items()},
+        contacts={one: rate.sum(axis=0)[joint] for one, rate in on_rates.items()},
         constraints=constraints[joint],
         stops=stops[joint],
         _steps=steps,

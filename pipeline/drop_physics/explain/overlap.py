@@ -80,15 +80,15 @@ def overlaps(one: PlacedShape, two: PlacedShape, by_m: float) -> Flags:
     if not len(near):
         return found
     shapes, half_m = [each.only(near) for each in (one, two)], by_m / 2
-    smaller = min(shapes, key=lambda each: each.radius_m)
+    smaller = min(shapes, key=lambda shape: shape.radius_m)
     points_m, going = smaller.position_m.copy(), np.arange(len(near))
     for _ in range(TURNS):
         if not len(going):
             break
         began_m, ended_m = points_m[going], points_m[going]
         steps_m, nearer_m2 = np.zeros((2, len(going)))
-        for each in shapes:
-            distance_m, way = each.only(going).outside(ended_m)
+        for shape in shapes:
+            distance_m, way = shape.only(going).outside(ended_m)
             step_m = np.maximum(distance_m + half_m, 0.0)
             ended_m = ended_m - step_m[:, None] * way
             steps_m = np.maximum(steps_m, step_m)
@@ -100,6 +100,6 @@ def overlaps(one: PlacedShape, two: PlacedShape, by_m: float) -> Flags:
         reach_m = smaller.radius_m + np.linalg.norm(from_m, axis=1)
         apart = nearer_m2 > 2 * reach_m * np.linalg.norm(ended_m - began_m, axis=1)
         going = going[~apart & (steps_m > SETTLED * half_m)]
-    inside = [each.outside(points_m)[0] <= -half_m * NEARLY for each in shapes]
+    inside = [shape.outside(points_m)[0] <= -half_m * NEARLY for shape in shapes]
     found[near] = inside[0] & inside[1]
     return found

@@ -145,9 +145,9 @@ class Explanation:
         histories = self._histories(piece)
         touching = Touching(piece.contacts, self.records, histories)
         intervals = [
-            each
+            interval
             for number, (history, first) in histories.items()
-            for each in intervals_of(
+            for interval in intervals_of(
                 self.records[number],
                 history,
                 first,

@@ -57,7 +57,7 @@ class SampleRows:
         kept[1:] = (due[1:] != due[:-1]) | (segment[1:] != segment[:-1]) | (flies[1:] != flies[:-1])
         kept[:-1] |= flies[1:] != flies[:-1]
         kept[-1:] = True
-        return SampleRows(self.body, {name: each[kept] for name, each in self.columns.items()})
+        return SampleRows(self.body, {name: column[kept] for name, column in self.columns.items()})
 
 
 def joined(parts: Sequence[SampleRows]) -> list[SampleRows]:
@@ -85,22 +85,22 @@ def table_of(bodies: Sequence[SampleRows]) -> pl.DataFrame:
     """Return the rows of all bodies as one table; a column that a body lacks is null there."""
     import polars as pl  # slow to load, and few need it
 
-    more = dict.fromkeys(name for each in bodies for name in each.columns if name not in COLUMNS)
-    counts = [len(each.columns["step"]) for each in bodies]
+    more = dict.fromkeys(name for body in bodies for name in body.columns if name not in COLUMNS)
+    counts = [len(body.columns["step"]) for body in bodies]
     which = pl.Series(np.repeat(np.arange(len(bodies)), counts))
     table: dict[str, Any] = {
         name: np.concatenate(
             [
-                each.columns.get(name, np.full(count, np.nan))
-                for each, count in zip(bodies, counts, strict=True)
+                body.columns.get(name, np.full(count, np.nan))
+                for body, count in zip(bodies, counts, strict=True)
             ]
         )
         for name in (*COLUMNS, *more)
         if bodies and name not in ("body", "label")
     }
     if bodies:
-        table["body"] = pl.Series([each.body.number for each in bodies]).gather(which)
-        table["label"] = pl.Series([each.body.label for each in bodies]).gather(which)
+        table["body"] = pl.Series([body.body.number for body in bodies]).gather(which)
+        table["label"] = pl.Series([body.body.label for body in bodies]).gather(which)
         table["segment"] = pl.Series(SEGMENTS).gather(table["segment"])
     kinds = {name: getattr(pl, kind) for name, kind in COLUMNS.items()}
     schema = kinds | dict.fromkeys(more, pl.Float64)

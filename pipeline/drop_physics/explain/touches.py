@@ -72,7 +72,7 @@ class _Total:
 
     def add(self, numbers: Mapping[str, Float64], row: int, side: int, *, itself: bool) -> None:
         """Add the totals of the pair in a piece (`_numbers`)."""
-        now = {name: each[row] for name, each in numbers.items()}
+        now = {name: number[row] for name, number in numbers.items()}
         low, high = self.coefficients
         self.steps += int(now["steps"])
         self.coefficients = min(low, float(now["lowest"])), max(high, float(now["highest"]))

@@ -72,7 +72,7 @@ def draw_beside(figure: Figure, plot: Plot, theme: Theme) -> tuple[list[Axes], U
     title = style.lines_of([plot.title], BESIDE_TITLE, style.MOST_TITLE)
     figure.text(0.03, 0.97, title, size=10, weight="bold", va="top")
     style.head(figure, BESIDE_LINE * (title.count("\n") + 1.5))
-    shown = [replace(each, mark="", span_s=None, inset=None) for each in plot.panels[:BESIDE]]
+    shown = [replace(panel, mark="", span_s=None, inset=None) for panel in plot.panels[:BESIDE]]
     axes, time = _draw_panels(figure, shown, theme, SMALL)
     style.laid_out(figure)
     return axes, time

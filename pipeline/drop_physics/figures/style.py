@@ -86,7 +86,7 @@ def label(template: str, /, **values: object) -> str:
 
 def lines_of(texts: Sequence[str], columns: int, most: int) -> str:
     """Return texts in the reader's language, wrapped to at most `most` lines."""
-    lines = [line for each in texts for line in wrapped(label(each), columns)]
+    lines = [line for text in texts for line in wrapped(label(text), columns)]
     if len(lines) > most:
         lines = [*lines[: most - 1], f"{lines[most - 1]} …"]
     half = columns // 2  # names differ at their ends
@@ -181,7 +181,7 @@ def name_curves(
     size
         Of the letters [points].
     """
-    named = sorted(curves, key=lambda each: -each[1])
+    named = sorted(curves, key=lambda curve: -curve[1])
     labels = [lines_of([name], columns, MOST_NAME // columns) for name, _, _ in named]
     lines = sum(name.count("\n") + 1.5 for name in labels)
     figure = axes.get_figure(root=True)

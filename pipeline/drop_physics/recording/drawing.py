@@ -294,7 +294,7 @@ class Drawing:
             yield pictures.contact_style(schema.CONTACT_POINTS)
         if len(points) or self._touching:
             moves = np.array(
-                [each.number for each in self._bodies.values() if each.base_moves or each.moving],
+                [body.number for body in self._bodies.values() if body.base_moves or body.moving],
                 np.int64,
             )
             on_a = np.isin(points["body_a"], moves)

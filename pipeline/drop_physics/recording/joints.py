@@ -178,9 +178,9 @@ class JointRequests:
                 named = [f"{name} {what}" for name in names]
                 yield writer.series_chunk(f"{self._entity}/{what}", named, stepped=True)
         # What was asked before a body was listed is dated to that moment.
-        told = [np.maximum(each.steps, self._at.step) for each in cells]
+        told = [np.maximum(cell.steps, self._at.step) for cell in cells]
         steps, first = np.unique(np.concatenate(told), return_index=True)
-        times_s = np.concatenate([each.times_s for each in cells])[first]
+        times_s = np.concatenate([cell.times_s for cell in cells])[first]
         rows = np.full((len(steps) + 1, len(self._now)), np.nan)
         by = np.full(rows.shape, -1)  # the call that set each number: the last in a step counts
         rows[0], by[0] = self._now, 0

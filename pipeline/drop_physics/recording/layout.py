@@ -199,7 +199,7 @@ def _world(look: Look) -> rrb.Spatial3DView:
     for trail in look.entities:
         if trail.endswith("/trail"):
             overrides[trail] = rrb.VisibleTimeRanges(until_now)
-    touched = any(each.startswith(f"{schema.COLLISIONS}/") for each in look.entities)
+    touched = any(entity.startswith(f"{schema.COLLISIONS}/") for entity in look.entities)
     if touched:
         overrides[schema.COLLISIONS] = rrb.EntityBehavior(visible=False)
     for label in look.touched:
@@ -241,7 +241,7 @@ def _measured(look: Look) -> list[list[rrb.View]]:
 
 
 def _states(look: Look) -> Iterator[rrb.View]:
-    shown = [each for each in look.entities if each.startswith(f"{schema.SEGMENTS}/")]
+    shown = [entity for entity in look.entities if entity.startswith(f"{schema.SEGMENTS}/")]
     if shown:
         first = sorted(shown, key=lambda each: look.order.get(each, 0))[:MOST_STATES]
         contents = "$origin/**" if len(first) == len(shown) else [f"+ /{each}" for each in first]
@@ -251,7 +251,7 @@ def _states(look: Look) -> Iterator[rrb.View]:
 
 
 def _share(look: Look) -> float:
-    bodies = sum(each.startswith(f"{schema.SEGMENTS}/") for each in look.entities)
+    bodies = sum(entity.startswith(f"{schema.SEGMENTS}/") for entity in look.entities)
     return 0.8 + 0.5 * min(bodies, MOST_STATES)
 
 
@@ -265,7 +265,9 @@ def _curves(
 ) -> Iterator[rrb.View]:
     """Yield a view of the curves below an entity, if there are any; `of` ends their names."""
     shown = sorted(
-        each for each in look.entities if each.startswith(f"{origin}/") and each.endswith(of)
+        entity
+        for entity in look.entities
+        if entity.startswith(f"{origin}/") and entity.endswith(of)
     )
     if not shown:
         return

@@ -298,10 +298,10 @@ def _seen(
         body.label: number for number, body in bodies.items() if any(map(_moves, body.joints))
     }
     pairs = {
-        (each.body_a, each.link_a, each.body_b, each.link_b): each
-        for each in json_rows.events(told, PairFriction)
+        (event.body_a, event.link_a, event.body_b, event.link_b): event
+        for event in json_rows.events(told, PairFriction)
     }
-    causes = {each.number: each for each in json_rows.events(told, ImpulseCause)}
+    causes = {event.number: event for event in json_rows.events(told, ImpulseCause)}
     sampled.causes = causes
     return Seen(
         bodies=bodies,
@@ -318,9 +318,9 @@ def _seen(
         unseeded=tuple(listed(closing.get("made_with_unseeded"))),
         machine=str(closing.get("made_with_machine", "")),
         causes=causes,
-        frictions={key: each.friction for key, each in pairs.items()},
-        softness={key: (each.solref, each.solimp) for key, each in pairs.items() if each.solref},
-        condims={key: (each.condim, each.rolling) for key, each in pairs.items()},
+        frictions={key: pair.friction for key, pair in pairs.items()},
+        softness={key: (pair.solref, pair.solimp) for key, pair in pairs.items() if pair.solref},
+        condims={key: (pair.condim, pair.rolling) for key, pair in pairs.items()},
         can_replay=bool(models),
         warnings=json_rows.events(told, EngineWarning),
         equalities=json_rows.events(told, Equality),
@@ -332,7 +332,7 @@ def _seen(
 def _whole(told: Told, held: Contents) -> Told:
     """Drop rows of incomplete steps of an unfinished recording; return the rest."""
     held.sampled.sites = _sites(told)
-    engines = [each.engine for each in json_rows.events(told, Settings)]
+    engines = [event.engine for event in json_rows.events(told, Settings)]
     last = last_whole_step(
         held.sampled,
         held.steps,

@@ -191,7 +191,9 @@ class Recorder:
             "error_site": ending.site[:LONGEST] or None,
             "script_sha256": None if origin.get("script_sha256") else ending.main_sha256,
             "notes": [note[:LONGEST] for note in ending.notes[:MOST_NOTES]] or None,
-            **{f"{entity}_sha256": each.hexdigest() for entity, each in self._made.tables.items()},
+            **{
+                f"{entity}_sha256": table.hexdigest() for entity, table in self._made.tables.items()
+            },
             "frames_sha256": [each.hexdigest() for _, each in sorted(self._pictures.items())]
             or None,
             "series_sha256": self._made.series,

@@ -79,12 +79,12 @@ class RecordedSamples:
         """The last whole step with any contents; -1 if there is none."""
         if self.whole is not None:
             return self.whole
-        return max((max(each.last, default=-1) for each in self.entities.values()), default=-1)
+        return max((max(entity.last, default=-1) for entity in self.entities.values()), default=-1)
 
     @property
     def first(self) -> int:
         """The first step with any contents; 0 if there is none."""
-        return min((min(each.first, default=0) for each in self.entities.values()), default=0)
+        return min((min(entity.first, default=0) for entity in self.entities.values()), default=0)
 
     def add(self, chunk: Chunk, steps: Int64) -> None:
         """Add a chunk of samples or calls to the index."""
@@ -169,7 +169,7 @@ class RecordedSamples:
         for entity in self.entities:
             if entity.startswith(f"{schema.IMPULSES}/"):
                 read = [
-                    columns.impulses(each, self.path) for each in self.chunks(entity, first, end)
+                    columns.impulses(chunk, self.path) for chunk in self.chunks(entity, first, end)
                 ]
                 known = read if self.whole is None else [*filter(self._is_known, read)]
                 if known:
@@ -202,7 +202,7 @@ class RecordedSamples:
 
     def series(self, entity: str, first: int, end: int) -> tuple[Int64, Float64]:
         """Return steps and values of series, in step order."""
-        parts = [columns.series(each, self.path) for each in self.chunks(entity, first, end)]
+        parts = [columns.series(chunk, self.path) for chunk in self.chunks(entity, first, end)]
         return _joined([part for part in parts if part is not None], first, end)
 
     def calls(self, first: int, end: int) -> Log:

@@ -71,11 +71,11 @@ def packed(frames: Frames, bodies: Mapping[int, Body]) -> PackedFrames:
     sparse: dict[str, dict[str, list[int]]] = {}
     for group in SPARSE:
         columns: Mapping[str, FrameColumn] = getattr(frames, group)
-        sparse[group] = {name: [*each.rows.shape] for name, each in columns.items()}
-        numbers += [each.rows.ravel() for each in columns.values()]
-        at += [each.at for each in columns.values()]
-    numbers += [each.values for each in frames.edits]
-    at += [each.indices for each in frames.edits]
+        sparse[group] = {name: [*column.rows.shape] for name, column in columns.items()}
+        numbers += [column.rows.ravel() for column in columns.values()]
+        at += [column.at for column in columns.values()]
+    numbers += [edit.values for edit in frames.edits]
+    at += [edit.indices for edit in frames.edits]
     layout = {
         "client": frames.client,
         "model": frames.model,
@@ -85,7 +85,7 @@ def packed(frames: Frames, bodies: Mapping[int, Body]) -> PackedFrames:
         "other_times": len(other),
         "after": after,
         **sparse,
-        "edits": [[each.step, each.name, len(each.values)] for each in frames.edits],
+        "edits": [[edit.step, edit.name, len(edit.values)] for edit in frames.edits],
         "answers": [[step, len(payload)] for step, payload in frames.answers],
     }
     return PackedFrames(

@@ -128,7 +128,7 @@ class RecordedSteps:
             If frames are not as drop writes them, or the file has changed since it was indexed.
         """
         path, appearances = self.samples.path, self.samples.appearances
-        numbers = {each.body.label: each.body.number for each in appearances}
+        numbers = {appearance.body.label: appearance.body.number for appearance in appearances}
         for place in self._places.get(client, ()):
             if place.end <= first or place.first >= end:
                 continue

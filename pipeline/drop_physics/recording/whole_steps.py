@@ -41,8 +41,8 @@ def last_whole_step(
     efforts
         Whether the engine reports those of joints.
     """
-    bodies = {each.body.number: each.body for each in appearances}
-    appeared = {each.body.number: each.at.step for each in reversed(appearances)}
+    bodies = {appearance.body.number: appearance.body for appearance in appearances}
+    appeared = {appearance.body.number: appearance.at.step for appearance in reversed(appearances)}
     newest_of, whole = [NONE], [*_unknown_calls(sampled)]
     for client in {body.client for body in bodies.values()}:
         own = [body for body in bodies.values() if body.client == client]

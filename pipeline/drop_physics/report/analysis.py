@@ -84,7 +84,7 @@ def _row_drawn(analysis: Analysis) -> Iterator[Graphs]:
     """Yield the curve of the account's first row, or of the finding that took its place."""
     if analysis.kind == "script":
         screen = one_screen(analysis)
-        found = [each.row for each in screen.findings[: screen.most_findings]]
+        found = [finding.row for finding in screen.findings[: screen.most_findings]]
         rows = [*(row for row in found if row is not None), *screen.rows[: screen.most_rows]]
         yield Graphs(partial(plot_of_row, analysis, rows))
 
@@ -105,7 +105,9 @@ def next_commands(analysis: Analysis) -> Iterator[str]:
     if origin is not None and analysis.samples > 1:
         name = str(origin["script"])
         script = analysis.sources.get(name)
-        failed = any(each.failed and each.ended == "terminated" for each in analysis.episodes)
+        failed = any(
+            episode.failed and episode.ended == "terminated" for episode in analysis.episodes
+        )
         proof = repeated("why", origin, script, expect=SURVIVES if failed else None)
         if proof is not None and (script is not None or name.startswith("-m ")):
             yield proof

@@ -69,10 +69,10 @@ def one_screen(
     analysis: Analysis, *, verbose: bool = False, most_rows: int | None = None
 ) -> OneScreen:
     """Choose the shown parts of an analysis; `most_rows` overrides the rule for the account."""
-    failed = next((each for each in analysis.findings if each.code == FAILED), None)
-    findings = [each for each in analysis.findings if each.code != FAILED]
+    failed = next((finding for finding in analysis.findings if finding.code == FAILED), None)
+    findings = [finding for finding in analysis.findings if finding.code != FAILED]
     little = [] if verbose else minor(findings)
-    shown = [each for each in findings if each not in little]
+    shown = [finding for finding in findings if finding not in little]
     shown.sort(key=lambda each: each.proof == "none")  # the surest first
     most = len(shown) if verbose else min(len(shown), MOST_FINDINGS)
     told = analysis.account

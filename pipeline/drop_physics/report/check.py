@@ -79,7 +79,7 @@ def json_of(check: Check) -> dict[str, Any]:
     if compared is not None:
         found |= {name: getattr(compared, name) for name in found if hasattr(compared, name)}
         found["same"] = check.same
-        found["differences"] = [_difference_json(each) for each in compared.differences]
+        found["differences"] = [_difference_json(difference) for difference in compared.differences]
         found["call_before"] = _call_json(compared.call_before)
         other = compared.other_call
         found["other_call"] = other and {

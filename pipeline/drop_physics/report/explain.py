@@ -19,7 +19,7 @@ COLUMN, CODE_COLUMN = 12, 24
 def report_of(manual: CodeManual) -> Report:
     """Report the meanings of codes."""
     if len(manual.codes) > 1:
-        rows = [Fact(each.code, each.meaning) for each in manual.codes]
+        rows = [Fact(code.code, code.meaning) for code in manual.codes]
         first = shell_command("drop", "explain", manual.codes[0].code)
         return Report(sections=[Section([Facts(rows, CODE_COLUMN)])], next=[first])
     (one,) = manual.codes
@@ -37,10 +37,10 @@ def _rows(one: CodeReference) -> list[Fact]:
     limits = [
         Message(
             "{meaning} ({value})",
-            meaning=each.meaning,
-            value=_in_its_unit(each),
+            meaning=threshold.meaning,
+            value=_in_its_unit(threshold),
         )
-        for each in one.thresholds
+        for threshold in one.thresholds
     ]
     shown = []
     if (example := one.example) is not None:

@@ -55,5 +55,5 @@ def _read(imported: Imported) -> Iterator[Message]:
 
 def _listed(title: Message, sentences: Any) -> Iterator[Fact]:  # noqa: ANN401 - any iterable
     """Yield sentences, the first with a title."""
-    for number, each in enumerate(sentences):
-        yield Fact(title if not number else "", each, "dim")
+    for number, sentence in enumerate(sentences):
+        yield Fact(title if not number else "", sentence, "dim")

@@ -20,7 +20,7 @@ MOST_BODIES, MOST_READINGS = 6, 4
 
 def _readings(info: Info) -> Message:
     """Return the line of the script that reads most often, its reading, and their number."""
-    most = sorted(info.readings, key=lambda each: -each.count)
+    most = sorted(info.readings, key=lambda reading: -reading.count)
     return _first_of([_reading(each) for each in most], MOST_READINGS)
 
 

@@ -79,8 +79,8 @@ def show(
             print_plain(text)
     else:
         print_lines(*lines_of(report), *_next(report.next), stream=stream)
-    for each in report.remarks:
-        (error if report.code == 1 else note)(each)
+    for remark in report.remarks:
+        (error if report.code == 1 else note)(remark)
     return report.code
 
 
@@ -272,7 +272,7 @@ def _width(column: Column) -> int:
 
 
 def _longest(column: Column) -> int:
-    cells = (_cut(translated(each), column.most) for each in column.cells)
+    cells = (_cut(translated(cell), column.most) for cell in column.cells)
     return max(map(columns_of, (translated(column.head), *cells)))
 
 
@@ -309,9 +309,9 @@ def _fitted(table: DataTable) -> tuple[list[Column], list[str]]:
 
 @block_lines.register
 def _(found: FindingList) -> Iterator[str]:
-    for number, each in enumerate(found.findings[: found.most], found.first):
+    for number, finding in enumerate(found.findings[: found.most], found.first):
         yield ""
-        yield from _finding(number, each)
+        yield from _finding(number, finding)
     hidden = len(found.findings) - found.most
     if hidden > 0:
         more = Message("{findings}: --verbose", findings=counted(hidden, "more finding"))

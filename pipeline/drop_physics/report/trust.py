@@ -82,17 +82,17 @@ def json_of(trust: Trust) -> dict[str, Any]:
                 "recording": trust.recording,
                 "variations": [
                     {
-                        "name": each.name,
-                        "recording": each.recording,
-                        "ended": each.made.ended,
-                        "error": each.made.error or None,
-                        "steps": each.made.steps,
-                        "most": [asdict(one) for one in each.apart.most],
-                        "end": [asdict(one) for one in each.apart.end],
-                        "from_s": each.apart.from_s,
-                        "term": each.term,
+                        "name": variation.name,
+                        "recording": variation.recording,
+                        "ended": variation.made.ended,
+                        "error": variation.made.error or None,
+                        "steps": variation.made.steps,
+                        "most": [asdict(one) for one in variation.apart.most],
+                        "end": [asdict(one) for one in variation.apart.end],
+                        "from_s": variation.apart.from_s,
+                        "term": variation.term,
                     }
-                    for each in trust.variations
+                    for variation in trust.variations
                 ],
                 "standing": [asdict(each) for each in trust.standing],
                 "growth": trust.growth and asdict(trust.growth),
@@ -115,25 +115,25 @@ def report_of(
 ) -> Report:
     """Report the results that hold; the code is 3 if a variation ends beyond `within`."""
     part = _namer(trust)
-    rows = [[each.name, *_distances(each, trust, part)] for each in trust.variations]
+    rows = [[variation.name, *_distances(variation, trust, part)] for variation in trust.variations]
     curves = Graphs(partial(distances_of, trust))
     sections = [Section([_table(VARIATIONS, rows, {4: 1}), curves])]
     stands = trust.standing[:MOST_PARTS]
     if stands:
-        table = _table(STANDING, [_stands(each, part) for each in stands], {5: 2, 4: 1})
+        table = _table(STANDING, [_stands(stand, part) for stand in stands], {5: 2, 4: 1})
         blocks: list[Block] = [table]
         if len(trust.standing) > len(stands):
             more = counted(len(trust.standing) - len(stands), "position")
             blocks.append(Words(Message("and {more} more: --json", more=more), "dim"))
         sections.append(Section(blocks))
-    sentences = [Words(each) for each in _sentences(trust)]
+    sentences = [Words(sentence) for sentence in _sentences(trust)]
     if sentences:
         sections.append(Section(sentences))
     folder = trust.recording.parent
     with contextlib.suppress(ValueError):
         folder = folder.relative_to(Path.cwd())
     files = [File(Message("recordings"), folder)]
-    files += [File(Message("written"), each) for each in outputs]
+    files += [File(Message("written"), output) for output in outputs]
     sections.append(Section([Facts(files, COLUMN)]))
     code = 0 if trust.ends_within(within or {}) else APART
     next_ = [] if again is None else [again("why")]
@@ -141,10 +141,12 @@ def report_of(
 
 
 def _verdict(trust: Trust) -> Message:
-    depends = [each.name for each in trust.variations if each.apart.first is not None]
-    stands = [each.name for each in trust.variations if each.apart.first is None]
+    depends = [
+        variation.name for variation in trust.variations if variation.apart.first is not None
+    ]
+    stands = [variation.name for variation in trust.variations if variation.apart.first is None]
     script, steps = trust.script, counted(trust.made.steps, "step")
-    if not any(each.apart.tracks for each in trust.variations):
+    if not any(variation.apart.tracks for variation in trust.variations):
         return Message(
             "{script}, {steps}: nothing compared, as nothing moves", script=script, steps=steps
         )
@@ -172,7 +174,11 @@ def _verdict(trust: Trust) -> Message:
 
 def _namer(trust: Trust) -> Part:
     """Return a function that names positions: a joint by its name alone, if that is unique."""
-    tracks = {(track.body, track.joint) for each in trust.variations for track in each.apart.tracks}
+    tracks = {
+        (track.body, track.joint)
+        for variation in trust.variations
+        for track in variation.apart.tracks
+    }
     named = Counter(joint for _, joint in tracks)
 
     def part(body: str, joint: str | None, unit: str) -> str:
@@ -239,7 +245,9 @@ def _term(term: str) -> Message:
 
 def _sentences(trust: Trust) -> Iterator[str]:
     """Yield sentences beside the tables: terms in words, growth, convergence, ends of runs."""
-    terms = dict.fromkeys(each.term or "" for each in trust.variations if "/" in each.name)
+    terms = dict.fromkeys(
+        variation.term or "" for variation in trust.variations if "/" in variation.name
+    )
     for term in terms:
         if term in BY_STEP and trust.made.engine == PYBULLET:
             yield BY_STEP[term]

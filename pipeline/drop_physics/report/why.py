@@ -74,11 +74,11 @@ def json_of(why: Why) -> dict[str, Any]:
                 "noise": _noise(why),
                 "findings": [
                     {
-                        **renamed(jsonable(each.finding)),
-                        "verdict": each.verdict,
-                        "tried": [*map(_json_of_trial, each.tried)],
+                        **renamed(jsonable(finding.finding)),
+                        "verdict": finding.verdict,
+                        "tried": [*map(_json_of_trial, finding.tried)],
                     }
-                    for each in why.findings
+                    for finding in why.findings
                 ],
                 "hangs_on": [
                     {name: value for name, value in _json_of_trial(each).items() if name in FREE}
@@ -136,7 +136,7 @@ def report_of(why: Why, *, every: bool = False, again: Again | None = None) -> R
         steps=counted(why.steps, "step"),
         trials=counted(why.runs, "trial"),
     )
-    order = sorted(why.findings, key=lambda each: VERDICTS.index(each.verdict))
+    order = sorted(why.findings, key=lambda finding: VERDICTS.index(finding.verdict))
     proved = [
         Section([*_proved(number, each, why.sources)], apart=False)
         for number, each in enumerate(order, 1)
@@ -167,7 +167,7 @@ def _look(why: Why) -> str:
 def _cures(why: Why) -> bool:
     """Return whether a trial makes true what was expected, or cures a finding."""
     makes_true = why.expected is not None and why.expected.filmed is not None
-    return makes_true or any(each.verdict == "cured" for each in why.findings)
+    return makes_true or any(finding.verdict == "cured" for finding in why.findings)
 
 
 def _proved(number: int, proved: Proved, sources: Mapping[str, Path]) -> Iterator[Block]:
@@ -239,7 +239,7 @@ def _hangs(why: Why, *, every: bool) -> Iterator[Section]:
     if rest:
         most = Message("{value} or less", value=readable(rest[0].value, rest[0].unit))
         rows.append((counted(len(rest), "other"), most, ""))
-    chaotic = any(each.verdict == "chaotic" for each in why.findings)
+    chaotic = any(finding.verdict == "chaotic" for finding in why.findings)
     if why.noise is not None and (every or chaotic or why.noise.value > APART):
         noise = readable(why.noise.value, why.noise.unit)
         rows.append((Message("nudge of 1e-9"), noise, ""))

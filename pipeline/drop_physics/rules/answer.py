@@ -338,7 +338,7 @@ class Scene:
 
     def only_site(self, act: Act) -> str | None:
         """Return the only place with calls of this meaning; None if there are several."""
-        places = {each.place for each in self._sites.values() if each.act is act}
+        places = {site.place for site in self._sites.values() if site.act is act}
         return places.pop() if len(places) == 1 else None
 
     def site(self, number: float) -> str | None:

@@ -152,7 +152,7 @@ def damping_of_base(inputs: Inputs) -> Iterator[Said]:
     uses = [use for use in inputs.of(Act.SET_PROPERTY) if use.body and "jointDamping" in use.low]
     links = {use.body.number for use in uses if use.body and use.high["linkIndex"][0] >= 0}
     for use in uses:
-        joints = sum(bool(each.widths[1]) for each in use.body.joints) if use.body else 0
+        joints = sum(bool(joint.widths[1]) for joint in use.body.joints) if use.body else 0
         if use.body and joints and use.body.number not in links:
             yield Said(
                 call=use.first,
@@ -210,7 +210,11 @@ def scale_keeps_mass(inputs: Inputs) -> Iterator[Said]:
     scene = inputs.scene
     moves = {number for number, body in scene.seen.bodies.items() if body.base_moves}
     pushed = set[int]().union(*(pair for pair in inputs.touched if {*pair} <= moves))
-    heavy = {each.body.number for each in inputs.requests if each.name == "mass" and each.body}
+    heavy = {
+        request.body.number
+        for request in inputs.requests
+        if request.name == "mass" and request.body
+    }
     for number in sorted(pushed - heavy):
         body = scene.body(number)
         scale, first = body.asked.scale, inputs.first_dynamics(body)
@@ -274,9 +278,9 @@ def contact_despite_filter(inputs: Inputs) -> Iterator[Said]:
 def call_elsewhere(inputs: Inputs) -> Iterator[Said]:
     """A `changeDynamics` call for a link acts on the base because a later setter redirects it."""
     lost: dict[int, list[Request]] = {}
-    for each in inputs.requests:
-        if each.body is not None and each.reached != each.link and not each.taken:
-            lost.setdefault(each.body.number, []).append(each)
+    for request in inputs.requests:
+        if request.body is not None and request.reached != request.link and not request.taken:
+            lost.setdefault(request.body.number, []).append(request)
     for number, found in lost.items():
         body, call, link = inputs.scene.body(number), found[0].call, found[0].link
         its = [each for each in found if each.call.at.call == call.at.call]
@@ -317,21 +321,21 @@ CARRIERS = (
 @input_rule("taken-elsewhere", "asked", "wrong-body")
 def wrong_body(inputs: Inputs) -> Iterator[Said]:
     """A body that was created without mass gets a mass, and falls."""
-    for each in inputs.requests:
-        body = each.body
-        if body is None or each.name != "mass" or each.link != -1 or not each.asked[0] > 0:
+    for request in inputs.requests:
+        body = request.body
+        if body is None or request.name != "mass" or request.link != -1 or not request.asked[0] > 0:
             continue
         moved_m = inputs.motions[body.number].moved_m
-        if _stood(inputs, each) and moved_m >= LEFT_M:
-            function = {"function": each.call.function}
+        if _stood(inputs, request) and moved_m >= LEFT_M:
+            function = {"function": request.call.function}
             yield Said(
-                call=each.call,
+                call=request.call,
                 subject=body,
                 message=Message(
                     "{body} stood still without mass, is given {mass:.3g} kg, and moves "
                     "{moved:.3g} m away"
                 ),
-                values={"mass": each.asked[0], "moved": moved_m},
+                values={"mass": request.asked[0], "moved": moved_m},
                 advice=Message("{call}: mass 0 keeps a body in place"),
                 cure=Cure("without", body.label, form="of-body", given=function),
                 effect=Effect(moved_m, "m"),

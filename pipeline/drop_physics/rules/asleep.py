@@ -22,7 +22,7 @@ def asleep(bodies: BodyColumns) -> Match | None:
     left = np.abs(bodies.whole.remainder)
     rows = np.arange(len(left)), left.argmax(axis=1)
     terms = np.array([*bodies.terms], object)
-    largest = np.argmax([np.abs(each[rows]) for each in bodies.terms.values()], axis=0)
+    largest = np.argmax([np.abs(term[rows]) for term in bodies.terms.values()], axis=0)
     return Match(
         _still(bodies) & (unbalanced | _off_target(bodies)),
         left[rows] / bodies.reported.timestep_s,

@@ -31,14 +31,18 @@ class AskedProperty:
 
     def site(self, *bodies: int) -> str | None:
         """Return file and line of the call for the first of some bodies that has one."""
-        return next((self.sites[each] for each in bodies if each in self.sites), None)
+        return next((self.sites[body] for body in bodies if body in self.sites), None)
 
 
 class AskedOfBodies:
     """The properties set by calls, for all rules; grows piece by piece."""
 
     def __init__(self, appearances: list[Appearance]) -> None:
-        self._came = {each.body.number: each.at.call for each in appearances if each.came}
+        self._came = {
+            appearance.body.number: appearance.at.call
+            for appearance in appearances
+            if appearance.came
+        }
         self._loads: dict[tuple[int, int], list[Call]] = {}
         """Calls that loaded a body, by client and the engine's id."""
         self.of: defaultdict[str, AskedProperty] = defaultdict(AskedProperty)
@@ -94,8 +98,8 @@ def thickness_m(body: Body, link: int) -> float:
 
     It is inf for planes and for shapes that are not convex, which have no inside.
     """
-    shapes = [each for each in body.collisions if each.link == link]
-    if any(each.kind == "plane" or not is_convex(each) for each in shapes):
+    shapes = [collision for collision in body.collisions if collision.link == link]
+    if any(shape.kind == "plane" or not is_convex(shape) for shape in shapes):
         return np.inf
     if len(shapes) == 1:
         return _thickness_m(shapes[0])
@@ -118,14 +122,14 @@ def strained_by(seen: Seen, bodies: Collection[Body]) -> float:
     0 if the solver does not use up its iterations, and for bodies with joints, whose masses act as
     one.
     """
-    numbers = {each.number for each in bodies}
+    numbers = {body.number for body in bodies}
     told = {
         each.body.number: float(each.reported["mass_kg"][0])
         for each in seen.dynamics
         if each.body.number in numbers
     }
     masses_kg = [each for each in told.values() if each > 0]
-    plain = masses_kg and all(len(each.links) == 1 for each in bodies)
-    clients = {each.client for each in seen.solvers if each.steps}
-    early = all(each.client in clients for each in bodies)
+    plain = masses_kg and all(len(body.links) == 1 for body in bodies)
+    clients = {solver.client for solver in seen.solvers if solver.steps}
+    early = all(body.client in clients for body in bodies)
     return max(masses_kg) / min(masses_kg) if plain and early else 0.0

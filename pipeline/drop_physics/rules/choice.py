@@ -54,7 +54,7 @@ class Choice:
     def grave(self, findings: Sequence[Finding]) -> list[Finding]:
         """Return the findings that make an analysis fail."""
         most = -1 if self.fail_on is None else LEVELS.index(self.fail_on)
-        return [each for each in findings if LEVELS.index(each.level) <= most]
+        return [finding for finding in findings if LEVELS.index(finding.level) <= most]
 
 
 EVERY = Choice()
@@ -109,11 +109,11 @@ def level_of(name: str, path: Path | None = None) -> Level | None:
 
 def minor(findings: Sequence[Finding]) -> list[Finding]:
     """Return the findings that are no mistake and explain little of the problem."""
-    mistakes = [each for each in findings if each.level in ("broken", "asked")]
-    most = max((each.share for each in mistakes or findings), default=0.0)
+    mistakes = [finding for finding in findings if finding.level in ("broken", "asked")]
+    most = max((mistake.share for mistake in mistakes or findings), default=0.0)
     return [
-        each
-        for each in findings
-        if each not in mistakes
-        and (each.share < MINOR * most or (each.code in MEANT and each.reason is None))
+        finding
+        for finding in findings
+        if finding not in mistakes
+        and (finding.share < MINOR * most or (finding.code in MEANT and finding.reason is None))
     ]

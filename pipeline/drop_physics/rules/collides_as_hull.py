@@ -31,10 +31,12 @@ def collides_as_hull(pair: PairColumns) -> Match:
     acts &= points.body[:, 0] != points.body[:, 1]
     off_m = np.zeros(len(pair.step))
     of_links: dict[tuple[int, int], list[Surface]] = {}
-    for each in scene.seen.surfaces:
-        of_links.setdefault(_link(scene, each), []).append(each)
+    for surface in scene.seen.surfaces:
+        of_links.setdefault(_link(scene, surface), []).append(surface)
     for (number, link), its in of_links.items():
-        shapes = [each for each in scene.body(number).collisions if each.link == link]
+        shapes = [
+            collision for collision in scene.body(number).collisions if collision.link == link
+        ]
         mine = (points.body[:, side] == number) & (points.link[:, side] == link)
         rows = np.flatnonzero(acts & mine)
         if len(shapes) > len(its) or not len(rows):

@@ -82,7 +82,7 @@ class ConstraintColumns:
         if self.step[0] != self.began or not began:
             return np.nan, np.nan
         ends = [self._ends(each, self.step[:1], after=False) for each in began]
-        gaps, angles = zip(*(_apart(*each) for each in ends), strict=True)
+        gaps, angles = zip(*(_apart(*end) for end in ends), strict=True)
         return float(np.min(gaps)), float(np.min(angles)) if self.last.kind == FIXED else 0.0
 
     def apart_after(self, rows: Rows) -> tuple[Float64, Float64]:

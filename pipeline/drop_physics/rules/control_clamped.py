@@ -40,7 +40,7 @@ def control_clamped(actuators: ActuatorColumns) -> Match:
     low, high, given = actuators.lower, actuators.upper, actuators.given
     share = np.maximum(low - given, given - high) / (high - low)
     beyond, sent = share > BEYOND_RANGE, np.zeros(share.shape, np.bool_)
-    sent[:] = [each.kind in SENT for each in actuators.actuators]
+    sent[:] = [actuator.kind in SENT for actuator in actuators.actuators]
     numbers = {"given": given, "low": low, "high": high}
     return Match(beyond, share, numbers, lasts={"sent": sent})
 
@@ -107,8 +107,10 @@ control_clamped.rows(
 def divided_by_gear(actuators: ActuatorColumns) -> Match:
     """A position actuator sends its joint to its control divided by its gear."""
     gears = [
-        each.gear if (each.kind, each.acts_on) == ("position", "joint") and each.gear else 1.0
-        for each in actuators.actuators
+        actuator.gear
+        if (actuator.kind, actuator.acts_on) == ("position", "joint") and actuator.gear
+        else 1.0
+        for actuator in actuators.actuators
     ]
     off = np.abs(actuators.given * (1 - 1 / np.array(gears)))
     return Match(off > AT_TARGET_RAD, off, {"given": actuators.given})
@@ -140,15 +142,15 @@ divided_by_gear.rows(
 def sent_by_turns(actuators: ActuatorColumns) -> Match:
     """A position actuator sends a joint without a range by more than one turn at once."""
     turning = {
-        each.name
-        for each in actuators.scene.body(actuators.number).joints
-        if each.kind == "revolute" and each.limits[0] > each.limits[1]
+        joint.name
+        for joint in actuators.scene.body(actuators.number).joints
+        if joint.kind == "revolute" and joint.limits[0] > joint.limits[1]
     }
     least = [
-        IN_DEGREES_RAD * abs(each.gear)
-        if (each.kind, each.acts_on) == ("position", "joint") and each.target in turning
+        IN_DEGREES_RAD * abs(actuator.gear)
+        if (actuator.kind, actuator.acts_on) == ("position", "joint") and actuator.target in turning
         else np.inf
-        for each in actuators.actuators
+        for actuator in actuators.actuators
     ]
     given, by = actuators.given, np.abs(actuators.given - actuators.before)
     # What is computed is seldom a whole number that stays, and what is in degrees most often is.
@@ -226,9 +228,9 @@ def reset_clears(actuators: ActuatorColumns) -> Match:
             indices, values, _ = written_by(call)
             wrote |= zip(indices.tolist(), values.tolist(), strict=True)
             continue
-        for k, each in enumerate(actuators.actuators):
-            before[rows, k] = wrote.get(each.number, before[rows, k])
-            cleared[rows, k] = began[k] != 0 or each.number in wrote
+        for k, actuator in enumerate(actuators.actuators):
+            before[rows, k] = wrote.get(actuator.number, before[rows, k])
+            cleared[rows, k] = began[k] != 0 or actuator.number in wrote
         began = given[row] if there else began
     scene.carried["began", actuators.number] = began
     cleared &= (before != 0) & (given == 0)

@@ -49,7 +49,7 @@ def default_motor(joints: JointColumns) -> Match | None:
     on &= steps.covered and not joints.body.before
     terms = {name: joints.term(name) for name in steps.terms if name != "motors"}
     acting = sum(terms.values(), np.zeros(on.shape))
-    largest = np.max([np.abs(each) for each in terms.values()], axis=0, initial=0.0)
+    largest = np.max([np.abs(term) for term in terms.values()], axis=0, initial=0.0)
     sign = np.sign(acting) * (np.abs(acting) > NO_TERM * largest)
     # What carries a robot that stands is not to move it, but for the wheels of one that is to roll.
     contacts = np.abs(joints.term("contacts"))
@@ -64,7 +64,7 @@ def default_motor(joints: JointColumns) -> Match | None:
     sums = {
         "acting": np.abs(acting),
         "net": acting,
-        **{name: joints.term(name) * sign * each for name, each in asks.items()},
+        **{name: joints.term(name) * sign * ask for name, ask in asks.items()},
         "taken": np.minimum(-motor * sign, np.abs(acting)).clip(0),
         "weak": joints.at_limit,
         "time": steps.reported.timestep_s[:, None],

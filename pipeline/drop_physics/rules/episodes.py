@@ -108,7 +108,7 @@ class Episodes:
         if not any(site.act in (*STATES, *BY_HAND) for site in calls.sites.values()):
             return  # in the whole recording nothing begins an episode
         pending = calls.of()
-        for client in {each.client for each in scene.seen.bodies.values()}:
+        for client in {body.client for body in scene.seen.bodies.values()}:
             for call in [each for each in pending if each.client == client]:
                 now = self._now.get(client)
                 new = now is None or now.begin.at.step != call.at.step

@@ -97,8 +97,8 @@ SPOILED = (
 def ranked(findings: Iterable[Finding]) -> list[Finding]:
     """Return findings, the gravest first; of equal ones on many bodies only the worst."""
     groups: dict[tuple[str | None, ...], list[Finding]] = {}
-    for each in _worst_misses(findings):
-        groups.setdefault((each.code, each.reason, *_texts(each)), []).append(each)
+    for miss in _worst_misses(findings):
+        groups.setdefault((miss.code, miss.reason, *_texts(miss)), []).append(miss)
     found = sorted((_one_of(group) for group in groups.values()), key=lambda each: each.rank)
     for kind in SPOILED:
         told = found
@@ -118,11 +118,11 @@ def told_apart(findings: Iterable[Finding], bodies: Collection[Body]) -> Iterato
     for body in bodies:
         for joint in body.joints:
             whose[joint.name].add(body.label)
-    for each in findings:
-        if each.joint is None or each.body is None or len(whose[each.joint]) < 2:
-            yield each
+    for finding in findings:
+        if finding.joint is None or finding.body is None or len(whose[finding.joint]) < 2:
+            yield finding
         else:
-            yield replace(each, message=messages.joined(": ", [each.body, each.message]))
+            yield replace(finding, message=messages.joined(": ", [finding.body, finding.message]))
 
 
 def _texts(finding: Finding) -> tuple[str, ...]:
@@ -136,7 +136,7 @@ def _texts(finding: Finding) -> tuple[str, ...]:
 def _worst_misses(findings: Iterable[Finding]) -> Iterator[Finding]:
     """Yield findings; of a body's missed targets, only the gravest of each cause."""
     told: set[tuple[object, ...]] = set()
-    for each in sorted(findings, key=lambda each: each.rank):
+    for each in sorted(findings, key=lambda finding: finding.rank):
         is_speed = each.effect is not None and each.effect.unit.endswith("/s")
         of = {(each.body, is_speed, what) for what in (each.joint, _texts(each))}
         is_miss = each.code == "off-target" and each.reason is None

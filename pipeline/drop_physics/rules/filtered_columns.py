@@ -34,13 +34,13 @@ def filtered_columns(scene: Scene) -> Iterator[FilteredColumns]:
     poses: dict[int, tuple[Int64, Kinematics]] = {}
     at_first, pairs = scene.filtered.at_first, scene.filtered.pairs
     for number, judged in scene.judged.items() if pairs else ():
-        intervals = [each for each in judged.intervals if len(each)]
+        intervals = [interval for interval in judged.intervals if len(interval)]
         if len(intervals) == 1:  # else its model is edited on the way
             (its,) = intervals
             rows = np.arange(0, len(its), max(1, -(-len(its) // EVERY)))
             poses[number] = its.steps[rows] - 1, kinematics(its.law.tree, its.before.at(rows))
     for place, pair in enumerate(pairs):
-        lead = next((each for each in pair.bodies if each in poses), None)
+        lead = next((body for body in pair.bodies if body in poses), None)
         if place in at_first or lead is None:
             continue
         steps = poses[lead][0]

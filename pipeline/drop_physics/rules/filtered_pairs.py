@@ -59,7 +59,7 @@ def _filtered(seen: Seen) -> Iterator[FilteredPair]:
         for own, other, its in body.apart
     }
     clients = {body.client for body in seen.bodies.values()}
-    off = {each for each in clients if is_off(seen, each, NO_CONTACT)}
+    off = {client for client in clients if is_off(seen, client, NO_CONTACT)}
     for place, (body_a, a, solid_a) in enumerate(shapes):
         for body_b, b, solid_b in shapes[place + 1 :]:
             if body_a.client != body_b.client or not (body_a.moving or body_b.moving):
@@ -85,7 +85,7 @@ def _filtered(seen: Seen) -> Iterator[FilteredPair]:
 
 def _only_seen(body: Body) -> Iterator[Collision]:
     """Yield the shapes of bodies with joints, and floors, of which no shape can be touched."""
-    holds = {each.kind for each in body.collisions}
+    holds = {collision.kind for collision in body.collisions}
     for each in () if body.base_moves else body.shapes:
         if not holds if body.joints else each.kind == "plane" and "plane" not in holds:
             place = each.position_m, each.orientation

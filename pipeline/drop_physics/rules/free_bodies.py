@@ -45,7 +45,7 @@ def momentum_drift(bodies: BodyColumns) -> Match | None:
     masses = np.full(len(rows), hash(tree.masses_kg.tobytes() + tree.inertias_kg_m2.tobytes()))
     keys = np.column_stack([bodies.body[rows], puts, masses])
     begins = np.append(True, np.diff(keys, axis=0).any(axis=1) | (np.diff(bodies.step[rows]) != 1))
-    integrated = [each.changes.momentum_kg_m_s["integrator"] for each in bodies.batch.bodies]
+    integrated = [body.changes.momentum_kg_m_s["integrator"] for body in bodies.batch.bodies]
     after = bodies.after.at(rows)
     momenta = energy_of(bodies.law, after, np.zeros((len(rows), 3)))[1]
     turning, turned = np.zeros((2, len(rows), 3)), np.zeros((2, len(rows)))
@@ -165,14 +165,14 @@ def _turning(tree: Tree, states: States) -> tuple[Float64, Float64]:
 
 def _taken(bodies: BodyColumns, term: str, where: Flags) -> Match | None:
     """Return the energy that a term takes from bodies in some steps, between settings by calls."""
-    its = [each.changes.energy_j.get(term) for each in bodies.batch.bodies]
+    its = [body.changes.energy_j.get(term) for body in bodies.batch.bodies]
     if any(each is None for each in its):
         return None
     rows = np.flatnonzero(where)
     taken_j = -np.concatenate([each for each in its if each is not None])[rows]
     none = np.zeros((len(rows), 3))
     states = bodies.before.at(rows), bodies.after.at(rows)
-    energy_j = np.max([energy_of(bodies.law, each, none)[0] for each in states], axis=0)
+    energy_j = np.max([energy_of(bodies.law, state, none)[0] for state in states], axis=0)
     lives = bodies.of_each(lambda each: each.config.life)
     keys = np.column_stack([bodies.body, lives, bodies.puts])[rows]
     masses_kg = bodies.of_each(lambda each: each.law.tree.masses_kg.sum())[rows]

@@ -77,7 +77,7 @@ def holds_off(scene: Scene, held: PoseSupport, joint_rate: int, away: float) -> 
 
     `away` is the sign of the direction in which the motor is blocked.
     """
-    against = [one for one, each in held.contacts.items() if each[joint_rate] * away > 0]
+    against = [one for one, contact in held.contacts.items() if contact[joint_rate] * away > 0]
     return any(
         scene.body(one).base_moves and held.from_one_side(one, joint_rate) is None
         for one in against

@@ -52,7 +52,7 @@ def _off(driven: JointTelemetry, sent: SentAnswer, end: int) -> dict[str, object
         return None
     at = [tree.rates[link] for link in tree.branch(sent.link)]
     rates = [each.start - tree.first_rate for each in at if each.stop > each.start]
-    target, widths = target_of(driven)[row], [each.widths[1] for each in driven.body.joints]
+    target, widths = target_of(driven)[row], [joint.widths[1] for joint in driven.body.joints]
     rests = sent.times >= IK_AGAIN or driven.resting[row, rates].all()
     later = (driven.asked.began[row, rates] > sent.call.at.step).any()
     if not rates or not rests or later or np.isnan(target[rates]).any():

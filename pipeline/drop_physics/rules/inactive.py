@@ -23,14 +23,14 @@ def never_active(inputs: Inputs) -> Iterator[Said]:
     """An equality that is never active holds nothing, and its bodies part."""
     scene, forces = inputs.scene, inputs.lasting.forces
     switched = {client for client, act, _ in forces if act is Act.SET_ACTIVE}
-    for each in scene.seen.equalities:
-        number, end = each.at.call, scene.seen.samples.get(each.client, 1) - 1
-        mine = forces.get((each.client, Act.SET_ACTIVE, number))
+    for equality in scene.seen.equalities:
+        number, end = equality.at.call, scene.seen.samples.get(equality.client, 1) - 1
+        mine = forces.get((equality.client, Act.SET_ACTIVE, number))
         # A script that switches others knows of this one.
-        known = each.client in switched if mine is None else mine.until(end) > 0
-        if each.active or known or (each.link_a, each.link_b) != (BASE, BASE):
+        known = equality.client in switched if mine is None else mine.until(end) > 0
+        if equality.active or known or (equality.link_a, equality.link_b) != (BASE, BASE):
             continue
-        body, other = scene.body(each.body_b), scene.body(each.body_a)
+        body, other = scene.body(equality.body_b), scene.body(equality.body_a)
         ways = [_way_m(inputs, one.number, end) for one in (body, other)]
         apart_m = float(np.linalg.norm(ways[0] - ways[1]))
         if not apart_m >= LEFT_M:
@@ -48,7 +48,7 @@ def never_active(inputs: Inputs) -> Iterator[Said]:
             subject=body,
             other=other.label,
             message=message,
-            values={"apart": apart_m, "name": each.name, "number": number},
+            values={"apart": apart_m, "name": equality.name, "number": number},
             advice=Message('active="true" of it, or data.eq_active[{number}] = 1 after each reset'),
             effect=Effect(apart_m, "m"),
             share=apart_m,

@@ -305,14 +305,14 @@ class Inputs:
         told = [
             np.column_stack(
                 [
-                    np.full(len(each.calls), each.client),
-                    *(each.bodies, each.joints, each.steps, each.calls),
-                    *(each.given("controlMode")[:, 0], each.given("force")[:, 0]),
-                    np.full(len(each.calls), each.site.number),
-                    *(each.given(name)[:, 0] for name in ("targetPosition", "targetVelocity")),
+                    np.full(len(command.calls), command.client),
+                    *(command.bodies, command.joints, command.steps, command.calls),
+                    *(command.given("controlMode")[:, 0], command.given("force")[:, 0]),
+                    np.full(len(command.calls), command.site.number),
+                    *(command.given(name)[:, 0] for name in ("targetPosition", "targetVelocity")),
                 ]
             )
-            for each in calls.commands()
+            for command in calls.commands()
         ]
         rows = np.concatenate([*told, np.empty((0, 10))])
         rows = rows[np.isin(rows[:, 5], (POSITION, VELOCITY))]
@@ -331,10 +331,10 @@ class Inputs:
     def _links(self) -> None:
         """Note the displacement per step of links whose poses are read."""
         read = [
-            (each, subject.body, subject.link)
-            for each in self.scene.seen.readings
-            if each.act is Act.READ_LINK
-            for subject in each.targets
+            (reading, subject.body, subject.link)
+            for reading in self.scene.seen.readings
+            if reading.act is Act.READ_LINK
+            for subject in reading.targets
             if subject.link is not None
         ]
         for number in {body for _, body, _ in read} & self.scene.judged.keys():
@@ -390,11 +390,11 @@ class Inputs:
         """Note the links that a call joins or excludes from contact, or the group that it sets."""
         bodies, sides = _NAMES.get(call.act, ((), ()))
         came = [
-            self.scene.piece.calls.body_at(call, int(number_of(call, each, -1.0)))
-            for each in bodies
-            if each in call.site.places
+            self.scene.piece.calls.body_at(call, int(number_of(call, body, -1.0)))
+            for body in bodies
+            if body in call.site.places
         ]
-        links = [int(number_of(call, each, -1.0)) for each in sides]
+        links = [int(number_of(call, side, -1.0)) for side in sides]
         pair = [(each.body.number, link) for each, link in zip(came, links, strict=False) if each]
         if call.act is Act.CONSTRAIN:
             self.joined.add(frozenset(number for number, _ in pair))

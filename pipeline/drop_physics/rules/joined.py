@@ -122,7 +122,7 @@ def weak_constraint(joined: ConstraintColumns) -> Match:
     lasts |= {"part": joined.part_m, "strained": strained.all()}
     # What is dragged may lag with any force, and what it leans on may hold it off.
     lasts |= {"stays": stays, "hangs": not (dragged or leans.any())}
-    numbers = {name: np.full(n, each) for name, each in lasts.items()}
+    numbers = {name: np.full(n, last) for name, last in lasts.items()}
     numbers["held"] = np.full(n, held, object)
     since = joined.step > joined.of_held(lambda held: held.limited_since)
     step = joined.step.astype(np.float64)
@@ -132,13 +132,13 @@ def weak_constraint(joined: ConstraintColumns) -> Match:
 
 def _touched(joined: ConstraintColumns) -> NDArray[np.int64]:
     """Return the steps in which a contact of one of its bodies may hold it off."""
-    pairs, numbers = joined.scene.touches.pairs, [each.number for each in joined.bodies]
+    pairs, numbers = joined.scene.touches.pairs, [body.number for body in joined.bodies]
     return np.asarray(pairs.step[np.isin(pairs.body, numbers).any(axis=1)])
 
 
 def _weight_n(joined: ConstraintColumns) -> float:
     """Return the held weight along its main axis; 0 if other supports share it."""
-    scene, moving = joined.scene, [each for each in joined.bodies if each.base_moves]
+    scene, moving = joined.scene, [body for body in joined.bodies if body.base_moves]
     if len(moving) != 1 or not scene.constraints.is_only_one_on(moving[0].number):
         return 0.0
     weights_n = [

@@ -40,7 +40,11 @@ def name_of(driven: JointTelemetry, k: int) -> str:
 def actuators_on(body: Body, k: int) -> list[Actuator]:
     """Return the actuators that act on the joint of a rate."""
     name = body.joints[link_of(body, k)].name
-    return [each for each in body.actuators if (each.acts_on, each.target) == ("joint", name)]
+    return [
+        actuator
+        for actuator in body.actuators
+        if (actuator.acts_on, actuator.target) == ("joint", name)
+    ]
 
 
 def units_of(driven: JointTelemetry, k: int) -> tuple[str, str]:

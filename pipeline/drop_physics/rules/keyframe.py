@@ -23,18 +23,22 @@ def keyframe_without_control(joints: JointColumns) -> Match | None:
     body, steps = joints.driven.body, joints.driven.steps
     if steps.steps[0] != 1 or len(steps) < WATCHED or not (body.keyframes and body.actuators):
         return None
-    given = [control_of(each, body, joints.scene.piece, steps.steps) for each in body.actuators]
+    given = [
+        control_of(actuator, body, joints.scene.piece, steps.steps) for actuator in body.actuators
+    ]
     watched = np.array(given)[:, :WATCHED]
     begins, now = steps.before.joints[0], watched[:, 0]
-    keys = [each for each in body.keyframes if np.abs(begins - each.joints).max() < BACK]
+    keys = [
+        keyframe for keyframe in body.keyframes if np.abs(begins - keyframe.joints).max() < BACK
+    ]
     calls = joints.scene.piece.calls.of(Act.RESET_STATE)
-    loaded = any(each.function == LOADS_KEYFRAME and not each.at.step for each in calls)
+    loaded = any(call.function == LOADS_KEYFRAME and not call.at.step for call in calls)
     # Of poses that look the same, one may have what it gives; and what is loaded may be changed.
     same = any(np.abs(now - key.given).max() < BACK for key in keys)
     has_none = loaded and same and not now.any()
     if not keys or np.ptp(watched, axis=1).any() or ((loaded or same) and not has_none):
         return None
-    servos = {each.target for each in body.actuators if each.kind == "position"}
+    servos = {actuator.target for actuator in body.actuators if actuator.kind == "position"}
     served = [name_of(joints.driven, k) in servos for k in range(len(joints.at_target))]
     off = np.abs(joints.after[WATCHED - 1] - joints.before[0])
     where = (np.arange(len(steps)) < WATCHED)[:, None] & served & (off > joints.at_target)
@@ -73,12 +77,14 @@ keyframe_without_control.rows(
 def never_loaded(joints: JointColumns) -> Match | None:
     """A keyframe has controls, but the actuators get 0, from another pose on."""
     body, steps = joints.driven.body, joints.driven.steps
-    keys = [each for each in body.keyframes if any(each.given)]
+    keys = [keyframe for keyframe in body.keyframes if any(keyframe.given)]
     if not keys or not len(steps):
         return None
-    given = [control_of(each, body, joints.scene.piece, steps.steps) for each in body.actuators]
+    given = [
+        control_of(actuator, body, joints.scene.piece, steps.steps) for actuator in body.actuators
+    ]
     begins = steps.before.joints[0]
-    at_key = any(np.abs(begins - each.joints).max() < BACK for each in body.keyframes)
+    at_key = any(np.abs(begins - keyframe.joints).max() < BACK for keyframe in body.keyframes)
     where = ~np.any(given, axis=0) & (not at_key or steps.steps[0] > 1)
     every = np.broadcast_to(where[:, None], joints.after.shape)
     return Match(every, np.ones(every.shape), {"key": np.full(every.shape, keys[0].name)})

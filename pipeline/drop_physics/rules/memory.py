@@ -28,12 +28,12 @@ BASE_M = 3
 
 def bodies_of(inputs: Inputs, client: int) -> list[Body]:
     """Return the bodies of a simulation in the engine's order."""
-    return [each for each in inputs.scene.seen.bodies.values() if each.client == client]
+    return [body for body in inputs.scene.seen.bodies.values() if body.client == client]
 
 
 def body_at(inputs: Inputs, client: int, index: int) -> Body | None:
     """Return the body that owns an engine's body, which are counted from tree to tree."""
-    before = [each for each in bodies_of(inputs, client) if each.engine_id <= index]
+    before = [body for body in bodies_of(inputs, client) if body.engine_id <= index]
     return max(before, key=lambda each: each.engine_id, default=None)
 
 
@@ -168,7 +168,9 @@ def model_edited(inputs: Inputs) -> Iterator[Said]:
     worst: dict[int, tuple[float, float, float, LastingEdit, int]] = {}
     for edit in lasting.edits[Act.SET_MASS]:
         client, step = edit.call.client, edit.call.at.step
-        for index, new, before in zip(*(each.tolist() for each in edit.elements), strict=True):
+        for index, new, before in zip(
+            *(element.tolist() for element in edit.elements), strict=True
+        ):
             since, old = derived.get((client, index), (step, before))
             if any(of == client and since <= at <= step for of, at in anew):
                 old = new if (client, step) in anew else before

@@ -313,13 +313,13 @@ def mimic_ignored(joints: JointColumns) -> Match | None:
     """At rest, or at the end, a joint is not where its file makes it follow another."""
     places = zip(joints.body.joints, joints.body.rates, strict=True)
     rates = {each.name: at.start for each, at in places if each.widths[1] == 1}
-    pairs = [each for each in joints.body.asked.mimics if {each.joint, each.of} <= rates.keys()]
+    pairs = [mimic for mimic in joints.body.asked.mimics if {mimic.joint, mimic.of} <= rates.keys()]
     if not pairs:
         return None
     own, leads = (
-        np.array([rates[getattr(each, name)] for each in pairs]) for name in ("joint", "of")
+        np.array([rates[getattr(pair, name)] for pair in pairs]) for name in ("joint", "of")
     )
-    times, offset = np.array([(each.multiplier, each.offset) for each in pairs]).T
+    times, offset = np.array([(pair.multiplier, pair.offset) for pair in pairs]).T
     low, high = np.array([j.limits for j in joints.body.joints for _ in range(j.widths[1])]).T
     extent = np.where(high > low, high - low, 1.0)[own]
     began, apart = (

@@ -135,7 +135,7 @@ def _is_possible(moments: Sequence[float]) -> bool:
 @body_rule("inertia-from-shape", "note", subject=1, proposes=True)
 def inertia_from_shape(bodies: BodyColumns) -> Match | None:
     """PyBullet computes inertias from shapes; the file's would change a rotation."""
-    found = {each.body.number: _other(bodies.scene, each) for each in bodies.batch.bodies}
+    found = {body.body.number: _other(bodies.scene, body) for body in bodies.batch.bodies}
     whole = all(len(each.added) == bodies.law.tree.size for each in found.values())
     if not bodies.terms or not whole or not any(each.added.any() for each in found.values()):
         return None
@@ -146,7 +146,7 @@ def inertia_from_shape(bodies: BodyColumns) -> Match | None:
     largest = np.max([changes * used, *map(np.abs, bodies.terms.values())], axis=0)
     # A motor that has force left, or a constraint, leads its joint as fast with any inertia.
     limit = bodies.whole.substeps * np.concatenate(
-        [each.asked.impulse for each in bodies.batch.bodies]
+        [body.asked.impulse for body in bodies.batch.bodies]
     )
     motors = np.abs(bodies.terms["motors"][:, first:])
     missing[:, first:][(limit > 0) & (motors < AT_LIMIT * limit)] = 0
@@ -283,8 +283,8 @@ def _written(body: Body, told: FileLink) -> Float64 | None:
 def _extent_m(body: Body, link: int) -> float:
     """Return the diagonal of the box around a link's shapes, or around the whole body."""
     boxes = np.reshape(body.bounds_m, (-1, 2, 3))
-    shapes = [each.link for each in body.collisions]
-    its = boxes[[link + 1]] if link in shapes else boxes[[each + 1 for each in shapes]]
+    shapes = [collision.link for collision in body.collisions]
+    its = boxes[[link + 1]] if link in shapes else boxes[[shape + 1 for shape in shapes]]
     if not len(its):
         return np.inf
     return float(np.linalg.norm(its[:, 1].max(axis=0) - its[:, 0].min(axis=0)))

@@ -23,8 +23,12 @@ class Placing:
     """The steps that began with a body placed by a call, and the calls."""
 
     def __init__(self, seen: Seen) -> None:
-        came = [(each.body.number, each.at.step + 1) for each in seen.appearances if each.came]
-        moved = [(each.body.number, each.at.step + 1) for each in seen.puts]
+        came = [
+            (appearance.body.number, appearance.at.step + 1)
+            for appearance in seen.appearances
+            if appearance.came
+        ]
+        moved = [(put.body.number, put.at.step + 1) for put in seen.puts]
         self._every = np.unique([number * STEPS + step for number, step in [*came, *moved]])
         self._came = np.unique([number * STEPS + step for number, step in came])
         self._sites: dict[tuple[int, int], list[tuple[int, str]]] = {}
@@ -38,8 +42,8 @@ class Placing:
     def animated(self) -> dict[int, tuple[Int64, Float64]]:
         """Poses that calls set often, by body: steps, and bases then."""
         puts: dict[int, dict[int, Float64]] = {}
-        for each in self._puts:  # of several for a step, the last counts
-            puts.setdefault(each.body.number, {})[each.at.step + 1] = each.base
+        for put in self._puts:  # of several for a step, the last counts
+            puts.setdefault(put.body.number, {})[put.at.step + 1] = put.base
         return {
             number: (np.array([*told], np.int64), np.array([*told.values()]))
             for number, told in puts.items()

@@ -61,7 +61,7 @@ def push_lasted_a_step(inputs: Inputs) -> Iterator[Said]:
         else:
             continue
         places = call.values.get("jointIndex") or call.values.get("jointIndices") or ()
-        slides = {body.joints[int(each)].kind for each in places} == {"prismatic"}
+        slides = {body.joints[int(place)].kind for place in places} == {"prismatic"}
         function = {"function": call.function}
         yield Said(
             call=call,
@@ -152,7 +152,7 @@ def _(scene: Scene, subject: Body, keys: list[int], centre: list[float]) -> Note
         for use in scene.inputs.of(Act.PUSH)
         if use.body and use.body.number == subject.number
     )
-    mistaken = (each for each in pushes if (WORLD_FRAME in each.values.get("flags", ())) != own)
+    mistaken = (push for push in pushes if (WORLD_FRAME in push.values.get("flags", ())) != own)
     call = next(mistaken, None)
     if call is None or (own and not np.allclose(call.values["posObj"], centre, atol=SAME_POINT_M)):
         return None

@@ -19,10 +19,10 @@ from drop_physics.trace.readings import Reading
 
 def _read(inputs: Inputs, act: Act) -> Iterator[tuple[Reading, Body, int]]:
     """Yield the readings of some functions, with their body and its link; -1 for none."""
-    for each in inputs.scene.seen.readings:
-        for subject in each.targets if each.act is act else ():
+    for reading in inputs.scene.seen.readings:
+        for subject in reading.targets if reading.act is act else ():
             if body := inputs.scene.seen.bodies.get(subject.body):
-                yield each, body, -1 if subject.link is None else subject.link
+                yield reading, body, -1 if subject.link is None else subject.link
 
 
 @input_rule("reading", "note", "reading-stale")
@@ -111,14 +111,14 @@ def depth(inputs: Inputs) -> Iterator[Said]:
 
     A camera that takes more than one picture may only film.
     """
-    for each in inputs.scene.seen.readings:
-        lens = each.camera
-        if lens is None or lens.near_far_m is None or lens.projection[11] == 0 or each.count > 1:
+    for reading in inputs.scene.seen.readings:
+        lens = reading.camera
+        if lens is None or lens.near_far_m is None or lens.projection[11] == 0 or reading.count > 1:
             continue
         near, far = lens.near_far_m
         if 0 < near < far < np.inf:
             yield Said(
-                site=site_of(each),
+                site=site_of(reading),
                 message=Message(
                     "the depth that p.getCameraImage gives is no distance: from 0 at "
                     "near={near:.3g} m to 1 at far={far:.3g} m, and not linear"

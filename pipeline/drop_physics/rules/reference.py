@@ -85,7 +85,7 @@ def references(names: Collection[str] = tuple(CODES)) -> dict[str, CodeReference
 
 
 def _reference(name: str, told: RuleTexts, example: CodeExample | None) -> CodeReference:
-    said = [blanked(each) for each in told.says]
+    said = [blanked(say) for say in told.says]
     return CodeReference(
         code=name,
         reason_of=told.reason_of,
@@ -94,8 +94,8 @@ def _reference(name: str, told: RuleTexts, example: CodeExample | None) -> CodeR
         measured=[Message(each) for each in told.measured],
         thresholds=told.thresholds,
         says=[each for each in said if len(each) > LEAST],
-        advises=[blanked(each) for each in told.advises],
-        proposes=[blanked(each) for each in told.proposes],
+        advises=[blanked(advise) for advise in told.advises],
+        proposes=[blanked(propose) for propose in told.proposes],
         example=example,
         cures=tuple(told.cures),
     )
@@ -110,5 +110,9 @@ def blanked(template: str) -> Message:
 
 def sentences() -> Iterator[str]:
     """Yield the texts of all meanings, except those that rules have as a `Message`."""
-    for each in references().values():
-        yield from (each.meaning, *each.measured, *(limit.meaning for limit in each.thresholds))
+    for reference in references().values():
+        yield from (
+            reference.meaning,
+            *reference.measured,
+            *(limit.meaning for limit in reference.thresholds),
+        )

@@ -34,7 +34,9 @@ def restore_differs(inputs: Inputs) -> Iterator[Said]:
     for episodes in kinds.values():
         for at, second in enumerate(episodes[1:EPISODES_MOST], 1):
             # Of those before it, the latest of those whose calls are the same for longest.
-            first = max(episodes[:at], key=lambda each: (_alike(each, second), each.begin.at.call))
+            first = max(
+                episodes[:at], key=lambda episode: (_alike(episode, second), episode.begin.at.call)
+            )
             found = _compared(inputs, first, second)
             if found is not None:
                 yield found
@@ -91,7 +93,7 @@ def _compared(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> Said
     if call is not None:
         cure = Cure("without", given={"function": call.function})
     numbers = scene.seen.bodies.values()
-    body = next(each for each in numbers if (each.engine_id, each.label) == key)
+    body = next(number for number in numbers if (number.engine_id, number.label) == key)
     steps = Span(begins[1] + since, begins[1] + last, last - since + 1)
     return Said(
         call=call or second.begin,
@@ -171,7 +173,7 @@ def _places(
             columns, steps = [*columns, joints.position], joints.steps
             for joint in body.joints:
                 its_units += [units(joint)[0]] * joint.widths[0]
-        if all(len(each) == len(steps) for each in columns):
+        if all(len(column) == len(steps) for column in columns):
             found[body.engine_id, body.label] = steps, np.hstack(columns), its_units
     return found
 

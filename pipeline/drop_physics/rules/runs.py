@@ -52,10 +52,10 @@ class Runs:
     def listed(parts: Sequence[Runs]) -> Runs:
         """Concatenate rows of several."""
         columns = {
-            name: (kind, np.concatenate([each.columns[name][1] for each in parts]))
+            name: (kind, np.concatenate([part.columns[name][1] for part in parts]))
             for name, (kind, _) in parts[0].columns.items()
         }
-        return Runs(np.concatenate([each.keys for each in parts]), columns)
+        return Runs(np.concatenate([part.keys for part in parts]), columns)
 
     def joined(self, *, consecutive: bool) -> Runs:
         """Return one row for all of a key, or for each run of its consecutive steps, in order."""
@@ -89,7 +89,7 @@ class Runs:
     def noting(self, numbers: Mapping[str, NDArray[Any]]) -> Runs:
         """Return the rows with further columns."""
         more: dict[str, tuple[Kind, NDArray[Any]]]
-        more = {name: ("at", each) for name, each in numbers.items()}
+        more = {name: ("at", number) for name, number in numbers.items()}
         return Runs(self.keys, {**self.columns, **more})
 
     def greatest(self, ranks: Float64) -> Runs:

@@ -209,7 +209,7 @@ def _slips(pair: PairColumns, slips: Flags) -> Match:
     in a grip the moment about the contact of that, and what friction can give of it [N m s]. Those
     of forces in a grip leave out the steps in which it closes.
     """
-    free = np.isin(pair.body, [each.body.number for each in _free_bodies(pair.scene)])
+    free = np.isin(pair.body, [body.body.number for body in _free_bodies(pair.scene)])
     rows = np.flatnonzero(slips & free & (pair.pairs.normal_n > 0) & (pair.body != pair.other))
     asked, others, pushed, way, arm = _acting(pair, rows)
     line, normal = pair.pairs.line[rows], pair.pairs.normal_n[rows]
@@ -246,7 +246,7 @@ def _slips(pair: PairColumns, slips: Flags) -> Match:
         "turning": turning,
         "held": held,
     }
-    sums = {name: each * steady * dt for name, each in forces.items()}
+    sums = {name: force * steady * dt for name, force in forces.items()}
     sums |= {"slid": pair.pairs.slip_m_s[rows] * dt, "moved": moved * dt, "way": slip * dt[:, None]}
     sums["needed"] = needed * (steady * dt)[:, None]
     firsts = {"began": pair.pairs.began_slip_m_s[rows]}
@@ -265,7 +265,7 @@ def _is_free(steps: Steps) -> bool:
 def _free_bodies(scene: Scene) -> list[BodySteps]:
     """Return the steps of single bodies in the latest piece."""
     free = (batch.bodies for batch, _ in scene.batches if _is_free(batch.whole))
-    return [each for bodies in free for each in bodies]
+    return [body for bodies in free for body in bodies]
 
 
 def _acting(pair: PairColumns, rows: Rows) -> tuple[Float64, ...]:

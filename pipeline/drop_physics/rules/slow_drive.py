@@ -42,7 +42,7 @@ TAKERS = "damped", "rubbed", "swung"
 
 
 def _alone(joints: JointColumns, *others: str) -> Flags:
-    held = [each for each in joints.steps.terms if each.startswith(HELD) or each in others]
+    held = [term for term in joints.steps.terms if term.startswith(HELD) or term in others]
     return np.asarray(~np.any([joints.term(name) != 0 for name in held], axis=0))
 
 
@@ -55,7 +55,7 @@ def stays_slow(joints: JointColumns) -> Match:
         for each in body.actuators
         if (each.kind, each.acts_on) == ("motor", "joint")
     }
-    others = [each for each in steps.terms if each.startswith("actuator ") and each not in motors]
+    others = [term for term in steps.terms if term.startswith("actuator ") and term not in motors]
     torque = sum((joints.term(name) for name in motors), joints.term("applied"))
     net = torque + joints.term("gravity")
     # What a motor holds against gravity, or a law of another kind gives, is not given to move it.
@@ -64,7 +64,7 @@ def stays_slow(joints: JointColumns) -> Match:
     slides, rotors = joints.at_target == AT_TARGET_M, steps.law.tree.armature
     armature = joints.of_joints(lambda each: 0.0 if rotors is None else rotors[each.link + 1])
     losses = joints.term("joint damping"), joints.term("friction loss")
-    taken = [-each * np.sign(net) for each in losses]
+    taken = [-loss * np.sign(net) for loss in losses]
     taken.append(armature * (joints.rate - joints.rate_before) * np.sign(net))
     sums = {"net": net, "driven": np.abs(net)}
     sums["time"] = steps.reported.timestep_s[:, None]

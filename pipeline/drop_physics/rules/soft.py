@@ -206,15 +206,15 @@ def _follows(bodies: BodyColumns) -> Iterator[tuple[Equality, int, int]]:
     scene, number = bodies.scene, bodies.batch.bodies[0].body.number
     if not scene.seen.equalities:
         return
-    moved = {each.body.number for each in scene.seen.puts}
-    for each in scene.seen.equalities:
+    moved = {put.body.number for put in scene.seen.puts}
+    for equality in scene.seen.equalities:
         for lead, body, link in (
-            (each.body_a, each.body_b, each.link_b),
-            (each.body_b, each.body_a, each.link_a),
+            (equality.body_a, equality.body_b, equality.link_b),
+            (equality.body_b, equality.body_a, equality.link_a),
         ):
             leads = lead in moved and not scene.body(lead).moving
-            if each.active and body == number and leads and link < bodies.law.tree.links:
-                yield each, lead, link
+            if equality.active and body == number and leads and link < bodies.law.tree.links:
+                yield equality, lead, link
 
 
 @body_rule("constraint-lags", "model", engines=MUJOCOS)

@@ -136,8 +136,8 @@ def _limits_in(module: ast.Module) -> set[str]:
 
 def _add(known: RuleTexts, parts: list[ast.FunctionDef], limits: set[str], level: Any) -> None:  # noqa: ANN401
     """Add the texts of one more rule of a name."""
-    inside = [inner for each in parts for inner in ast.walk(each)]
-    measured = [_first(ast.get_docstring(each)) for each in parts[:1]]
+    inside = [inner for part in parts for inner in ast.walk(part)]
+    measured = [_first(ast.get_docstring(part)) for part in parts[:1]]
     names = {node.id for node in inside if isinstance(node, ast.Name)}
     keywords = {node.arg for node in inside if isinstance(node, ast.keyword)}
     proposed = bool(keywords & {"proposes", "proposed"})
@@ -152,8 +152,8 @@ def _add(known: RuleTexts, parts: list[ast.FunctionDef], limits: set[str], level
                 advised += _messages(value)
             case ast.Call() if _name(node.func) == "Cure":
                 cures.append((engine, _cure(node), proposed))
-    said = [text for each in parts for text in _messages(each) if text not in advised]
-    of_code = [each for name, each in _thresholds().items() if name in names & limits]
+    said = [text for part in parts for text in _messages(part) if text not in advised]
+    of_code = [threshold for name, threshold in _thresholds().items() if name in names & limits]
     told: list[tuple[list[Any], list[Any]]] = [
         (known.measured, [each for each in measured if not each.startswith(("Return", "Yield"))]),
         (known.thresholds, of_code),
@@ -162,7 +162,7 @@ def _add(known: RuleTexts, parts: list[ast.FunctionDef], limits: set[str], level
         (known.cures, cures),
     ]
     for held, more in told:
-        held += [each for each in dict.fromkeys(more) if each and each not in held]
+        held += [fromkey for fromkey in dict.fromkeys(more) if fromkey and fromkey not in held]
     rated = [each for each in (known.level, level) if each in LEVELS]
     known.level = min(rated, key=LEVELS.index, default=None)
 
@@ -186,9 +186,9 @@ def _add_row(known: RuleTexts, rule: Rule, row: SayingRow) -> None:
 
 def _cure(call: ast.Call) -> Cure:
     """Return a cure in its rule's form, with nan for numbers that depend on the run."""
-    given = next((each.value for each in call.keywords if each.arg == "given"), None)
+    given = next((keyword.value for keyword in call.keywords if keyword.arg == "given"), None)
     keys = given.keys if isinstance(given, ast.Dict) else []
-    has_value = len(call.args) > VALUE or any(each.arg == "value" for each in call.keywords)
+    has_value = len(call.args) > VALUE or any(keyword.arg == "value" for keyword in call.keywords)
     return Cure(
         _text(call.args[0]) or "",
         value=math.nan if has_value else None,
@@ -216,7 +216,7 @@ def _text(node: ast.expr) -> str | None:
 
 
 def _keyword(call: ast.Call, name: str) -> str | None:
-    return next((_text(each.value) for each in call.keywords if each.arg == name), None)
+    return next((_text(keyword.value) for keyword in call.keywords if keyword.arg == name), None)
 
 
 def _name(node: ast.expr) -> str:

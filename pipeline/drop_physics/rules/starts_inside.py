@@ -116,9 +116,9 @@ def _is_half(body: Body, depth_m: float) -> bool:
     """Return whether a body of half the size would only touch: its sizes may be meant as whole."""
     lengths = [
         length
-        for each in body.collisions
-        for length in (*each.size_m, 2 * each.size_m[-1])
-        if each.kind in ("box", "sphere", "cylinder")
+        for collision in body.collisions
+        for length in (*collision.size_m, 2 * collision.size_m[-1])
+        if collision.kind in ("box", "sphere", "cylinder")
     ]
     return any(abs(depth_m - length / 4) < HALF * length for length in lengths)
 

@@ -79,7 +79,7 @@ def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
     elif name == "unpaired":
         yield from unpaired_columns(scene)
     elif name == "bodies":
-        yield from (BodyColumns(scene, *each) for each in scene.batches if len(each[0].whole))
+        yield from (BodyColumns(scene, *batch) for batch in scene.batches if len(batch[0].whole))
     elif name == "sides" and touching:
         yield from (PairColumns(scene, side) for side in (0, 1))
     elif touching:
@@ -179,7 +179,10 @@ class ActuatorColumns:
         self.noted: dict[str, Float64] = {}
         self.keys = np.full((len(steps), 1), steps.body.number)
         self.given = np.column_stack(
-            [control_of(each, steps.body, scene.piece, steps.steps) for each in self.actuators]
+            [
+                control_of(actuator, steps.body, scene.piece, steps.steps)
+                for actuator in self.actuators
+            ]
         )
         """The control of each actuator before it is clamped; nan if it is not known."""
         key = "given", self.number
@@ -187,7 +190,7 @@ class ActuatorColumns:
         self.before = np.vstack([earlier, self.given[:-1]])
         """The control in the step before; 0 before the first."""
         scene.carried[key] = self.given[-1]
-        ranges = [each.ctrl_range or (-np.inf, np.inf) for each in self.actuators]
+        ranges = [actuator.ctrl_range or (-np.inf, np.inf) for actuator in self.actuators]
         self.lower, self.upper = np.broadcast_to(
             np.array(ranges).T[:, None], (2, *self.given.shape)
         )
@@ -249,7 +252,7 @@ class BodyColumns:
     def of_each(self, value: Callable[[BodySteps], Any]) -> NDArray[Any]:
         """Return a value of each body as a column, the same in all its steps."""
         bodies = self.batch.bodies
-        return np.repeat([value(each) for each in bodies], [len(each) for each in bodies], axis=0)
+        return np.repeat([value(body) for body in bodies], [len(body) for body in bodies], axis=0)
 
     def greatest(self, name: str, values: Float64) -> Float64:
         """Return for each row the greatest value of its body so far, also of earlier pieces.
@@ -257,12 +260,12 @@ class BodyColumns:
         Both have the shape (n, k). `name` tells apart the values that are kept.
         """
         found, name = np.empty_like(values), f"{name} of {values.shape[1]}"
-        for each in self.batch.bodies:
-            if len(mine := values[each.rows]):
-                before = self.scene.carried.get((name, each.body.number), mine[0])
+        for body in self.batch.bodies:
+            if len(mine := values[body.rows]):
+                before = self.scene.carried.get((name, body.body.number), mine[0])
                 mine = np.maximum(np.maximum.accumulate(mine, axis=0), before)
-                found[each.rows] = mine
-                self.scene.carried[name, each.body.number] = mine[-1]
+                found[body.rows] = mine
+                self.scene.carried[name, body.body.number] = mine[-1]
         return found
 
     @property
@@ -272,7 +275,7 @@ class BodyColumns:
 
     def came(self, column: Column) -> Float64:
         """Return states of the body after the previous step; nan where it made none."""
-        parts = [(each.rows.start, each) for each in self.batch.bodies if len(each)]
+        parts = [(body.rows.start, body) for body in self.batch.bodies if len(body)]
         return self.scene.came(self.whole, parts, column)
 
     @property

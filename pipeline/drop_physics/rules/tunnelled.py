@@ -217,13 +217,13 @@ tunnelled.rows(
 
 def _standing(scene: Scene) -> list[tuple[Body, Collision]]:
     """Return the bodies that nothing moves, with their boxes."""
-    puts = Counter(each.body.number for each in scene.seen.puts)
+    puts = Counter(put.body.number for put in scene.seen.puts)
     return [
-        (body, each)
+        (body, collision)
         for number, body in scene.seen.bodies.items()
         if not (body.moving or body.before or puts[number] > 1)
-        for each in body.collisions
-        if (each.kind, each.link) == ("box", BASE)
+        for collision in body.collisions
+        if (collision.kind, collision.link) == ("box", BASE)
     ]
 
 
@@ -231,7 +231,7 @@ def _may_meet(body: Body, other: Body, box: Collision) -> bool:
     """Return whether the model lets a body touch a box, if it has filters."""
     if (BASE, other.number, BASE) in body.apart or (BASE, body.number, BASE) in other.apart:
         return False
-    bits = [each.bits for each in body.collisions if each.bits]
+    bits = [collision.bits for collision in body.collisions if collision.bits]
     kind, affinity = box.bits or (0, 0)
     return not bits or any(a & affinity or kind & b for a, b in bits)
 

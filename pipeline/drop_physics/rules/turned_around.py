@@ -138,10 +138,10 @@ def _servos(joints: JointColumns, k: int) -> tuple[Servos, int] | None:
     for joint, place in zip(body.joints, body.rates, strict=True):
         at = slice(first + place.start, first + place.stop)
         own[at] += joint.damping
-        for each in body.actuators:
-            if (each.acts_on, each.target) == ("joint", joint.name):
-                of_actuators[at] += each.kv * each.gear**2 * (each.kind in SERVOS)
-                stiffness[at] += each.kp * each.gear**2 * (each.kind == "position")
+        for actuator in body.actuators:
+            if (actuator.acts_on, actuator.target) == ("joint", joint.name):
+                of_actuators[at] += actuator.kv * actuator.gear**2 * (actuator.kind in SERVOS)
+                stiffness[at] += actuator.kp * actuator.gear**2 * (actuator.kind == "position")
     rows = np.unique(np.linspace(0, len(steps) - 1, POSES).astype(int))
     rows = rows[np.isfinite(steps.before.position_m[rows]).all(axis=1)]
     inverse = np.linalg.inv(mass_matrix(kinematics(steps.law.tree, steps.before.at(rows))))

@@ -94,9 +94,9 @@ def _unpaired(scene: Scene, shapes: Shapes) -> Iterator[tuple[Pair, str, Call | 
     posed = {use.body.number for use in inputs.of(Act.SET_POSE) if use.body}
     asked = {
         frozenset((subject.body, subject.other))
-        for each in scene.seen.readings
-        if each.act is Act.READ_CONTACTS
-        for subject in each.targets
+        for reading in scene.seen.readings
+        if reading.act is Act.READ_CONTACTS
+        for subject in reading.targets
     }
     still = [place for place in shapes if not bodies[place[0]].moving]
     for one, two in combinations(still, 2):

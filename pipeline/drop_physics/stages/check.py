@@ -173,7 +173,7 @@ def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
     if tolerance_m:
         pictures = replace(pictures, first_step=None)
     engines = None
-    if [each.column for each in comparison.differences] == ["engine"]:
+    if [difference.column for difference in comparison.differences] == ["engine"]:
         from drop_physics.drop.case import Case
         from drop_physics.drop.engines_compared import apart, flight_of
 

@@ -33,7 +33,7 @@ def explain(asked: verbs.ExplainArguments) -> CodeManual:
     if (asked.code is None) is not asked.every:
         raise ScenarioError("give one code of a finding, such as off-target, or --list")
     codes = [*references().values()] if asked.code is None else [reference_of(asked.code)]
-    return CodeManual([_with_calls(each) for each in codes])
+    return CodeManual([_with_calls(code) for code in codes])
 
 
 def _with_calls(code: CodeReference) -> CodeReference:

@@ -202,7 +202,7 @@ def _duration_s(seen: Seen) -> float:
     last = {client: samples - 1 for client, samples in seen.samples.items()}
     if not last:
         ends = ((number, int(rows["step"][-1])) for number, rows in by_body(seen.bases).items())
-        found = [*ends, *((number, int(each.steps[-1])) for number, each in seen.joints.items())]
+        found = [*ends, *((number, int(joint.steps[-1])) for number, joint in seen.joints.items())]
         for body, step in found:
             client = seen.bodies[body].client
             last[client] = max(step, last.get(client, 0))

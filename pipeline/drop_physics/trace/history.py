@@ -107,10 +107,10 @@ class HeldSamples:
     def of(cls, parts: Sequence[Samples]) -> HeldSamples:
         """Return consecutive samples of one simulation, in which the same bodies move."""
         return cls(
-            np.concatenate([rows_of_bases(each) for each in parts]),
-            np.concatenate([each.contacts for each in parts]),
+            np.concatenate([rows_of_bases(part) for part in parts]),
+            np.concatenate([part.contacts for part in parts]),
             {
-                number: Joints.joined([each.joints[number] for each in parts])
+                number: Joints.joined([part.joints[number] for part in parts])
                 for number in parts[0].joints
             },
         )
@@ -128,8 +128,8 @@ class HeldSamples:
     def piece(self, first: int, end: int) -> Piece:
         """Return the samples of the steps from `first` to before `end`."""
         joints = {
-            number: each.at((each.steps >= first) & (each.steps < end))
-            for number, each in self.joints.items()
+            number: joint.at((joint.steps >= first) & (joint.steps < end))
+            for number, joint in self.joints.items()
         }
         bases, contacts = (between(each, first, end) for each in (self.bases, self.contacts))
         return Piece(first, end, bases, joints, {}, contacts, Log())
@@ -316,7 +316,7 @@ def seen_in(events: Iterable[Event]) -> Seen:
 
     appearances, sampled = those(Appearance), HeldSamples.of(those(Samples))
     return Seen(
-        bodies={each.body.number: each.body for each in appearances},
+        bodies={appearance.body.number: appearance.body for appearance in appearances},
         appearances=appearances,
         surfaces=[],
         dynamics=those(Dynamics),

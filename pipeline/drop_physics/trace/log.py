@@ -46,10 +46,10 @@ class Log:
         self._errors = {each.at.call: each.error for each in raised}
         self._came: dict[tuple[int, int], list[Appearance]] = {}
         """The bodies that had an id, by client and the engine's id."""
-        for each in appearances:
-            if each.came:
-                key = each.body.client, each.body.engine_id
-                self._came.setdefault(key, []).append(each)
+        for appearance in appearances:
+            if appearance.came:
+                key = appearance.body.client, appearance.body.engine_id
+                self._came.setdefault(key, []).append(appearance)
         self._lives: dict[tuple[int, int], list[tuple[int, int | None]]] | None = None
 
     def between(self, first: int, end: int) -> Log:
@@ -90,8 +90,8 @@ class Log:
         """Yield the commands to joints in successful calls: by site, not in order."""
         failed = [*self._errors]
         for row, widths in self._rows:
-            for each in commands_of(row, self.sites, widths):
-                yield each.only(~np.isin(each.calls, failed)) if failed else each
+            for command in commands_of(row, self.sites, widths):
+                yield command.only(~np.isin(command.calls, failed)) if failed else command
 
     def _made(self, sites: set[int]) -> list[Call]:
         """Return the calls of some sites in order, cached, since many rules ask for them."""

@@ -70,7 +70,7 @@ class LaterSums:
         found: list[Window] = []
         for client, first, end in wanted:
             begin = first
-            for _, a, b in sorted(each for each in self.windows if each[0] == client):
+            for _, a, b in sorted(window for window in self.windows if window[0] == client):
                 if b > begin and a < end:
                     if a > begin:
                         found.append((client, begin, a))
@@ -81,20 +81,20 @@ class LaterSums:
 
     def seen(self, seen: Seen, *, whole: bool) -> Seen:
         """Return a record with the causes of its steps; `whole` if all steps are explained."""
-        pairs = {(each.body_a, each.link_a, each.body_b, each.link_b): each for each in self.pairs}
+        pairs = {(pair.body_a, pair.link_a, pair.body_b, pair.link_b): pair for pair in self.pairs}
         return replace(
             seen,
             sampled=WithSums(seen.sampled, self),
             windows=() if whole else _joined(self.windows),
             causes={**seen.causes, **self.causes},
-            frictions={**seen.frictions, **{key: each.friction for key, each in pairs.items()}},
+            frictions={**seen.frictions, **{key: pair.friction for key, pair in pairs.items()}},
             softness={
                 **seen.softness,
-                **{key: (each.solref, each.solimp) for key, each in pairs.items() if each.solref},
+                **{key: (pair.solref, pair.solimp) for key, pair in pairs.items() if pair.solref},
             },
             condims={
                 **seen.condims,
-                **{key: (each.condim, each.rolling) for key, each in pairs.items()},
+                **{key: (pair.condim, pair.rolling) for key, pair in pairs.items()},
             },
         )
 
@@ -137,7 +137,7 @@ class WithSums:
             else:
                 contacts.append(between(event.contacts, first, end))
         in_order = {
-            client: sorted((each for each in parts if len(each.steps)), key=_first)
+            client: sorted((part for part in parts if len(part.steps)), key=_first)
             for client, parts in impulses.items()
         }
         rows = in_step_order(np.concatenate(contacts))

@@ -218,15 +218,17 @@ class CrossedRuns:
         """Return frames of the first run's steps, for the second run's engine."""
         b = self._b.steps
         rows = {name: held[steps] for name, held in self._base.items()}
-        for each in self.common.columns:
-            if each.name in rows and len(its := [*kept.get(each.name, ())]):
-                columns = self._columns[each.name][1][its]
-                rows[each.name][:, columns] = each.before_b[steps][:, its]
+        for column in self.common.columns:
+            if column.name in rows and len(its := [*kept.get(column.name, ())]):
+                columns = self._columns[column.name][1][its]
+                rows[column.name][:, columns] = column.before_b[steps][:, its]
         edits = [
             edit
-            for each in self.common.columns
-            if each.kind == "edit"
-            for edit in _edits(each, steps, self._columns[each.name][0], kept.get(each.name, ()))
+            for column in self.common.columns
+            if column.kind == "edit"
+            for edit in _edits(
+                column, steps, self._columns[column.name][0], kept.get(column.name, ())
+            )
         ]
         return _frames(self._a.steps, b, rows, steps, edits)
 

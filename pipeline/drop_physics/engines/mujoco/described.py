@@ -360,7 +360,7 @@ def _keyframes(
     qpos = np.asarray(arrays["key_qpos"], np.float64)[:MOST_KEYFRAMES]
     held, _ = joints_of(made, qpos, np.zeros((len(qpos), int(arrays["nv"].item()))))
     given = np.asarray(arrays.get("key_ctrl", np.zeros((len(qpos), 0))), np.float64)
-    mine = [each.number for each in made.body.actuators]
+    mine = [actuator.number for actuator in made.body.actuators]
     for name, joints, ctrl in zip(names["key"], held, given, strict=False):
         yield Keyframe(name, tuple(joints.tolist()), tuple(ctrl[mine].tolist()))
 

@@ -130,7 +130,7 @@ class Matched:
             new = _without(len(theirs), (n for _, n in pairs))
             if len(lost) == len(new):
                 pairs += zip(lost, new, strict=True)
-            self._pairs[kind] = sorted(each for each in pairs if self._alike(kind, *each))
+            self._pairs[kind] = sorted(pair for pair in pairs if self._alike(kind, *pair))
 
     def _alike(self, kind: str, mine: int, theirs: int) -> bool:
         """Return whether two elements can stand for each other: joints of one type can."""

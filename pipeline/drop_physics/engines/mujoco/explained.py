@@ -82,7 +82,7 @@ class ReplayedPiece:
         """Return the impulses of each cause on all degrees of freedom, shape (k, nv)."""
         found: dict[tuple[str, int, int], Float64] = {}
         patterns, terms = self.vocabulary.patterns, self.vocabulary.terms
-        widths = [sum(len(terms[number].dofs) for number in each) for each in patterns]
+        widths = [sum(len(terms[number].dofs) for number in pattern) for pattern in patterns]
         begins = np.cumsum([0, *(widths[which] for which in self.pattern)])
         for which in np.unique(self.pattern):
             steps = np.flatnonzero(self.pattern == which)

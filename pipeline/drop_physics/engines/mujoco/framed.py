@@ -76,8 +76,8 @@ class FramesOfSteps:
 
     def edited(self, edits: Iterable[Edited]) -> None:
         """Note changes of the model."""
-        for each in edits:
-            self._edits.setdefault(each.step, []).append(each)
+        for edit in edits:
+            self._edits.setdefault(edit.step, []).append(edit)
 
     def of_piece(
         self, piece: StepPiece, timestep_s: float, shared: Mapping[str, Sequence[SharedColumns]]
@@ -219,7 +219,7 @@ def shared_by(bodies: Iterable[DescribedBody]) -> dict[str, list[SharedColumns]]
     for made in bodies:
         series = ("qpos", "position", made.positions), ("qvel", "velocity", made.rates)
         for kind, (name, of, columns) in enumerate(series):
-            turned = [np.arange(len(columns))[each[kind]] for each in made.balls]
+            turned = [np.arange(len(columns))[ball[kind]] for ball in made.balls]
             places = np.setdiff1d(np.arange(len(columns)), np.concatenate([[], *turned]))
             if len(places):
                 its = SharedColumns(made.body.number, of, columns[places], places)

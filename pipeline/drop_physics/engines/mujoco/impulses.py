@@ -107,9 +107,9 @@ class ExplainedSteps:
     def know(self, causes: Iterable[ImpulseCause]) -> None:
         """Continue with causes that already have a number."""
         self._causes |= {
-            (each.kind, each.name, each.body, each.places): each
-            for each in causes
-            if each.client == self.client
+            (cause.kind, cause.name, cause.body, cause.places): cause
+            for cause in causes
+            if cause.client == self.client
         }
 
     def events(
@@ -306,7 +306,7 @@ def _by_term(piece: ReplayedPiece) -> Iterator[tuple[int, tuple[Int64, Float64]]
     if not k:
         return
     terms = np.concatenate([vocabulary.patterns[each] for each in piece.pattern.tolist()])
-    counts = np.array([len(each) for each in vocabulary.patterns])[piece.pattern]
+    counts = np.array([len(pattern) for pattern in vocabulary.patterns])[piece.pattern]
     step = np.repeat(piece.steps - piece.first, counts)
     width = np.array([len(term.dofs) for term in vocabulary.terms])
     begin = np.concatenate(([0], np.cumsum(width[terms])))[:-1]

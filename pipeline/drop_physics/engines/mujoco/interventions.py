@@ -121,12 +121,12 @@ def _all(_: Scope) -> dict[str, Any]:
 def _actuators(scope: Scope) -> Iterator[tuple[Actuator, dict[str, Any]]]:
     """Yield the actuators that are meant: of a joint, of a name, or all."""
     for body in scope.bodies:
-        for each in body.actuators:
-            named = scope.target in (None, body.label, each.name)
+        for actuator in body.actuators:
+            named = scope.target in (None, body.label, actuator.name)
             if scope.joint is not None:
-                named = each.acts_on == "joint" and each.target == scope.joint
+                named = actuator.acts_on == "joint" and actuator.target == scope.joint
             if named:
-                yield each, {"of": "actuator", "names": [each.name]}
+                yield actuator, {"of": "actuator", "names": [actuator.name]}
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ class FieldRow(ChangeRow):
         for name, how in self.changes(cure).items():
             yield {**_write(name, how), **self.of(scope), **derived}
         if self.makes is not None:
-            yield from ({"engine": ENGINE, **each} for each in self.makes(self, cure, scope))
+            yield from ({"engine": ENGINE, **make} for make in self.makes(self, cure, scope))
 
     def applied(self, cure: Cure, scope: Scope) -> ChangedRun | None:
         """Return the run with a cure, with finer steps where a finding asks for them."""

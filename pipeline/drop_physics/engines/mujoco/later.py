@@ -74,7 +74,7 @@ def explained_later(
         If the process ends before it is through.
     """
     numbers = itertools.count(max(causes, default=-1) + 1)
-    for client, its in itertools.groupby(sorted(windows), key=lambda each: each[0]):
+    for client, its in itertools.groupby(sorted(windows), key=lambda window: window[0]):
         number = recorded.model_of(client)
         path = folder / f"{number}.mjb"
         if not path.exists():

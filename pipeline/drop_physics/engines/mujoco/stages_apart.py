@@ -80,13 +80,13 @@ def stages_apart(
 
 def _found(mine: Computed, theirs: Computed, matched: Matched) -> Iterator[StageApart]:
     bodies = matched.pairs("body")
-    a, b = (np.array([each[side] for each in bodies], np.int64) for side in (0, 1))
+    a, b = (np.array([body[side] for body in bodies], np.int64) for side in (0, 1))
     if (size := _size(mine.positions[a], theirs.positions[b])) is not None:
         yield StageApart("kinematics", size, Message("the positions of bodies"))
     yield from _collisions(mine, theirs, matched)
     yield from _rows(mine, theirs)
     dofs = matched.pairs("dof")
-    a, b = (np.array([each[side] for each in dofs], np.int64) for side in (0, 1))
+    a, b = (np.array([dof[side] for dof in dofs], np.int64) for side in (0, 1))
     for stage, name in FORCES.items():
         if (size := _size(mine.forces[name][a], theirs.forces[name][b])) is not None:
             yield StageApart(stage, size, TOLD[stage])

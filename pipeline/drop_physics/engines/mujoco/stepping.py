@@ -144,7 +144,7 @@ class Stepper:
         its = wanted.frames
         first = its.first + wanted.begin
         if self._next != (wanted.model, its.client, first):
-            earlier = [*wanted.edits, *(each for each in its.edits if each.step < wanted.begin)]
+            earlier = [*wanted.edits, *(edit for edit in its.edits if edit.step < wanted.begin)]
             arrays, listed = packed_edits(earlier)
             simulation = {"world": its.client, "path": str(wanted.model), "edits": listed}
             self._send(
@@ -216,4 +216,4 @@ def packed_edits(edits: Sequence[ModelEdit]) -> tuple[Arrays, list[list[Any]]]:
         "edits@indices": np.concatenate([none.astype(np.int64), *(e.indices for e in edits)]),
         "edits": np.concatenate([none, *(e.values for e in edits)]),
     }
-    return arrays, [[each.step, each.name, len(each.values)] for each in edits]
+    return arrays, [[edit.step, edit.name, len(edit.values)] for edit in edits]

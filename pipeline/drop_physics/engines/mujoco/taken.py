@@ -81,7 +81,7 @@ def taken(pieces: Iterable[Frames], fields: Mapping[str, NDArray[Any]]) -> Taken
         The fields of its model as it was compiled.
     """
     whole = joined([*pieces])
-    names = {each.name for each in whole.edits}
+    names = {edit.name for edit in whole.edits}
     inputs = {name: _held(each, len(whole)) for name, each in whole.inputs.items() if name in USER}
     return TakenSteps(
         whole,
@@ -154,12 +154,12 @@ def _acting(whole: Frames, inputs: Rows) -> Rows:
 
 def edited_of(whole: Frames, name: str, compiled: NDArray[Any]) -> tuple[Int64, Float64]:
     """Return the written elements of a field, and their values in each step."""
-    edits = [each for each in whole.edits if each.name == name]
-    indices = np.unique(np.concatenate([each.indices for each in edits]))
+    edits = [edit for edit in whole.edits if edit.name == name]
+    indices = np.unique(np.concatenate([edit.indices for edit in edits]))
     start = np.ravel(compiled).astype(np.float64)[indices]
     rows = np.repeat(start[None], len(whole), axis=0)
-    for each in edits:
-        rows[each.step :, np.searchsorted(indices, each.indices)] = each.values
+    for edit in edits:
+        rows[edit.step :, np.searchsorted(indices, edit.indices)] = edit.values
     return indices, rows
 
 
@@ -198,9 +198,9 @@ def joined(pieces: list[Frames]) -> Frames:
         inputs=columns("inputs"),
         posed=columns("posed"),
         edits=[
-            ModelEdit(start + each.step, each.name, each.indices, each.values)
+            ModelEdit(start + edit.step, edit.name, edit.indices, edit.values)
             for start, piece in both
-            for each in piece.edits
+            for edit in piece.edits
         ],
         answers=[(start + step, told) for start, piece in both for step, told in piece.answers],
         shared={},

@@ -67,7 +67,7 @@ class Numbering:
         name = _name(
             note["file"],
             note["name"],
-            *(each.kind for each in collisions or shapes),
+            *(collision.kind for collision in collisions or shapes),
             note["base"],
         )
         links = (note["base"] or "base", *(info[12] for info in note["joints"]))
@@ -77,7 +77,10 @@ class Numbering:
             note["name"],
             links,
             note["soft"],
-            tuple((each.name, each.kind, each.parent, each.widths, each.limits) for each in joints),
+            tuple(
+                (joint.name, joint.kind, joint.parent, joint.widths, joint.limits)
+                for joint in joints
+            ),
             tuple((shape.link, shape.kind, shape.file) for shape in shapes),
         )
         number = self._numbers.get(make_up)

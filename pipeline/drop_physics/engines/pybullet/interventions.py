@@ -98,7 +98,7 @@ class CallRow(ChangeRow):
         """Return the call that a cure's user would write."""
         if self.words or not self.function:
             return super().call_of(cure)
-        shown = (_shown(name, *each) for name, each in self.changes(cure).items())
+        shown = (_shown(name, *change) for name, change in self.changes(cure).items())
         return f"p.{self.function}(…, {', '.join(shown)})"
 
     def operations(self, cure: Cure, scope: Scope) -> Iterable[Operation]:
@@ -207,7 +207,7 @@ def _limits(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
 def _inertial(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
     """Give almost no mass to links without a mass in their file."""
     for body in scope.bodies:
-        none = [n - 1 for n, each in enumerate(body.asked.links) if math.isnan(each.mass_kg)]
+        none = [n - 1 for n, link in enumerate(body.asked.links) if math.isnan(link.mass_kg)]
         links = cure.given.get("links", none)
         yield from _of_links([body], LIGHT, lambda _, links=links: links)  # type: ignore[misc]
 
@@ -306,14 +306,14 @@ def _mimic(_: CallRow, __: Cure, scope: Scope) -> Iterator[Operation]:
     """Connect joints that should mimic others by gears, with their own motors off."""
     for body in scope.bodies:
         links = {joint.name: joint.link for joint in body.joints}
-        for each in body.asked.mimics:
-            if each.joint not in links or each.of not in links or not each.multiplier:
+        for mimic in body.asked.mimics:
+            if mimic.joint not in links or mimic.of not in links or not mimic.multiplier:
                 continue
             yield {
                 "do": "gear",
                 "functions": MAKES,
-                "links": [links[each.of], links[each.joint]],
-                "ratio": -1 / each.multiplier,
+                "links": [links[mimic.of], links[mimic.joint]],
+                "ratio": -1 / mimic.multiplier,
                 **_of(body),
             }
 

@@ -169,7 +169,7 @@ def _arguments(call: Call) -> dict[str, Any]:
         tree = ast.parse(f"f({text})", mode="eval").body
         assert isinstance(tree, ast.Call)
         args = tuple(ast.literal_eval(each) for each in tree.args)
-        kwargs = {str(each.arg): ast.literal_eval(each.value) for each in tree.keywords}
+        kwargs = {str(keyword.arg): ast.literal_eval(keyword.value) for keyword in tree.keywords}
     except (SyntaxError, ValueError, AssertionError):
         raise LogError(f"{call.function}({text})"[:80]) from None
     return named(call.function, args, kwargs)

@@ -90,9 +90,9 @@ class Replayer:
             "steps": steps,
             "folders": self._folders,
             "calls": [
-                [each.step, each.function, dict(each.given), each.makes, each.raises]
-                for each in calls
-                if each.step < steps
+                [call.step, call.function, dict(call.given), call.makes, call.raises]
+                for call in calls
+                if call.step < steps
             ],
         }
         self.jobs += 1

@@ -64,7 +64,7 @@ def drawn(
         for model in models
         if model.shape.kind == "plane"
     ]
-    rgb = np.array([ImageColor.getrgb(each) for each in colours], np.uint8)
+    rgb = np.array([ImageColor.getrgb(colour) for colour in colours], np.uint8)
     client = p.connect(p.DIRECT)
     try:
         with temporary_folder() as folder, c_output_moved_aside():
@@ -134,8 +134,8 @@ def _ball(folder: Path) -> Path:
         corners = np.stack(
             (np.sin(along) * np.cos(around), np.sin(along) * np.sin(around), np.cos(along)), axis=-1
         ).reshape(-1, 3)
-        lines = ["v {:.6f} {:.6f} {:.6f}".format(*each) for each in corners]
-        lines += ["vn {:.6f} {:.6f} {:.6f}".format(*each) for each in corners]
+        lines = ["v {:.6f} {:.6f} {:.6f}".format(*corner) for corner in corners]
+        lines += ["vn {:.6f} {:.6f} {:.6f}".format(*corner) for corner in corners]
         for ring in range(len(rings) - 1):
             for side in range(len(sides)):
                 a, b = ring * 24 + side, ring * 24 + (side + 1) % 24

@@ -220,7 +220,7 @@ def _pools() -> int:
     """Return the number of threads in pools that survive a fork: those of OpenBLAS."""
     with open("/proc/self/maps", encoding="utf-8", errors="surrogateescape") as file:
         libraries = set(POOL.findall(file.read()))
-    return sum(_pool(each) - 1 for each in libraries)
+    return sum(_pool(library) - 1 for library in libraries)
 
 
 def _pool(library: str) -> int:

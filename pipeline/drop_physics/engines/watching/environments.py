@@ -77,7 +77,9 @@ class Environments:
 
         If no episode has ended, the values are those of the current one.
         """
-        ended = [each for each in self.episodes if each.how not in ("", "run")] or self.episodes
+        ended = [
+            episode for episode in self.episodes if episode.how not in ("", "run")
+        ] or self.episodes
         if not ended:
             return {}
         return {

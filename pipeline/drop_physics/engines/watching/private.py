@@ -75,7 +75,7 @@ class Private:
             except OSError:  # another may hold the working directory
                 continue
             self._layers.append(folder)
-        if not any(_is_in(here, each) for each in self._layers):
+        if not any(_is_in(here, layer) for layer in self._layers):
             raise OSError("no layer can be put over the working directory")
         _set_attributes("/", _Attributes(set=MOUNT_ATTR_RDONLY), AT_RECURSIVE)
         _mount(".", self._scratch, flags=MS_BIND | MS_REC)
@@ -107,7 +107,7 @@ class Private:
 
     def holds(self, path: str) -> bool:
         """Return whether a path lies in one of the layers."""
-        return any(_is_in(path, each) for each in self._layers)
+        return any(_is_in(path, layer) for layer in self._layers)
 
     def file(self, name: str) -> str:
         """Return the path of a file of ours in the scratch folder."""
@@ -166,7 +166,7 @@ def _apart(folders: list[str]) -> Iterator[str]:
         points = [line.split()[MOUNTED].encode().decode("unicode_escape") for line in file]
     taken: list[str] = []
     for folder in sorted({os.path.realpath(each) for each in folders}):
-        holds = folder == "/" or any(_is_in(each, folder) and each != folder for each in points)
+        holds = folder == "/" or any(_is_in(point, folder) and point != folder for point in points)
         if not holds and os.path.isdir(folder) and not any(_is_in(folder, e) for e in taken):
             taken.append(folder)
             yield folder
@@ -189,10 +189,10 @@ def _remove(path: str) -> None:
         os.unlink(path)
         return
     for at, folders, files in os.walk(path, topdown=False):
-        for each in files:
-            os.unlink(os.path.join(at, each))
-        for each in folders:
-            inner = os.path.join(at, each)
+        for file in files:
+            os.unlink(os.path.join(at, file))
+        for folder in folders:
+            inner = os.path.join(at, folder)
             (os.unlink if os.path.islink(inner) else os.rmdir)(inner)
     os.rmdir(path)
 

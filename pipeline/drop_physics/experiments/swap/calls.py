@@ -122,7 +122,7 @@ class WhyCalls:
         mine, theirs = (self.states(log, count) for log in (self.a, self.b))
         if not (self._is(mine, count, second=False) and self._is(theirs, count, second=True)):
             return answer  # the logs are not all that made these runs
-        before = [each for each in self._units if each.step <= step]
+        before = [unit for unit in self._units if unit.step <= step]
         if not before or len(before) > MOST_UNITS or not self._holds(before, step + 1):
             return answer
         least = minimal(before, lambda some: self._holds(some, step + 1))
@@ -140,7 +140,7 @@ class WhyCalls:
     def _with_later(self, least: Sequence[CallUnit], count: int) -> tuple[list[CallUnit], int]:
         """Return a cause with later differences of the same calls, and the steps it explains."""
         kinds = {each.kind for each in least}
-        swapped = [each for each in self._units if each.kind in kinds]
+        swapped = [unit for unit in self._units if unit.kind in kinds]
         until = self._same_until(self.states(with_units(self.a, swapped), count), count)
         if until > max(each.step for each in least):
             return swapped, until
@@ -150,13 +150,13 @@ class WhyCalls:
     def _second(self, swapped: Sequence[CallUnit], until: int) -> list[CallUnit]:
         """Return the calls that part both runs again after the first cause is swapped."""
         first = {*map(id, swapped)}
-        others = [each for each in self._units if id(each) not in first and each.step <= until]
+        others = [unit for unit in self._units if id(unit) not in first and unit.step <= until]
         if not others or len(others) > MOST_UNITS:
             return []
 
         def holds(some: Sequence[CallUnit]) -> bool:
             both = first | {*map(id, some)}  # in the order of the log
-            return self._holds([each for each in self._units if id(each) in both], until + 1)
+            return self._holds([unit for unit in self._units if id(unit) in both], until + 1)
 
         return minimal(others, holds) if holds(others) else []
 
@@ -164,7 +164,7 @@ class WhyCalls:
         """Return the names of differences that are of other calls than those that act."""
         kinds = {each.kind for each in acting}
         names = self._names([each for each in before if each.kind not in kinds])
-        return [each for each in names if each not in self._names(acting)]
+        return [name for name in names if name not in self._names(acting)]
 
     def _names(self, units: Sequence[CallUnit]) -> list[str]:
         return [*dict.fromkeys(each.field or "" for each in _told(units))]
@@ -207,7 +207,7 @@ def units_of(a: Sequence[LoggedCall], b: Sequence[LoggedCall]) -> Iterator[CallU
         mine = [a[number] for number in numbers]
         begin = numbers[0] if numbers else ends
         ends = begin + len(numbers)
-        keys = [each.key for each in mine], [each.key for each in theirs]
+        keys = [each.key for each in mine], [their.key for their in theirs]
         if keys[0] == keys[1]:
             continue
         matcher = difflib.SequenceMatcher(None, *keys, autojunk=False)
@@ -277,7 +277,7 @@ def _with_argument(call: LoggedCall, other: LoggedCall, name: str) -> LoggedCall
 
 
 def _class_of(units: Sequence[CallUnit]) -> Class:
-    sets = set[Sets]().union(*(each.sets for each in units))
+    sets = set[Sets]().union(*(unit.sets for unit in units))
     if sets == {"setting"}:
         return "settings"
     if "input" in sets:
@@ -339,7 +339,7 @@ def _apart(
     """Return the name of a difference, and its value in each run."""
     if not unit.argument:
         a, b = (
-            ", ".join(dict.fromkeys(each.function for each in calls)) or None
+            ", ".join(dict.fromkeys(call.function for call in calls)) or None
             for calls in (unit.removed, unit.added)
         )
         if x is None or y is None:  # a call that one run makes
@@ -368,7 +368,7 @@ def _call(call: LoggedCall) -> str:
 
 
 def _names_of(calls: Sequence[LoggedCall]) -> str:
-    names = dict.fromkeys(each.about or each.function for each in calls)
+    names = dict.fromkeys(call.about or call.function for call in calls)
     return ", ".join([*names][:MOST_CAUSES])
 
 

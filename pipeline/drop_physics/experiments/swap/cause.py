@@ -109,8 +109,8 @@ class CauseSearch:
 
         def told(causes: Sequence[DifferenceCause]) -> list[DifferenceCause]:
             return [
-                each if each.step is None else replace(each, step=number(each.step))
-                for each in causes
+                cause if cause.step is None else replace(cause, step=number(cause.step))
+                for cause in causes
             ]
 
         return replace(
@@ -148,7 +148,7 @@ class CauseSearch:
 
     def _idle(self) -> list[str]:
         """Return the differences between runs that are the same."""
-        given = [each for each in self._common.columns if each.kind in ("input", "edit")]
+        given = [column for column in self._common.columns if column.kind in ("input", "edit")]
         differ = [each.name for each in given if first_given([each], self._common.steps - 1)]
         return [*dict.fromkeys([*self._others(()), *differ, *self._common.other_fields])]
 
@@ -230,15 +230,15 @@ class CauseSearch:
     def _needed(self, given: FirstInput, step: int) -> list[FirstInput]:
         """Return those numbers before a step whose differences change the step."""
         units = [*given_at(self._common.columns, step)]
-        of_first = [each for each in units if each.paired is given.paired]
+        of_first = [unit for unit in units if unit.paired is given.paired]
         if len(units) < 2 or not of_first:
             return [given]
 
         def holds(taken: list[FirstInput]) -> bool:
             kept: dict[str, list[int]] = {}
-            for each in units:
-                if each not in taken:
-                    kept.setdefault(each.paired.name, []).extend(each.columns)
+            for unit in units:
+                if unit not in taken:
+                    kept.setdefault(unit.paired.name, []).extend(unit.columns)
             return bool(self._one.crossed(np.array([step]), (), kept)[0])
 
         least = minimal(of_first, holds) if holds(of_first) else minimal(units, holds)
@@ -275,7 +275,7 @@ class CauseSearch:
             return []
         sample = _sample(wrong)
         least = self._least(lambda fields: bool(self._crossed(sample, fields).all()))
-        told = [self._told_field(each) for each in self._in_words(least)]
+        told = [self._told_field(word) for word in self._in_words(least)]
         if not least and not self._alike.engine:
             told = [DifferenceCause("step")]
         return [replace(each, step=int(wrong[0]), steps=len(wrong)) for each in told]
@@ -321,7 +321,7 @@ class CauseSearch:
         least = self._least(lambda fields: bool(self._crossed(tried, fields).all()))
         held = self._crossed(self._steps(), least) & redone
         settings = all(self._fields[each].is_setting for each in least)
-        told = [self._told_field(each) for each in self._in_words(least)]
+        told = [self._told_field(word) for word in self._in_words(least)]
         names = {each.field for each in told}
         derived = [self._fields[each] for each in least if self._fields[each].is_derived]
         follows = [*dict.fromkeys(each.field for each in derived if each.field not in names)]
@@ -392,8 +392,8 @@ class CauseSearch:
             tried = _sample(by_model)
             least = self._least(lambda fields: bool(self._crossed(tried, fields).all()))
             also = [
-                replace(self._told_field(each), step=int(by_model[0]), steps=len(by_model))
-                for each in self._in_words(least)
+                replace(self._told_field(word), step=int(by_model[0]), steps=len(by_model))
+                for word in self._in_words(least)
             ]
         named = {each.field for each in also}
         counts = Counter(size > REAL for size in sizes.tolist())

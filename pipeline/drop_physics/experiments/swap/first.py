@@ -44,7 +44,7 @@ class FirstInput:
     @property
     def elements(self) -> list[str]:
         """The elements that own the numbers."""
-        return [*dict.fromkeys(self.paired.elements[each] for each in self.columns)]
+        return [*dict.fromkeys(self.paired.elements[column] for column in self.columns)]
 
 
 def _both(paired: Paired) -> tuple[Float64, Float64]:
@@ -107,9 +107,9 @@ def first_hidden(common: Common, until: int) -> int | None:
     """Return the first step with another resulting state, hidden parts included; else None."""
     steps = [
         int(rows[0])
-        for each in common.columns
-        if each.after_a is not None and each.after_b is not None
-        if len(rows := np.flatnonzero(differs(each.after_a, each.after_b).any(axis=1)))
+        for column in common.columns
+        if column.after_a is not None and column.after_b is not None
+        if len(rows := np.flatnonzero(differs(column.after_a, column.after_b).any(axis=1)))
     ]
     step = min(steps, default=until)
     return step if step < until else None

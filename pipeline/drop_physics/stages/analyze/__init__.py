@@ -185,7 +185,7 @@ def _give_memory_back() -> None:
 
 def _hulls(analysis: Analysis) -> frozenset[str]:
     """Return the labels of bodies whose collision hulls are shown in the viewer."""
-    found = (each.body for each in analysis.findings if each.code == "collides-as-hull")
+    found = (finding.body for finding in analysis.findings if finding.code == "collides-as-hull")
     return frozenset(label for label in found if label is not None)
 
 
@@ -236,27 +236,27 @@ def _shown(analysis: Analysis, seen: Seen) -> LayerShown:
     lines = [
         [
             Line(
-                str(each.name),
-                each.colour or colours.TOTAL_IN_VIEWER,
-                widths[each.look],
-                each.steps,
-                each.times_s,
-                each.values,
+                str(curve.name),
+                curve.colour or colours.TOTAL_IN_VIEWER,
+                widths[curve.look],
+                curve.steps,
+                curve.times_s,
+                curve.values,
             )
-            for each in panel.curves
-            if len(each.steps)
+            for curve in panel.curves
+            if len(curve.steps)
         ]
         for panel in panels
     ]
     titles = [f"{panel.title} [{panel.unit}]" for panel in panels]
     samples = [
         ShownBody(
-            each.body.label,
-            Times(each.columns["step"], each.columns["time_s"]),
-            [SEGMENTS[segment] for segment in each.columns["segment"].tolist()],
-            np.stack([each.columns[f"error_{axis}_m"] for axis in "xyz"], axis=1),
+            row.body.label,
+            Times(row.columns["step"], row.columns["time_s"]),
+            [SEGMENTS[segment] for segment in row.columns["segment"].tolist()],
+            np.stack([row.columns[f"error_{axis}_m"] for axis in "xyz"], axis=1),
         )
-        for each in analysis.rows
+        for row in analysis.rows
     ]
     return LayerShown(samples, [*zip(titles, lines, strict=True)], bodies, _hulls(analysis))
 

@@ -176,12 +176,12 @@ def _answered(
         sites, halted = _sites(a.recording, b.recording), threading.Event()
 
         def halts() -> bool:
-            tell(sum(each.jobs for each in swappers))
+            tell(sum(swapper.jobs for swapper in swappers))
             return halted.is_set()
 
         with interrupts(halted.set):
             answer = CauseSearch(crossed, alike, tolerance, sites, halts).answer()
-        return answer, sum(each.jobs for each in swappers)
+        return answer, sum(swapper.jobs for swapper in swappers)
 
 
 def _earliest(

@@ -43,7 +43,7 @@ def answered_by_calls(
         theirs, twin = renumbered(logs[0], logs[1], theirs)
         bodies, both = _bodies(a, b, logs[0], logs[1], twin)
         moves = moving_alone(a.recording.seen, b.recording.seen, [*both.values()])
-        joints = {number: [each.name for each in x.joints] for number, (x, _) in both.items()}
+        joints = {number: [joint.name for joint in x.joints] for number, (x, _) in both.items()}
         names = {number: body.name for number, body in bodies}
         mine, theirs = (_told(log, names, joints) for log in (mine, theirs))
         lengths = steps_of(a), steps_of(b)
@@ -112,8 +112,8 @@ def _bodies(
     seen = a.recording.seen, b.recording.seen
     steps = min(steps_of(a), steps_of(b))
     found = []
-    for number, x, y in sorted(pairs, key=lambda each: each[0]):
-        found += [(number, each) for each in paired_bodies(*seen, [(x, y)], steps)]
+    for number, x, y in sorted(pairs, key=lambda pair: pair[0]):
+        found += [(number, body) for body in paired_bodies(*seen, [(x, y)], steps)]
     return found, {number: (x, y) for number, x, y in pairs}
 
 

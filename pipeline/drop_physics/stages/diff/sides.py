@@ -52,7 +52,7 @@ class Asked:
         """Return a short text that distinguishes this side from the other."""
         if self.target != other.target:
             return Path(self.target).name
-        words = [each.replace("==", " ") for each in self.packages]
+        words = [package.replace("==", " ") for package in self.packages]
         words += [f"{name}={value}" for name, value in self.variables.items()]
         words += [shlex.join(self.arguments)] if self.arguments != other.arguments else []
         words += [self.python] if self.python and self.python != other.python else []
@@ -113,9 +113,9 @@ def sides_of(
             script=words[0],
         )
     packages_of = _divided(packages, lambda each: checked(each)[0])
-    for each in variables:
-        if "=" not in each:
-            raise ScenarioError("--env must be NAME=VALUE, got {given!r}", given=each)
+    for variable in variables:
+        if "=" not in variable:
+            raise ScenarioError("--env must be NAME=VALUE, got {given!r}", given=variable)
     variables_of = _divided(variables, lambda each: each.partition("=")[0])
     pythons_of = _divided(pythons, lambda _: "")
     sides = []

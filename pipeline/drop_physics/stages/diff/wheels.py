@@ -93,7 +93,7 @@ def unpacked(
     """
     if not requirements:
         return {}
-    folders = [str(_folder(*checked(each), python, note)) for each in requirements]
+    folders = [str(_folder(*checked(requirement), python, note)) for requirement in requirements]
     before = users_environment().get("PYTHONPATH")
     return {"PYTHONPATH": os.pathsep.join([*folders, *([before] if before else [])])}
 

@@ -57,7 +57,11 @@ class Drawable:
         assert analysis.curves is not None  # of a script
         self.curves = analysis.curves
         self.bodies = {body.label: body for body in analysis.bodies}
-        found = [self.bodies[each.body] for each in analysis.findings if each.body in self.bodies]
+        found = [
+            self.bodies[finding.body]
+            for finding in analysis.findings
+            if finding.body in self.bodies
+        ]
         moves = {
             body.label: sum(body.segments.values()) - body.segments["still"]
             for body in analysis.bodies
@@ -195,10 +199,10 @@ def friction(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> 
 
 def heights(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:  # noqa: ARG001
     """Yield the height of a flying body, beside free fall."""
-    longest = max((each.last_step - each.first_step for each in body.flights), default=0)
+    longest = max((flight.last_step - flight.first_step for flight in body.flights), default=0)
     if longest <= FLIES * sum(body.segments.values()):
         return
-    (rows,) = (each.columns for each in subject.analysis.rows if each.body.number == body.id)
+    (rows,) = (row.columns for row in subject.analysis.rows if row.body.number == body.id)
     times_s, z_m, steps = rows["time_s"], rows["z_m"], rows["step"]
     fall_m = z_m - rows["error_z_m"]
     yield Panel(
@@ -258,7 +262,9 @@ def side_by_side(subject: Drawable, bodies: Mapping[int, Body]) -> Iterator[Pane
     At most `MOST_JOINTS` of all bodies.
     """
     named = [
-        (each.body, each.joint) for each in subject.analysis.findings if each.code not in OF_FILES
+        (finding.body, finding.joint)
+        for finding in subject.analysis.findings
+        if finding.code not in OF_FILES
     ]
     found = [
         (
@@ -308,7 +314,7 @@ def side_by_side(subject: Drawable, bodies: Mapping[int, Body]) -> Iterator[Pane
 
 def _joint_of(curves: Curves, place: int) -> Curves:
     """Return the curves of one joint of a body."""
-    return Curves(curves.steps, {name: each[:, place] for name, each in curves.columns.items()})
+    return Curves(curves.steps, {name: column[:, place] for name, column in curves.columns.items()})
 
 
 def _window(torque: Float64) -> int:

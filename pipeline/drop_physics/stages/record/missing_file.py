@@ -83,6 +83,6 @@ def _near(path: Path) -> Path | None:
     if not path.parent.is_dir():
         return None
     names = [each.name for each in path.parent.iterdir() if each.suffix == path.suffix]
-    alike = {each.casefold(): each for each in names}
+    alike = {name.casefold(): name for name in names}
     found = difflib.get_close_matches(path.name.casefold(), alike, 1, 0.8)
     return path.with_name(alike[found[0]]) if found else None

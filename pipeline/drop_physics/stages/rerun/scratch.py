@@ -40,10 +40,10 @@ def scratch_copy(folder: Path, written: Collection[Path]) -> Iterator[Path]:
             here = copy / Path(at).relative_to(folder)
             for each in folders:
                 here.joinpath(each).mkdir()
-            for each in files:
-                own = Path(at, each)
+            for file in files:
+                own = Path(at, file)
                 if own in written:
-                    shutil.copy2(own, here / each)
+                    shutil.copy2(own, here / file)
                 else:
-                    here.joinpath(each).symlink_to(own)
+                    here.joinpath(file).symlink_to(own)
         yield copy

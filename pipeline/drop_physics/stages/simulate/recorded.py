@@ -92,10 +92,10 @@ def recorded(
 
     def events() -> Iterator[Event]:
         yield from bodies_of(world, engine)
-        for each in world.samples(batch):
-            watch(each)
-            yield each
-            progress(Message("stepping"), int(each.steps[-1]) + 1, scenario.steps + 1)
+        for sample in world.samples(batch):
+            watch(sample)
+            yield sample
+            progress(Message("stepping"), int(sample.steps[-1]) + 1, scenario.steps + 1)
 
     return recorder.chunks(
         events(),

@@ -69,7 +69,9 @@ def write_outputs(
 def distances_of(trust: Trust) -> Plot:
     """Return the plot of the distances between variations and the script's own run over time."""
     title = Message("How far variations of {script} are from its own run", script=trust.script)
-    lines = [each.message for each in trust.findings if each.code in ("one-of-many", "grows")]
+    lines = [
+        finding.message for finding in trust.findings if finding.code in ("one-of-many", "grows")
+    ]
     return Plot(title, lines, [*_panels(trust)])
 
 
@@ -79,8 +81,8 @@ def table_of(trust: Trust) -> pl.DataFrame:
 
     rows = [
         {
-            "variation": each.name,
-            "term": each.term if track is each.apart.first else None,
+            "variation": variation.name,
+            "term": variation.term if track is variation.apart.first else None,
             "from_s": None if track.from_step is None else track.from_s,
             **{
                 name: getattr(track, name)
@@ -88,8 +90,8 @@ def table_of(trust: Trust) -> pl.DataFrame:
                 if name not in ("variation", "term", "from_s")
             },
         }
-        for each in trust.variations
-        for track in each.apart.tracks
+        for variation in trust.variations
+        for track in variation.apart.tracks
     ]
     return pl.DataFrame(
         rows, schema={name: pl.String if name in TEXTS else pl.Float64 for name in COLUMNS}
@@ -104,11 +106,11 @@ def _panels(trust: Trust) -> Iterator[Panel]:
     }
     for unit, title in titles.items():
         curves = []
-        for number, each in enumerate(trust.variations):
-            times_s, off = each.apart.curves.get(unit, (np.empty(0), np.empty(0)))
+        for number, variation in enumerate(trust.variations):
+            times_s, off = variation.apart.curves.get(unit, (np.empty(0), np.empty(0)))
             values = np.where((off > LEAST) & np.isfinite(off), off, np.nan)
             if np.isfinite(values).any():
                 colour = COLOURS[number % len(COLOURS)]
-                curves.append(Curve(each.name, times_s, values, colour))
+                curves.append(Curve(variation.name, times_s, values, colour))
         if curves:
             yield Panel(title, unit, curves, log=True)

@@ -240,8 +240,8 @@ class RunFolder:
                     folder=self.path,
                 )
             if self.force or not resumes:
-                for each in recordings:
-                    each.unlink(missing_ok=True)
+                for recording in recordings:
+                    recording.unlink(missing_ok=True)
             self._describe(finished=False)
             yield
             self._describe(finished=True)

@@ -134,9 +134,9 @@ def _documented(text: str, verb: Any) -> Iterator[str]:  # noqa: ANN401
     """Yield a function's description, its parameters, and the errors that it raises."""
     about, errors, raised = inspect.cleandoc(text).partition("\n\nRaises\n")
     yield from (about, "", "Parameters", "----------")
-    for each in parameters_of(verb).values():
-        if each.in_python:
-            yield each.name
-            yield textwrap.indent(textwrap.fill(each.option.help, 92), "    ")
+    for parameter in parameters_of(verb).values():
+        if parameter.in_python:
+            yield parameter.name
+            yield textwrap.indent(textwrap.fill(parameter.option.help, 92), "    ")
     if errors:
         yield f"{errors}{raised}".removeprefix("\n")

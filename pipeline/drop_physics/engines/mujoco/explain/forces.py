@@ -83,11 +83,11 @@ def _passive(m: Any, layout: Layout, held: dict[str, Any]) -> list[Force]:
     """Return springs, dampers, fluid, gravity compensation, adhesion, and callbacks' additions."""
     rest, found = held["qfrc_passive"], []
     springs, dampers = held["qfrc_spring"], held["qfrc_damper"]
-    for each in _tendons(m, held):
-        found.append(each.whole)
-        springs = _less(springs, each.dofs, each.spring)
-        dampers = _less(dampers, each.dofs, each.damper)
-        rest = _less(rest, each.dofs, each.spring + each.damper)
+    for tendon in _tendons(m, held):
+        found.append(tendon.whole)
+        springs = _less(springs, tendon.dofs, tendon.spring)
+        dampers = _less(dampers, tendon.dofs, tendon.damper)
+        rest = _less(rest, tendon.dofs, tendon.spring + tendon.damper)
     named = [("spring", springs), ("damper", dampers), ("fluid", held["qfrc_fluid"])]
     if "qfrc_adhesion" in held:
         named.append(("adhesion", held["qfrc_adhesion"]))

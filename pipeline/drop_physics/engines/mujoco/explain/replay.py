@@ -88,7 +88,7 @@ class ReplayedModel:
         self.resets = not m.opt.disableflags & NO_RESET
         self.sleeps = bool(m.opt.enableflags & SLEEP)
         integrators = [self._integrator(which) for which in range(len(STEPS))]
-        self.integrators = [(each, self._uncovered(each)) for each in integrators]
+        self.integrators = [(integrator, self._uncovered(integrator)) for integrator in integrators]
         """The integrator that each function uses, and why its steps have no sum."""
 
     def edit(self, name: str, indices: Any, values: Any) -> None:
@@ -487,7 +487,7 @@ class Replay:
             [kind, first, second, dofs.tolist()]
             for kind, first, second, dofs in terms.made[terms.told :]
         ]
-        patterns = [each.tolist() for each in terms.patterns[terms.patterns_told :]]
+        patterns = [pattern.tolist() for pattern in terms.patterns[terms.patterns_told :]]
         met = pairs.made[pairs.told :]
         terms.told, terms.patterns_told = len(terms.made), len(terms.patterns)
         pairs.told = len(pairs.made)

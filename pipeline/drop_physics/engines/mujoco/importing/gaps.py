@@ -151,7 +151,7 @@ class Gaps:
             kept = best if near.get(best, 1.0) <= MOSTLY else EVERYTHING
             found.setdefault(kept, []).append(each)
         gaps = [_gap(term, its) for term, its in found.items()]
-        return sorted(gaps, key=lambda each: (-each.steps, each.first))
+        return sorted(gaps, key=lambda gap: (-gap.steps, gap.first))
 
     def _acting(self, step: ImportedStep) -> set[GapTerm]:
         """Return the terms that act in a step."""

@@ -94,8 +94,8 @@ class SeenCallSites:
         key = shown_file(frame.f_code.co_filename), frame.f_lineno, function
         calls = self.calls.setdefault(key, SeenCalls())
         calls.keywords.update(keywords)
-        for each in elements_of(client, arguments):
-            calls.note(each, arguments)
+        for element in elements_of(client, arguments):
+            calls.note(element, arguments)
 
 
 class SeenCalls:
@@ -247,7 +247,7 @@ class CallInterventions:
                 return False
         elements = operation.get("elements")
         if elements is not None:
-            its = [[*each] for each in elements_of(client, arguments)]
+            its = [[*element] for element in elements_of(client, arguments)]
             if not any(each in elements for each in its):
                 return False
         modes = operation.get("modes")
@@ -604,7 +604,7 @@ def _of_joints(
     operation: Operation,
 ) -> Mapping[str, Any] | None:
     """Return a call for several joints with changes only to those of an operation."""
-    changed = [[*each] in operation["elements"] for each in elements]
+    changed = [[*element] in operation["elements"] for element in elements]
     if all(changed):
         return made
     merged = {}

@@ -126,7 +126,7 @@ def _of_calls(
         named = f"{function}.{argument}"
         row = _row_of(named, patterns)
         # The first and the last value of each element: one alone may be 0.
-        given = [value, *(each.get(argument) for each in calls.elements.values())]
+        given = [value, *(element.get(argument) for element in calls.elements.values())]
         bits = [f"^{1 << n}" for n in range(24) if argument == "flags" and value & (1 << n)]
         tried = dict(_tried(row))
         for op, breaks in {**(dict.fromkeys(bits, False) if tried else {}), **tried}.items():
@@ -139,7 +139,7 @@ def _of_calls(
 
 def _bodies(p: Any, elements: Iterable[Sequence[Any]]) -> tuple[str, ...]:
     """Return the names of the bodies to which elements belong."""
-    named = (name_of(p, "links", each[:2]) for each in elements)
+    named = (name_of(p, "links", element[:2]) for element in elements)
     return tuple(dict.fromkeys(each for each in named if each))
 
 
@@ -156,13 +156,15 @@ def _tried(row: Row | None) -> list[tuple[str, bool]]:
 def _does(value: Any, how: tuple[str, Any]) -> bool:
     """Return whether an operator changes a number, or numbers."""
     numbers = value if isinstance(value, list) else [value]
-    if not numbers or not all(isinstance(each, (int, float)) for each in numbers):
+    if not numbers or not all(isinstance(number, (int, float)) for number in numbers):
         return False
     if how[0] == "^":
         return True
     if isinstance(how[1], list):
         return bool(value != how[1])
-    return not isinstance(value, bool) and any(becoming(each, how) != each for each in numbers)
+    return not isinstance(value, bool) and any(
+        becoming(number, how) != number for number in numbers
+    )
 
 
 def _together(changes: Sequence[Change]) -> Iterator[Change]:

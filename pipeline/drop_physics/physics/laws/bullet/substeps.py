@@ -123,7 +123,7 @@ def _carried(forces: Forces, first: Kinematics, now: Kinematics) -> Forces:
 def _in_turn(begins: Sequence[States]) -> States:
     """Return the states of all substeps, in the order of the steps."""
     names = [column.name for column in fields(States)]
-    return States(*(_woven([getattr(each, name) for each in begins]) for name in names))
+    return States(*(_woven([getattr(begin, name) for begin in begins]) for name in names))
 
 
 def _reports_in_turn(given: Sequence[Reported]) -> Reported:

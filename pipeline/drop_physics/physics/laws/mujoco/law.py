@@ -81,7 +81,7 @@ class MujocoLaw(Law):
     def _mean_acceleration(self, spin: Float64) -> Float64:
         """Return the angular acceleration [rad/s²] that the integrator uses, in the body's axes."""
         if self.integrator == "rk4":
-            a, b, c, d = (self._acceleration(each) for each in self._stages(spin))
+            a, b, c, d = (self._acceleration(stage) for stage in self._stages(spin))
             return (a + 2 * b + 2 * c + d) / 6
         if self.integrator == "euler":
             return self._acceleration(spin)
