@@ -346,6 +346,7 @@ SEARCHED = (
     ("tendon_limited", "limited", "=0", ""),
     ("option.integrator", "integrator", "=0 =1 =2 =3", ""),
     ("option.density", "density", "=0", ""),
+    ("option.viscosity", "viscosity", "=0", ""),
     ("option.wind", "wind", "=0", ""),
     ("start.qpos", "data.qpos", "=default +0.001 +0.01", ""),
     ("start.qvel", "data.qvel", "=0", "=0"),
