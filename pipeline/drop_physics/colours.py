@@ -63,6 +63,6 @@ CAUSES = {
     "solver": "#bbbbbb",
     "another engine": "#000000",
 }
-"""What changes a body's energy, in the colours of their samples."""
+"""Causes of changes of a body's energy, in the colours of their samples."""
 JOINTS = ("#d55e00", "#56b4e9", "#009e73", "#cc79a7", "#e69f00", "#8f5fd0")
 """Colours of joints that are drawn side by side."""

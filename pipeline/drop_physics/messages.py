@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Self
 
 LOCALE = Path(__file__).parent / "locale"
-"""Where the translations are: `LANGUAGE/LC_MESSAGES/drop.mo`, compiled from `drop.po`."""
+"""Folder of translations: `LANGUAGE/LC_MESSAGES/drop.mo`, compiled from `drop.po`."""
 VARIABLES = ("DROP_LANG", "LANGUAGE", "LC_ALL", "LC_MESSAGES", "LANG")
 """The environment's, which name the reader's language; the first that is set counts."""
 

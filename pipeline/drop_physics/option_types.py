@@ -100,9 +100,9 @@ class OptionType:
     read: Callable[[str], Any]
     """Parses a text; its ScenarioError says what is expected."""
     metavar: str
-    """Its placeholder in `--help`."""
+    """Placeholder in `--help`."""
     of: type[float | int | str]
-    """Its type, or that of its parts."""
+    """Type of the option, or of its parts."""
     lengths: tuple[int, ...] = ()
     """Numbers of parts that it may have; empty where it is one."""
     components: tuple[str, ...] = ()

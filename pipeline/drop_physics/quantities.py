@@ -56,7 +56,7 @@ KINDS: Mapping[str, Callable[[float, str, str], str]] = {
     "mm": lambda value, _, __: f"{value * 1e3:.3g} mm",
     "speed": lambda value, unit, _: f"{abs(value):.2g} {unit}/s",
 }
-"""How a number of a kind is written, by the units of the positions and forces that are told."""
+"""Form of a number by its kind, with the units of positions and forces."""
 
 
 class Written(str):

@@ -46,7 +46,7 @@ class Axis:
     rate: int
     """Index in the generalised velocity."""
     scale: float
-    """What a way of 1 counts: the size of the body for a slide, 1 rad for a turn."""
+    """Scale of a path: the size of the body for a slide, 1 rad for a turn."""
 
     @property
     def unit(self) -> str:

@@ -25,7 +25,7 @@ ROUNDED = 1e-9
 OUTSIDE = {"applied", "constraints", "gravity compensation", "fluid", "remainder", "contacts"}
 """Causes that act on a body from outside, besides gravity and contacts with a known force."""
 FREE = ("site", "body")
-"""What actuators act on whose forces are not between two links."""
+"""Targets of actuators whose forces are not between two links."""
 
 
 @dataclass(eq=False)

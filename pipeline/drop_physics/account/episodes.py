@@ -81,7 +81,7 @@ class EpisodeRow:
     """`terminated` or `truncated`, as its environment returned; `reset`, by a call or by a start
     state that was written; or `run`: the run ended."""
     why: str | None
-    """Why it was terminated, as far as the environment says."""
+    """Reason for its termination, as far as the environment says."""
     failed: bool
     """Whether it was terminated, or, where the environment says so, its goal was not reached."""
     success: bool | None

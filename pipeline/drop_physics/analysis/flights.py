@@ -24,7 +24,7 @@ class _OpenFlight:
 
     law: Law
     start: Motion
-    """Where it begins, one row."""
+    """First row."""
     first_step: int
     last_step: int
     position_m: Float64

@@ -38,13 +38,13 @@ class FlightSample:
     """A sample of a flight, and its error."""
 
     step: int
-    """Its number."""
+    """Number of the step."""
     time_s: float
     """Simulated time."""
     error_m: Vector
     """Simulated minus free fall."""
     terms_m: VectorTerms | None
-    """Its terms; None as for the flight."""
+    """Terms of the error; None as for the flight."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ class BodyFlight:
     error_m: Vector
     """Simulated minus free fall at the last sample, from the state at the first on."""
     terms_m: VectorTerms | None
-    """Its terms; None if a velocity was clamped to the engine's limit, or gravity is not along
-    z."""
+    """Terms of the error; None if a velocity was clamped to the engine's limit, or gravity is not
+    along z."""
     at: list[FlightSample]
     """The samples nearest to `--at`."""
 
@@ -73,9 +73,9 @@ class Pusher:
     """A link that pushed a body in a contact."""
 
     body: str
-    """Its label."""
+    """Label of the body."""
     id: int
-    """Its number in the recording."""
+    """Number of the body in the recording."""
     link: int
     """-1 is the base."""
     impulse_n_s: Vector
@@ -115,7 +115,7 @@ class Unexplained:
     """Samples to which the law does not lead, for one reason."""
 
     reason: str
-    """What the law does not cover, or `remainder`."""
+    """Reason: a feature that the law does not cover, or `remainder`."""
     samples: int
     """Number of these samples."""
     first_step: int
@@ -133,7 +133,7 @@ class Energy:
     end_j: float
     """Energy at its last sample [J]."""
     by_cause_j: dict[str, float]
-    """What changed it, by cause: the sum is the whole change."""
+    """Changes by cause; they add up to the whole change."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ class Momentum:
     end_kg_m_s: Vector
     """Momentum at its last sample [kg m/s]."""
     by_cause_kg_m_s: dict[str, Vector]
-    """What changed it, by cause: the sum is the whole change."""
+    """Changes by cause; they add up to the whole change."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class StepSum:
     time_s: float
     """Simulated time of that sample."""
     segment: str
-    """What the sample is."""
+    """Kind of the sample."""
     terms: dict[str, list[float]] | None
     """Impulse of each term per degree of freedom [N s, N m s]; None where the law has no sum."""
     remainder: list[float] | None
@@ -186,19 +186,19 @@ class BodyAnalysis:
     """Number of samples by kind: set, unexplained, still, pushed, constrained, contact, driven,
     flight."""
     flights: list[BodyFlight]
-    """Its flights, with their errors, where it has no links."""
+    """Flights of a body without links, with their errors."""
     contacts: list[BodyContact]
-    """Its contacts."""
+    """Contacts of the body."""
     unexplained: list[Unexplained]
-    """Its samples that are not explained, by reason."""
+    """Unexplained samples, by reason."""
     energy: Energy | None
     """None for a body without samples, and where the law has no sum."""
     momentum: Momentum | None
     """None for a body without samples, without a sum, or whose base cannot move."""
     joints: Sequence[JointRow]
-    """Its degrees of freedom."""
+    """Degrees of freedom of the joints."""
     actuators: Sequence[ActuatorRow]
-    """What drives it by a law of its own, where the engine has such."""
+    """Actuators with a law of their own, if the engine has any."""
     touches: Sequence[Touch]
     """The bodies that it touched."""
     at: list[StepSum]
@@ -219,7 +219,7 @@ class Explained:
     """Time of the first sample that is not explained, None if all are; of a drop, of the last one
     before that."""
     why: str | None
-    """Why that one is not."""
+    """Reason why that one is not."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,26 +233,28 @@ class Analysis(Printable, reported_by=REPORT):
     samples: int
     """Steps of the longest simulation, and one."""
     explained: Explained
-    """How much of all bodies is explained, or of that of `--body`."""
+    """Explained share of all bodies, or of that of `--body`."""
     bodies: list[BodyAnalysis]
     """All bodies that ever existed, or that of `--body`."""
     findings: list[Finding]
-    """What was asked and what happened instead, and why; the gravest first."""
+    """Findings: what was asked and what happened instead, and why; the gravest first."""
     account: Sequence[AccountRow] = ()
-    """What was asked, given, moved and held, with the terms of the sum; the most salient first."""
+    """Rows on what was asked, given, moved and held, with the terms of the sum; the most salient
+    first."""
     episodes: Sequence[EpisodeRow] = ()
     """The episodes of all simulations, in the order in which they ended."""
     episode: int | None = None
     """Number of the episode whose last two seconds the account and the joints are of; None if they
     are of the whole run."""
     left_out: int = 0
-    """How many more were found, and left out: by the command, the script or the project."""
+    """Number of further findings left out by the command, the script or the project."""
     by_body: dict[int, Explained]
     """Explained share of the bodies, by number."""
     rows: Sequence[SampleRows]
     """The samples of each body; of long recordings what is shown, unless all were asked for."""
     curves: CurveTable | None = None
-    """What plots and the viewer show of joints, friction and energy; None where there is no sum."""
+    """Curves of joints, friction and energy for plots and the viewer; None where there is no sum.
+    """
     kind: Literal["drop", "script"] = "script"
     """Whose recording it is; the analysis of a drop has more (`DropAnalysis`)."""
     recording: Path | None = None
@@ -265,9 +267,9 @@ class Analysis(Printable, reported_by=REPORT):
     partial: bool = False
     """Whether the recording was never finished, so that only its beginning was analyzed."""
     notes: list[str] = field(default_factory=list)
-    """What the recording lacks, in a sentence each: steps of other processes, for example."""
+    """Sentences on missing parts of the recording: steps of other processes, for example."""
     lacks: str | None = None
-    """What the recording does not hold, as it is of an earlier schema; None if nothing."""
+    """Contents that the recording lacks because of an earlier schema; None if it lacks none."""
 
     @cached_property
     def table(self) -> pl.DataFrame:

@@ -43,7 +43,7 @@ class Setting:
     """A fact that differs between two recordings, without being a difference in physics."""
 
     name: str
-    """Its name in the recording."""
+    """Name in the recording."""
     value: Value
     """The value in the checked recording."""
     golden: Value
@@ -98,7 +98,7 @@ class Largest:
     """`position`, `orientation`, `velocity`, `spin` of base and links; `joint_position`,
     `joint_velocity`, `joint_effort`."""
     difference: float
-    """Its magnitude."""
+    """Magnitude of the difference."""
     step: int
     """Step at which the difference is largest."""
     unit: str = ""

@@ -33,7 +33,7 @@ DID = ("unseeded", "real_time")
 OF_SCRIPT = ("script", "script_sha256", "arguments", "seed")
 
 OF_VERSION = ("engine", "dynamics")
-"""What is compared as far as both engines report it."""
+"""Values that are compared as far as both engines report them."""
 SET = "set_"
 """Settings that a call gave begin with this."""
 

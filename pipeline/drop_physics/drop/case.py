@@ -35,7 +35,7 @@ class Case:
     scenario: Scenario
     engine: EngineReport
     seen: Seen
-    """What was observed, of which samples are read piece by piece."""
+    """The recording, whose samples are read piece by piece."""
 
     @cached_property
     def samples(self) -> int:

@@ -35,7 +35,7 @@ class Energies:
         self._start_m_s = np.zeros(3)
         """The velocity then."""
         self._taken_j = 0.0
-        """What the drag took from then on."""
+        """Loss to drag from then on."""
 
     def add(self, part: DropSamples, before: Motion, energies: Mechanics, airborne: int) -> None:
         """Take further samples, of which `airborne` precede the first contact, so far as known."""

@@ -38,7 +38,7 @@ INFLATED = 0.01
 SWALLOWED_M_S = 0.01
 """A rebound slower than this is not missed."""
 NEEDS_LAW = "not-stepped", "no-floor", "still-airborne"
-"""What is not said of a drop whose samples do not follow from one another."""
+"""Codes that are not reported of a drop whose samples do not follow from one another."""
 RULES: list[Rule] = []
 """All rules of a drop, in the order in which those of one rank are said."""
 

@@ -35,7 +35,7 @@ ROUNDED = 1e-9
 AT_REST_M_S, LAST = 1e-4, 10
 """A predicted path that is slower than this at so many last samples has come to rest."""
 SUNK_M = 1e-9
-"""How far a body at rest may be from a closed form of its contact to be explained by it."""
+"""Largest distance of a body at rest from a closed form of its contact that explains it."""
 
 
 # -- when it lands --------------------------------------------------------------------------------

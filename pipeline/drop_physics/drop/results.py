@@ -33,7 +33,7 @@ class Moment:
     time_s: float
     """Time of the sample."""
     step: int
-    """Its number."""
+    """Number of the step."""
     phase: Phase
     """Whether the body is falling, in contact, or at rest."""
     simulated_m: float
@@ -69,7 +69,7 @@ class Coverage:
     of: int
     """Number of all samples."""
     why: str
-    """What ends the coverage."""
+    """Reason for the end of the coverage."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +77,9 @@ class Landing:
     """Time at which the body, oriented as released, reaches the floor by theory."""
 
     time_free_fall_s: float
-    """When it lands without air."""
+    """Time of landing without air."""
     time_damped_s: float | None
-    """When it lands with Bullet's damping; None where that stops the body on the way."""
+    """Time of landing with Bullet's damping; None if that stops the body on the way."""
 
 
 @dataclass(frozen=True)
@@ -91,11 +91,11 @@ class Impact:
     """
 
     time_free_fall_s: float | None
-    """When theory without air lets it touch."""
+    """Time of touching by theory without air."""
     time_damped_s: float | None
-    """When theory with Bullet's damping lets it touch."""
+    """Time of touching by theory with Bullet's damping."""
     time_simulated_s: float | None
-    """When it touches in the recording, between two samples."""
+    """Time of touching in the recording, between two samples."""
     step: int
     """First sample that touches the floor."""
     speed_m_s: float
@@ -105,8 +105,8 @@ class Impact:
     lowest_step: int
     """The sample at which it is lowest."""
     penetration_m: float | None
-    """How deep it sinks; None where it has turned, or an edge was deeper, so that its centre does
-    not show it, and with `--substeps`, within which it may have been deeper."""
+    """Depth in the floor; None where the body has turned, or an edge was deeper, so that its centre
+    does not show it, and with `--substeps`, within which it may have been deeper."""
 
 
 @dataclass(frozen=True)
@@ -170,8 +170,8 @@ class Rest:
     terms_m: RestTerms | None
     """None where the contact law does not cover the landing."""
     sinks_m: float | None = None
-    """How deep the body's weight sinks it into the soft contact of MuJoCo, by a closed
-    form; None where it lies elsewhere, and in other engines."""
+    """Depth of the body in MuJoCo's soft contact by its weight, in closed form; None where it lies
+    elsewhere, and in other engines."""
 
 
 @dataclass(frozen=True)
@@ -191,9 +191,9 @@ class FallAnalysis:
     """What a scenario adds to a recording: the fall against its theory, landing and rest."""
 
     scenario: dict[str, Any]
-    """What was dropped, and how: the options, by field."""
+    """The scenario: the options, by field."""
     engine: EngineReport
-    """What the engine reported: see recording.md."""
+    """Report of the engine: see recording.md."""
     at: list[Moment]
     """The samples nearest to `--at`."""
     coverage: Coverage
@@ -201,10 +201,10 @@ class FallAnalysis:
     airborne: Airborne
     """The error over all of these."""
     landing: Landing | None
-    """When the body reaches the floor by theory; None where it does not, or that is unknown."""
+    """Landing by theory; None where the body does not reach the floor, or that is unknown."""
     impact: Impact | None
-    """When the body meets the floor; None where it never does, or that is unknown: of several
-    substeps PyBullet reports only the contacts of the last, and there is no law for joints."""
+    """Impact on the floor; None where there is none, or that is unknown: of several substeps
+    PyBullet reports only the contacts of the last, and there is no law for joints."""
     tumbled_step: int | None
     """First sample that touches the floor tilted by more than 0.29° (a box from its faces, others
     from their release): from there on bounces, contact and rest are measured, not predicted."""
@@ -216,9 +216,9 @@ class FallAnalysis:
     """The rebounds of a rigid body, in order; none with `--substeps`, of which PyBullet reports
     only the contacts of the last."""
     rest: Rest | None
-    """Where the body comes to lie; None where it does not."""
+    """Rest of the body; None where it does not come to rest."""
     conservation: Conservation
-    """What is conserved until the first contact."""
+    """Conservation until the first contact."""
     contact_j: float | None
     """Energy that contact gave to the body; None without a law. Not in the JSON."""
     table: pl.DataFrame
@@ -233,4 +233,4 @@ class DropAnalysis(FallAnalysis, Analysis, reported_by=REPORT):
     segments: dict[str, int]
     """Number of samples by kind, as in `bodies`."""
     flights: list[BodyFlight]
-    """Each flight as a drop of its own: the fall, and one after each bounce; as in `bodies`."""
+    """Flights as drops of their own: the fall, and one after each bounce; as in `bodies`."""

@@ -31,7 +31,7 @@ FACTORS = {
 RUN = "run"
 """The operator of a change that is an intervention, whose operand is the fields of its program."""
 PARAMETERS = BULLET.parameters | MUJOCO.parameters
-"""What `parameter` sets, of all engines."""
+"""Parameters that `parameter` sets, for all engines."""
 
 
 def cures_of(engine: str) -> Interventions:

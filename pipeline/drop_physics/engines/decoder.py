@@ -63,14 +63,15 @@ class Decoder:
         """Whether the script asks its user, and waits."""
         self.unseeded: list[str] = []
         self.outside: list[tuple[str, str]] = []
-        """What the script did outside its simulation, as `watching.outside` calls it, a name
-        each."""
+        """Actions of the script outside its simulation, in the words of `watching.outside`, with
+        names."""
         self.processor_s = 0.0
         """Processor time of the script [s]."""
         self.intervened: set[int] = set()
         """Numbers of the interventions that have changed something."""
         self.serving: str | None = None
-        """What forbids to fork the run, empty if nothing does, once it stands where trials part."""
+        """Reason that forbids to fork the run, empty without one, once it stops where trials part.
+        """
         self.forked: dict[int, tuple[int, int]] = {}
         """Process of each trial that was asked for, 0 if it was not forked, and the bytes of the
         stream before it."""

@@ -65,12 +65,12 @@ class ChangeRow:
     """The name, as `--try` takes it; after a colon its form, if there are several. Empty if only
     the causal search has the row."""
     sets: Mapping[str, Becomes] = field(default_factory=dict)
-    """What arguments or fields become, by name."""
+    """New values of arguments or fields, by name."""
     _: KW_ONLY
     words: str = ""
-    """What its user would write, with `{value}`; its name if empty."""
+    """The user's way of writing it, with `{value}`; its name if empty."""
     unsaid: Mapping[str, str] = field(default_factory=dict)
-    """What the words name if a cure is tried by its name alone."""
+    """Value for the words if a cure is tried by its name alone."""
     usual: float | None = None
     """The value of a cure without a number."""
     share: float = 1.0
@@ -80,7 +80,7 @@ class ChangeRow:
     whole_run: bool = False
     """Whether it is made on the whole run, not on a body or joint."""
     needs: str = ""
-    """What only a finding knows, by its name in `Cure.given`."""
+    """Values that only a finding knows, by their names in `Cure.given`."""
     below: str = ""
     """The argument of a `Variation` that takes its value, unseen by the script."""
     tries: str = ""
@@ -90,7 +90,7 @@ class ChangeRow:
     default: object = 0.0
     """The engine's default, for the operator `=default`."""
     change: str = ""
-    """What the search changes, if that is not what the row sets first."""
+    """Target of the search's change, if not the first one that the row sets."""
     is_geometry: bool = False
     """Whether that is where things are, and how large: seldom what a user has got wrong."""
 

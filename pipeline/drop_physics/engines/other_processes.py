@@ -30,7 +30,7 @@ class OtherProcesses:
         self.found = False
         self._due = 0.0
         self._next: dict[int, tuple[float, float]] = {}
-        """When to examine each process again, and after how long the time before [s]."""
+        """Next time to examine each process, and the interval before [s]."""
 
     def look(self) -> None:
         """Examine the processes that are due: new ones soon, old ones rarely."""

@@ -22,8 +22,8 @@ class Reached:
     """Resources that a script's run reached."""
 
     noted: tuple[tuple[str, str], ...] = ()
-    """What it told: `connects`, `starts`, `opens`, `writes`, `removes`, `keeps` or `keeps there`,
-    and a name."""
+    """Reports of the run: `connects`, `starts`, `opens`, `writes`, `removes`, `keeps` or `keeps
+    there`, and a name."""
     made: tuple[str, ...] = ()
     """Paths of files and folders that it made."""
     changed: tuple[str, ...] = ()

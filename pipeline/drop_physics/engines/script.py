@@ -117,13 +117,13 @@ class Program:
     """The arguments of `watching.private.Private`, whose view of the file system it runs in; None
     for the machine's own."""
     limits: Mapping[str, Any] | None = None
-    """What `watching.limits.keep` takes; None if it is not limited, as in its first run."""
+    """Arguments of `watching.limits.keep`; None without limits, as in the first run."""
     streams: bool = True
     """Whether it sends what happens; else only how it ends, and what is evaluated."""
     environment: Mapping[str, str] | None = None
     """Variables that it has besides the user's."""
     evaluator: Mapping[str, Any] | None = None
-    """What is evaluated in its process: `file` and `name` of a class, and its `arguments`."""
+    """Evaluator of its process: `file` and `name` of a class, and its `arguments`."""
     episodes: Episodes = "all"
     """Episodes of its environments that are kept step by step."""
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from drop_physics.trace.cures import Cure
 
 WITHIN = re.compile(r"[\w.]+\(…, (.*)\)")
-"""What a call is given, of one whose other arguments are left open."""
+"""The given argument of a call whose other arguments are left open."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ SIZES = {"default": 0.5, "=default": 0.5, "left-out": 0.6, "*-1": 1.5}
 OF_TEXT = 2.0
 """The weight of the side effects of changes of the script's text."""
 ADDED = 0.8
-"""How large a change is by its operator, or as an added call; a factor is 1, any other 1.2."""
+"""Size of a change by its operator, or as an added call; a factor is 1, any other 1.2."""
 
 
 @dataclass(frozen=True)

@@ -85,9 +85,9 @@ class Converging:
     """Convergence of an end state as the timestep shrinks."""
 
     body: str
-    """Its label."""
+    """Label of the body."""
     joint: str | None
-    """Its name; None of a base."""
+    """Name of the joint; None for a base."""
     axis: str | None
     """`x`, `y` or `z` of a base's position; else None."""
     unit: str
@@ -156,9 +156,9 @@ class Standing:
     """The digits of a position that are the same in all variations."""
 
     body: str
-    """Its label."""
+    """Label of the body."""
     joint: str | None
-    """Its name; None of a base."""
+    """Name of the joint; None for a base."""
     unit: str
     """`m`, or `rad` of an orientation or a joint that turns."""
     moved: float

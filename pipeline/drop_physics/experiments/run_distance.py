@@ -35,9 +35,9 @@ class Distance:
     unit: str
     """`m`, of positions; `rad`, of orientations and joints that turn."""
     body: str
-    """Its label."""
+    """Label of the body."""
     joint: str | None
-    """Its name; null of a base."""
+    """Name of the joint; null for a base."""
     time_s: float
     """Time in the script's own run."""
 

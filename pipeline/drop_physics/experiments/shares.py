@@ -57,7 +57,7 @@ class Shares:
     """One number of an outcome as a sum over its causes."""
 
     quantity: str
-    """What it is: a joint, or a body and an axis, at the end of the run."""
+    """The quantity: a joint, or a body and an axis, at the end of the run."""
     unit: str
     """`m` or `rad`."""
     total: float

@@ -90,7 +90,7 @@ class Outcome:
     apart: Apart
     """Distance from the script's own run."""
     began: Distance | None = None
-    """How far a body moves that stands still in the script's own run, which has no states of it."""
+    """Motion of a body that stands still in the script's own run, which has no states of it."""
 
     @property
     def is_same(self) -> bool:

@@ -31,19 +31,19 @@ class ActuatorRow:
     target: str
     """Name of that."""
     given: float | None
-    """What the script gave it in the last step."""
+    """Control given by the script in the last step."""
     ctrl_range: tuple[float, float] | None
-    """What it is given is clamped to this; null if it is not."""
+    """Range to which the control is clamped; null without one."""
     beyond_range_steps: int
     """The number of steps in which it was given something beyond that."""
     force: float | None
-    """What it gave in the last step [N] or [N m], before its gear; null where that is not known."""
+    """Force in the last step [N] or [N m], before its gear; null where that is not known."""
     force_range: tuple[float, float] | None
-    """What its force is clamped to; null if it is not."""
+    """Range to which the force is clamped; null without one."""
     at_force_limit_steps: int
     """The number of steps in which its force was at a limit."""
     energy_j: float
-    """What it gave to the body."""
+    """Energy given to the body."""
 
 
 @dataclass

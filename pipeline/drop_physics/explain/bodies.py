@@ -47,7 +47,7 @@ class BodyConfig:
     """Counts from 0 the bodies that had this number: a script may remove and load it again."""
     law: DampedTree
     reasons: tuple[Reason, ...]
-    """Why its steps need not be a sum, as far as settings tell."""
+    """Reasons why its steps need not be a sum, as far as settings tell."""
     cone_friction: bool
     """`enableConeFriction`."""
     substeps: int

@@ -103,7 +103,7 @@ class PairGroups:
     order: Int64
     """The rows, one group after the other."""
     starts: Int64
-    """Where each group begins in `order`, shape (g,)."""
+    """First element of each group in `order`, shape (g,)."""
 
     @staticmethod
     def of(keys: Int64) -> PairGroups:

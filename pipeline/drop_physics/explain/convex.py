@@ -93,4 +93,4 @@ OUTSIDE: dict[str, Callable[[Collision, Float64], tuple[Float64, Float64]]] = {
     "capsule": _capsule,
     "mesh": _mesh,
 }
-"""How far outside of a shape of each kind points are, by the shape and the points in its axes."""
+"""Signed distances of points from a shape of each kind, by the shape and the points in its axes."""

@@ -24,7 +24,8 @@ from drop_physics.physics.vectors import triple
 
 TERMS = ("timestep", "damping", "interaction", "rounding")
 STIFF = 1e3
-"""How often drag could stop a throw within its flight; integrating a stiffer one takes too long."""
+"""Number of times that drag could stop a throw within its flight; integrating a stiffer one takes
+too long."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ class JointRow:
     """One degree of freedom at the last sample; torques [N m] or [N] have the joint's sign."""
 
     name: str
-    """Its name in the body's file."""
+    """Name in the body's file."""
     index: int
     """Number of its link, as PyBullet counts joints."""
     axis: int | None

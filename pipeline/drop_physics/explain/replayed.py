@@ -46,7 +46,7 @@ from drop_physics.trace.history import Piece, Seen
 
 ACTUATOR = "actuator"
 ANOTHER = "another engine"
-"""What an imported step has beyond this engine's: its pose is rounded, too."""
+"""Excess of an imported step over this engine's: its pose is rounded, too."""
 NAMED = (ACTUATOR, "tendon", TENDON_LIMIT.strip())
 """The kinds of causes of which a body has several, told apart by name."""
 CONSTRAINTS = "constraints"
@@ -191,8 +191,7 @@ class _Acted:
         order = np.argsort(self._numbers, kind="stable")
         bounds = np.flatnonzero(np.diff(self._numbers[order], prepend=-1, append=-2))
         self._of: dict[int, list[tuple[ImpulseCause, Int64, Int64]]] = {}
-        """Each cause of a body, the rows of the steps in which it acts, and where its values
-        begin."""
+        """Causes of a body, with the rows of their steps, and the start of their values."""
         for a, b in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
             its = order[a:b]
             cause = causes[int(self._numbers[its[0]])]

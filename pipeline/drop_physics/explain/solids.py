@@ -18,7 +18,7 @@ from drop_physics.physics.columns import rotation
 from drop_physics.trace.events import Collision
 
 LEVELS = (-1.0, -0.5, 0.0, 0.5, 1.0)
-"""Where points lie along the edges or the axis of a shape, as shares of half its length."""
+"""Places of points along the edges or the axis of a shape, as shares of half its length."""
 ROUND = 8
 """Number of points around an axis."""
 MOST_CORNERS = 64

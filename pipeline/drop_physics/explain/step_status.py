@@ -42,7 +42,7 @@ Unsolved = Literal[
     "not asked",
     "another engine",
 ]
-"""Why a replayed step has no sum (`trace.events.REPLAYS`)."""
+"""Reason why a replayed step has no sum (`trace.events.REPLAYS`)."""
 Why = Reason | Literal["timestep", "not finite", "before the recording", "remainder"] | Unsolved
 WHYS: tuple[Why, ...] = (
     *get_args(Reason),
@@ -52,7 +52,7 @@ WHYS: tuple[Why, ...] = (
     "remainder",
     *get_args(Unsolved),
 )
-"""Why a sample is unexplained: first the law's reasons, then what is found in the numbers."""
+"""Reasons for unexplained samples: first the law's, then those found in the numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class SampleStatus:
     segment: Int8
     """Indices into SEGMENTS."""
     kind: Int8
-    """What acted in the step that led to the sample, even if calls had set its start: indices into
+    """Kind of the step that led to the sample, even if calls had set its start: indices into
     SEGMENTS; SET if no step led to it, or the body only kept the velocity that a call gave it."""
     why: Int8
     """Indices into WHYS; -1 if the sample is explained."""

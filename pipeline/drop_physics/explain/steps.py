@@ -119,13 +119,13 @@ class Steps:
     asked: Commanded
     """The motor commands in effect."""
     reported: Reported
-    """What the engine reports; `step` of a row of Forces is the row of its step here."""
+    """Reports of the engine; `step` of a row of Forces is the row of its step here."""
     sides: Sides
     """The contact points, in the order of `reported.contacts`."""
     terms: Mapping[str, Float64]
     """Impulses by cause [N s, N m s], shape (n, size) each; empty where the law has no sum."""
     remainder: Float64
-    """What the terms do not explain, shape (n, size)."""
+    """Remainder that no term explains, shape (n, size)."""
     largest: Float64
     """The largest entry of any term, or the largest impulse of a single force if that is larger."""
     unexplained: Float64

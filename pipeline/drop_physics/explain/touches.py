@@ -35,7 +35,7 @@ class Touch:
     available_n: float | None
     """Σ μN at the step that needs most friction."""
     needed_n: float | None
-    """What friction would have to be to balance all other forces on the body."""
+    """Friction needed to balance all other forces on the body."""
     friction_needed: float | None
     """Coefficient that would be enough; None where the normals share no line."""
     slid_m: float

@@ -45,7 +45,7 @@ class Touches(Rowed):
 
     step: Int64
     position_m: Float64
-    """Where the force on this link acts."""
+    """Point at which the force on this link acts."""
     force_n: Float64
     """Sum of normal force and both frictions on this link."""
     distance_m: Float64

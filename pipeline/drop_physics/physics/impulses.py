@@ -113,7 +113,7 @@ class Summed:
     terms: Mapping[str, Float64]
     """Impulses by cause [N s, N m s], shape (n, size) each."""
     remainder: Float64
-    """What the terms do not explain, shape (n, size)."""
+    """Remainder that no term explains, shape (n, size)."""
     largest: Float64
     """The largest entry of any term, or impulse of a single force, in each step, shape (n,)."""
     unexplained: Float64

@@ -77,7 +77,7 @@ Reason = Literal[
     "constraint",
     "rolling unreported",
 ]
-"""Why a law has no sum for a step, or need not have one."""
+"""Reason why a law has no sum for a step, or need not have one."""
 
 
 @dataclass(frozen=True, kw_only=True)

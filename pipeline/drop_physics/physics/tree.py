@@ -64,8 +64,8 @@ class Tree:
     centres_m: Float64 = field(default_factory=lambda: np.empty((0, 3)))
     """The link's centre of mass from the joint, in the link's axes, shape (links, 3)."""
     armature: Float64 | None = None
-    """What is added to the inertia of each rate of base and links: of rotors behind gears, for
-    example, shape (links + 1,) [kg or kg m²]; None if nothing is."""
+    """Additional inertia of the rates of base and links: of rotors behind gears, for example, shape
+    (links + 1,) [kg or kg m²]; None without any."""
     coupled: Float64 | None = None
     """Inertias that move with several rates together, as of a tendon: rows of an inertia and how
     fast it moves by each rate, shape (k, 1 + size); None if there is none."""

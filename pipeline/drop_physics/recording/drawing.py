@@ -68,7 +68,7 @@ class Drawing:
         """Corners of the box that all motion stayed in, without what flew off."""
         self._first_m: Float64 | None = None
         self._bases: dict[int, Float64] = {}
-        """Where bases that are not sampled are, by number."""
+        """States of bases that are not sampled, by number."""
         self._trees: dict[int, Tree] = {}
         self._masses: dict[int, Mapping[str, Float64]] = {}
         self._gravity: dict[int, Float64] = {}
@@ -93,7 +93,7 @@ class Drawing:
         self._undrawn: dict[int, str] = {}
         """Labels of bodies with a shape that cannot be drawn, by number."""
         self._listed: dict[int, int] = {}
-        """How many calls of a site are listed."""
+        """Number of listed calls of a site."""
 
     def scene(self) -> Iterator[Chunk]:
         """Yield the constant parts."""

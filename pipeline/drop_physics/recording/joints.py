@@ -23,7 +23,7 @@ ROWS = {
     schema.TARGET: ("position", "velocity", "torque"),
     schema.LIMIT: ("force", "mode", "kp", "kd"),
 }
-"""What each entity holds: its scalars, and what stands beside them."""
+"""Contents of each entity: scalars, and numbers beside them."""
 NAMES = [name for names in ROWS.values() for name in names]
 
 

@@ -70,9 +70,9 @@ class ShownBody(NamedTuple):
     label: str
     at: Times
     segments: Sequence[str]
-    """What each sample is."""
+    """Kind of each sample."""
     errors_m: Float64
-    """How far off free fall they are, nan where it does not fly, shape (n, 3)."""
+    """Distance from free fall, nan outside of flight, shape (n, 3)."""
 
 
 class Shown(NamedTuple):

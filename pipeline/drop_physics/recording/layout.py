@@ -30,7 +30,7 @@ MOST_ROWS, MOST_STATES, MOST_JOINTS = 2, 6, 6
 """Panels below each other; bodies whose states, joints whose curves are shown at once."""
 RIGHT_TOP = Corner2D.RightTop
 EYE = np.array([1.6, -1.6, 1.0])
-"""Where the eye is from the centre of all motion."""
+"""Place of the eye relative to the centre of all motion."""
 
 
 class Eye(NamedTuple):
@@ -60,7 +60,7 @@ class Look:
     touched: frozenset[str] = frozenset()
     """Labels of bodies whose collision shapes are shown."""
     order: Mapping[str, int] = field(default_factory=dict)
-    """Where an entity stands among others of its kind."""
+    """Order of an entity among others of its kind."""
     panels: Sequence[str] = ()
     """Titles of a script's panels."""
     timeline: str = schema.TIME_TIMELINE

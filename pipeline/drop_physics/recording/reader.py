@@ -71,12 +71,12 @@ class Recording:
     drop: Drop | None
     """None of a script."""
     ended: Properties | None
-    """How it ended, and what it was made with; None for an unfinished recording."""
+    """Ending, with the versions that made it; None for an unfinished recording."""
     seen: Seen
     sampled: RecordedSamples
-    """Where in the file its samples and pictures are."""
+    """Places of samples and pictures in the file."""
     steps: RecordedSteps
-    """Where in the file its models and frames are."""
+    """Places of models and frames in the file."""
     entities: frozenset[str]
 
     @property

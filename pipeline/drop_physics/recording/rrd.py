@@ -81,7 +81,7 @@ class Chunk(NamedTuple):
     size: int
     """Bytes, unpacked."""
     position: int
-    """Where its message begins in the file."""
+    """Start of its message in the file."""
 
 
 def chunks(path: Path, *, unfinished: bool = False) -> Iterator[Chunk]:

@@ -61,7 +61,7 @@ class RecordedSamples:
         self.path = path
         self.entities: dict[str, Entity] = {}
         self.pictures: dict[str, list[int]] = {}
-        """Where the chunks of each camera are."""
+        """Places of the chunks of each camera."""
         self._held: dict[int, Chunk] = {}
         self._room = HELD_BYTES
         self.sites: Mapping[int, Site] = {}

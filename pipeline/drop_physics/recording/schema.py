@@ -74,26 +74,26 @@ RAISED = "calls/raised"
 LOG = "calls/log"
 """Calls as text, for reading: the first of each site."""
 JOINTS = "joints"
-"""Each body's `position`, `velocity` and `effort` lie below it: a series per joint, float64, a
-row per step."""
+"""Entities of bodies' `position`, `velocity` and `effort` lie below it: a series per joint,
+float64, a row per step."""
 OF_JOINTS = ("position", "velocity", "effort")
 TARGET, LIMIT = "target", "limit"
 """Rows when a call changes one, beside them: targets, with target velocities and torques; largest
 forces of motors, with modes and gains."""
 CONSTRAINTS = "constraints"
-"""Each constraint's forces lie below it: a row per step."""
+"""Entities of constraints' forces lie below it: a row per step."""
 CONSTRAINT = "constraint"
 """The component beside them with the constraint's id: when it is gone, others use its entity."""
 
 CONTROLS = "controls"
-"""What actuators were given lies below it, by simulation: a row per step where that changes."""
+"""Controls of actuators lie below it, by simulation: a row per step where they change."""
 MODELS = "models"
 """A row per part of a compiled model that was stepped: with it and `steps`, the engine can take
 each step again."""
 STEPS = "steps"
 """A row per piece of a simulation's steps: the full state before each of them, and its inputs."""
 IMPULSES = "impulses"
-"""What acted in each step lies below it, by simulation, where the engine has computed it again."""
+"""Impulses in each step lie below it, by simulation, where the engine has computed it again."""
 CAUSES = "causes"
 """A row per cause of these: what it is, and which degrees of freedom of which body it acts on."""
 PAIRS = "pairs"
@@ -127,13 +127,14 @@ BOX = "world/box"
 CAMERA = "world/camera"
 IMAGE = "world/camera/image"
 TRAIL = "world/trail"
-"""Where the body was, at about forty points."""
+"""Path of the body, in about forty points."""
 ABOUT = "about"
 
 COLLISIONS = "collisions"
-"""What is touched of each link lies below it; hidden, but of a body that a finding says it of."""
+"""Collision shapes of links lie below it; hidden, except for bodies that a finding names them for.
+"""
 POSE_RESOLUTION = 1e-5
-"""What moved by less [m], or whose quaternion changed by less, looks the same."""
+"""Smaller motions [m], and smaller changes of a quaternion, are invisible."""
 HEIGHT_RESOLUTION_M = 1e-9
 """A height curve that stays within this [m] is level."""
 
@@ -156,7 +157,7 @@ FOR_LOOKING = (WORLD, COLLISIONS, f"{HEIGHT}/", LOG)
 
 SCENARIO_PROPERTY = "scenario"
 ORIGIN_PROPERTY = "origin"
-"""What says which script was run: its name, the digest of its text, its arguments."""
+"""Properties of the script: its name, the digest of its text, its arguments."""
 IMPORTED = "imported"
 """The kind of an origin whose states another program has made."""
 BLOCK = "a block of Python"

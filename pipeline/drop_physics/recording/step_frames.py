@@ -43,7 +43,7 @@ class PackedFrames(NamedTuple):
     """A row of a recording."""
 
     layout: str
-    """What the numbers are, as JSON."""
+    """Meaning of the numbers, as JSON."""
     numbers: Float64
     at: Int64
     """The steps of sparse columns, and the indices of edits."""

@@ -48,9 +48,9 @@ class RecordedSteps:
     models: dict[int, RecordedModel] = field(default_factory=dict)
     """The models that were stepped, by number."""
     _parts: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
-    """Where the parts of each model begin, and their chunks."""
+    """Starts of the parts of each model, and their chunks."""
     _places: dict[int, list[_Place]] = field(default_factory=dict)
-    """Where the frames of each simulation are, in order."""
+    """Places of the frames of each simulation, in order."""
 
     @property
     def clients(self) -> list[int]:

@@ -42,7 +42,7 @@ ADDED: Mapping[int, Addition] = {
     7: Addition(Message("the episodes of its environments"), of_drops=False),
     8: Addition(Message("what the script's readings gave"), of_drops=False),
 }
-"""What each schema added."""
+"""Additions of each schema."""
 
 
 def check_version(version: object, path: Path) -> None:

@@ -27,7 +27,7 @@ from drop_physics.workers import under_load
 LOOPBACK = "127.0.0.1"
 STARTS_WITHIN_S = 30.0
 LOOKS_EVERY_S = 0.1
-"""How often to see whether a viewer is closed."""
+"""Interval of checks whether a viewer is closed."""
 VIEWER_PORT, PAGE_PORT = 9876, 9090
 """Rerun's defaults, used if they are free."""
 PR_SET_PDEATHSIG = 1

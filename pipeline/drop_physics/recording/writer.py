@@ -252,7 +252,7 @@ class Times(NamedTuple):
     times_s: Float64
     """Shape (n,)."""
     calls: Int64 | None = None
-    """How many calls of the script came before, for the timeline of calls."""
+    """Number of calls of the script before, for the timeline of calls."""
 
     def only(self, which: Flags | Int64) -> Times:
         """Return the times of the selected rows."""

@@ -129,7 +129,7 @@ class FindingList:
     first: int = 1
     """Number of the first finding."""
     looked_at: Message | None = None
-    """What was looked at, for a reader who sees no finding: silence is no verdict."""
+    """Remark on what was examined, for a reader who sees no finding: silence is no verdict."""
 
 
 def lines_of(finding: Finding, sources: Mapping[str, Path], around: int = 0) -> dict[int, str]:
@@ -178,7 +178,7 @@ class Report:
     """The report of a verb."""
 
     title: str = ""
-    """Its subject, when it stands among other reports: a command."""
+    """Subject of the report among others: a command."""
     error: Failure | None = None
     """The error that a script ended with: it precedes all else."""
     verdict: Words | Fact | None = None

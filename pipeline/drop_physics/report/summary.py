@@ -26,9 +26,9 @@ class ShortFinding:
     reason: str | None
     """The cause, in a word; None where the code has one cause only."""
     level: str
-    """How grave it is: `broken`, `asked`, `model`, `repeat` or `note`."""
+    """Level: `broken`, `asked`, `model`, `repeat` or `note`."""
     message: str
-    """What was seen, with numbers, and why."""
+    """Sentence on what was seen, with numbers, and why."""
     advice: str | None
     """The call that changes it."""
     proof: str
@@ -48,7 +48,7 @@ class ShortRow:
     who: str
     """The joint, body, pair or reading that it is about."""
     told: str
-    """What was asked, what came, and when."""
+    """Sentence on what was asked, what came, and when."""
     terms: str | None
     """The terms that act towards it, and against."""
 

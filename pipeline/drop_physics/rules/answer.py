@@ -45,8 +45,8 @@ Rows = NDArray[np.intp]
 Column = Callable[[States], Float64]
 """A column of states."""
 Proof = Literal["sum", "call", "trial", "none"]
-"""How a finding is proved: by the sum of impulses, by a call or a file that asks for one thing and
-an engine that does another, or by a trial; advice without a proof is only to be tried."""
+"""Proof of a finding: by the sum of impulses, by a call or a file that asks for one thing and an
+engine that does another, or by a trial; advice without a proof is only to be tried."""
 Level = Literal["broken", "asked", "model", "repeat", "note"]
 LEVELS: tuple[Level, ...] = get_args(Level)
 """The levels, the gravest first: no longer physics; not what the script asked for; what the engine
@@ -82,21 +82,21 @@ class Finding:
     code: str
     """A stable name for use in scripts."""
     level: Level
-    """How grave it is, the gravest first: `broken` is no physics any more; `asked`: one thing was
-    asked, another happened; `model`: true to the engine, perhaps not to you; `repeat`: another run
-    may differ; `note`."""
+    """Level, the gravest first: `broken` is no physics any more; `asked`: one thing was asked,
+    another happened; `model`: true to the engine, perhaps not to you; `repeat`: another run may
+    differ; `note`."""
     reason: str | None = None
     """The cause, in a word; null where the code has one cause only."""
     message: str
-    """What was seen, with numbers, and why."""
+    """Sentence on what was seen, with numbers, and why."""
     advice: str | None = None
     """The call that changes it."""
     proposed: bool = False
     """Whether the advice is only to be tried: neither the sum of impulses nor a call proves that
     what it changes is the cause. `drop why` tries it."""
     proof: Proof = "sum"
-    """How it is proved: by the `sum` of impulses, by a `call` (or the file that it loads), by a
-    `trial`; `none` if its advice is only to be tried."""
+    """Proof: by the `sum` of impulses, by a `call` (or the file that it loads), by a `trial`;
+    `none` if its advice is only to be tried."""
     cure: Cure | None = None
     """The advice as an intervention that can be tried; null where no call changes it."""
     body: str | None = None

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 STATES = Act.SAVE, Act.RESTORE, Act.CLEAR
-"""Each begins an episode,"""
+"""Calls that begin an episode,"""
 BY_HAND = Act.SET_POSE, Act.SET_VELOCITY, Act.SET_JOINT
 """and so does the first of these in a gap between steps."""
 SETTINGS = Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_ENGINE
@@ -59,11 +59,11 @@ class AfterRestore:
     end: int = 0
     """Steps before the next one."""
     calls: dict[int, int] = field(default_factory=dict)
-    """What all calls between two steps come to, by the steps since it began."""
+    """Combined effect of all calls between two steps, by the steps since it began."""
     again: set[Named] = field(default_factory=set)
-    """What calls set before its first step."""
+    """Quantities that calls set before its first step."""
     sets: dict[Named, tuple[tuple[float, ...] | None, Call]] = field(default_factory=dict)
-    """What was set in it: the numbers before it, and the latest call."""
+    """Quantities set in it: the numbers before it, and the latest call."""
     starts: dict[Key, Float64] = field(default_factory=dict)
     """The state that each body's first step begins with."""
     touched: set[tuple[int, ...]] = field(default_factory=set)

@@ -15,7 +15,7 @@ from drop_physics.rules.codes import CODES
 INDENT, WIDTH = 3, 80
 """Columns before the text of a finding, and of a line of the page."""
 ADVICE = "p.", "to try: "
-"""What begins a line of advice where the message's last line is full."""
+"""Beginning of a line of advice where the message's last line is full."""
 PAGE = "why.md"
 IN_A_CLONE = Path(__file__).parents[3] / "docs" / PAGE
 SECTION = re.compile(r"^### (.+?)\n(.*?)(?=^##|\Z)", re.MULTILINE | re.DOTALL)

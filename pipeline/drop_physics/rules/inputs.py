@@ -54,7 +54,7 @@ WRITTEN = (
     *(Act.SET_BODY_FORCE, Act.SET_JOINT_FORCE, Act.SET_MASS, Act.SET_DERIVED),
     *(Act.SET_STATE, Act.SET_ACTIVE, Act.RESET_STATE),
 )
-"""What is followed of what is written into memory."""
+"""Fields in memory whose writes are followed."""
 
 
 @dataclass
@@ -64,7 +64,7 @@ class Use:
     first: Call
     body: Body | None
     made: list[At] = field(default_factory=list)
-    """When each of the calls was made."""
+    """Moments of the calls."""
     last: Call = field(init=False)
     low: dict[str, Float64] = field(default_factory=dict)
     """The least value of each number of an argument, by the argument's name."""

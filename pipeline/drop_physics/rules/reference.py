@@ -43,17 +43,17 @@ class CodeReference:
     level: Level | None
     """The level, unless a finding states another; null where that depends."""
     meaning: str
-    """What was asked and what happened instead, in a sentence."""
+    """Meaning: what was asked and what happened instead, in a sentence."""
     measured: list[str] = field(default_factory=list)
     """The conditions that are looked for, a sentence per rule."""
     thresholds: list[Limit] = field(default_factory=list)
     """The thresholds that decide."""
     says: list[str] = field(default_factory=list)
-    """What a finding says; … is a number or a name."""
+    """Sentence of a finding; … is a number or a name."""
     advises: list[str] = field(default_factory=list)
-    """What changes it."""
+    """Advice that changes it."""
     proposes: list[str] = field(default_factory=list)
-    """What is to be tried, where nothing proves that it changes it."""
+    """Advice that is only to be tried, where nothing proves it."""
     example: CodeExample | None = None
     """A script that shows it; null where the documentation has none."""
     cures: tuple[tuple[str, Cure, bool], ...] = field(default=(), metadata={"json": False})

@@ -147,7 +147,7 @@ class Remedy:
 
     name: str
     target: str | None = None
-    """What of the worst is changed: `joint`, `body`, `other`; None if it is the whole run."""
+    """Target of the cure: `joint`, `body`, `other`; None for the whole run."""
     value: float | str | None = None
     form: str = ""
     given: Mapping[str, float | str] | str = field(default_factory=dict)

@@ -166,8 +166,8 @@ class Rule:
     consecutive: bool = False
     """Whether runs of consecutive steps are told apart, and the worst of each key counts."""
     subject: int | None = None
-    """How many of a key's columns tell subjects apart, of each of which the worst is said; all, if
-    it is None. With 0 one thing is said of the run, and of no body."""
+    """Number of a key's columns that tell subjects apart, of each of which the worst is said; all,
+    if it is None. With 0 one thing is said of the run, and of no body."""
     argument: str | None = None
     """The argument of `changeDynamics` whose call is the cause."""
     engines: tuple[str, ...] = BULLETS
@@ -322,7 +322,7 @@ class Rules:
         self.scene = scene
         self._rules = [rule for rule in RULES if engine_of(scene.seen) in rule.engines]
         self._open: list[Runs | None] = [None] * len(self._rules)
-        """What may go on of each rule, and the worst of what has ended of each key."""
+        """Open runs of each rule, and the worst ended one of each key."""
         self._in: dict[int, set[tuple[int, ...]]] = {}
         """The keys that each rule has found, with the number of the episode."""
         self._ended: list[Runs | None] = [None] * len(self._rules)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from drop_physics.arrays import Flags, Float64, Int64
 
 Kind = Literal["at", "first", "last", "sum", "until", "most"]
-"""What of a column is kept of several rows: the value of the largest row, of the first, of the
+"""Way of merging a column over several rows: the value of the largest row, of the first, of the
 last; the sum of all, that until the largest row; the greatest."""
 
 

@@ -32,8 +32,8 @@ from drop_physics.trace.motors import VELOCITY
 Rows = NDArray[np.intp]
 
 SUMS = ("rolled", "slipped", "limited", "across", "available", "normal", "seconds")
-"""What a wheel rolls, what of it slips, the same where friction is at its limit, what it slips
-across [m]; friction available, normal impulse [N s]; time [s]."""
+"""Sums of a wheel: rolled path, slipped path, the same with friction at its limit, sideways slip
+[m]; friction available, normal impulse [N s]; time [s]."""
 
 OF_BOTH = {PYBULLET: Message("the product of both"), MUJOCO: Message("the larger of both")}
 """The coefficient of a pair that the engine uses."""

@@ -54,7 +54,7 @@ class FrameComparison:
     first_step: int | None
     """Step of the first that differ; None if none do, or if pictures do not count."""
     why: str | None
-    """Why no more were compared; None if all were."""
+    """Reason why no more were compared; None if all were."""
 
 
 @dataclass(frozen=True)
@@ -72,13 +72,13 @@ class Check(Printable, reported_by="drop_physics.report.check"):
     frames: FrameComparison | None
     """Comparison of the pictures; None if there was no golden recording yet."""
     engines: str | None = None
-    """Where and why the engines part, if the drops differ in nothing else."""
+    """Place and reason of the engines' difference, if the drops differ in nothing else."""
     updated: bool = False
     """Whether the recording has been made the golden one."""
     why: Printable | None = None
     """A `Diff`: why they are not the same; None if nothing told it, or of a drop."""
     lacks: tuple[str, ...] = ()
-    """What one of them lacks because it has an earlier schema, and so was not compared."""
+    """Contents missing from one of them because of an earlier schema, and so not compared."""
 
     @property
     def first(self) -> Difference | None:

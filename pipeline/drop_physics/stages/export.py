@@ -52,7 +52,7 @@ class Export(Printable, reported_by="drop_physics.report.export"):
     recording: Path
     """The recording."""
     files: dict[str, int]
-    """Each file, and its number of rows or messages."""
+    """Files, with their numbers of rows or messages."""
 
 
 @takes_those_of(verbs.ExportArguments)

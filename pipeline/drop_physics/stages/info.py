@@ -45,7 +45,7 @@ class Info(Printable, reported_by="drop_physics.report.info"):
     recording: Path
     """The file."""
     recording_id: str
-    """Its id, which its layer shares."""
+    """Id, which its layer shares."""
     kind: Literal["drop", "script"]
     """Whether a drop or a script was recorded."""
     what: str

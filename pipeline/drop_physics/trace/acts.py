@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from enum import Enum
 
 PICTURE = "Renderer.render"
-"""What draws a picture of which only a digest is recorded."""
+"""Draws a picture of which only a digest is recorded."""
 
 
 class Act(Enum):
@@ -98,7 +98,7 @@ class Act(Enum):
 ACTS: Mapping[str, Act] = {function: act for act in Act for function in act.value}
 """The act of each function, by the function's name."""
 LOADS_KEYFRAME = "mj_resetDataKeyframe"
-"""What loads a keyframe, with what it gives actuators."""
+"""Loads a keyframe, with its controls."""
 PUSHES = Act.PUSH, Act.TWIST
 MAKES = Act.LOAD, Act.MAKE
 FILTERS = Act.FILTER_PAIR, Act.FILTER_GROUP

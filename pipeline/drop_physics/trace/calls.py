@@ -31,7 +31,7 @@ class Call:
     """A call of the engine by the script."""
 
     at: At
-    """When it was made."""
+    """Moment of the call."""
     client: int
     """Number of the client that it was made on."""
     site: Site

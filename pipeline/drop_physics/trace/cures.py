@@ -45,7 +45,7 @@ class Scope:
     other: Body | None = None
     """The other body of a finding about two."""
     target: str | None = None
-    """What a cure names: a body, a joint, an actuator."""
+    """Target of a cure: a body, a joint, an actuator."""
     commanded: frozenset[tuple[int, int]] = frozenset()
     """Numbers of bodies and links of the joints whose motors a call commands."""
     timestep_s: float = 1 / 240
@@ -94,6 +94,6 @@ def whole_number(value: float) -> float:
 
 
 NUDGE = 1e-9
-"""How far bodies and joints are moved before the first step [m, rad]."""
+"""Displacement of bodies and joints before the first step [m, rad]."""
 NUDGED = ChangedRun(below={"nudge": NUDGE})
 """The run whose bodies and joints are moved by that much."""

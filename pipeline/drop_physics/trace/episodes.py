@@ -30,7 +30,7 @@ class Episode:
     """Steps of a simulation from one start state to the next."""
 
     number: int
-    """Its number, from 1."""
+    """Number, from 1."""
     client: int
     first: int
     """The sample that it starts from."""
@@ -39,7 +39,7 @@ class Episode:
     ended: str
     """`terminated` or `truncated`, as an environment told; `reset`; or `run`: the run ended."""
     told: EpisodeEnd | None = None
-    """What an environment told of it."""
+    """Report of an environment."""
 
     @property
     def kept(self) -> bool:

@@ -180,7 +180,7 @@ class Actuator:
 
     name: str
     number: int
-    """Its number in the simulation."""
+    """Number in the simulation."""
     kind: str
     """`motor`, `position`, `velocity`, `muscle` or `general`."""
     acts_on: str
@@ -420,7 +420,7 @@ class SolverStop:
     looked: int
     """Number of steps with that limit whose solver was queried: every eighth."""
     steps: int
-    """How many of these used all iterations, and changed a velocity by over 0.01 in the last."""
+    """Number of these that used all iterations, and changed a velocity by over 0.01 in the last."""
     first_step: int
     last_change: float
     """The largest change of a velocity in a last iteration [m/s or rad/s]."""
@@ -545,7 +545,7 @@ class Impulses:
     counts: Int64
     """Number of causes that acted in each step, shape (n,)."""
     widths: Int64
-    """How many numbers these have, shape (n,)."""
+    """Number of values of each, shape (n,)."""
     causes: Int64
     """The numbers of the causes, step by step."""
     values: Float64
@@ -617,7 +617,7 @@ class EngineWarning:
     """`contacts full`, `constraints full`, `bad position`, `bad velocity`, `bad acceleration`, `bad
     control` or `inertia`."""
     count: int
-    """How often it was given."""
+    """Number of times that it was given."""
     steps: int
     """The number of steps in which it was given."""
     last_step: int
@@ -673,7 +673,7 @@ class Sensor:
     """Number of the body that it is on; -1 if it is on none, or that is not known."""
     link: int
     answers: tuple[Answer, ...]
-    """What it read after each step, a number each."""
+    """Reading after each step, a number each."""
     place: Collision | None = None
     """The site of a sensor, as a shape on its link."""
 
@@ -689,7 +689,8 @@ class EpisodeEnd:
     how: str
     """`terminated` or `truncated`, `reset` before it ended, or `run`: the run ended first."""
     why: str
-    """Why it was terminated, as far as the environment says: `z 0.98 < 1`, `fell`; else empty."""
+    """Reason for its termination, as far as the environment says: `z 0.98 < 1`, `fell`; else empty.
+    """
     length: int
     """Number of calls of the environment's `step`."""
     reward: float
@@ -752,7 +753,7 @@ ENDED = {
     "interrupted": Message("stopped by Ctrl-C"),
     "failed": Message("failed"),
 }
-"""How a script ended, in words."""
+"""Ending of a script, in words."""
 
 
 @dataclass
@@ -764,7 +765,7 @@ class Ending:
     error: str = ""
     """The failure, in a line."""
     printed: str = ""
-    """What the program itself printed of the failure."""
+    """Output of the program about the failure."""
     site: str = ""
     """File and line of the script that failed."""
     main_sha256: str | None = None

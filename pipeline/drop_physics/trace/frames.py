@@ -93,12 +93,12 @@ class Frames:
     """The state before a step, with its `clock_s`, where that is not what the step before left,
     and before the first one."""
     inputs: Mapping[str, FrameColumn]
-    """What acts from outside, from a step on until the next row; the first is of step 0."""
+    """Inputs from outside, from a step on until the next row; the first is of step 0."""
     posed: Mapping[str, FrameColumn] = field(default_factory=dict)
     """The parts of another state that the engine had computed positions for before a step."""
     edits: Sequence[ModelEdit] = ()
     answers: Sequence[tuple[int, bytes]] = ()
-    """What the script's callbacks did within a step, as the engine's watch sent it, by step."""
+    """Effects of the script's callbacks within a step, as the engine's watch sent them, by step."""
     shared: Mapping[str, Sequence[SharedColumns]] = field(default_factory=dict)
     """Columns of `after` that need not be held twice, by part."""
 

@@ -11,10 +11,10 @@ from drop_physics.messages import Message
 from drop_physics.trace.frames import ModelEdit
 
 Sets = Literal["setting", "state", "input", "model"]
-"""What a call sets: an option of the engine; positions and velocities; what acts from outside; or
-something of a body."""
+"""Targets of a call: an option of the engine; positions and velocities; inputs from outside; or
+properties of a body."""
 Made = tuple[str, int]
-"""What a call makes: its kind, and a number that means the same in both logs."""
+"""Objects that a call creates: their kind, and a number that means the same in both logs."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class LoggedCall:
 
     function: str
     given: Mapping[str, Any]
-    """Its arguments by name; what an earlier call has made stands as a `Made`."""
+    """Arguments by name; objects created by an earlier call stand as a `Made`."""
     step: int
     """Number of steps before it."""
     sets: Sets
@@ -81,8 +81,8 @@ class KnownDifference:
     calls: Sequence[LoggedCall] = ()
     """The calls of the one engine that take it away."""
     edits: Sequence[ModelEdit] = ()
-    """What takes it away in the model of the other."""
+    """Edits that remove it in the model of the other."""
     value: float | None = None
-    """Its value in the engine whose calls take it away, where it is a number."""
+    """Value in the engine whose calls remove it, if it is a number."""
     other: float | None = None
-    """Its value in the other engine."""
+    """Value in the other engine."""

@@ -16,7 +16,7 @@ class Subject:
     """The subject of a reading: a body, a link of it, or its contact with others."""
 
     body: int
-    """Its number in the recording."""
+    """Number in the recording."""
     link: int | None
     """-1 is the base; None where the reading names no link."""
     other: int | None = None
@@ -38,12 +38,12 @@ class Answer:
     """A number in the answers of a line's counted readings."""
 
     name: str
-    """What it is: `points`, `force of all`, `reaction fx`, `x` …; its place in the answer where it
-    has no name."""
+    """Name: `points`, `force of all`, `reaction fx`, `x` …; its place in the answer where it has no
+    name."""
     first: float
-    """What the first reading gave."""
+    """First reading."""
     last: float
-    """What the last one gave."""
+    """Last reading."""
     least: float
     """The least that any gave."""
     greatest: float
@@ -110,7 +110,7 @@ class Reading:
     exact: bool
     """Whether every reading was observed: after 256 steps it may be those of every 61st step."""
     targets: tuple[Subject, ...]
-    """What it read, each once; empty if it reads all bodies, or none."""
+    """Subjects of the reading, each once; empty if it reads all bodies, or none."""
     constraints: tuple[int, ...]
     """The constraints that it read, by the engine's id."""
     complete: bool
@@ -118,7 +118,7 @@ class Reading:
     camera: Lens | None = None
     """The camera of its first picture."""
     answers: tuple[Answer, ...] = ()
-    """What it gave, a number each; of several bodies or links those of all."""
+    """Answers, a number each; for several bodies or links those of all."""
 
     @property
     def act(self) -> Act:

@@ -42,9 +42,9 @@ class FieldApart(NamedTuple):
 
     field: str
     element: str
-    """Its name; empty for a field that has no elements."""
+    """Name; empty for a field that has no elements."""
     of: str
-    """What it is part of, such as the body of a shape; empty if that says no more."""
+    """Owner, such as the body of a shape; empty if that says no more."""
     a: tuple[float, ...]
     b: tuple[float, ...]
     is_derived: bool = False

@@ -49,7 +49,7 @@ class FramesOfSteps:
         self._inputs: dict[str, dict[int, Float64]] = {name: {} for name in USER}
         self._posed: dict[str, dict[int, Float64]] = {}
         self._asleep: dict[int, Float64] = {}
-        """What sleeps once the step before has been made."""
+        """Sleeping trees after the previous step."""
         self._edits: dict[int, list[Edited]] = {}
 
     def wrote(self, written: ReceivedWrite, held: Held, piece: StepPiece) -> None:

@@ -99,15 +99,15 @@ CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfi
 CORE = ("qpos", "qvel", "act", "history", "plastic", "qacc_warmstart", "plugin_state")
 """Fields that a step changes, in the order of MuJoCo's memory."""
 USER = ("ctrl", "qfrc_applied", "xfrc_applied", "eq_active", "mocap_pos", "mocap_quat")
-"""What only the script changes, likewise."""
+"""Names of the parts that only the script changes, likewise."""
 CLOCK = "clock_s"
 """The name of MuJoCo's own clock among the parts of a state."""
 ASLEEP = "tree_asleep"
-"""How long each tree has been still, or which one sleeps with it; a step changes it, and needs it.
-MuJoCo before 3.4 has none."""
+"""Time for which each tree has been still, or the tree that sleeps with it; a step changes it, and
+needs it. MuJoCo before 3.4 has none."""
 PARTS = (*CORE, *USER, ASLEEP)
 STATE = (*CORE, ASLEEP)
-"""What a step changes, and the next one needs."""
+"""Parts that a step changes, and the next one needs."""
 KINDS: dict[str, np.dtype[Any]] = {"eq_active": np.dtype(np.uint8), ASLEEP: np.dtype(np.int32)}
 """Types of the parts whose elements are no doubles."""
 DOUBLE = np.dtype(np.float64)

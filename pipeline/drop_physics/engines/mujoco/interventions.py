@@ -137,7 +137,7 @@ class FieldRow(ChangeRow):
     """Returns the elements whose fields are set."""
     _: KW_ONLY
     makes: Applies | None = None
-    """What else it makes."""
+    """Further operations that it makes."""
     derived: bool = False
     """Whether MuJoCo derives other fields from those."""
     more: str = ""
@@ -364,7 +364,7 @@ SEARCHED = (
     *((f"flag.{name}", name.lower(), "^", "^") for name in ("CONTACT", "GRAVITY", "ACTUATION")),
     *((f"flag.{name}", name.lower(), "^", "") for name in FLAGS.split()),
 )
-"""What only the causal search changes: field, attribute, operators, and those that break."""
+"""Changes of the causal search alone: field, attribute, operators, and those that break."""
 
 ROWS = (
     # The whole run.

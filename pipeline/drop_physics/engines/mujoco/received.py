@@ -137,7 +137,7 @@ class EndedEpisode(NamedTuple):
     end: int
     """Number of steps of the simulation up to its end."""
     told: dict[str, Any]
-    """What the environment told of it."""
+    """Report of the environment."""
 
 
 @dataclass(frozen=True)
@@ -331,8 +331,7 @@ class Received:
         self.models: dict[int, MujocoModel] = {}
         self.sites: list[ScriptLine] = []
         self.sensed: dict[int, tuple[int, int]] = {}
-        """Where what the sensors of a simulation read is among the answers, and of how many
-        numbers."""
+        """Start of the readings of a simulation's sensors among the answers, and their number."""
         self.apart_s: dict[int, float] = {}
         """The time between two states of a simulation that no step leads from one to the other of
         [s]: they were imported."""
@@ -349,8 +348,8 @@ class Received:
         self.viewer = False
         """Whether the script opened a passive viewer."""
         self.posed_without_steps: dict[int, int] = {}
-        """How often positions were changed for `mj_forward` before the first step, by simulation:
-        a script that integrates by itself makes no step that is seen."""
+        """Number of times that positions were changed for `mj_forward` before the first step, by
+        simulation: a script that integrates by itself makes no visible step."""
         self._constants: dict[str, Constants] = {}
         self._alike: dict[tuple[Any, ...], Any] = {}
         """The places of constants, and fields, which models of one kind have in common."""

@@ -65,7 +65,7 @@ class Stepper:
     """
 
     module = MODULE
-    """What runs in it."""
+    """Module that runs in it."""
     group: int | None = None
     """0 if Ctrl-C does not reach it."""
 

@@ -30,7 +30,7 @@ class TakenSteps:
     before: Rows
     """The state before each step, shape (n, width) each."""
     inputs: Rows
-    """What acts in each step, likewise."""
+    """Inputs that act in each step, likewise."""
     acting: Rows
     """The same with what callbacks write within a step; `qfrc_passive` is what they add."""
     edited: Mapping[str, tuple[Int64, Float64]]

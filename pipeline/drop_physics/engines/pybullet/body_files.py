@@ -53,7 +53,7 @@ COUNTS = {
     "xyz": (3,), "rpy": (3,), "size": (3,), "normal": (3,), "scale": (1, 3), "rgba": (3, 4),
     "rgb": (3, 4),
 }  # fmt: skip
-"""How many numbers an attribute may hold, if it may be more or less than one."""
+"""Number of values that an attribute may hold, if it may be more or less than one."""
 ABOVE_ZERO = ("size", "radius", "length")
 
 

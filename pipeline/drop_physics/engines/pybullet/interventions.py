@@ -76,7 +76,7 @@ class CallRow(ChangeRow):
     function: str = ""
     """The function whose arguments are set."""
     each: str = ""
-    """What the search adds a call about: each of `bodies`, `links`, `joints` that move,
+    """Objects about which the search adds a call: all `bodies`, `links`, `joints` that move,
     `constraints` or `pairs` that touched; else one."""
 
     @property
@@ -387,9 +387,9 @@ IN_CALLS = (
     (r"(setGravity|resetBaseVelocity)\.\w+", NUMBERS, NUMBERS),
     (r".*\..*", NUMBERS, ""),
 )
-"""What the causal search tries in calls: function, or function and argument; operators; and those
-that take a part of the scene or of the command away. Signs and zeros of what must be positive are
-none of them."""
+"""Trials of the causal search in calls: function, or function and argument; operators; and those
+that take a part of the scene or of the command away. Signs and zeros of positive quantities are not
+among them."""
 SEEN = COMMANDS | PUSHES | MAKES_BODIES | MOVES_BODY | CONSTRAINS | SHAPES | IK | SETS_ENGINE
 SEEN |= those_that("sets properties", "sets constraints", "sets what is touched", "sets sensors")
 SEEN |= those_that("computes dynamics") | {"rayTest", "getClosestPoints", "getLinkState", STEP}

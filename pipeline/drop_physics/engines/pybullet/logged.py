@@ -74,9 +74,9 @@ class LogOf:
     made: list[tuple[Made, Call]] = field(default_factory=list)
     """Objects made by calls, in order."""
     _now: dict[tuple[str, int], int] = field(default_factory=dict)
-    """What each of the engine's numbers stands for now, by kind."""
+    """Current meaning of the engine's numbers, by kind."""
     keys: dict[Made, object] = field(default_factory=dict)
-    """What was made, told in full."""
+    """Full descriptions of created objects."""
     _digests: dict[str, str] = field(default_factory=dict)
     _seen: dict[str, int] = field(default_factory=dict)
     contents: dict[str, bytes] = field(default_factory=dict)

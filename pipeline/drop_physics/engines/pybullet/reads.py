@@ -47,7 +47,7 @@ NAMES: Mapping[str, tuple[str, ...]] = {
 }
 """The names of the numbers that are kept of an answer; those of other functions are numbered."""
 Ids = Sequence[tuple[int, int | None]]
-"""What is read, by the engine's ids: bodies and their links, or a constraint."""
+"""Subjects of readings, by the engine's ids: bodies and their links, or a constraint."""
 
 
 class Reads:
@@ -56,7 +56,7 @@ class Reads:
     def __init__(self) -> None:
         self._places: dict[int, dict[str, Any]] = {}
         self._targets: dict[int, dict[Subject | int, None]] = {}
-        """What each place read, in that order; constraints as their ids."""
+        """Subjects of each place's readings, in that order; constraints as their ids."""
         self._cut: set[int] = set()
         """Places whose targets are not all known."""
         self._waiting: list[tuple[GatheredWorld, int, Ids]] = []

@@ -31,7 +31,7 @@ FIRST_USE, FIRST_LINE = -1, -2
 """Where a run stops, instead of after some steps: before it first uses its engine, or before the
 first line of the script after its imports."""
 LENGTH = struct.Struct("<I")
-"""What precedes a request: the length of its JSON. Two descriptors go with it, or three."""
+"""Head of a request: the length of its JSON. Two descriptors go with it, or three."""
 LOOKS_EVERY_S = 0.02
 """Interval at which the end of a trial is checked [s]."""
 

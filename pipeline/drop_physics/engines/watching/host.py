@@ -177,7 +177,7 @@ class ScriptWatch:
         self._limit_steps, self._limit_s = steps, duration_s
         self._undo: list[Callable[[], None]] = []
         self.steppers: list[tuple[Any, str, Any]] = []
-        """What stands for functions that make steps: where it stands, and the name."""
+        """Replacements of functions that make steps: their owners and names."""
         self._is_plain = is_plain
         self._outside: Outside | None = None
         self._left: Any = None

@@ -10,7 +10,7 @@ from typing import Any
 MAPS = "/proc/self/maps"
 """The files that this process has in memory, on Linux."""
 PREFIXES, SUFFIXES = ("scipy_openblas_", "openblas_"), ("64_", "")
-"""What surrounds the names of OpenBLAS's functions, as wheels and distributions build it."""
+"""Affixes of OpenBLAS's function names in wheels and distributions."""
 
 
 def hashes() -> str:

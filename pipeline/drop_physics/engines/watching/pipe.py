@@ -42,7 +42,7 @@ IMAGE_HEAD = struct.Struct("<I")
 """Head of an image: length of the JSON before its pixels."""
 
 BLOCK = struct.Struct("=QQ")
-"""What stands at the block's start: bytes sent so far, and bytes in it now."""
+"""Start of the block: bytes sent so far, and bytes in it now."""
 BLOCK_BYTES = 1 << 20
 PLACES, COUNTERS = 1 << 12, 4
 """Behind it are, of so many places that read, so many whole numbers in 64 bits: readings in all;
@@ -62,16 +62,16 @@ CUT_BYTES = 64
 LONGEST = 1 << 29
 """No payload is as long; four letters read as a length are longer."""
 FLUSH_BYTES = 1 << 16
-"""When there is so much in the block, it is sent before more is put into it."""
+"""Size of the block's contents above which they are sent before more is added."""
 SHORT_BYTES = 1 << 14
-"""What is sent at every call is shorter."""
+"""Messages sent at every call are shorter."""
 FLUSH_S = 0.25
 
 
 READ_WRITE, SHARED_FIXED = 1 | 2, 0x01 | 0x10
 """Flags of `mmap`, the same on Linux and macOS."""
 MMAP: Any = [ctypes.c_void_p, ctypes.c_size_t, *[ctypes.c_int] * 3, ctypes.c_long]
-"""Its arguments."""
+"""Arguments of the mapping."""
 
 
 class Pipe:

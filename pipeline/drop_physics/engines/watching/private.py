@@ -25,7 +25,7 @@ MS_BIND, MS_REC, MS_PRIVATE = 0x1000, 0x4000, 0x40000
 MOUNT_SETATTR, AT_FDCWD, AT_RECURSIVE, MOUNT_ATTR_RDONLY = 442, -100, 0x8000, 1
 """The number of a system call, which is the same on all machines, and its flags."""
 DISPLAYS = "/tmp/.X11-unix"
-"""Where the X server has its sockets."""
+"""Folder of the X server's sockets."""
 CAPABILITIES_V3 = 0x20080522
 """Version of the structures that `capset` takes (`linux/capability.h`)."""
 MOUNTED = 4

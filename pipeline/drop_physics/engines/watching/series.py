@@ -99,4 +99,4 @@ FUNCTIONS: dict[str, Any] = {
     "np": np,
     "math": math,
 }
-"""What an expression may name of ours, apart from series."""
+"""Functions of ours that an expression may name, apart from series."""

@@ -21,8 +21,8 @@ class Change:
     """A change of some elements in one way."""
 
     change: str
-    """What is changed: a field of the compiled model, `option.timestep`, `flag.CONTACT`, `pair`,
-    `input.ctrl`; or `function.argument`, `function` if a call is left out or added."""
+    """Target of the change: a field of the compiled model, `option.timestep`, `flag.CONTACT`,
+    `pair`, `input.ctrl`; or `function.argument`, `function` if a call is left out or added."""
     op: str
     """The operator as a row has it: `=0`, `*10`, `=default`, `left out` …"""
     how: tuple[str, Any]
@@ -36,7 +36,7 @@ class Change:
     site: tuple[str, int] | None = None
     """File and line of the call; None for all, or if it is no call."""
     model: tuple[int, ...] = ()
-    """What tells the compiled model whose elements they are; empty if there is none."""
+    """Key of the compiled model with these elements; empty without one."""
     engine: str = ""
     """The engine whose run it is."""
     is_geometry: bool = False

@@ -25,7 +25,7 @@ class DifferenceCause:
     the engine makes another step of the same state; `call`: a call of the script; `known`: a known
     difference between two engines."""
     field: str | None = None
-    """Its name in the engine's own words; of a call the function, and an argument."""
+    """Name in the engine's own words; for a call the function, and an argument."""
     element: str | None = None
     """The thing that it is of."""
     a: Value = None
@@ -77,7 +77,7 @@ class SwapProof:
     """Proof of a cause."""
 
     by: str
-    """What was swapped: `inputs`, `state`, `fields`, `written`, `engine`, `calls` or `known`."""
+    """Kind of swap: `inputs`, `state`, `fields`, `written`, `engine`, `calls` or `known`."""
     steps: int
     """Number of single steps that are then the first run's, or that differ, if by `engine`."""
     of: int
@@ -109,7 +109,7 @@ class Nudges:
     size: float
     """Size of a nudge of the velocities."""
     ends: list[float]
-    """How far apart each ends from the first run, ascending."""
+    """Final distances from the first run, ascending."""
 
 
 @dataclass(frozen=True)

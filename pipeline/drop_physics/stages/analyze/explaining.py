@@ -54,7 +54,7 @@ class LaterExplained:
 
     recording: Recording
     sums: LaterSums | None
-    """What was explained after it was made; None if nothing was."""
+    """Sums explained after the recording was made; None if there are none."""
     note: Message | None
     """The steps that are not explained, and the command that explains them."""
 

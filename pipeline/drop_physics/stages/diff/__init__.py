@@ -142,7 +142,7 @@ def _ending(held: Recording) -> str:
 
 
 HOST = ("hash_seed", "numpy", "blas", "blas_threads", "machine", "version")
-"""What numbers may depend on besides the script, as a recording's closing property names it."""
+"""Dependences of numbers besides the script, as a recording's closing property names them."""
 
 
 def _host(a: Recording, b: Recording) -> dict[str, tuple[str, str]]:

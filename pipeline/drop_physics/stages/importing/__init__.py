@@ -61,7 +61,7 @@ class Imported(Printable, reported_by="drop_physics.report.imported"):
     recording: Path
     """The recording."""
     recording_id: str
-    """Its id in Rerun."""
+    """Id in Rerun."""
     file: Path
     """The file of the other program."""
     model: str
@@ -87,15 +87,15 @@ class Imported(Printable, reported_by="drop_physics.report.imported"):
     arrays: dict[str, str]
     """The keys of what was read, by its name."""
     gaps: Sequence[Gap]
-    """What other steps are off by, the most frequent first."""
+    """Deviations of other steps, the most frequent first."""
     looked_at: int
     """Number of steps that are off whose term was looked for."""
     ended: str
-    """Where the states become no numbers, and why; empty if they do not."""
+    """End of the finite states, with the reason; empty if all are finite."""
     said: Sequence[str]
-    """How many steps are the engine's, and what the others are off by."""
+    """Number of explained steps, and deviations of the others."""
     notes: Sequence[str]
-    """What is missing, and what follows."""
+    """Missing parts, and the consequences."""
     bodies: int
     """Number of bodies."""
     bytes: int

@@ -111,9 +111,9 @@ class Recorded(Printable, reported_by="drop_physics.report.record"):
     engine: str = ""
     """The engine whose steps are recorded."""
     answer: tuple[Any, str] | None = None
-    """What was evaluated in the run, or why it could not be; None if that was not asked."""
+    """Result of the evaluation in the run, or its error; None if nothing was asked."""
     reached: Reached = Reached()
-    """What the script reached beside its simulation, if that was observed."""
+    """Resources that the script reached beside its simulation, if that was observed."""
     never_began: bool = False
     """Whether the script failed before it imported an engine."""
     is_elsewhere: bool = False

@@ -46,7 +46,7 @@ class RunChanged(ABC, Generic[T]):
     """Whether to record what only the viewer needs, too."""
     runs: RunsUnderWay = field(default_factory=RunsUnderWay)
     reruns: Reruns | None = None
-    """What runs may be forks of; None if each is a run from the start."""
+    """The run of which runs may be forks; None if each is a run from the start."""
 
     def run_of(self, number: int) -> ChangedRun | None:
         """Return the changes of a run; None if the engine does not support them."""

@@ -38,7 +38,7 @@ class Ended:
     """The end of a run."""
 
     how: str
-    """Its ending as in a recording; `interrupted` if it was stopped from here."""
+    """Ending as in a recording; `interrupted` if it was stopped from here."""
     steps: int
     """Number of steps of all its simulations."""
     intervened: frozenset[int]
@@ -46,7 +46,7 @@ class Ended:
     also_steps: str
     """The other engine, if the script steps two; else empty."""
     reached: Reached
-    """What the script reached beside its simulation, if that was observed."""
+    """Resources that the script reached beside its simulation, if that was observed."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ class Simulation(Printable, reported_by="drop_physics.report.run"):
     recording: Path
     """The file."""
     recording_id: str
-    """Its id, which its layer shares."""
+    """Id, which its layer shares."""
     samples: int
     """Number of samples: one more than steps."""
     frames: int

@@ -75,8 +75,8 @@ class Trust(Printable, reported_by="drop_physics.report.trust"):
     growth: Growth | None
     """Growth of the nudge; None if it does not grow, or was left out."""
     converging: list[Converging]
-    """How each final position that depends on the timestep converges, if three timesteps were
-    run."""
+    """Convergence of each final position that depends on the timestep, if three timesteps were run.
+    """
     findings: list[Finding]
 
     @property

@@ -34,7 +34,7 @@ BY_STEP = {
         "a step moves with the velocity that it ends with: that is off by half a step's change"
     ),
 }
-"""Why a term depends on the timestep."""
+"""Reason why a term depends on the timestep."""
 SMALL = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
 

@@ -172,7 +172,7 @@ class FirstRun:
 
     reached: Reached
     took_s: float
-    """Its duration [s]."""
+    """Duration [s]."""
 
 
 # -- the folder -----------------------------------------------------------------------------------

@@ -28,7 +28,7 @@ class TypedOption:
     metavar: str = ""
     """The placeholder of its value; empty of a flag."""
     names: tuple[str, ...] = ()
-    """Its names; by default that of the field without its unit."""
+    """Names of the option; by default that of the field without its unit."""
     is_argument: bool = False
     read: Callable[[Any], Any] | None = None
     """Reads what was typed, where its type does not say how."""

@@ -65,10 +65,10 @@ class Tried:
 
     intervention: Intervention
     shown: TrialVerdict | None
-    """What it shows of the finding; None of a trial that belongs to none, or was not run."""
+    """Effect on the finding; None for a trial that belongs to none, or was not run."""
     verdict: Verdict
     moved: Distance | None
-    """How far the outcome has moved; None where a nudge moves it as much, or nothing moved."""
+    """Motion of the outcome; None where a nudge moves it as much, or nothing moved."""
     same: bool
     """Whether no position differs, to the bit."""
     recording: Path | None
@@ -109,7 +109,7 @@ class Why(Printable, reported_by="drop_physics.report.why"):
     sources: Mapping[str, Path] = field(default_factory=dict)
     """The files that its findings cite, where these are found."""
     expected: Expected | None = None
-    """What was expected of it, and which changes make that true; None if nothing was."""
+    """Expectation, with the changes that make it true; None without one."""
 
     def filmed(self) -> tuple[Path, str] | None:
         """Return the recording to show beside the script's own run, and its title.

@@ -49,8 +49,8 @@ if TYPE_CHECKING:
     from drop_physics.trace.cures import Cure
 
 CHANCE = 1e-3
-"""Where nudges move the quantity by more than this share of what it is short of, a change has to
-make it true in nudged runs, too."""
+"""If nudges move the quantity by more than this share of its gap, a change has to make it true in
+nudged runs, too."""
 MOST_STEPS = 2
 """A run may make so many times the steps of the script's own."""
 AT_MOST_STEPS = "steps"

@@ -42,7 +42,7 @@ class PairTable:
         self.made: list[list[float]] = []
         """The first geom, the second, and five coefficients of friction of each."""
         self.told = 0
-        """How many of them were sent."""
+        """Number of those that were sent."""
 
     def numbers(self, geoms: Any, frictions: Any) -> Any:
         """Return the number of each pair; shapes (c, 2) and (c, 5)."""
@@ -69,7 +69,7 @@ class Groups(NamedTuple):
     rows: Any
     """The evaluation of each group, shape (g,)."""
     kinds: Any
-    """Its type: of `KINDS`, or 5 for a push and 6 for friction, shape (g,)."""
+    """Types: of `KINDS`, or 5 for a push and 6 for friction, shape (g,)."""
     first: Any
     second: Any
     """Numbers of what is constrained, shape (g,)."""
@@ -78,7 +78,7 @@ class Groups(NamedTuple):
     values: Any
     """The forces on them."""
     starts: Any
-    """Where each group begins in them, shape (g + 1,)."""
+    """First element of each group, shape (g + 1,)."""
 
 
 class Constrained(NamedTuple):

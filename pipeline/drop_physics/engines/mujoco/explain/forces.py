@@ -179,7 +179,7 @@ def _pushes(m: Any, layout: Layout, held: dict[str, Any], xfrc: Any) -> list[For
 
 
 ROUNDING = 1e-13
-"""What is a smaller share of the whole is rounding, and no force of its own."""
+"""Smaller shares of the whole are rounding, and no force of their own."""
 
 
 def polynomial(coefficients: Any, x: Any) -> Any:

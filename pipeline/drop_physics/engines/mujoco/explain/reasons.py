@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 EXPLAINED, REPLAYED, OTHER = 0, 1, 2
-"""Its sum closes; it leads to the recorded state, but has no sum; it leads elsewhere."""
+"""Outcomes: the sum closes; the recorded state is reached without a sum; another state is reached.
+"""
 REASONS = (
     *("", "remainder", "nothing moves", "integrator", "version", "flex", "plugin", "plastic"),
     *("sleep", "delay", "auto-reset", "stale", "unknown"),

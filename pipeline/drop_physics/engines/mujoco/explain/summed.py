@@ -34,7 +34,7 @@ class TermTable:
         self.made: list[tuple[str, int, int, Any]] = []
         """Kind, first, second and dofs of each, by number."""
         self.told = 0
-        """How many of them were sent."""
+        """Number of those that were sent."""
         self._patterns: dict[bytes, int] = {}
         self.patterns: list[Any] = []
         """The numbers of the terms that a step has, in the order of its values."""
@@ -70,7 +70,7 @@ class TermSums(NamedTuple):
     values: Any
     """The impulses of all steps, one behind the other; within a step, term by term."""
     starts: Any
-    """Where each step begins in them, shape (n + 1,)."""
+    """First element of each step, shape (n + 1,)."""
     remainder: Any
     """The largest part of M (u' - u) that no term is, in shares of the largest impulse, (n,)."""
     largest: Any
@@ -169,7 +169,7 @@ class _Flat(NamedTuple):
     group: Any
     """The group of each value."""
     places: Any
-    """Where each value is in its term."""
+    """Place of each value in its term."""
     values: Any
 
 

@@ -58,7 +58,7 @@ class Fit(NamedTuple):
     left: float
     """The share of the gap's energy that it leaves."""
     factor: float
-    """How many times MuJoCo's own force the term would have; nan of a constraint."""
+    """Ratio of the term's force to MuJoCo's own; nan for a constraint."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +77,9 @@ class Gap:
     apart: float
     """The largest difference of a velocity [m/s or rad/s]."""
     factor: float | None
-    """How many times MuJoCo's force the term has, where most steps agree; else null."""
+    """Ratio of the term's force to MuJoCo's in most steps, if these agree; else null."""
     depth_m: float
-    """How deep the two bodies were in each other in the first of them [m]."""
+    """Depth of the two bodies in each other in the first of them [m]."""
 
 
 class _Looked(NamedTuple):

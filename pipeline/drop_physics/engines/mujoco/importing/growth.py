@@ -50,7 +50,7 @@ class GrowingStates(NamedTuple):
     unit: str = ""
     """Unit of the joint's position."""
     inertia: float = 0.0
-    """What the mode moves [kg or kg m²]."""
+    """Inertia that the mode moves [kg or kg m²]."""
     stiffness: float = 0.0
     """The term's, times h² over the inertia."""
     damping: float = 0.0
@@ -58,9 +58,9 @@ class GrowingStates(NamedTuple):
     most: tuple[float, float] = MOST
     """Such a stiffness, without damping, and such a damping, with which nothing grows."""
     depth_m: float = 0.0
-    """How deep two bodies are in each other, where the term is their contact [m]."""
+    """Depth of two bodies in each other, if the term is their contact [m]."""
     loud: float = 0.0
-    """What an actuator is given, where that is large of itself; else 0."""
+    """Control of an actuator, if that alone is large; else 0."""
 
 
 def growth_of(steps: ImportedSteps, last: Sequence[ImportedStep]) -> GrowingStates | None:

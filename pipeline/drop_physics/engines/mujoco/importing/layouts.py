@@ -53,7 +53,7 @@ class FoundStates:
     notes: list[Message] = field(default_factory=list)
     """Missing data, and the consequences."""
     ended: Message | None = None
-    """Where the states become no numbers; None if they do not."""
+    """First state that is not finite; None if all are."""
     is_beyond: bool = False
     """Whether that is in the step after the last state."""
 

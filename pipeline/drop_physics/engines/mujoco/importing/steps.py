@@ -140,7 +140,7 @@ class ImportedSteps:
         self._chain = np.zeros(m.nv)
         """Warm start of the next step's solver."""
         self.shift = 0 if self.infers or not m.nu else self._aligned()
-        """How many rows later the controls stand that a step is taken with."""
+        """Number of rows by which the controls of a step stand later."""
         self._warm = "qacc_warmstart" in states.parts
         self._judged = ["qpos", "qvel", *(["act"] if "act" in states.parts else [])]
         signs = np.random.default_rng(0).integers(0, 2, (64, m.nq + 2 * m.nv + m.na + m.nu))

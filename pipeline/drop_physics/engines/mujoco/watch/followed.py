@@ -63,7 +63,7 @@ class WatchedModel:
         self.fields = memory.fields_of(m)
         stretches = memory.stretches_of(self.fields)
         self.pairs = [(saved, view) for saved, view, _ in stretches]
-        """What was sent, and what is there now."""
+        """Sent arrays, and current ones."""
         self._begins = [begin for _, _, begin in stretches]
         self._tell(m)
 
@@ -189,7 +189,8 @@ class WatchedData:
         """Effects of callbacks within the step that is being made."""
         self._calling = bytearray()
         self._idle = 0
-        """How often in a row data were made current for positions and rates as they were."""
+        """Number of consecutive times that data were made current for unchanged positions and
+        rates."""
         self._posed: tuple[bytes, bytes] | None = None
         """Core and user part of the state that positions were computed for; None if that was the
         state before the last step."""

@@ -94,7 +94,7 @@ class MujocoWatch(EngineWatch):
         self._changes = ModelChanges(self, operations, variation or {}, host.tell_intervention)
         self._stands_before = self._changes.any or host.forks is not None
         self.depth = 3 if self._stands_before else 1
-        """How many calls a function of the script is away from a hook."""
+        """Depth of calls below a hook."""
         self.uncounted: set[int] = set()
         """Threads that make more steps than the script asks for."""
         self.stepping: dict[int, WatchedData | None] = {}
@@ -105,9 +105,9 @@ class MujocoWatch(EngineWatch):
         self._codes: list[Any] = []
         """The code of sites, so that none is replaced by another at its address."""
         self.sensed = 0
-        """How much of the shared memory for answers is taken by sensors."""
+        """Part of the shared memory for answers taken by sensors."""
         self._models = self._worlds = 0
-        """How many of them were sent."""
+        """Number of those that were sent."""
         self._faults: set[tuple[int | None, str]] = set()
         self._warning: Any = None
         """The script's own handler of warnings."""

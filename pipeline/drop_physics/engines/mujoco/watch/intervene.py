@@ -97,7 +97,7 @@ class ModelChanges:
         """Changes by the `id` of the MjModel, which Python may reuse."""
         self._data: dict[int, ChangedData] = {}
         self.seen: dict[tuple[int, ...], SeenInputs] = {}
-        """What is seen of the run, by the sizes of the model, if an operation asks for it."""
+        """Observations of the run, by the sizes of the model, if an operation asks for them."""
         self._sited = any("site" in each for _, each in self._operations)
 
     @property

@@ -48,7 +48,7 @@ OF_CONTACT = (
     "geom_margin",
 )
 SAME_FRAME = {"geom_pos": "geom_sameframe", "site_pos": "site_sameframe"}
-"""Where MuJoCo has noted as it compiles that a position is that of a body, or of its inertia."""
+"""Flags by which the compiled model marks a position as that of a body, or of its inertia."""
 DERIVED = (
     *("body_mass", "body_inertia", "body_ipos", "body_gravcomp"),
     *("dof_armature", "actuator_gear"),

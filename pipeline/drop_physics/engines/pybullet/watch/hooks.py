@@ -38,7 +38,7 @@ TYPE = "builtin_function_or_method"
 
 
 RELEASE = re.compile(r"pybullet-([\w.+!]+)\.(?:dist|egg)-info")
-"""Where an installed package says its version: PyBullet itself knows only that of its API."""
+"""Place of an installed package's version: PyBullet itself knows only that of its API."""
 
 
 def release_of(file: str | None) -> str:
@@ -112,7 +112,7 @@ LOOKS: dict[str, Any] = {
     "__module__": "builtins",
     "__doc__": property(lambda hook: hook.drop_plain.__doc__),  # `help` looks past the instance
 }
-"""How the type of a hook looks; each has its own, because calls go by the type."""
+"""Form of a hook's type; hooks have types of their own, because calls go by the type."""
 
 
 class BulletWatch(EngineWatch):

@@ -152,7 +152,7 @@ class CallInterventions:
         self._keywords: Mapping[str, Any] = {}
         """The arguments that the script gives by name in its call."""
         self.seen = SeenCallSites()
-        """What is seen of the run, if operations ask for it."""
+        """Observations of the run, if operations ask for them."""
         self._kept: dict[Any, Any] = {}
         """The state of an operation: the last push of a place, the last motor of a joint."""
 

@@ -36,7 +36,7 @@ class ObservedWorld(Observed):
         """The place of each body and link, and its radius of gyration [m]."""
         self._named: list[str] = []
         self._targets: dict[tuple[int, int], tuple[int, float]] = {}
-        """What is asked of each joint: whether it is a velocity, and the target."""
+        """Commands to joints: whether of a velocity, and the target."""
 
     @property
     def time_s(self) -> float:
