@@ -61,7 +61,7 @@ class TypedLine:
 def command_of(do: Callable[[TypedLine], None], *verbs: type) -> Callable[..., None]:
     """Return a command with the parameters of some verbs, which calls a function.
 
-    Of equal names the last verb's counts; the arguments are those of the last verb.
+    If names are equal, the last verb's counts; the arguments are those of the last verb.
     """
     taken = [parameters_of(verb) for verb in verbs]
     *_, last = taken

@@ -140,8 +140,8 @@ class Ledger:
     def forces(self, rate: int, window: slice, sign: float = 1.0) -> dict[Term, float]:
         """Return the mean force of each term on a rate over a window [N] or [N m], times `sign`.
 
-        With the inertial ones: the rate's own inertia, and the drag of other rates' acceleration
-        through the mass matrix. Empty where steps of the window are not explained.
+        Inertial forces are included: the rate's own inertia, and the drag of other rates'
+        acceleration through the mass matrix. Empty where steps of the window are not explained.
         """
         seconds = float(self.seconds[window].sum())
         if not seconds or not self.covers(window, COVERED):
@@ -164,7 +164,7 @@ class Ledger:
     def works(self, rates: Sequence[int], window: slice) -> dict[Term, Float64]:
         """Return the work of each term on some rates in the bins of a window [J].
 
-        With that of the inertia which couples them to all other rates. Empty where steps of the
+        The inertia that couples them to all other rates is included. Empty where steps of the
         window are not explained.
         """
         if not self.covers(window):

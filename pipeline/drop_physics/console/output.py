@@ -23,8 +23,7 @@ NARROWEST, WIDEST = 50, 100
 def width(stream: TextIO | None = None) -> int:
     """Return the number of columns of a line: the terminal's, within these limits.
 
-    Not `shutil.get_terminal_size`, which asks descriptor 1: here that is /dev/null, see
-    `running`.
+    `shutil.get_terminal_size` would ask descriptor 1, which is /dev/null here, see `running`.
     """
     stream = stream or sys.stdout
     if not stream.isatty():

@@ -114,7 +114,7 @@ class Case:
     def hides_contacts(self) -> bool:
         """True if contact may act within a timestep without being reported.
 
-        Of several substeps, or stages of a step, engines report only the contacts of the last.
+        Engines report only the contacts of the last substep, or of the last stage of a step.
         """
         return self.substeps > 1 or self.scenario.effective_integrator in EXACT_INTEGRATORS
 

@@ -156,7 +156,7 @@ class Course:
     def _tilt(self, part: DropSamples) -> None:
         """Note the first touch with a tilt, and the turn from there on.
 
-        Where not every touch is reported, all samples from the first touch on count as touching.
+        If not every touch is reported, all samples from the first touch on count as touching.
         """
         if not self.case.is_rigid:
             return

@@ -1,6 +1,6 @@
 """Energy given by contact to a falling body, and conservation before the first contact.
 
-Of one step of semi-implicit Euler, v' = v + dt (g + d) + J/m and x' = x + dt v', the energy changes
+In one step of semi-implicit Euler, v' = v + dt (g + d) + J/m and x' = x + dt v', the energy changes
 by exactly
 
     dE = J·(v + v')/2  +  m dt d·(v + v')/2  -  m dt g·(v' - v)/2

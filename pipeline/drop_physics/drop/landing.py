@@ -242,7 +242,7 @@ def _uncorrected_m(case: Case, floor_m: float) -> list[float]:
 def _apexes(heights_m: Iterable[float], floor_m: float) -> Iterator[float]:
     """Yield the highest point above the floor after each time that a path leaves it [m].
 
-    Not that of a path that ends on its way up.
+    A path that ends on its way up has none.
     """
     was_below, top_m, rises = False, None, False
     for height_m in heights_m:

@@ -89,7 +89,7 @@ class Settling:
 def _moving(part: Motion, end: Motion, share: float = 1.0) -> Flags:
     """Flag the samples that differ from the last in position or orientation, shape (samples,).
 
-    By more than this share of the tolerances of settling.
+    The difference exceeds this share of the tolerances of settling.
     """
     way_m = largest(part.position_m - end.position_m[0])
     # |q·q'| of two orientations a turn by θ apart is cos(θ/2).

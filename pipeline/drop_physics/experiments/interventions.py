@@ -1,6 +1,6 @@
 """An intervention as a value: a cure, and its target.
 
-How it is written, and how a run with it is made, the table says (`engines/…/interventions`).
+The table (`engines/…/interventions`) says how it is written, and how a run with it is made.
 """
 
 from __future__ import annotations

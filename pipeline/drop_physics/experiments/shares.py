@@ -99,7 +99,7 @@ def shares_of(
 ) -> Shares | None:
     """Return the shares of causes; None if fewer than two have a share of their own.
 
-    Or where a run is lacking, or ends elsewhere in time.
+    Also None if a run is missing, or ends at another time.
 
     Parameters
     ----------

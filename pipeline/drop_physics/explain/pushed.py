@@ -96,7 +96,7 @@ def _poses(
 ) -> BodyHistory:
     """Return the states at which pushes act.
 
-    That is the state that the body had at the call, or with which the step before it began.
+    This is the state of the body at the call, or the one before the step.
     """
     steps = np.array([each.at.step for each in active], np.int64)
     sampled = np.flatnonzero(history.sampled)

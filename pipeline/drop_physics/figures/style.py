@@ -143,7 +143,7 @@ def themed(theme: Theme) -> Iterator[None]:
 def figure_of(title: str, lines: Sequence[str], height_in: float, theme: Theme) -> Figure:
     """Return a figure with a title, and lines below it; `height_in` is that of its panels [inch].
 
-    What is drawn below is laid out by matplotlib, so that every label has its room.
+    Contents below are laid out by matplotlib, so that every label has its room.
     """
     titled, said = lines_of([title], TITLE, MOST_TITLE), lines_of(lines, LINE, MOST_LINES)
     below_in = EDGE_IN + TITLE_IN * (1 + titled.count("\n"))

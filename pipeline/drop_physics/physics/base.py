@@ -75,7 +75,7 @@ class ExactPath(NamedTuple):
 def exactly(path: Iterator[Sequence[Decimal]], samples: int, start_m: Vector) -> ExactPath:
     """Return the next positions of a path (`Law.exact_path`), computed with 40 digits.
 
-    What a vertical path leaves out are x and y of its start.
+    A vertical path leaves out x and y, which stay those of its start.
     """
     nearest = np.tile(np.array(start_m, np.float64), (samples, 1))
     left_out = np.zeros((samples, 3))

@@ -216,7 +216,7 @@ def link_numbers(links: Int64) -> list[int]:
 def spin_jacobian(kin: Kinematics, link: int, rows: Int64 | None = None) -> Float64:
     """Return the matrices from u to the spin of a link, shape (n, 3, size).
 
-    Of all states, or of those in `rows`.
+    They are given for all states, or for those in `rows`.
     """
     tree = kin.tree
     rows = np.arange(len(kin)) if rows is None else rows

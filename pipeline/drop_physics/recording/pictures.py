@@ -92,7 +92,7 @@ def cleared(entity: str, at: Times) -> Chunk:
 def shape(entity: str, at: Times, seen: Shape, before: Shape | None = None) -> Iterator[Chunk]:
     """Yield a shape and its pose on its link, if it can be drawn.
 
-    Of a mesh that was drawn there before, in another colour, only the colour is yielded.
+    If the mesh was drawn there before, in another colour, only the colour is yielded.
     """
     if seen.kind == "mesh" and before is not None and replace(before, rgba=seen.rgba) == seen:
         recoloured = rr.Asset3D.columns(albedo_factor=[_colour(seen)])

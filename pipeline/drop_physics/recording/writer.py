@@ -155,7 +155,7 @@ def _is_short_of_room(part: Path) -> bool:
 def strict() -> Iterator[None]:
     """Make bad calls raise, where Rerun would warn and lose the data; override `RERUN=off`.
 
-    Of the whole process: what records in several threads enters it around them.
+    It acts on the whole process: recordings in several threads enter it around them.
     """
     strict, switch = rr.strict_mode(), os.environ.get("RERUN")
     rr.set_strict_mode(True)
@@ -176,7 +176,8 @@ def strict() -> Iterator[None]:
 def named(chunks: Iterable[Chunk], name: str) -> Iterator[Chunk]:
     """Yield chunks, and after the first of them, which tells the kind, name and start time.
 
-    Where Rerun's own `send_recording_name` and `send_recording_start_time_nanos` put them.
+    They stand where Rerun's own `send_recording_name` and `send_recording_start_time_nanos` put
+    them.
     """
     info = rr.archetypes.RecordingInfo.columns(name=[name], start_time=[time.time_ns()])
     for number, chunk in enumerate(chunks):
@@ -425,8 +426,8 @@ def curve_chunk(
 ) -> Chunk:
     """Return the points of a curve, float64, from `values` of shape (n,).
 
-    Of a stretch that is level to within `resolution`, only the ends are kept: the viewer connects
-    them with a straight line.
+    Stretches that are level to within `resolution` keep only their ends, which the viewer connects
+    with a straight line.
     """
     kept = noticed(values.reshape(-1, 1), resolution)
     return scalars_chunk(entity, at(steps[kept], timestep_s), values[kept, None])

@@ -26,8 +26,8 @@ OF_THRESHOLD = "restitutionVelocityThreshold"
 def no_restitution(pair: PairColumns) -> Match | None:
     """The engine multiplies both bodies' restitution, and most bodies have 0.
 
-    Or they meet slower than Bullet's threshold, or a contact stops them before they touch: of the
-    rebound `e v - gap / timestep` is left.
+    Otherwise they meet slower than Bullet's threshold, or a contact stops them before they touch:
+    of the rebound `e v - gap / timestep` is left.
     """
     scene, body = pair.scene, pair.pairs.body
     asked = scene.asked.of["restitution"].values

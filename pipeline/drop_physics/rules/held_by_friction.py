@@ -191,8 +191,8 @@ def _beyond(needed: Float64, available: Float64, normal: Float64, weight: Float6
 def _held(bodies: BodyColumns, *, steady: bool) -> Match | None:
     """Return the steps of a free body that lies on something, or is pressed from two sides.
 
-    Not those in which a grip closes, which presses with more than it holds with; with `steady` only
-    those in which what presses has not changed for a while.
+    Steps in which a grip closes are left out, since it presses with more than it holds with; with
+    `steady` only those count in which the pressing bodies have not changed for a while.
 
     Sums: of time [s]; impulses of normal forces, of what friction could give and gave, of what the
     weight takes of it, and presses with where it lies [N s]; the way at the contact, with signs and

@@ -141,8 +141,8 @@ def _reach(
 ) -> tuple[Float64, float]:
     """Return the place of the first joint of a hand's arm, and the reach of the hand from there.
 
-    That is the sum of the distances from joint to joint, which only sliding joints change: those
-    get no farther than their limits.
+    The reach is the sum of the distances from joint to joint, which only sliding joints change:
+    those get no farther than their limits.
     """
     kin, branch = kinematics(tree, state), sorted(tree.branch(hand))
     moving = next(link for link in branch if tree.rates[link].stop > tree.rates[link].start)

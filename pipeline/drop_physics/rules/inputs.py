@@ -300,7 +300,7 @@ class Inputs:
     def _override(self, calls: Log) -> None:
         """Note the motors that get a position and a rate before the same step.
 
-        Or different targets from one line.
+        One line with different targets counts, too.
         """
         told = [
             np.column_stack(

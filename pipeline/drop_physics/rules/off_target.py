@@ -329,8 +329,8 @@ still_moves.rows(MISSED)
 def too_slow(joints: JointColumns) -> Match:
     """A velocity motor is at its limit for most of the time of its target.
 
-    What grips something, or presses its stop, is to stand still; and a target beyond every rate
-    stands for a constant force.
+    A joint that grips something, or presses its stop, is meant to stand still; and a target beyond
+    every rate stands for a constant force.
     """
     goal = joints.target_velocity
     told = (joints.mode == VELOCITY) & (joints.asked.impulse > 0) & (goal != 0)

@@ -45,8 +45,8 @@ Noted = dict[str, object]
 class Said:
     """Finding about the worst case of a rule.
 
-    What a text without values names is taken from `values`, or from the `Worst`; `{call}` is what
-    the engine's user would write for the cure.
+    The names in a text without values are taken from `values`, or from the `Worst`; `{call}` is the
+    cure as the engine's user would write it.
     """
 
     message: Message

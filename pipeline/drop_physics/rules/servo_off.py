@@ -94,7 +94,7 @@ class ServoGap:
 def off_its_servo(joints: JointColumns) -> Match | None:
     """A joint rests, or ends, off the target of its only actuator, a spring.
 
-    Of each joint it is the greatest gap of the piece whose cause is sure.
+    For each joint, it is the greatest gap of the piece with a sure cause.
     """
     gap, rests = joints.after - joints.target, _rests(joints)
     judged = _last_of_targets(joints) & (np.abs(gap) > joints.at_target)

@@ -68,7 +68,7 @@ class Rendering(Printable, reported_by="drop_physics.report.run"):
 def render(asked: verbs.RenderArguments) -> Rendering:
     """Make a gif of a recording's frames, and a plot.
 
-    That of a drop shows heights and errors, that of a script what its findings are about.
+    A drop's plot shows heights and errors, a script's the subjects of its findings.
 
     Returns
     -------

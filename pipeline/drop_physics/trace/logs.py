@@ -45,8 +45,8 @@ class LoggedCall:
 def attributes_apart(a: bytes, b: bytes) -> Iterator[tuple[str, str | None, str | None]]:
     """Yield the attributes that differ between two XML files of the same elements.
 
-    Each is called by its element and the named element around it, such as `mass value of arm`.
-    Nothing is yielded where the elements differ, or a file is no XML.
+    An attribute is named by its element and the named element around it, such as `mass value of
+    arm`. Nothing is yielded if the elements differ, or a file is no XML.
     """
     try:
         both = [[*_elements(Xml.fromstring(each), "")] for each in (a, b)]

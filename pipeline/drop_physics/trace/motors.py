@@ -58,7 +58,7 @@ class Command(NamedTuple):
     def given(self, name: str, width: int = 1) -> Float64:
         """Return the numbers of an argument, shape (n, width) or, with one number each, (n, 1).
 
-        Its default where it has neither so many.
+        Its default is returned if the call has too few.
         """
         numbers = self.values.get(name)
         if numbers is not None and numbers.shape[1] in (1, width):

@@ -213,7 +213,7 @@ def _edit(edit: Edited, first: int) -> ModelEdit:
 def shared_by(bodies: Iterable[DescribedBody]) -> dict[str, list[SharedColumns]]:
     """Return the columns in which samples of joints equal numbers of `qpos` and `qvel`.
 
-    Those of joints that turn about a point are rotated, and are not the same.
+    Joints that turn about a point are left out, since their samples are rotated.
     """
     found: dict[str, list[SharedColumns]] = {"qpos": [], "qvel": []}
     for made in bodies:

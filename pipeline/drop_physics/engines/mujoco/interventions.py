@@ -1,6 +1,6 @@
 """MuJoCo's rows of the table of interventions: each as an attribute or a line, and as a run.
 
-What `makes` returns is what `watch/intervene.py` does in the script's interpreter.
+The result of `makes` is carried out by `watch/intervene.py` in the script's interpreter.
 """
 
 from __future__ import annotations

@@ -240,7 +240,7 @@ class _World:
     def leave_out(self, begin: int, end: int) -> None:
         """Forget the steps from `begin` to before `end`: those before lead to the state after them.
 
-        What was edited in the model in them stays edited; episodes that end with them have no step.
+        Edits of the model in them stay; episodes that end with them have no step.
         """
         gone = end - begin
         if not gone:

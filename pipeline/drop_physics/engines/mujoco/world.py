@@ -92,7 +92,7 @@ class MujocoSession:
     def contacts(self) -> Iterator[Numbers]:
         """Yield the contact points of the last step; MuJoCo's normal points from geom 1 to 2.
 
-        Each is the numbers of `states.CONTACT` from `position_a_m` on, with the body as a: the
+        A point has the numbers of `states.CONTACT` from `position_a_m` on, with the body as a: the
         forces act on it.
         """
         force = np.zeros(6)

@@ -83,8 +83,8 @@ class Replayer:
     def states(self, calls: Sequence[LoggedCall], steps: int) -> dict[int, Float64] | None:
         """Return the states of bodies after each step of some calls, by number.
 
-        Each has 13 numbers of its base, then position and velocity of each joint, shape (n, k); nan
-        where it is not there. None where a call fails.
+        A body has 13 numbers of its base, then position and velocity of each joint, shape (n, k);
+        nan where it does not exist. None if a call fails.
         """
         request = {
             "steps": steps,

@@ -71,7 +71,7 @@ class Observed(ABC):
     def astray(self) -> dict[str, float]:
         """Return the distance of joints from the script's current commands, by the command's name.
 
-        Of a position [rad, m], or of a velocity [rad/s, m/s].
+        The distance is one of positions [rad, m], or of velocities [rad/s, m/s].
         """
 
     @abstractmethod

@@ -82,7 +82,7 @@ def is_library(name: str) -> bool:
 def shown_file(name: str) -> str:
     """Return a file's name, relative to the working directory or the module path.
 
-    That of a notebook's cell is `In[3]`, as IPython's own tracebacks say.
+    A notebook's cell is `In[3]`, as in IPython's own tracebacks.
     """
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     cell_of = getattr(getattr(shell, "compile", None), "format_code_name", None)

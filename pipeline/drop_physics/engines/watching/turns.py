@@ -16,8 +16,8 @@ class Turn:
     A script's own handler, and Python's for Ctrl-C, may raise wherever it is called. Within our own
     code that would leave a message half sent, so it is called a moment later.
 
-    What runs at every call uses the lock itself: `acquire`, `release`, and `give_back` where `kept`
-    is not empty.
+    Code that runs at every call uses the lock itself: `acquire`, `release`, and `give_back` where
+    `kept` is not empty.
     """
 
     def __init__(self) -> None:

@@ -69,8 +69,8 @@ def explained(
 ) -> LaterExplained:
     """Explain steps of a recording whose engine can take them again.
 
-    What was explained of it before stays as it is. A run of few steps is explained whole; of a
-    longer one the windows that are asked for, or those that its states name (`explain.moments`).
+    Earlier explanations stay as they are. A run of few steps is explained whole; of a longer one
+    the windows that are asked for, or those that its states suggest (`explain.moments`).
 
     Parameters
     ----------

@@ -171,7 +171,7 @@ class RunSide:
 def side_of(held: Recording, name: str) -> RunSide:
     """Return a recording as a side, with an interpreter that has its engine, if one is found.
 
-    That is the script's, or ours, perhaps with a version that was fetched before.
+    It is the script's, or ours, perhaps with a version that was fetched before.
     """
     recorded = str((held.ended or {}).get("interpreter") or sys.executable)
     python = recorded if os.access(recorded, os.X_OK) else sys.executable

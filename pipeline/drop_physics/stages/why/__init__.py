@@ -131,7 +131,7 @@ class Why(Printable, reported_by="drop_physics.report.why"):
 def why(asked: verbs.WhyArguments) -> Why:
     """Record a script, try the proposals of its findings, one run each, and compare.
 
-    Where something is expected of it, generic changes are tried in place of proposals.
+    With an expectation, generic changes are tried in place of proposals.
 
     Raises
     ------

@@ -200,7 +200,7 @@ def _cross(vectors: Any) -> Any:
 def _matrices(quaternions: Any) -> Any:
     """Return rotation matrices of quaternions, real part first, shape (n, 3, 3).
 
-    As to MuJoCo, a quaternion of length 0 (`mjMINVAL`) is no rotation.
+    MuJoCo takes a quaternion of length 0 (`mjMINVAL`) for no rotation.
     """
     length = np.linalg.norm(quaternions, axis=1, keepdims=True)
     q = np.where(length < 1e-15, [1.0, 0.0, 0.0, 0.0], quaternions / np.maximum(length, 1e-15))

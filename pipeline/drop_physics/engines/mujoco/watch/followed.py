@@ -286,7 +286,7 @@ class WatchedData:
     def staleness(self, everything: bool) -> int:
         """Send the owner state of data that a coming step does not compute; return a flag.
 
-        With `everything`, the step takes nothing from the state but what it adds to.
+        With `everything`, the step takes from the state only the part to which it adds.
         """
         posed, self._posed = self._posed, None
         if posed is None:

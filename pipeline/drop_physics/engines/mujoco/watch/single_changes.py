@@ -347,7 +347,7 @@ def _written(module: Any, m: Any, change: Change) -> Iterator[Written]:
 def _servo(m: Any, name: str, ids: Sequence[int], how: Any) -> Iterator[Written]:
     """Yield the gains of servos: of a position servo kp is a gain and a bias, kv a bias.
 
-    Of a servo of velocity, kv is the gain, too.
+    For a velocity servo, kv is the gain, too.
     """
     _, springs, dampers = (m.actuator_biasprm[:, :3] != 0).T
     springs, dampers = ((m.actuator_biastype == AFFINE) & each for each in (springs, dampers))

@@ -53,7 +53,7 @@ def release_of(file: str | None) -> str:
 class Hook:
     """A function of pybullet, watched.
 
-    What a script asks of it, it asks of the function itself; so it passes for a builtin one. Only
+    Questions about it are passed to the function itself, so that it passes for a builtin one. Only
     to those do wrappers such as `BulletClient` bind the client's number (`inspect.isbuiltin`).
 
     Parameters

@@ -33,7 +33,7 @@ class Window:
     def answers(self) -> dict[str, Callable[[dict[str, Any], Any], Any]]:
         """Return the functions that answer, by name of PyBullet's function.
 
-        Each takes the arguments by name, and PyBullet's own answer.
+        They take the arguments by name, and PyBullet's own answer.
         """
         return {
             **dict.fromkeys(DRAWS, self._draw),

@@ -49,7 +49,7 @@ def sum_of_substeps(
 ) -> tuple[Summed, Float64]:
     """Return n steps of so many substeps from the n + 1 states before and after them.
 
-    And PD_CONTROL's efforts in the last substep of each, shape (n, joint_rates).
+    Also returns PD_CONTROL's efforts in the last substep of each, shape (n, joint_rates).
 
     `reported` has the forces that motors and contacts had in the last substep; `servos` returns
     PD_CONTROL's efforts in some states, shape (n, joint_rates).

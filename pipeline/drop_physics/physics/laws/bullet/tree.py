@@ -196,7 +196,7 @@ def not_covered(settings: StepConditions, tree: Tree | None = None) -> tuple[Rea
       leaves a free body without mass or without some moment of inertia at the spin that it has.
     - planar: two of the three numbers of a planar joint are reported.
 
-    Not from settings alone, and so said of single steps:
+    Reasons that settings alone do not show are given for single steps:
 
     - soft: a soft body is near, which is no tree.
     - constraint: the force of a prismatic constraint is reported along axes that are not.
@@ -217,7 +217,7 @@ def not_covered(settings: StepConditions, tree: Tree | None = None) -> tuple[Rea
 def massless(tree: Tree) -> bool:
     """Return whether a link can move that has neither mass nor, where it turns, inertia.
 
-    Where the joints are at 0. Bullet takes an inertia below EPSILON for none
+    The joints are at 0. Bullet takes an inertia below EPSILON for none
     (`btMultiBody::solveImatrix`).
     """
     q = np.zeros((1, tree.joint_coordinates))

@@ -127,8 +127,8 @@ class MujocoLaw(Law):
     def _mean_spin(self, spin: Float64) -> Float64:
         """Return the single spin that turns a body like a Runge-Kutta step, in its own axes.
 
-        Each stage's is first mapped back to the axes of the start: the method of Munthe-Kaas, which
-        MuJoCo 4.0 follows to 1e-15, as found by experiment.
+        The spins of the stages are first mapped back to the axes of the start: the method of
+        Munthe-Kaas, which MuJoCo 4.0 follows to 1e-15, as found by experiment.
         """
         dt = self.timestep_s
         a, b, c, d = self._stages(spin)
