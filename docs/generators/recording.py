@@ -194,9 +194,11 @@ layer also has the errors in millimetres (`{schema.ERROR_MM}/`), `{schema.EVENTS
 _POLARS = """import polars as pl
 from rerun.chunk import RrdReader
 
+
 def table(entity: str) -> pl.DataFrame:
     chunks = RrdReader("recordings/run.rrd").stream().filter(content=entity).to_chunks()
     return pl.concat([pl.from_arrow(chunk.to_record_batch()) for chunk in chunks])
+
 
 touching = table("/state").join(table("/contacts"), on="sim_step")
 rows = touching.select(
