@@ -25,8 +25,8 @@ PairKey = tuple[int, int, int, int]
 MOST_PAIRS = 1 << 12
 """Most pairs of links that are told apart."""
 WEIGHTS, DEEP, SLID = 8.0, 0.03, 0.03
-"""A press is told from WEIGHTS weights of the lighter body on; an overlap, and a slide, from these
-shares of the smaller body's size on."""
+"""Least press in weights of the lighter body; least overlap and slide as shares of the smaller
+body's size."""
 FRICTIONLESS, SLIDING = 1, 3
 """Dimensions of the force of a contact without friction, and with sliding friction alone."""
 TURNING_RAD_S = 0.05

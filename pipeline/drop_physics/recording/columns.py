@@ -29,9 +29,9 @@ from drop_physics.trace.states import Rows
 Properties = dict[str, Any]
 
 PROPERTY_BYTES, LARGEST_BYTES = 1 << 16, 1 << 24
-"""Limits of a property, where the engine's report takes 18,000; and of those that are larger: a
-script's arguments, of which Linux allows two megabytes, and what closes a recording, with a digest
-of 64 letters for each body with joints, constraint and client."""
+"""Largest sizes of a property [bytes]: of most, where the engine's report takes 18,000; and of a
+script's arguments (Linux allows two megabytes) and the closing property, which has a digest of 64
+letters for each body with joints, constraint and client."""
 LARGE = schema.ORIGIN_PROPERTY, schema.RECORDING_PROPERTY
 
 

@@ -65,7 +65,7 @@ class Spoiled:
     is_note: bool | None = None
     """Whether it is so of notes, or of all but notes; None for both."""
     void: bool = False
-    """Whether nothing is left to say of it, or only no advice."""
+    """Whether the finding is dropped, or only its advice."""
 
     def holds(self, one: Finding, told: Collection[Finding]) -> bool:
         """Return whether a finding is of this kind, and spoiled by another one."""
