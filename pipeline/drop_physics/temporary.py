@@ -73,7 +73,7 @@ def temporary_folder() -> Iterator[Path]:
 
 def is_temporary(path: Path) -> bool:
     """Return whether a file is below such a folder, and goes with it."""
-    return any(NAME.fullmatch(each.name) for each in path.parents)
+    return any(NAME.fullmatch(parent.name) for parent in path.parents)
 
 
 def remove_leftovers() -> None:

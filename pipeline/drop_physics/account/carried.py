@@ -66,7 +66,7 @@ class Carried:
         body, ledger = subject.body, subject.ledger
         seconds = float(ledger.seconds.sum())
         causes = {term.cause for term in ledger.impulse}
-        outside = causes & OUTSIDE or any(each.acts_on in FREE for each in body.actuators)
+        outside = causes & OUTSIDE or any(actuator.acts_on in FREE for actuator in body.actuators)
         pull = float(np.linalg.norm(gravity_m_s2))
         all_steps = slice(0, (ledger.last - ledger.first) // ledger.width + 1)
         if outside or self.put or self.first_n_s is None or not ledger.covers(all_steps):

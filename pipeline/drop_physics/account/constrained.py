@@ -66,9 +66,9 @@ class Held:
         self._held: dict[tuple[int, int], HeldConstraint] = {}
         """Constraints, by client and number of calls before each was made."""
         self._gears: dict[tuple[int, int], ConstraintVersion] = {}
-        self._equalities = [HeldEquality(each) for each in seen.equalities]
+        self._equalities = [HeldEquality(equality) for equality in seen.equalities]
         self._on: dict[tuple[int, int], bool] = {
-            (each.client, each.at.call): each.active for each in seen.equalities
+            (equality.client, equality.at.call): equality.active for equality in seen.equalities
         }
         """Whether each equality is active, by client and number."""
 
@@ -157,15 +157,15 @@ class Held:
     def rows(self, subjects: Mapping[int, MeasuredBody], words: RowWords) -> Iterator[AccountRow]:
         """Yield the rows of constraints, gears and equalities."""
         for held in self._held.values():
-            its = [subjects[each] for each in held.last.bodies if each in subjects]
+            its = [subjects[body] for body in held.last.bodies if body in subjects]
             if its:
                 yield _gap_row(held, its, words)
         for gear in self._gears.values():
             row = _gear_row(gear, subjects, words)
             if row is not None:
                 yield row
-        for each in self._equalities:
-            row = _equality_row(each, subjects, words)
+        for equality in self._equalities:
+            row = _equality_row(equality, subjects, words)
             if row is not None:
                 yield row
 

@@ -210,7 +210,7 @@ class EpisodeTable:
         slips = pressed & (rubs_n >= LIMIT * points.friction * points.normal_n)
         slips &= np.linalg.norm(points.slip_m_s, axis=1) > SLIPS_M_S
         for client in self._of_client:
-            mine = [each.number for each in self._seen.bodies.values() if each.client == client]
+            mine = [body.number for body in self._seen.bodies.values() if body.client == client]
             rows = np.flatnonzero(pressed & np.isin(points.body, mine).any(axis=1))
             if not len(rows):
                 continue

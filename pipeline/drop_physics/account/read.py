@@ -50,7 +50,7 @@ def reading_rows(
     `filtered` has the line that filters the contacts of bodies, by their numbers.
     """
     for reading in seen.readings:
-        answers = {each.name: each for each in reading.answers}
+        answers = {answer.name: answer for answer in reading.answers}
         its = {target.body for target in reading.targets} & subjects.keys()
         its = its or {each for each in subjects if seen.bodies[each].client == reading.client}
         if not answers or not its:
@@ -86,9 +86,11 @@ class Sensed:
     """Distances of contacts from the sites of touch sensors; grows piece by piece."""
 
     def __init__(self, seen: Seen) -> None:
-        self._sensors = [each for each in seen.sensors if each.kind == "touch" and each.place]
-        self._solids = [solid_of(each.place) for each in self._sensors if each.place]
-        self.outside_m = {each.name: np.inf for each in self._sensors}
+        self._sensors = [
+            sensor for sensor in seen.sensors if sensor.kind == "touch" and sensor.place
+        ]
+        self._solids = [solid_of(sensor.place) for sensor in self._sensors if sensor.place]
+        self.outside_m = {sensor.name: np.inf for sensor in self._sensors}
         """Distance of the nearest contact point outside a site [m], by the sensor's name."""
 
     def add(self, explained: ExplainedPiece, points: Points) -> None:
@@ -170,9 +172,9 @@ def tendon_rows(
     `controls` has its control in each step, shape (n,).
     """
     lengths = {
-        each.name: each.answers[0]
-        for each in seen.sensors
-        if each.kind == TENDON and each.client == subject.body.client
+        sensor.name: sensor.answers[0]
+        for sensor in seen.sensors
+        if sensor.kind == TENDON and sensor.client == subject.body.client
     }
     last = subject.ledger.last
     for actuator, given in controls.items():
@@ -289,7 +291,7 @@ def _is_reaction(name: str) -> bool:
 
 
 def _reaction(answers: Mapping[str, Answer]) -> Message:
-    its = [each.last for name, each in answers.items() if _is_reaction(name)]
+    its = [answer.last for name, answer in answers.items() if _is_reaction(name)]
     force, torque = (", ".join(number(value) for value in part) for part in (its[:3], its[3:]))
     return Message(
         "reaction {force} N and {torque} N m in the last reading, {size} together",
@@ -304,7 +306,7 @@ def _balance(reading: Reading, subject: MeasuredBody, words: RowWords) -> Messag
 
     Without velocities and accelerations it is the opposite of what gravity gives the joint.
     """
-    efforts = [each.first for each in reading.answers if each.name.startswith(EFFORT)]
+    efforts = [answer.first for answer in reading.answers if answer.name.startswith(EFFORT)]
     tree, ledger = subject.tree, subject.ledger
     if not efforts or not tree.fixed or len(efforts) < tree.joint_rates:
         return None

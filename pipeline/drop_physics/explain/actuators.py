@@ -80,8 +80,8 @@ class ActuatorTable:
 
     def sends(self, body: Body) -> bool:
         """Return whether a position actuator of a body was ever given anything but 0."""
-        places = (each.number for each in body.actuators if each.kind == "position")
-        return any(self._sums[body.number, each].most for each in places)
+        places = (actuator.number for actuator in body.actuators if actuator.kind == "position")
+        return any(self._sums[body.number, place].most for place in places)
 
     def _add(self, actuator: Actuator, steps: BodySteps, piece: Piece) -> None:
         sums = self._sums.setdefault((steps.body.number, actuator.number), _Sums())

@@ -171,7 +171,7 @@ class Constraints:
 
     def gears(self, body: int) -> bool:
         """Return whether a gear acts on a body, or did in the latest piece."""
-        held = (each for versions in self._versions.values() for each in versions)
+        held = (version for versions in self._versions.values() for version in versions)
         return any(each.kind == GEAR and body in each.bodies for each in held)
 
     def acting(self, sample: int) -> list[ConstraintVersion]:

@@ -96,11 +96,11 @@ class Replayed(Explanation):
         acted = {
             client: _Acted(parts, self.seen.causes, self._absent)
             for client, parts in piece.impulses.items()
-            if any(len(each.steps) for each in parts)
+            if any(len(part.steps) for part in parts)
         }
         return [
-            self._steps(each, piece, touching, acted.get(each.record.body.client))
-            for each in intervals
+            self._steps(interval, piece, touching, acted.get(interval.record.body.client))
+            for interval in intervals
         ]
 
     def _steps(
@@ -179,7 +179,7 @@ class _Acted:
     ) -> None:
         self._causes, self._absent = causes, absent
         self.steps, self._status, counts, self._numbers, self._values = (
-            np.concatenate([getattr(each, name) for each in parts])
+            np.concatenate([getattr(part, name) for part in parts])
             for name in ("steps", "status", "counts", "causes", "values")
         )
         rows = np.repeat(np.arange(len(self.steps)), counts)

@@ -262,7 +262,7 @@ def columns_of(added: Summed | None, real: Flags, size: int) -> dict[str, Any]:
 def batches_of(intervals: Iterable[Interval], around: PieceContext) -> list[StepBatch]:
     """Return the steps of intervals; equal bodies share a batch."""
     groups: dict[Hashable, list[Interval]] = {}
-    kept = [part for each in intervals for part in _known_apart(each, around)]
+    kept = [part for interval in intervals for part in _known_apart(interval, around)]
     for each in kept:
         groups.setdefault(each.kind(around), []).append(each)
     return [_batch(group, around) for group in groups.values()]
@@ -274,7 +274,7 @@ def _known_apart(interval: Interval, around: PieceContext) -> Iterator[Interval]
     if {*config.reasons} & WITHOUT_SUM != {SUBSTEPS} or not config.law.tree.size:
         yield interval
         return
-    reasons = tuple(each for each in config.reasons if each != SUBSTEPS)
+    reasons = tuple(reason for reason in config.reasons if reason != SUBSTEPS)
     known = replace(interval, config=replace(config, reasons=reasons))
     closes = _closes(_batch([known], around).whole)
     ends = interval.first + np.flatnonzero(interval.states.stepped[1:]) + 1
@@ -297,7 +297,7 @@ def _batch(group: Sequence[Interval], around: PieceContext) -> StepBatch:
     config, law = group[0].config, group[0].config.law
     parts, bodies = [each.states for each in group], [each.record.body for each in group]
     if "planar" in config.reasons:  # the states are not those of its tree
-        parts, law = [each.without_joints() for each in parts], _still(law)
+        parts, law = [part.without_joints() for part in parts], _still(law)
     history = BodyHistory.joined(parts)
     starts = np.cumsum([0, *map(len, parts)])
     real = history.stepped[1:].copy()
@@ -434,7 +434,7 @@ def _coasts(
 def _pushes(interval: Interval) -> list[Push]:
     """Return the pushes since the body of this interval was added."""
     came = order(interval.record.came[interval.config.life].at)
-    return [each for each in interval.pushes if order(each.at) >= came]
+    return [push for push in interval.pushes if order(push.at) >= came]
 
 
 def _pushed(interval: Interval, rows: Transitions, refreshed: Int64) -> Forces:
@@ -480,7 +480,7 @@ def _closing(
     best, known = added(refreshed)
     off = best.unexplained[rows.real]
     _, counts = np.unique(
-        [each.at.step for each in pushes if each.link != BASE], return_counts=True
+        [push.at.step for push in pushes if push.link != BASE], return_counts=True
     )
     for trial in range(min(int(counts.max(initial=0)), TRIALS)):
         if not (off > EXPLAINED).any():

@@ -93,14 +93,14 @@ def _(table: DataTable, moment: Moment) -> Iterator[str]:  # noqa: ARG001
     columns = [first, *(each for each in others if each.head or any(each.cells))]
     yield '<div class="wide"><table>'
     if table.has_heads:
-        heads = [table.title or first.head, *(each.head for each in columns[1:])]
+        heads = [table.title or first.head, *(column.head for column in columns[1:])]
         cells = zip(heads, columns, strict=True)
         yield f"<tr>{''.join(_cell('th', text, right=each.right) for text, each in cells)}</tr>"
     for place in range(len(first.cells)):
         failed = place < len(table.failed) and table.failed[place]
         total = table.has_total and place == len(first.cells) - 1
         name = "failed" if failed else "total" if total else ""
-        row = "".join(_cell("td", each.cells[place], right=each.right) for each in columns)
+        row = "".join(_cell("td", column.cells[place], right=column.right) for column in columns)
         yield f'<tr class="{name}">{row}</tr>'
     yield "</table></div>"
 

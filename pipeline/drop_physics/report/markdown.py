@@ -93,7 +93,7 @@ def _(_: Graphs, say: Say) -> Iterator[str]:  # noqa: ARG001
 
 
 def _row(cells: Sequence[str], say: Say) -> str:
-    return f"| {' | '.join(_escaped(say(each)).strip() for each in cells)} |"
+    return f"| {' | '.join(_escaped(say(cell)).strip() for cell in cells)} |"
 
 
 @block_markdown.register

@@ -175,7 +175,7 @@ class FilmFrames:
         return min(range(len(times_s)), key=lambda place: abs(times_s[place] - at_s))
 
     def _picture(self, place: int) -> str:
-        light, dark = (_data(_frame(each, place), "png") for each in self._films)
+        light, dark = (_data(_frame(film, place), "png") for film in self._films)
         return _picture("frame", light, dark)
 
 

@@ -334,11 +334,11 @@ starts_in_contact.rows(
 
 def _hull(scene: Scene, both: tuple[Body, Body], links: list[int]) -> str:
     """Return that the engine fills the hollow of a mesh, if one of both has such."""
-    if any(each.kind == "plane" for body in both for each in body.collisions):
+    if any(collision.kind == "plane" for body in both for collision in body.collisions):
         return ""  # a mesh and its hull go equally deep into a plane
     for body, link in zip(both, links, strict=True):
-        for each in scene.seen.surfaces:
-            if each.body == body.number and body.collisions[each.shape].link == link:
+        for surface in scene.seen.surfaces:
+            if surface.body == body.number and body.collisions[surface.shape].link == link:
                 return Message(
                     "; the mesh of {body} has a hollow, which PyBullet fills: it collides as its "
                     "convex hull",

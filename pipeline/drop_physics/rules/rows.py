@@ -175,7 +175,7 @@ class Remedy:
             given=number(self.given)
             if isinstance(self.given, str)
             else {name: number(each) for name, each in self.given.items()},
-            bodies=tuple(worst[each] for each in self.bodies),
+            bodies=tuple(worst[body] for body in self.bodies),
         )
 
 

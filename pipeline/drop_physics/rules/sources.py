@@ -173,7 +173,10 @@ def _add_row(known: RuleTexts, rule: Rule, row: SayingRow) -> None:
     engine = MUJOCO if rule.engines == MUJOCOS else PYBULLET
     decides = () if row.when is None else row.when.__code__.co_names
     told: list[tuple[list[Any], list[Any]]] = [
-        (known.thresholds, [each for name, each in _thresholds().items() if name in decides]),
+        (
+            known.thresholds,
+            [threshold for name, threshold in _thresholds().items() if name in decides],
+        ),
         (known.says, [row.says, row.why]),
         (known.proposes if proposed else known.advises, [row.advice]),
         (known.cures, [(engine, row.cure.blank, proposed)] if row.cure else []),

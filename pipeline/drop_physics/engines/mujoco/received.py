@@ -267,7 +267,8 @@ class _World:
             (after(step), payload) for step, payload in self.answers if not begin <= step < end
         ]
         self.episodes = [
-            each._replace(first=after(each.first), end=after(each.end)) for each in self.episodes
+            episode._replace(first=after(episode.first), end=after(episode.end))
+            for episode in self.episodes
         ]
         self.step, self.episode = after(self.step), after(self.episode)
         self.settled, self.left_out = after(self.settled), self.left_out + gone
@@ -302,15 +303,15 @@ class _World:
             widths=self.widths,
             written=[each for each in self.written if each.step < end],
             edited=[each for each in self.edited if each.step < end],
-            warnings=[each for each in self.warnings if each[0] < end],
-            episodes=[each for each in self.episodes if each.end <= end],
-            answers=[each for each in self.answers if each[0] < end],
+            warnings=[warning for warning in self.warnings if warning[0] < end],
+            episodes=[episode for episode in self.episodes if episode.end <= end],
+            answers=[answer for answer in self.answers if answer[0] < end],
         )
         self.written = [each for each in self.written if each.step >= end]
         self.edited = [each for each in self.edited if each.step >= end]
-        self.warnings = [each for each in self.warnings if each[0] >= end]
-        self.episodes = [each for each in self.episodes if each.end > end]
-        self.answers = [each for each in self.answers if each[0] >= end]
+        self.warnings = [warning for warning in self.warnings if warning[0] >= end]
+        self.episodes = [episode for episode in self.episodes if episode.end > end]
+        self.answers = [answer for answer in self.answers if answer[0] >= end]
         return found
 
 

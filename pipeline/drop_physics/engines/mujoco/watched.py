@@ -269,7 +269,10 @@ class MujocoDecoder:
     @property
     def time_s(self) -> float:
         """The simulated time so far of the simulation that has advanced farthest [s]."""
-        return max((each.time_s(each.ends) for each in self._simulations.values()), default=0.0)
+        return max(
+            (simulation.time_s(simulation.ends) for simulation in self._simulations.values()),
+            default=0.0,
+        )
 
     def take(self, payload: bytes) -> Iterable[Event]:
         """Return the events in a payload."""
@@ -399,11 +402,11 @@ class MujocoDecoder:
         if simulation.apart_s is None:
             self._frames.add(frames)
             yield frames
-        for each in piece.episodes:
-            step = each.end - simulation.first
+        for episode in piece.episodes:
+            step = episode.end - simulation.first
             at = At(step, float(simulation.times_then_s(np.array([step]))[0]), self._calls)
-            first = max(each.first - simulation.first, 0)
-            yield EpisodeEnd(at, simulation.client, first, **each.told)
+            first = max(episode.first - simulation.first, 0)
+            yield EpisodeEnd(at, simulation.client, first, **episode.told)
 
     def _warned(self, its: MujocoSimulation, piece: StepPiece) -> None:
         """Count MuJoCo's warnings in a piece."""
@@ -464,7 +467,7 @@ class MujocoDecoder:
         acts: list[Edited | ReceivedWrite] = [*edits, *wrote]
         acts.sort(key=lambda each: each.step)
         its.frames.edited(edits)
-        for step, together in itertools.groupby(acts, key=lambda each: each.step):
+        for step, together in itertools.groupby(acts, key=lambda act: act.step):
             now = [*together]
             edited = [each for each in now if isinstance(each, Edited)]
             for edit in edited:

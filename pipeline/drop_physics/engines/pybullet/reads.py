@@ -110,8 +110,8 @@ class Reads:
                 last_step=last_step,
                 count=count,
                 exact=not is_estimate,
-                targets=tuple(each for each in targets if isinstance(each, Subject)),
-                constraints=tuple(each for each in targets if isinstance(each, int)),
+                targets=tuple(target for target in targets if isinstance(target, Subject)),
+                constraints=tuple(target for target in targets if isinstance(target, int)),
                 complete=number not in self._cut,
                 answers=tuple(_answers(place["function"], kept[number, :numbers])),
             )

@@ -214,7 +214,7 @@ class WatchedData:
     @property
     def is_written(self) -> bool:
         """True if the state, apart from the time, differs from what was last sent."""
-        return any(each.saved != each.view for each in self._stretches)
+        return any(stretch.saved != stretch.view for stretch in self._stretches)
 
     def before(self, d: Any, site: int) -> None:
         """Send the writes since the last step, to the state or the model."""
