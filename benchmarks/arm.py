@@ -101,11 +101,11 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         *DROP, "record", "--duration", "1e9", "--out", "run.rrd", "arm.py", steps, folder=folder
     )
     seen = read(folder / "run.rrd").seen
-    joints = [each for piece in seen.pieces() for each in piece.joints.values()]
+    joints = [joint for piece in seen.pieces() for joint in piece.joints.values()]
     np.savez(
         folder / "joints.npz",
-        position=np.concatenate([each.position for each in joints]),
-        velocity=np.concatenate([each.velocity for each in joints]),
+        position=np.concatenate([joint.position for joint in joints]),
+        velocity=np.concatenate([joint.velocity for joint in joints]),
     )
     ratios, detail = worked(
         lambda: process(*DROP, "analyze", "--force", "run.rrd", folder=folder),

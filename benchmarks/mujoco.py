@@ -209,9 +209,11 @@ def _watched(path: Path) -> Stepped:
             steps = script.decoder.mujoco.steps
     handle, name = tempfile.mkstemp(suffix=".mjb")
     with os.fdopen(handle, "wb") as model:
-        model.write(b"".join(each.data for each in events if isinstance(each, ModelPart)))
+        model.write(b"".join(event.data for event in events if isinstance(event, ModelPart)))
     wanted = [
-        StepsWanted(Path(name), each, 0, len(each)) for each in events if isinstance(each, Frames)
+        StepsWanted(Path(name), event, 0, len(event))
+        for event in events
+        if isinstance(event, Frames)
     ]
     state, took = printed.read_text().split()
     return Stepped(state, float(took), sent / steps, wanted)

@@ -26,7 +26,7 @@ def told_whole(seen: Seen, **origin: str) -> list[Finding]:
 
 def codes(scene: str, path: Path) -> list[str]:
     """Return the codes of all findings, the gravest first."""
-    return [each.code for each in findings(scene, path)]
+    return [finding.code for finding in findings(scene, path)]
 
 
 def told_in_pieces(seen: Seen, **origin: str) -> list[Finding]:

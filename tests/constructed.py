@@ -907,7 +907,7 @@ class Judged:
             return
         if self.wrong != (self.miss > 2 * small) or (not self.wrong and self.miss > small):
             yield f"scene: wrong is {self.wrong}, and it misses by {self.miss:.3g}"
-        if self.wrong and not any(names(each) & codes for each in self.findings[:2]):
+        if self.wrong and not any(names(finding) & codes for finding in self.findings[:2]):
             yield f"missed: {', '.join(sorted(codes))} is not among the first two"
         true = codes | self.kind.also if self.wrong else frozenset()
         for each in self.findings:

@@ -260,9 +260,9 @@ def _become(request: dict[str, Any], files: list[int]) -> None:
     told, *theirs = files
     os.close(told)
     numbers = request["numbers"]
-    above = [os.dup2(each, 200 + at) for at, each in enumerate(theirs)]  # out of each other's way
-    for each in theirs:
-        os.close(each)
+    above = [os.dup2(their, 200 + at) for at, their in enumerate(theirs)]  # out of each other's way
+    for their in theirs:
+        os.close(their)
     for each, number in zip(above, numbers, strict=True):
         os.dup2(each, number)
         os.close(each)

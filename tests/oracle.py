@@ -341,7 +341,7 @@ def facts_of(drop: Drop) -> BodyFacts:
             floor_restitution=floor[5],
             friction=(told[0][1], told[0][6], told[0][7]),
             floor_friction=floor[1],
-            shapes=tuple((one[2], one[3]) for each in shapes for one in each),
+            shapes=tuple((one[2], one[3]) for shape in shapes for one in shape),
             name=p.getBodyInfo(client.body, client.id)[1].decode(),
             margin_m=told[0][11],
         )
@@ -634,15 +634,15 @@ class Truth:
     @functools.cached_property
     def pushed_steps(self) -> NDArray[np.int64]:
         """Samples whose step reports a contact point that pushed."""
-        return np.flatnonzero([any(one.force_n > 0 for one in each) for each in self.run.touches])
+        return np.flatnonzero([any(one.force_n > 0 for one in touch) for touch in self.run.touches])
 
     @functools.cached_property
     def touching_steps(self) -> NDArray[np.int64]:
         """Samples whose step found a contact point that pushes, or is not above the floor."""
         return np.flatnonzero(
             [
-                any(one.force_n > 0 or one.distance_m <= 0 for one in each)
-                for each in self.run.touches
+                any(one.force_n > 0 or one.distance_m <= 0 for one in touch)
+                for touch in self.run.touches
             ]
         )
 

@@ -151,7 +151,7 @@ def by_why(script: str) -> set[str]:
 
 def by_trust(script: str) -> set[str]:
     found = trust(script, vary=["nudge", "timestep/2"], out="../out", stdout=2)
-    return {each.made.ended for each in found.variations}
+    return {variation.made.ended for variation in found.variations}
 
 
 def by_sweep(script: str) -> set[str]:

@@ -37,13 +37,13 @@ def test_real_time_is_blamed_on_the_call_that_turns_it_on(tmp_path: Path) -> Non
         story = Story(replace(seen, real_time=True), ORIGIN)
         for explained in story.explanation.pieces():
             story.see(explained)
-        (found,) = (each for each in story.findings() if each.code == "real-time")
+        (found,) = (finding for finding in story.findings() if finding.code == "real-time")
         assert found.site == site(4)
     off = record(scene.format(0), tmp_path / "x.rrd").seen
     story = Story(replace(off, real_time=True), ORIGIN)
     for explained in story.explanation.pieces():
         story.see(explained)
-    assert "real-time" not in [each.code for each in story.findings()]
+    assert "real-time" not in [finding.code for finding in story.findings()]
 
 
 WINDOW = "import time\np.disconnect(); p.connect(p.GUI)\n"

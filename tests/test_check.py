@@ -1231,7 +1231,7 @@ def test_which_simulation_is_first_does_not_count(tmp_path: Path) -> None:
     text = TURNS.replace("-9.81 - c", "-9.81 - 2 * c")
     other = recorded_script(text, tmp_path / "other.rrd", "forward")
     result = compared(other, paths[1])
-    assert "engine.gravityAccelerationZ" in [each.column for each in result.differences]
+    assert "engine.gravityAccelerationZ" in [difference.column for difference in result.differences]
     assert result.other_call is not None
     calls = result.other_call.value, result.other_call.golden
     assert [call and call.arguments for call in calls] == ["0, 0, -13.81", "0, 0, -11.81"]

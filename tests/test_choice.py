@@ -483,9 +483,9 @@ def test_every_code_of_a_finding_can_be_chosen() -> None:
                 case _:
                     continue
             written |= {
-                each.value
-                for each in texts
-                if isinstance(each, ast.Constant) and isinstance(each.value, str)
+                text.value
+                for text in texts
+                if isinstance(text, ast.Constant) and isinstance(text.value, str)
             }
     assert written == CODES.keys()
     assert len(LEVELS) == 5

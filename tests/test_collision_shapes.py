@@ -200,14 +200,14 @@ for x, scale in ((1, 1), (2, 2), (3, 1)):
     path = tmp_path / "scene.rrd"
     recorded = record(scene, path)
     rows = [values for _, values in contents(path).told[schema.SURFACES]]
-    assert [(each["body"], "triangles" in each) for each in rows] == [
+    assert [(row["body"], "triangles" in row) for row in rows] == [
         (0, True),
         (2, False),
         (3, True),
         (4, False),
     ]
     first, *same, larger = sorted(
-        recorded.seen.surfaces, key=lambda each: (each.body == 3, each.body)
+        recorded.seen.surfaces, key=lambda surface: (surface.body == 3, surface.body)
     )
     for other, scale in [(each, 1) for each in same] + [(larger, 2)]:
         assert np.allclose(other.corners_m, scale * first.corners_m, atol=2e-6)
@@ -221,7 +221,9 @@ def test_what_is_touched_is_drawn_but_hidden(tmp_path: Path) -> None:
     assert f"{schema.COLLISIONS}/0_mesh/base/0" in recording.entities
     # What is drawn as it is touched needs no second drawing.
     assert not any(
-        "1_cylinder" in each for each in recording.entities if each.startswith(schema.COLLISIONS)
+        "1_cylinder" in entity
+        for entity in recording.entities
+        if entity.startswith(schema.COLLISIONS)
     )
 
 

@@ -32,6 +32,6 @@ def test_a_false_finding_a_missing_one_and_a_cure_that_is_none_are_faults() -> N
     assert [*Judged(kind, False, 0, [], []).faults()] == []
     assert [*Judged(kind, True, 1, [right], [(right, "force=9", 0.0)]).faults()] == []
     faults = [*Judged(kind, True, 1, [said, said, right], [(right, "force=9", 0.5)]).faults()]
-    assert [each.partition(":")[0] for each in faults] == ["missed", *["false"] * 2, "not cured"]
+    assert [fault.partition(":")[0] for fault in faults] == ["missed", *["false"] * 2, "not cured"]
     (scene,) = Judged(kind, False, 1, [], []).faults()
     assert scene.startswith("scene")

@@ -310,5 +310,7 @@ def test_without_restitution_only_position_correction_bounces() -> None:
     # Position correction alone returns up to its 8 % of the penetration per step.
     fall = fall_of()
     assert bounces_of(predicted(fall, 240, 480, contact_erp=0.0), fall, 240) == []
-    assert all(each.restitution < 0.08 for each in bounces_of(predicted(fall, 240, 480), fall, 240))
+    assert all(
+        bounce.restitution < 0.08 for bounce in bounces_of(predicted(fall, 240, 480), fall, 240)
+    )
     assert bounces_of(predicted(fall, 240, 50), fall, 240) == []  # still in the air

@@ -124,7 +124,7 @@ def test_what_overlaps_deeply(name: str, tmp_path: Path) -> None:
     assert one.effect is not None
     truth = bare(scene)["deepest"]
     assert one.effect.value == pytest.approx(truth, rel=1e-6)
-    other = max(in_pieces(scene, tmp_path, "deep-penetration"), key=lambda each: each.share)
+    other = max(in_pieces(scene, tmp_path, "deep-penetration"), key=lambda piece: piece.share)
     assert (other.message, other.steps, other.level) == (one.message, one.steps, one.level)
     assert bare(cured)["deepest"] < 0.5 * truth
 

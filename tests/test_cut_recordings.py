@@ -105,9 +105,9 @@ def test_any_prefix_gives_its_whole_steps_or_one_line(whole: Path, part: int) ->
 def borders_of(whole: Path) -> set[int]:
     """Return where the first, second and last chunk of each kind of entity begin."""
     positions: dict[str, list[int]] = {}
-    for each in rrd.chunks(whole):
-        positions.setdefault(re.sub(r"\d+", "", each.entity), []).append(each.position)
-    return {at for each in positions.values() for at in (*each[:2], each[-1])}
+    for chunk in rrd.chunks(whole):
+        positions.setdefault(re.sub(r"\d+", "", chunk.entity), []).append(chunk.position)
+    return {at for position in positions.values() for at in (*position[:2], position[-1])}
 
 
 def whole_steps_of(path: Path, complete: Recording) -> int:

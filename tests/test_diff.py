@@ -246,7 +246,7 @@ def test_values_given_once_per_side_are_divided_at_the_first_that_is_repeated() 
     assert a.arguments == b.arguments == ["--fast"]
     a, b = sides_of(["s.py"], variables=["A=1"], arguments=["1 '2 3'"])
     assert (a.variables, b.variables, b.arguments) == ({}, {"A": "1"}, ["1", "2 3"])
-    assert [each.target for each in sides_of(["a.py", "b.py"])] == ["a.py", "b.py"]
+    assert [side.target for side in sides_of(["a.py", "b.py"])] == ["a.py", "b.py"]
 
 
 @pytest.mark.parametrize(

@@ -308,8 +308,8 @@ def test_recordings_of_one_drop_open_as_one_a_colour_for_each(tmp_path: Path) ->
         seen = str(
             [
                 column.to_pylist()
-                for each in batches
-                for column in each.columns
+                for batch in batches
+                for column in batch.columns
                 if not pa.types.is_duration(column.type)
             ]
         )

@@ -42,11 +42,11 @@ def test_a_rule_is_explained_in_its_own_words() -> None:
 def test_thresholds_messages_and_cure_are_those_of_the_rule() -> None:
     """Of two rules in one file each has its own."""
     (made,) = explain("target-clamped").codes
-    limits = {each.name: each.value for each in made.thresholds}
+    limits = {threshold.name: threshold.value for threshold in made.thresholds}
     assert limits["BEYOND_RANGE"] == BEYOND_RANGE
     assert "CROSSINGS" not in limits
-    assert any(each.endswith("PyBullet takes the limit as the target") for each in made.says)
-    assert any("jointLowerLimit" in each for each in made.advises)
+    assert any(say.endswith("PyBullet takes the limit as the target") for say in made.says)
+    assert any("jointLowerLimit" in advise for advise in made.advises)
     assert not any(PLACEHOLDER.search(text) for text in (*made.says, *made.advises))
     apart, weak = (references()[code] for code in ("constraint-apart", "weak-constraint"))
     assert not {*apart.says} & {*weak.says}
@@ -65,11 +65,13 @@ def test_what_a_rule_only_proposes_is_to_try() -> None:
 
 
 def test_an_example_is_a_line_of_a_script_that_there_is() -> None:
-    examples = [each.example for each in references().values() if each.example is not None]
+    examples = [
+        reference.example for reference in references().values() if reference.example is not None
+    ]
     assert len(examples) > 25
-    for each in examples:
-        lines = (ROOT / each.script).read_text(encoding="utf-8").splitlines()
-        assert each.line is None or "p." in lines[each.line - 1]
+    for example in examples:
+        lines = (ROOT / example.script).read_text(encoding="utf-8").splitlines()
+        assert example.line is None or "p." in lines[example.line - 1]
     shown = references(["unstable", "default-damping"])
     assert all(each.example and each.example.advises for each in shown.values())
 

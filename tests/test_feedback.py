@@ -69,7 +69,7 @@ def test_nothing_is_said_of_what_is_no_law_of_one_joint() -> None:
         np.zeros(CONTROLS),
         K * (0.3 - position[:, 0]) * (1 + 0.1 * random.standard_normal(CONTROLS)),
     ]
-    assert [feedback_of(each, position, rate) for each in policies] == [None] * len(policies)
+    assert [feedback_of(policy, position, rate) for policy in policies] == [None] * len(policies)
     alike = position.copy(), rate.copy()
     for each in alike:  # two fingers that mirror each other: either may be meant
         each[:, 1] = -each[:, 0]

@@ -203,7 +203,7 @@ def test_a_correction_adds_as_much_in_shorter_steps(recorded: Recorder) -> None:
     added = []
     for rate in (240, 480):
         analysis = judge(recorded(**drop, timestep_s=1 / rate))
-        assert "restitution-inflated" in {each.code for each in analysis.findings}
+        assert "restitution-inflated" in {finding.code for finding in analysis.findings}
         added.append(analysis.bounces[0].correction_m_s)
     assert added[1] > 5 * added[0]
     without = judge(recorded(**drop, timestep_s=1 / 480, contact_erp=0.0)).bounces[0]

@@ -229,7 +229,7 @@ def test_arms_with_other_names_are_not_called_identical(drop: Drop, tmp_path: Pa
     assert (told["same"], told["first_difference"]) == (False, None)
     assert told["largest_difference_m"] is None
     assert {*told["not_compared"]} == {"0_upper", "0_arm"}
-    mine, theirs = (read(each).seen for each in paths)
+    mine, theirs = (read(path).seen for path in paths)
     assert not apart(mine, theirs).same
     assert apart(mine, mine).same
 
@@ -262,7 +262,7 @@ def test_a_setting_that_only_one_version_has_is_no_difference(tmp_path: Path) ->
     found = compare(mine, theirs)
     assert found.same  # it has no effect
     assert found.first is None
-    assert [each.column for each in found.differences] == ["engine.tolerance"]
+    assert [difference.column for difference in found.differences] == ["engine.tolerance"]
 
 
 def test_a_recording_says_which_pybullet_made_it(tmp_path: Path) -> None:

@@ -61,9 +61,9 @@ def test_the_older_motor_call_means_what_its_mode_and_length_say(tmp_path: Path)
     totals = explanation(seen).totals[0]
     assert totals.explained == totals.samples == 201
     told = {}
-    for each in seen.calls.commands():
-        sent = {name: tuple(values[0].tolist()) for name, values in each.values.items()}
-        told[len(each.site.names), int(sent["controlMode"][0])] = sent
+    for command in seen.calls.commands():
+        sent = {name: tuple(values[0].tolist()) for name, values in command.values.items()}
+        told[len(command.site.names), int(sent["controlMode"][0])] = sent
     assert told[4, 2] == {"controlMode": (2,), "targetPosition": (0.4,)}
     assert told[4, 0] == {"controlMode": (0,), "targetVelocity": (0.3,)}
     assert told[4, 1] == {"controlMode": (1,), "force": (2.0,)}

@@ -431,7 +431,7 @@ def test_a_sweep_tries_each_body_once_and_a_deadly_one_is_a_row(
     assert sorted(begun) == sorted([good, bad])
     assert (done.runs, done.failed) == (4, 2)
     failures = {row["error"] for row in done.rows if row["error"]}
-    assert all("its size must be finite" in each for each in failures)
+    assert all("its size must be finite" in failure for failure in failures)
     assert failures
 
 

@@ -40,7 +40,7 @@ def reach(file: str, link: int, point: list[float], **how: object) -> str:
 
 def said(scene: str, path: Path) -> list[Finding]:
     """Return the findings of this code."""
-    return [each for each in findings(scene, path / "a.rrd") if each.code == "ik-off"]
+    return [finding for finding in findings(scene, path / "a.rrd") if finding.code == "ik-off"]
 
 
 def off_m(scene: str, point: list[float]) -> float:

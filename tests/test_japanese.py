@@ -194,8 +194,8 @@ def test_what_a_code_means_is_in_japanese() -> None:
     known = catalogue()
     shown = [
         text
-        for each in references().values()
-        for text in (each.meaning, *each.measured, *each.says)
+        for reference in references().values()
+        for text in (reference.meaning, *reference.measured, *reference.says)
         if getattr(text, "template", "") in known
     ]
     assert len(shown) > 100

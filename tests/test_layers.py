@@ -204,7 +204,7 @@ def test_only_the_trace_and_engines_know_the_name_of_a_call() -> None:
     functions = [name for name in dir(pybullet) if callable(getattr(pybullet, name))]
 
     def is_call(word: str) -> bool:
-        named = CAMEL.fullmatch(word) and any(each.startswith(word) for each in functions)
+        named = CAMEL.fullmatch(word) and any(function.startswith(word) for function in functions)
         return bool(named or OF_MUJOCO.fullmatch(word) or word in ACTS)
 
     found = {

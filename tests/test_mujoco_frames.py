@@ -234,8 +234,8 @@ def test_windows_are_read_alone(tmp_path: Path) -> None:
     run = recorded(tmp_path, RUNS["over several pieces"])
     whole = [*run.steps.pieces(0, 0, 9000)]
     assert [each.first for each in whole] == [0, 4096, 8192]
-    assert [each.first for each in run.steps.pieces(0, 4096, 4097)] == [4096]
-    assert [each.first for each in run.steps.pieces(0, 4095, 4097)] == [0, 4096]
+    assert [piece.first for piece in run.steps.pieces(0, 4096, 4097)] == [4096]
+    assert [piece.first for piece in run.steps.pieces(0, 4095, 4097)] == [0, 4096]
     assert [*run.steps.pieces(0, 9000, 9001)] == [*run.steps.pieces(1, 0, 9000)] == []
 
 

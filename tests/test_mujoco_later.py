@@ -188,7 +188,7 @@ def test_states_name_the_windows_of_a_long_run(
     assert {0, 199, 200, STEPS - 1} <= steps  # its start, its reset and its end
     assert len(steps) < 300
     bases = [seen.bases[name].reshape(STEPS + 1, -1) for name in ("velocity_m_s", "spin_rad_s")]
-    velocities = np.hstack([*bases, *(each.velocity for each in seen.joints.values())])
+    velocities = np.hstack([*bases, *(joint.velocity for joint in seen.joints.values())])
     assert int(np.abs(velocities).max(axis=1).argmax()) - 1 in steps
     assert int(np.abs(np.diff(velocities, axis=0)).max(axis=1).argmax()) in steps
 

@@ -407,5 +407,5 @@ def test_meshes_of_one_name_in_two_models_are_each_its_own(tmp_path: Path) -> No
     (tmp_path / "script.py").write_text(MESHES)
     record_script(str(tmp_path / "script.py"), out=tmp_path / "run.rrd")
     surfaces = read(tmp_path / "run.rrd").seen.surfaces
-    widths_m = [np.ptp(each.corners_m, axis=0).max() for each in surfaces]
+    widths_m = [np.ptp(surface.corners_m, axis=0).max() for surface in surfaces]
     assert np.allclose(widths_m, [2.0, 6.0], atol=1e-5)

@@ -236,7 +236,9 @@ def test_nothing_is_lost_where_models_and_states_are_made_anew(tmp_path: Path, t
     assert (run.received.faults, run.received.steps) == ([], 12)
     pieces = run.explained()
     told = Counter(
-        each for world in {piece.world for piece in pieces} for each in statuses(pieces, world)
+        statuse
+        for world in {piece.world for piece in pieces}
+        for statuse in statuses(pieces, world)
     )
     assert told == {(EXPLAINED, ""): 12}
 
@@ -339,8 +341,8 @@ for k in range(20):
 """,
     )
     _, *pushes = run.written()
-    for step, each in enumerate(pushes, 1):
-        indices, values = each.parts["xfrc_applied"]
+    for step, push in enumerate(pushes, 1):
+        indices, values = push.parts["xfrc_applied"]
         assert indices is not None
         assert (indices.tolist(), values.tolist()) == ([6 * (1 + step) + 2], [step + 1])
 
@@ -480,7 +482,7 @@ for k in range(30):
     mujoco.mj_step(m, d)
 """,
     )
-    warnings = [each for piece in run.pieces for each in piece.warnings]
+    warnings = [warning for piece in run.pieces for warning in piece.warnings]
     assert [(step, times) for step, _, times, _ in warnings] == [(8, 1), (16, 1), (17, 1)]
     expected = [(EXPLAINED, "")] * 30
     for step in (8, 16, 17):

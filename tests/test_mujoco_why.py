@@ -55,7 +55,7 @@ class RunChanged:
             originals=originals,
             uncounted=set(),
         )
-        given = [{"engine": "mujoco", **each} for each in operations]
+        given = [{"engine": "mujoco", **operation} for operation in operations]
         self.changes = ModelChanges(watch, given, variation, self._tell)
         calls: dict[str, Callable[..., Any]] = {"mj_step": self._step}
         others = "mj_step1", "mj_step2", "mj_forward", "mj_resetData"
@@ -338,7 +338,7 @@ def test_a_cure_is_written_as_an_attribute_and_made_with_its_number(
     run = INTERVENTIONS.applied(cure, Scope([_arm()], "elbow" if cure.target == "elbow" else None))
     assert INTERVENTIONS.call_of(cure) == call
     assert run is not None
-    found = [(each["field"], *each["how"]) for each in run.operations]
+    found = [(operation["field"], *operation["how"]) for operation in run.operations]
     assert found == operations
 
 
@@ -353,7 +353,7 @@ def test_every_intervention_has_a_name_and_a_call() -> None:
 def test_why_cures_by_what_the_sum_says(tmp_path: Path) -> None:
     """The corpus' truth: with kp 1 no automatic reset is left, of 250."""
     found = why(str(CORPUS / "gain_explodes.py"), out=tmp_path, jobs=1)
-    by_code = {each.finding.code: each for each in found.findings}
+    by_code = {finding.finding.code: finding for finding in found.findings}
     assert by_code["unstable"].verdict == by_code["auto-reset"].verdict == "cured"
     (tried,) = by_code["unstable"].tried
     assert 1.5 < (tried.intervention.value or 0) * 0.8 < 2.4
@@ -366,7 +366,10 @@ def test_trust_varies_a_script_s_model(tmp_path: Path) -> None:
     script = CORPUS / "grasp_creeps.py"
     vary = ["cone=elliptic", "impratio=10", "nudge"]
     found = trust(str(script), out=tmp_path / "out", vary=vary, jobs=1)
-    moved = {each.name: max(end.value for end in each.apart.end) for each in found.variations}
+    moved = {
+        variation.name: max(end.value for end in variation.apart.end)
+        for variation in found.variations
+    }
     assert moved["nudge"] < 1e-7
     assert moved["cone=elliptic"] == pytest.approx(8.8e-3, abs=3e-4)
     assert moved["impratio=10"] == pytest.approx(14.1e-3, abs=5e-4)

@@ -278,6 +278,6 @@ def test_the_viewer_shows_few_joints_and_no_joint_for_what_its_file_lacks(tmp_pa
     for panel in panels:
         assert all(len(curve.steps) == len(curve.values) for curve in panel.curves)
     assert any("energy of 0_model" in panel.title for panel in panels)
-    files = [replace(each, code="no-inertial") for each in analysis.findings if each.joint]
+    files = [replace(finding, code="no-inertial") for finding in analysis.findings if finding.joint]
     story = plot_of(replace(analysis, findings=files))
     assert not any(panel.mark for panel in story.panels)

@@ -43,9 +43,9 @@ def line_of(text: str, mark: str) -> int:
 def parts(reading: Reading) -> list[list[tuple[int, int | None]]]:
     """Return the subjects of a reading, as bodies with links: one or two."""
     found = []
-    for each in reading.targets:
-        pair = [] if each.other is None else [(each.other, each.other_link)]
-        found.append([(each.body, each.link), *pair])
+    for target in reading.targets:
+        pair = [] if target.other is None else [(target.other, target.other_link)]
+        found.append([(target.body, target.link), *pair])
     return found
 
 
@@ -327,7 +327,7 @@ os.waitpid(child, 0)
 """
     )
     events, *_ = watched(tmp_path, text)
-    assert {name: each.count for name, each in readings(events).items()} == {"getAABB": 1}
+    assert {name: reading.count for name, reading in readings(events).items()} == {"getAABB": 1}
 
 
 def test_a_limit_also_stops_a_script_that_only_reads(tmp_path: Path) -> None:
@@ -345,7 +345,7 @@ except BaseException:
     )
     events, ending, _ = watched(tmp_path, text, steps=400)
     assert ending.how == "steps"
-    assert max(each.last_step for each in events if isinstance(each, Reading)) <= 400
+    assert max(event.last_step for event in events if isinstance(event, Reading)) <= 400
 
 
 def test_time_passes_while_a_script_reads(tmp_path: Path) -> None:
@@ -363,7 +363,7 @@ print(steps)
     )
     events, ending, printed = watched(tmp_path, text)
     assert ending.how == "finished"
-    last_s = max(each.times_s[-1] for each in events if isinstance(each, Samples))
+    last_s = max(event.times_s[-1] for event in events if isinstance(event, Samples))
     # A tenth of a millisecond for each reading.
     assert last_s == pytest.approx(2e-4 * int(printed), abs=1 / 240)
     reading = readings(events)["getBasePositionAndOrientation"]

@@ -554,7 +554,7 @@ def test_a_constraint_takes_the_entity_of_one_that_is_gone(bench: Bench) -> None
     for number, values in forces_n.items():
         _, recorded_n = forces[0, number]
         assert recorded_n.tolist() == [[*map(float, values)]]
-    assert sum(each.startswith("constraints/") for each in recording.entities) == 3
+    assert sum(entity.startswith("constraints/") for entity in recording.entities) == 3
     assert bench.out.stat().st_size < 200 * 3000  # 5 kB of each as an entity of its own
 
 

@@ -63,7 +63,7 @@ def outcome(reruns: Reruns, changed: Program) -> tuple[type[Script | Fork], obje
 def test_a_fork_answers_and_prints_what_a_run_from_the_start_does(program: Program) -> None:
     """In free fall z = -g dt² n (n + 1) / 2 by the semi-implicit Euler scheme, but for damping."""
     changes = [{"gravity": g} for g in (9.8, 4.9)]
-    changed = [replace(program, variation=each) for each in changes]
+    changed = [replace(program, variation=change) for change in changes]
     own = Reruns(program, again())
     started = [outcome(own, each) for each in changed]
     with Reruns(program, again()) as reruns:

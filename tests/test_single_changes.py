@@ -70,7 +70,7 @@ def changes(folder: Path, text: str, engine: str) -> list[Change]:
     folder.joinpath("script.py").write_text(text)
     folder.joinpath("sees.py").write_text(SEES)
     subprocess.run([sys.executable, "sees.py"], cwd=folder, check=True)
-    return [Change(**each) for each in json.loads(folder.joinpath("found.json").read_text())]
+    return [Change(**load) for load in json.loads(folder.joinpath("found.json").read_text())]
 
 
 def states(folder: Path, text: str, **how: Any) -> bytes:
@@ -89,9 +89,9 @@ def states(folder: Path, text: str, **how: Any) -> bytes:
 def test_a_change_of_a_pybullet_script_is_found_and_made_in_its_process(tmp_path: Path) -> None:
     text = BULLET.format(force=40)
     (found,) = (
-        each
-        for each in changes(tmp_path, text, "PyBullet")
-        if (each.change, each.op) == ("setJointMotorControl2.force", "*0.1")
+        change
+        for change in changes(tmp_path, text, "PyBullet")
+        if (change.change, change.op) == ("setJointMotorControl2.force", "*0.1")
     )
     assert found.of[-1] == "lbr_iiwa_joint_7 of lbr_iiwa"
     assert found.site == ["script.py", 9]
@@ -105,9 +105,9 @@ def test_a_change_of_a_mujoco_script_is_found_and_made_in_its_process(tmp_path: 
     pytest.importorskip("mujoco")
     text = MUJOCO.format(friction=0.5)
     (found,) = (
-        each
-        for each in changes(tmp_path, text, "MuJoCo")
-        if (each.change, each.op) == ("geom_friction", "*10")
+        change
+        for change in changes(tmp_path, text, "MuJoCo")
+        if (change.change, change.op) == ("geom_friction", "*10")
     )
     assert found.of == ["world", "box"]
     trial = of_mujoco.trial_of(found.of_some([1]).by(5))

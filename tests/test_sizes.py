@@ -85,4 +85,4 @@ def test_columns_are_declared_and_no_sentence_decides() -> None:
             elif isinstance(node, ast.Compare) and path.name != "messages.py":  # which translates
                 compared = [node.left, *node.comparators]
                 texts = [each for each in compared if isinstance(each, ast.Attribute)]
-                assert "template" not in {each.attr for each in texts}, (path, node.lineno)
+                assert "template" not in {text.attr for text in texts}, (path, node.lineno)

@@ -56,8 +56,8 @@ def test_only_what_is_known_to_be_left_is_removed(place: Path) -> None:
     number, started, _ = own.path.name.removeprefix("drop-").split("-")
     later = place / f"drop-{number}-{int(started) - 1}-before"
     names = "drop-notes", "drop-1-2", "drop-a-1-x", f"xdrop-{number}-1-x", "drop-7-7-file"
-    for each in names[:-1]:
-        (place / each).mkdir()
+    for name in names[:-1]:
+        (place / name).mkdir()
     (place / names[-1]).touch()
     other, held = place / "elsewhere", place / f"drop-{number}-1-held"
     for each in (later, other, held):

@@ -101,7 +101,7 @@ SAID = {
 @pytest.mark.parametrize("what", some(SAID, 2))
 def test_a_threads_cause_is_told(what: str, tmp_path: Path) -> None:
     scene, code, words, cured = SAID[what]
-    (found,) = (each for each in findings(scene, tmp_path / "a.rrd") if each.code == code)
+    (found,) = (finding for finding in findings(scene, tmp_path / "a.rrd") if finding.code == code)
     assert words in found.message
     assert code not in codes(cured, tmp_path / "b.rrd")
 

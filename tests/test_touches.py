@@ -23,7 +23,7 @@ def touches(scene: str, path: Path, steps: int = 0) -> dict[tuple[int, str], Tou
     for piece in story.explanation.pieces(steps):
         story.see(piece)
     numbers = story.scene.seen.bodies
-    return {(n, each.other): each for n in numbers for each in story.scene.touches.rows(n)}
+    return {(n, row.other): row for n in numbers for row in story.scene.touches.rows(n)}
 
 
 def test_a_ball_at_rest_loses_nothing(tmp_path: Path) -> None:
@@ -157,7 +157,7 @@ def test_the_velocities_of_points_matter(tmp_path: Path, monkeypatch: pytest.Mon
 
     def without_spin(kin: Kinematics, velocity: NDArray[np.float64]) -> LinkVelocities:
         moved = motion(kin, velocity)
-        return moved._replace(spins=[0 * each for each in moved.spins])
+        return moved._replace(spins=[0 * spin for spin in moved.spins])
 
     monkeypatch.setattr(contact_points, "motion", without_spin)
     assert touches(scene + "steps(100)", tmp_path)[1, "0_plane"].slid_m > 0.3

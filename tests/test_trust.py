@@ -61,7 +61,7 @@ def test_a_falling_box_converges_with_order_1(tmp_path: Path) -> None:
     assert height.axis == "z"
     assert height.order == pytest.approx(1, rel=1e-9)
     assert height.extrapolated == pytest.approx(1 - g * t * t / 2, rel=1e-12)
-    assert [each.term for each in found.variations] == ["integrator"] * 2 + [None] * 3
+    assert [variation.term for variation in found.variations] == ["integrator"] * 2 + [None] * 3
     assert found.variations[0].apart.from_s == dt
     (stands,) = found.standing
     # It falls 0.45 m, of which 4.7 mm are a hundredth: one digit stands.
@@ -170,7 +170,7 @@ def test_a_pendulum_converges_to_its_swing(tmp_path: Path) -> None:
     assert abs(angle.extrapolated - swing) < angle.uncertainty < abs(end(dt) - swing)
     assert found.variations[0].term == "integrator"
     assert found.growth is None
-    codes = [each.code for each in found.findings]
+    codes = [finding.code for finding in found.findings]
     assert codes == ["converges"]
 
 
@@ -208,7 +208,7 @@ def test_a_double_pendulum_grows_at_its_lyapunov_exponent(tmp_path: Path) -> Non
     # By hand the trajectory is the same: the last state is off by what rounding has grown to.
     (track, *_) = found.variations[0].apart.tracks
     assert track.last[0] == pytest.approx(state[0][0], abs=1e-6)
-    (lost,) = [each for each in found.findings if each.code == "one-of-many"]
+    (lost,) = [finding for finding in found.findings if finding.code == "one-of-many"]
     assert f"beyond {found.growth.lost_s:.3g} s" in lost.message
 
 
@@ -227,12 +227,12 @@ steps(480)
 """
     found = trusted(tmp_path, scene, vary=["iterations*4", "residual=0", "nudge"])
     way = {}
-    for path in (found.recording, *(each.recording for each in found.variations)):
+    for path in (found.recording, *(variation.recording for variation in found.variations)):
         x = table_of(read(path).seen.bases)["x_m"].to_numpy()
         way[path.stem] = abs(x[-1] - x[-240])
     assert way["base"] == way["iterations_4"] > 5e-6
     assert way["residual_0"] < 1e-9
-    assert [each.term for each in found.variations] == [None, "contacts", None]
+    assert [variation.term for variation in found.variations] == [None, "contacts", None]
     apart = ends(found)
     assert apart["iterations*4"]["m"] == 0
     assert apart["nudge"]["m"] < 2e-9
@@ -252,10 +252,10 @@ p.setPhysicsEngineParameter(solverResidualThreshold=0, numSolverIterations=500)
 steps(60)
 """
     found = trusted(tmp_path, scene, vary=["timestep/2", "timestep/4"])
-    for each in found.variations:
-        assert each.term == "motors"
-        k = int(each.name[-1])
-        (most,) = each.apart.most
+    for variation in found.variations:
+        assert variation.term == "motors"
+        k = int(variation.name[-1])
+        (most,) = variation.apart.most
         gap = [0.1 * 0.98**n for n in range(61)], [0.1 * 0.98 ** (k * n) for n in range(61)]
         due = max(a - b for a, b in zip(*gap, strict=True))
         assert most.value == pytest.approx(due, rel=1e-3)
@@ -302,7 +302,7 @@ steps(40)
     assert finer.explained.samples == finer.explained.of
     limits = [joint.force_limit for each in (own, finer) for joint in each.bodies[0].joints]
     assert limits == pytest.approx([30.0] * 14)
-    assert [each.code for each in finer.findings].count("timestep-after-motor") == 0
+    assert [finding.code for finding in finer.findings].count("timestep-after-motor") == 0
 
 
 @pytest.mark.long
@@ -352,7 +352,7 @@ def test_distances_are_written_as_a_table_and_plotted(tmp_path: Path) -> None:
     table = pl.read_csv(tmp_path / "t.csv")
     assert table["variation"].to_list() == ["gravity=9"] * 2 + ["timestep/2"] * 2
     assert table["end"].to_list() == [
-        track.end for each in found.variations for track in each.apart.tracks
+        track.end for variation in found.variations for track in variation.apart.tracks
     ]
     light, dark = (plot.read_text() for plot in plots)
     assert all(">gravity=9<" in text and ">1e-" in text for text in (light, dark))
@@ -371,16 +371,16 @@ assert abs(p.getBasePositionAndOrientation(b)[0][2] - 1.9635) < 1e-3, 'too far'
 steps(5)
 """
     found = trusted(tmp_path, scene)
-    assert [each.made.ended for each in found.variations].count("failed") == 1
+    assert [variation.made.ended for variation in found.variations].count("failed") == 1
     assert found.converging == []
-    (failed,) = [each for each in found.findings if each.level == "broken"]
+    (failed,) = [finding for finding in found.findings if finding.level == "broken"]
     assert failed.message == "with timestep/4 the script fails: AssertionError: too far"
     assert not found.ends_within({"m": 1.0})
     loop = "b = p.loadURDF('cube.urdf', [0, 0, 2])\n" + (
         "while p.getBasePositionAndOrientation(b)[0][2] > 1.5: p.stepSimulation()\n"
     )
     found = trusted(tmp_path, loop, vary=["timestep/2", "gravity=20"], force=True)
-    assert {"goes-on", "ends-earlier"} <= {each.code for each in found.findings}
+    assert {"goes-on", "ends-earlier"} <= {finding.code for finding in found.findings}
 
 
 @pytest.mark.long
@@ -392,7 +392,7 @@ p.resetBaseVelocity(b, [1e300, 0, 0], [0, 0, 1e300])
 steps(9)
 """
     found = trusted(tmp_path, scene, vary=["residual=0", "seed", "gravity=5"])
-    assert [each.name for each in found.variations] == ["residual 0", "gravity=5"]
+    assert [variation.name for variation in found.variations] == ["residual 0", "gravity=5"]
     assert found.variations[0].apart.same
 
 
@@ -407,8 +407,8 @@ def test_recordings_are_compared_in_pieces(tmp_path: Path, monkeypatch: pytest.M
     seen = [read(path).seen for path in (found.recording, varied.recording)]
     monkeypatch.setattr(comparing, "STEPS", 7)
     pieces = comparing.apart(*seen, finer=2)
-    assert [vars(each) | {"start": 0, "last": 0, "theirs": 0} for each in pieces.tracks] == [
-        vars(each) | {"start": 0, "last": 0, "theirs": 0} for each in varied.apart.tracks
+    assert [vars(track) | {"start": 0, "last": 0, "theirs": 0} for track in pieces.tracks] == [
+        vars(track) | {"start": 0, "last": 0, "theirs": 0} for track in varied.apart.tracks
     ]
     for unit, (times_s, off) in varied.apart.curves.items():
         assert np.array_equal(pieces.curves[unit], (times_s, off))

@@ -490,8 +490,8 @@ show(p)
         ("sphere_small.urdf", False),
     ]
     samples = [event for event in block.events if isinstance(event, Samples)]
-    assert [step for each in samples for step in each.steps] == list(range(21))
-    held = [number for each in samples for number in each.constraints]
+    assert [step for sample in samples for step in sample.steps] == list(range(21))
+    held = [number for sample in samples for number in sample.constraints]
     assert held
     assert not samples[-1].constraints
 

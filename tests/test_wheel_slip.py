@@ -156,7 +156,9 @@ ROLL = {
 
 
 def slips(scene: str, path: Path) -> list[Finding]:
-    return [each for each in findings(scene, path / "scene.rrd") if each.code == "wheel-slip"]
+    return [
+        finding for finding in findings(scene, path / "scene.rrd") if finding.code == "wheel-slip"
+    ]
 
 
 @pytest.mark.long
@@ -179,7 +181,7 @@ def test_wheels_that_slip(name: str, tmp_path: Path) -> None:
     said = told_in_pieces(read(tmp_path / "scene.rrd").seen)
     (other,) = (each for each in said if each.code == "wheel-slip")
     assert (other.message, other.steps) == (one.message, one.steps)
-    assert all(each.share < 0.6 * one.share for each in slips(cured, tmp_path))
+    assert all(slip.share < 0.6 * one.share for slip in slips(cured, tmp_path))
 
 
 def test_locked_wheels_slide_on(tmp_path: Path) -> None:

@@ -187,7 +187,7 @@ class Viewer:
         deadline = time.monotonic() + PATIENCE_S
         while True:
             picture = self.view(name)
-            if not is_blank(picture) and all(has_colour(picture, each) for each in colours):
+            if not is_blank(picture) and all(has_colour(picture, colour) for colour in colours):
                 return True
             if time.monotonic() > deadline:
                 return False

@@ -28,7 +28,7 @@ IS_HERE = find_spec("pybullet") is not None
 def _file_of(name: str) -> Path | None:
     """Return the file of a module of ours."""
     files = (folder / f"{name.replace('.', '/')}.py" for folder in FOLDERS)
-    return next((each for each in files if each.is_file()), None)
+    return next((file for file in files if file.is_file()), None)
 
 
 @cache

@@ -162,12 +162,12 @@ def _is_false(truth: Truth, finding: Finding) -> bool:
 
 def judged(truth: Truth, findings: list[Finding]) -> Verdict:
     """Return how a script's findings compare with its truth."""
-    right = (each for each in findings[:FIRST] if _called(each) & set(truth.cause))
-    unjudged = [not _called(each) & truth.codes for each in findings]
-    codes = [each["code"] for each in findings]
+    right = (finding for finding in findings[:FIRST] if _called(finding) & set(truth.cause))
+    unjudged = [not _called(finding) & truth.codes for finding in findings]
+    codes = [finding["code"] for finding in findings]
     return Verdict(
         found=any(not lacking(truth, each) for each in right) if truth.cause else None,
-        false=[each["code"] for each in findings if _is_false(truth, each)],
+        false=[finding["code"] for finding in findings if _is_false(truth, finding)],
         noise=[code for code, is_so in zip(codes[:FIRST], unjudged, strict=False) if is_so],
         unjudged=sorted({code for code, is_so in zip(codes, unjudged, strict=True) if is_so}),
     )
