@@ -450,7 +450,7 @@ def _frames(
 
 
 def _later(rows: Float64) -> Float64:
-    """Return the rows that steps left behind, from one step to the next."""
+    """Return the next row for each row; the first stands after the last."""
     later: Float64 = np.concatenate([rows[1:], rows[:1]])
     return later
 

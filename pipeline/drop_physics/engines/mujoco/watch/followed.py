@@ -284,7 +284,7 @@ class WatchedData:
         self.watch.send(DONE_HEAD.pack(DONE, cause, 0, self.number, site, digest))
 
     def staleness(self, everything: bool) -> int:
-        """Send the owner state of data that a coming step does not compute; return a flag.
+        """Send the state for which data were computed before a step that takes them; return a flag.
 
         With `everything`, the step takes from the state only the part to which it adds.
         """
