@@ -66,8 +66,12 @@ for i in range(150):
 """
 SCRIPTS = {"pybullet": PYBULLET, "arm": ARM, "mujoco": MUJOCO}
 RECORDED = [
-    *(pytest.param(name, marks=pytest.mark.pybullet) for name in ("pybullet", "arm", "drop")),
     "mujoco",
+    pytest.param("drop", marks=pytest.mark.pybullet),
+    *(
+        pytest.param(name, marks=[pytest.mark.pybullet, pytest.mark.long])
+        for name in ("pybullet", "arm")
+    ),
 ]
 BY_CHANCE = 50
 
