@@ -103,7 +103,7 @@ def joint_row(
         terms=_works(subject, gave, took, words),
         salience=float(way[at]) / axis.scale * 0.8,
         subject=subject.body,
-        group=("moved", axis.unit, subject.kind, _most(gave)),
+        group=("moved", axis.unit, subject.kind, _most(gave), magnitude(way[at] / axis.scale)),
     )
 
 
@@ -345,7 +345,7 @@ def _turn(
         terms=_works(subject, gave, took, words),
         salience=track.most_turned_rad * 0.45,
         subject=subject.body,
-        group=("turned", subject.kind, _most(gave)),
+        group=("turned", subject.kind, _most(gave), magnitude(angle_rad)),
     )
 
 
