@@ -56,6 +56,17 @@ def test_a_control_that_only_brakes_has_no_aim() -> None:
     assert found.damping == pytest.approx(D)
 
 
+def test_the_largest_states_of_a_run_that_diverges_are_not_all_of_it() -> None:
+    """Its first half has half the stiffness, which its last states outweigh."""
+    position, rate = motion()
+    grown = np.exp(np.linspace(0, 24, CONTROLS))[:, None]
+    position, rate = position * grown, rate * grown
+    stiffness = np.where(np.arange(CONTROLS) < CONTROLS // 2, K / 2, K)
+    same, other = (k * position[:, 1] + D * rate[:, 1] for k in (K, stiffness))
+    assert feedback_of(-same, position, rate) is not None
+    assert feedback_of(-other, position, rate) is None
+
+
 @pytest.mark.long
 def test_nothing_is_said_of_what_is_no_law_of_one_joint() -> None:
     position, rate = motion()

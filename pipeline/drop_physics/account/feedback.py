@@ -36,6 +36,8 @@ LEFT, APART = 1e-3, 30.0
 more."""
 NEAR = 10.0
 """Factor of the former that it leaves at most in the controls that have a state of any lateness."""
+SAME = 0.01
+"""Share of the larger gain by which those of either half of the controls differ at most."""
 FLAT, LEVELS = 0.2, 8
 """Share of controls that are at exactly their largest or least from which that is told, and fewest
 different controls of which it is."""
@@ -98,6 +100,12 @@ def _fitted(
         return None
     columns = np.stack([q[:, joint], v[:, joint]], axis=1)
     gains, *_ = np.linalg.lstsq(columns, y, rcond=None)
+    halves = [
+        np.linalg.lstsq(columns[half], y[half], rcond=None)[0]
+        for half in (slice(None, len(y) // 2), slice(len(y) // 2, None))
+    ]
+    if not np.allclose(halves, gains, rtol=SAME, atol=SAME * float(np.abs(gains).max())):
+        return None  # where a run diverges, its largest states hide the residual of all others
     small = np.abs(gains) * np.linalg.norm(columns, axis=0) < LEFT * size
     stiffness, damping = np.where(small, 0.0, -gains).tolist()
     return Feedback(joint, late, stiffness, damping)
