@@ -364,7 +364,7 @@ def test_why_cures_by_what_the_sum_says(tmp_path: Path) -> None:
 def test_trust_varies_a_script_s_model(tmp_path: Path) -> None:
     """The corpus' truth: of 18.2 mm an elliptic cone leaves some 9 mm, and impratio 10 some 4."""
     script = CORPUS / "grasp_creeps.py"
-    vary = ["cone=elliptic", "impratio=10", "nudge"]
+    vary = ["cone=elliptic", "impratio=10", "nudge", "option.cone =1"]
     found = trust(str(script), out=tmp_path / "out", vary=vary, jobs=1)
     moved = {
         variation.name: max(end.value for end in variation.apart.end)
@@ -373,4 +373,5 @@ def test_trust_varies_a_script_s_model(tmp_path: Path) -> None:
     assert moved["nudge"] < 1e-7
     assert moved["cone=elliptic"] == pytest.approx(8.8e-3, abs=3e-4)
     assert moved["impratio=10"] == pytest.approx(14.1e-3, abs=5e-4)
+    assert moved["option.cone =1"] == moved["cone=elliptic"], "as the search prints it"
     assert found.variations[0].term == "contacts"

@@ -20,7 +20,7 @@ import sys
 import numpy as np
 FIX = len(sys.argv) > 1
 GOAL = 0.4
-KP = 20 if FIX else 5
+KP = 20 if FIX else -5
 XML = """<mujoco><option timestep="0.002"/><worldbody>
 <body name="arm" pos="0 0 .5"><joint name="hinge" range="-1 1" damping="2"/>
 <geom size=".1 0.2" rgba="1 0 0 1"/></body></worldbody></mujoco>"""
@@ -53,7 +53,7 @@ def test_what_a_user_would_edit_is_found_and_what_is_only_measured_is_not() -> N
     numbers = {(each.change, each.of[0]) for each in found() if each.op == "*-1"}
     assert numbers == {
         ("KP", "20"),
-        ("KP", "5"),
+        ("KP", "-5"),
         ("held.gain", "3.0"),
         ("data.qpos[:]", "0.1"),
         ("setJointMotorControl2.force", "7"),
@@ -72,8 +72,8 @@ def test_what_is_expected_is_no_change_where_it_is_a_number_and_is_one_elsewhere
 @pytest.mark.parametrize(
     ("name", "op", "line"),
     [
-        ("KP", "*10", "KP = 20 if FIX else 50"),
-        ("KP", "*-1", "KP = 20 if FIX else (-5)"),
+        ("KP", "*10", "KP = 20 if FIX else (-50)"),
+        ("KP", "*-1", "KP = 20 if FIX else 5"),
         ("held.gain", "*0.1", "def held(torque, gain=0.3):"),
         ("geom.size", "*2", '<geom size="0.2 0.4" rgba="1 0 0 1"/></body></worldbody></mujoco>"""'),
         (
@@ -146,4 +146,5 @@ def test_a_script_in_two_parts_is_the_script(
 
 def test_no_python_has_no_changes() -> None:
     assert changes_of(b"def (:", "s.py", "") == []
+    assert changes_of("x = 5  # é".encode("latin-1"), "s.py", "") == []
     assert changes_of(b"x = 0x1f\ny = True\nz = 'a < b'\nw = 0.0\n", "s.py", "") == []

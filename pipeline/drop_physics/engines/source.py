@@ -78,8 +78,11 @@ SHAPES = re.compile(
     r"axis|ref|range|lower|upper)$"
 )
 """Attributes and arguments that say where things are, and how large."""
-POSITIVE = re.compile(r"^(size|radius|length|height)$")
-"""Those whose sign means nothing."""
+POSITIVE = re.compile(
+    r"^(size|radius|length|height|halfExtents|meshScale|globalScaling|\w*[mM]ass|"
+    r"\w*([fF]riction|[dD]amping|[sS]tiffness|maxForce))$"
+)
+"""Attributes and arguments whose sign means nothing."""
 NEEDED = re.compile(r"^(size|fromto|radius|length|height|axis)$")
 """Those that cannot be left out, or are seldom."""
 BEGINS = re.compile(
@@ -134,7 +137,7 @@ def changes_of(text: bytes, file: str, expected: str) -> list[Change]:
         What is expected of it: what that compares with is not changed.
     """
     try:
-        tree = ast.parse(text)
+        tree = ast.parse(text.decode())  # in another encoding, places are others
     except (SyntaxError, ValueError):
         return []
     found: dict[tuple[str, int | None], list[TextPart]] = {}
@@ -189,9 +192,10 @@ def edits_of(change: Change) -> list[list[Any]]:
 
 
 def place_of(change: Change) -> tuple[str, str]:
-    """Return file and line of a change, and what stands there."""
+    """Return file and line of a change, and what stands there: `KP=5`."""
     _, _, was, _, where = change.ids[0]
-    return where, _in_a_line(was)
+    is_value = change.op != LEFT_OUT and change.change != NUMBER
+    return where, f"{change.change}={was}" if is_value else _in_a_line(was)
 
 
 def words_of(change: Change) -> str:
@@ -356,7 +360,11 @@ class _TextParts:
             return
         elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             yield from self._of_function(node)
-        elif isinstance(node, ast.Constant | ast.JoinedStr):
+        elif isinstance(node, ast.JoinedStr):
+            yield from self._of_markup(*self._at(node))
+        elif isinstance(node, ast.Constant | ast.UnaryOp) and (
+            _is_number(node) or isinstance(node, ast.Constant)
+        ):
             yield from self._of_constant(node, name)
         elif isinstance(node, ast.Call):
             yield from self._of_call(node, name)
@@ -416,17 +424,16 @@ class _TextParts:
         if node.value is not None:
             yield from self._of(node.value, name, function)
 
-    def _of_constant(self, node: ast.Constant | ast.JoinedStr, name: str) -> Iterator[TextPart]:
+    def _of_constant(self, node: ast.expr, name: str) -> Iterator[TextPart]:
         start, end = self._at(node)
-        value = node.value if isinstance(node, ast.Constant) else ""
-        if isinstance(node, ast.JoinedStr) or isinstance(value, str):
+        was = self._text[start:end].decode(errors="replace")
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
             yield from self._of_markup(start, end)
-        elif isinstance(value, int | float) and not isinstance(value, bool) and value:
-            was = self._text[start:end].decode()
-            if _numbers(was) is None:  # in hexadecimal digits
-                return
+        elif _is_number(node) and (numbers := _numbers(was)) and numbers[0]:  # decimal, and not 0
             tries: tuple[str, ...] = NUMBERS
-            if LARGEST_RAD < abs(value) <= LARGEST_DEGREES:
+            if POSITIVE.match(name.rpartition(".")[2]):
+                tries = tuple(op for op in tries if op != "*-1")
+            if LARGEST_RAD < abs(numbers[0]) <= LARGEST_DEGREES:
                 tries = (*tries, f"*{DEGREES}")
             yield TextPart(name or NUMBER, was, node.lineno, start, end, tries)
 
@@ -476,10 +483,11 @@ def _asks_for_arguments(node: ast.AST) -> bool:
 
 
 def _is_number(node: ast.AST) -> bool:
-    """Return whether something is a number as it is."""
-    if isinstance(node, ast.UnaryOp):
+    """Return whether something is a number as it stands, with its sign."""
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
         node = node.operand
-    return isinstance(node, ast.Constant) and isinstance(node.value, int | float)
+    value = node.value if isinstance(node, ast.Constant) else None
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _are_whole(node: ast.AST) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -117,10 +116,6 @@ class RunChanged(ABC, Generic[T]):
         """Return the path of a run's recording."""
         return self.folder / f"{plain(self.name_of(number))}.rrd"
 
-    def id_of(self, name: str) -> str:
-        """Return the id of a run's recording."""
-        return hashlib.sha256(f"{self.own.recording_id} {name}".encode()).hexdigest()[:32]
-
     @property
     def own(self) -> Recording:
         """Return the script's own run."""
@@ -130,14 +125,8 @@ class RunChanged(ABC, Generic[T]):
 
     def recorded(self, process: Script | Fork, number: int) -> Ended:
         """Record a run that has begun."""
-        name = self.name_of(number)
-        return self.runs.recorded(
-            process,
-            self.path_of(number),
-            origin={**self.own.origin, "variation": name},
-            recording_id=self.id_of(name),
-            drawn=self.drawn,
-        )
+        path, name = self.path_of(number), self.name_of(number)
+        return self.runs.varied(process, path, self.own, name, drawn=self.drawn)
 
     def finer(self, number: int) -> int:
         """Return the number of engine steps per step of the script."""

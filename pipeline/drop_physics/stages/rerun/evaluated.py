@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -114,16 +113,16 @@ class EvaluatedRuns:
     jobs: int
     made: int = 0
     """Number of runs made."""
-    _under_way: set[Script | Fork] = field(default_factory=set)
+    runs: RunsUnderWay = field(default_factory=RunsUnderWay)
 
     def answered(self, **changed: object) -> tuple[Answer | None, str]:
         """Make a run with a change; return its answer, and its ending."""
         program = replace(self.program, **changed)  # type: ignore[arg-type]
         with self._begun(program) as process:
-            self._under_way.add(process)
+            self.runs.under_way.add(process)
             for _ in process.events():
                 pass
-            self._under_way.discard(process)
+            self.runs.under_way.discard(process)
             ended = process.ending().how
         self.made += 1
         answer, error = process.decoder.answer or (None, "")
@@ -158,12 +157,12 @@ class EvaluatedRuns:
 
     def all_of(self, changes: Iterator[Change]) -> Iterable[tuple[Change, ChangeOutcome | None]]:
         """Make runs with changes, and yield their outcomes as they arrive."""
-        return in_threads(self.changed, changes, jobs=self.jobs, stop=self.stop)
+        return in_threads(self.changed, changes, jobs=self.jobs, stop=self.runs.stop)
 
     def nudges(self, change: Change | None = None, number: int = NUDGES) -> list[ChangeOutcome]:
         """Return the outcomes of nudged runs, of the script or with a change."""
         work = partial(self.nudged, change=change)
-        made = in_threads(work, range(number), jobs=self.jobs, stop=self.stop)
+        made = in_threads(work, range(number), jobs=self.jobs, stop=self.runs.stop)
         return [outcome for _, outcome in made if outcome is not None]
 
     def recorded(
@@ -183,15 +182,8 @@ class EvaluatedRuns:
             Whether what is only for looking is recorded, too.
         """
         program = replace(self.program, streams=True, evaluator=None, **self._trial_of(change))
-        identity = hashlib.sha256(f"{own.recording_id} {name}".encode()).hexdigest()[:32]
         with self._begun(program) as process:
-            RunsUnderWay(self._under_way).recorded(
-                process,
-                path,
-                origin={**own.origin, "variation": name},
-                recording_id=identity,
-                drawn=drawn,
-            )
+            self.runs.varied(process, path, own, name, drawn=drawn)
 
     def latest_of(self, changes: Sequence[Change], steps: int) -> list[int | None]:
         """Return the latest step from which on each change still makes it true.
@@ -224,8 +216,3 @@ class EvaluatedRuns:
     def stands(self, change: Change) -> bool:
         """Return whether a change still makes it true if everything is nudged."""
         return all(each.holds for each in self.nudges(change, CONFIRMS))
-
-    def stop(self) -> None:
-        """Stop the runs under way."""
-        for process in [*self._under_way]:
-            process.stop("interrupted")

@@ -6,6 +6,7 @@ Rerun and polars are imported where they are used: the script starts while they 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +20,7 @@ from drop_physics.sweeping import engines
 
 if TYPE_CHECKING:
     from drop_physics.engines.script import Program
+    from drop_physics.recording.reader import Recording
 
 T = TypeVar("T")
 
@@ -47,6 +49,11 @@ class Ended:
     """The other engine, if the script steps two; else empty."""
     reached: Reached
     """Resources that the script reached beside its simulation, if that was observed."""
+
+
+def id_of(own: Recording, name: str) -> str:
+    """Return the id of the recording of a run that differs from the script's own by a name."""
+    return hashlib.sha256(f"{own.recording_id} {name}".encode()).hexdigest()[:32]
 
 
 @dataclass(frozen=True)
@@ -91,6 +98,24 @@ class RunsUnderWay:
             return self.recorded(
                 process, path, origin=origin, recording_id=recording_id, drawn=drawn
             )
+
+    def varied(
+        self,
+        process: running.Script | Fork,
+        path: Path,
+        own: Recording,
+        name: str,
+        *,
+        drawn: bool,
+    ) -> Ended:
+        """Record a run that has begun, and differs from the script's own by what its name says."""
+        return self.recorded(
+            process,
+            path,
+            origin={**own.origin, "variation": name},
+            recording_id=id_of(own, name),
+            drawn=drawn,
+        )
 
     def recorded(
         self,

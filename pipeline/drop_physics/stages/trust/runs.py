@@ -29,7 +29,7 @@ from drop_physics.stages.program import STOPPED, digest_of_script
 from drop_physics.stages.rerun.again import Again, again_of
 from drop_physics.stages.rerun.changed import RunChanged, plain, run_changed
 from drop_physics.stages.rerun.no_step import no_step
-from drop_physics.stages.rerun.runs import Ended, Progress, RunsUnderWay, only_of
+from drop_physics.stages.rerun.runs import Ended, Progress, RunsUnderWay, id_of, only_of
 from drop_physics.workers import cores
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class RunKept(RunChanged[T]):
         path, name = self.path_of(number), self.name_of(number)
         if not os.path.lexists(path):
             return super().__call__(number)
-        return self.compared(number, whole(path, self.id_of(name)))
+        return self.compared(number, whole(path, id_of(self.own, name)))
 
     def made(self, number: int, ended: Ended) -> T:
         """Return the result of comparing a run's recording with the script's own run."""
