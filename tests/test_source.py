@@ -6,6 +6,7 @@ measured is none.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 from drop_physics.engines.source import changes_of, edits_of, place_of, words_of
 from drop_physics.engines.watching.edits import InTwoParts, edited
 from drop_physics.engines.watching.single_changes import Change
+from drop_physics.stages.rerun.single import is_single, named, text_of
 
 TEXT = '''"""A script."""
 from __future__ import annotations
@@ -142,6 +144,25 @@ def test_a_script_in_two_parts_is_the_script(
     assert raised.traceback[-1].lineno + 1 == len(lines)
     assert names["__doc__"] == "About."
     assert names["f"].__annotations__ == {"x": "Missing"}
+
+
+@pytest.mark.parametrize(
+    ("op", "how"),
+    [
+        *(("^", ("^", None)), ("^8", ("^", 8.0)), ("=0", ("=", 0.0)), ("*-1", ("*", -1.0))),
+        *(("/2", ("/", 2.0)), ("+10M0", ("+", None)), ("stiff", ("s", None))),
+        *(("left-out", ("l", None)), ("=default", ("=", 1.0)), ("late", ("l", None))),
+    ],
+)
+def test_what_is_printed_of_a_change_names_it(op: str, how: tuple[str, Any]) -> None:
+    change = Change("jnt_range", op, how, (3, 4), ("left hip", "knee"), site=("a.py", 7))
+    other = replace(change, op="*10", how=("*", 10.0))
+    for each in (change, change.of_some([1]), replace(change, site=None), replace(change, of=())):
+        text = text_of(each)
+        assert is_single(text)
+        assert named(text, [other, each]) == each
+    assert named(text_of(other).replace("*10", "*2.5"), [other]) == other.by(2.5)
+    assert not any(map(is_single, ("friction=2", "timestep/4", "residual 0", "damping")))
 
 
 def test_no_python_has_no_changes() -> None:

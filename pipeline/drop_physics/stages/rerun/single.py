@@ -22,7 +22,7 @@ from drop_physics.stages.rerun.evaluated import Answer, EvaluatedRuns, evaluator
 from drop_physics.stages.rerun.reruns import Reruns
 
 TEXT = re.compile(
-    r"(?P<change>\S+) (?P<op>[-=*/+^~]\S+|[a-z]+(?:-[a-z]+)?)"
+    r"(?P<change>\S+) (?P<op>[-=*/+^~]\S*|[a-z]+(?:-[a-z]+)?)"
     r"(?: of (?P<names>.+?))?(?: at (?P<site>\S+:\d+))?"
 )
 RESIDUAL_0 = "residual 0"
@@ -109,6 +109,7 @@ def named(text: str, changes: Sequence[Change]) -> Change:
             if each.change == found["change"]
             and found["site"] in (None, each.site and f"{each.site[0]}:{each.site[1]}")
         ]
+        alike.sort(key=lambda each: (each.op != found["op"], each.site is not None))
     for each in alike:
         assert found is not None
         change = _by(each, found["op"])
