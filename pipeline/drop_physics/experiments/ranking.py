@@ -73,17 +73,37 @@ def ranked(
         first, *alike = sorted(group, key=_plainness)
         row = row_of(first.change)
         said.append(SaidChange(first, alike, side_m(first.far_m, besides), row=row))
-    return [*_by_field(sorted(said, key=_order))]
+    plain = (each for each in said if not (_is_text(each) or _takes(each)))
+    farthest_m = max((each.side_m for each in plain), default=0.0)
+    return [*_by_field(sorted(said, key=lambda each: _order(each, farthest_m)))]
 
 
-def _order(said: SaidChange) -> tuple[Any, ...]:
+def _is_text(said: SaidChange) -> bool:
+    return said.tried.change.engine == SOURCE
+
+
+def _takes(said: SaidChange) -> bool:
+    """Return whether a change takes something away, or follows a command worse."""
+    return said.tried.change.breaks or bool(said.tried.worse)
+
+
+def _order(said: SaidChange, farthest_m: float) -> tuple[Any, ...]:
     """Order outcomes: what takes nothing away, what follows all commands, least side effects.
 
-    Any number of a text may do much: it has to do so with less than half of the side effects.
+    Any number of a text may do much. So it has to do so with less than half of the side effects,
+    or else stands among the changes that follow a command worse.
+
+    Parameters
+    ----------
+    said
+        An outcome.
+    farthest_m
+        The largest side effects of those that are no text, and take nothing away [m].
     """
-    change = said.tried.change
-    weight = OF_TEXT if change.engine == SOURCE else 1.0
-    return change.breaks, bool(said.tried.worse), weight * said.side_m
+    change, is_text = said.tried.change, _is_text(said)
+    side_m = (OF_TEXT if is_text else 1.0) * said.side_m
+    later = bool(said.tried.worse) or (is_text and side_m > farthest_m)
+    return change.breaks, later, side_m
 
 
 def _by_field(said: Sequence[SaidChange]) -> Iterator[SaidChange]:
