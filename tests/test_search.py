@@ -101,6 +101,14 @@ def test_of_changes_with_the_same_motion_the_one_of_a_named_element_is_said() ->
     assert said.tried.change == force
 
 
+def test_a_second_list_is_tried_without_what_was_tried_before() -> None:
+    runs = Runs(lambda change: 0.2 if change.ids else 0.1)
+    search = searched(runs, FRICTION.of_some([0, 1]))
+    before = [*runs.made]
+    search.all_of([TIMESTEP])
+    assert runs.made == [*before, TIMESTEP]
+
+
 SPEED = Change(
     "SPEED", "*0.1", ("*", 0.1), ((40, 41, "5", "", "lift.py:7"),), ("5",),
     site=("lift.py", 7), engine="source",

@@ -95,19 +95,23 @@ class Search:
     """Whether nothing was left out for want of time."""
 
     def all_of(self, changes: Sequence[Change]) -> None:
-        """Try changes in this order, first on all of their elements."""
-        queue = self._queue
+        """Try changes in this order, first on all of their elements.
+
+        Changes of an earlier call are not tried again.
+        """
+        queue, before = self._queue, len(self.tried)
         for change in changes:
             queue.put(change, 1)
         self._drain(queue)
-        moving = (each for each in [*self.tried] if len(each.change.ids) > 1 and self.moves(each))
+        several = (each for each in self.tried[before:] if len(each.change.ids) > 1)
+        moving = filter(self.moves, several)
         nearest = sorted(moving, key=lambda each: (-each.outcome.margin, each.number))
         for each in [each for each in nearest if not each.outcome.holds][:MOST_MOVERS]:
             for part in _parts(each.change):
                 queue.put(part, 2)
         self._drain(queue)
         if not any(each.outcome.holds and not each.change.breaks for each in self.tried):
-            for each in self._factors():  # ten times may be too much
+            for each in self._factors(self.tried[before:]):  # ten times may be too much
                 root = math.sqrt(each.change.how[1])
                 queue.put(each.change.by(float(f"{root:.3g}")), 2)
             self._drain(queue)
@@ -132,11 +136,11 @@ class Search:
         far = abs(each.outcome.margin - self.base.margin)
         return math.isfinite(far) and far > NOISE * self.noise + 1e-12
 
-    def _factors(self) -> list[TriedChange]:
+    def _factors(self, tried: Iterable[TriedChange]) -> list[TriedChange]:
         """Return the kinds of factors that move the quantity, either way, the nearest first."""
         moving = [
             each
-            for each in self.tried
+            for each in tried
             if each.change.how[0] == "*" and each.change.how[1] > 0 and self.moves(each)
         ]
         return sorted(moving, key=lambda each: -each.outcome.margin)[: 2 * MOST_MOVERS]
