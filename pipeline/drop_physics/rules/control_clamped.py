@@ -9,7 +9,6 @@ import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import RADIANS, as_degrees, is_degrees, units
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
@@ -46,10 +45,9 @@ def control_clamped(actuators: ActuatorColumns) -> Match:
 
 
 @control_clamped.counts
-def _(keys: Int64, count: Int64, sent: Flags, size: Float64, scene: Scene) -> Float64:
-    steps = np.array([scene.ends[number] for number in keys[:, 0].tolist()])
+def _(count: Int64, sent: Flags, size: Float64, ends: Int64) -> Float64:
     # Of what pushes, a range says how strong it is.
-    always = count >= EACH_STEP * steps
+    always = count >= EACH_STEP * ends
     return np.where(sent | always, size, 0.0)
 
 

@@ -14,7 +14,6 @@ from drop_physics.explain.contact_points import COMMON
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Scene
-from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.by_name import called
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
@@ -52,15 +51,13 @@ def slides_off(bodies: BodyColumns) -> Match | None:
 @slides_off.counts
 def _(
     runs: Runs,
-    keys: Int64,
     weight: Float64,
     needed: Float64,
     used: Float64,
     available: Float64,
-    scene: Scene,
+    sizes_m: Float64,
 ) -> Float64:
     went_m, moved_m, gets_away = called(_ways, runs)
-    sizes_m = np.array([size_m(scene.body(number)) for number in keys[:, 0].tolist()])
     holds = gets_away & called(_beyond, runs) & (went_m >= SLIDES_SHARE * moved_m)
     holds &= (weight == 0) | (needed < STEEP * weight)
     holds &= (went_m > SLIPS_SHARE * sizes_m) & (used >= SLIDES_USED * available)

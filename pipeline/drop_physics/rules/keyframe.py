@@ -7,7 +7,6 @@ import numpy as np
 from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.driving import control_of
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import name_of
 from drop_physics.rules.rows import Remedy, SayingRow
@@ -91,8 +90,7 @@ def never_loaded(joints: JointColumns) -> Match | None:
 
 
 @never_loaded.counts
-def _(keys: Int64, count: Int64, size: Float64, scene: Scene) -> Float64:
-    ends = np.array([scene.ends[number] for number in keys[:, 0].tolist()])
+def _(count: Int64, size: Float64, ends: Int64) -> Float64:
     return np.where(count == ends, size, 0.0)
 
 

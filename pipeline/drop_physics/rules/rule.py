@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.rules.answer import Finding, Level, Scene, and_more
 from drop_physics.rules.arguments import site_of
+from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.by_name import called
 from drop_physics.rules.engines import BULLETS, engine_of
 from drop_physics.rules.joint import link_of, units
@@ -138,6 +139,27 @@ Measure = Callable[..., Sized | Float64]
 Notes = Callable[..., Mapping[str, object] | None]
 Noting = TypeVar("Noting", bound=Notes)
 Words = Callable[..., Said | None]
+
+
+class RunsOfBodies:
+    """The columns of runs, and facts of their bodies, by their names."""
+
+    def __init__(self, runs: Runs, scene: Scene) -> None:
+        self.runs, self.keys, self.scene = runs, runs.keys, scene
+        self._numbers: list[int] = runs.keys[:, 0].tolist()
+
+    def __getitem__(self, name: str) -> Any:  # noqa: ANN401
+        return self.runs[name] if name in self.runs.columns else getattr(self, name)
+
+    @property
+    def ends(self) -> Int64:
+        """The last sample of each body."""
+        return np.array([self.scene.ends[number] for number in self._numbers])
+
+    @property
+    def sizes_m(self) -> Float64:
+        """The size of each body."""
+        return np.array([size_m(self.scene.body(number)) for number in self._numbers])
 
 
 def nothing() -> Noted:
@@ -394,7 +416,7 @@ class Rules:
     @np.errstate(all="ignore")
     def _sized(self, place: int, runs: Runs) -> Sized:
         rule = self._rules[place]
-        found = called(rule.sizes, runs, keys=runs.keys, scene=self.scene, runs=runs)
+        found = called(rule.sizes, RunsOfBodies(runs, self.scene))
         sized = found if isinstance(found, Sized) else Sized(found)
         return replace(sized, sizes=np.where(runs["count"] < rule.least_count, 0.0, sized.sizes))
 

@@ -113,8 +113,7 @@ def off_its_servo(joints: JointColumns) -> Match | None:
 
 
 @off_its_servo.counts
-def _(keys: Int64, held: Float64, last: Int64, size: Float64, scene: Scene) -> Float64:
-    ends = np.array([scene.ends[number] for number in keys[:, 0].tolist()])
+def _(held: Float64, last: Int64, size: Float64, ends: Int64) -> Float64:
     rests = np.array([each.rests for each in held], np.bool_)
     return np.where(rests | (last == ends), size, 0.0)
 

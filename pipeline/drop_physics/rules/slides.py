@@ -11,7 +11,6 @@ from drop_physics.messages import Message
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Scene
-from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import ANY, MUJOCO
 from drop_physics.rules.placing import NEAR
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
@@ -73,14 +72,12 @@ def _(
     size: Float64,
     normal: Float64,
     needed: Float64,
-    keys: Int64,
-    scene: Scene,
+    sizes_m: Float64,
 ) -> Float64:
     beyond = (until_against > until_available) & (slid >= SLIDES * moved)
     slips = beyond | ((turning > held) & (held > 0))
     rested = began <= FROM_REST * size
     touches = normal > NO_FORCE * lengths(needed)
-    sizes_m = np.array([size_m(scene.body(number)) for number in keys[:, 0].tolist()])
     far = slid > np.maximum(SLIPS_M, SLIPS_SHARE * sizes_m)
     return np.where(far & rested & slips & touches, slid, 0.0)
 

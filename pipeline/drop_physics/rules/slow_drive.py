@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.joints import REST_STEPS
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Scene
 from drop_physics.rules.by_name import called
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import actuators_on
@@ -85,7 +84,6 @@ def stays_slow(joints: JointColumns) -> Match:
 @stays_slow.counts
 def _(
     runs: Runs,
-    keys: Int64,
     inertia: Float64,
     rotor: Float64,
     driven: Float64,
@@ -93,15 +91,14 @@ def _(
     fastest: Float64,
     slow: Float64,
     count: Int64,
-    scene: Scene,
+    ends: Int64,
 ) -> Float64:
-    steps = np.array([scene.ends[number] for number in keys[:, 0].tolist()])
     taken, which = called(_taken, runs)
     own = inertia - np.where(which == TAKERS.index("swung"), rotor, 0.0)
     holds = (taken > TAKES_DRIVE * driven) & (np.abs(net) > SAME_SIGN * driven)
     holds &= fastest < np.minimum(slow, np.abs(net) / own / SLOWED)
     # What meets something is to stay slow.
-    holds &= count >= HALF_THE_STEPS * steps
+    holds &= count >= HALF_THE_STEPS * ends
     return np.where(holds, taken / driven, 0.0)
 
 

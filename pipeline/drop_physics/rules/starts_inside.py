@@ -12,7 +12,6 @@ import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, pair_rule
@@ -143,9 +142,8 @@ def static_parent(pair: PairColumns) -> Match:
 
 
 @static_parent.counts
-def _(keys: Int64, first: Int64, count: Int64, size: Float64, scene: Scene) -> Float64:
-    steps = np.array([scene.ends[number] for number in keys[:, 0].tolist()])
-    lasts = (first <= 1) & (count >= EACH_STEP * (steps - 1))
+def _(first: Int64, count: Int64, size: Float64, ends: Int64) -> Float64:
+    lasts = (first <= 1) & (count >= EACH_STEP * (ends - 1))
     return np.where(lasts & (size >= DEEP_M), size, 0.0)
 
 
