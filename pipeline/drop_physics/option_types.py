@@ -143,7 +143,7 @@ def checked_windows(given: Iterable[str]) -> list[tuple[int, int]]:
 def checked_episodes(
     given: str | int | Sequence[str] | None,
 ) -> Literal["failing", "all"] | int | None:
-    """Return which episodes are recorded step by step, given as `failing`, `all` or a number.
+    """Return the episodes to record step by step, given as `failing`, `all` or a number.
 
     Raises
     ------

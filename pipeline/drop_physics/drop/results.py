@@ -188,7 +188,7 @@ class Conservation:
 
 @dataclass(frozen=True, kw_only=True)
 class FallAnalysis:
-    """What a scenario adds to a recording: the fall against its theory, landing and rest."""
+    """The additions of a scenario to a recording: the fall against its theory, landing and rest."""
 
     scenario: dict[str, Any]
     """The scenario: the options, by field."""

@@ -40,7 +40,7 @@ def cures_of(engine: str) -> Interventions:
 
 
 def trial_of(change: Change) -> dict[str, Any]:
-    """Return what differs in a run with a single change, by the fields of its program."""
+    """Return the differences of a run with a single change, by the fields of its program."""
     if change.how[0] == RUN:
         return {**change.how[1]}
     if change.engine == source.SOURCE:

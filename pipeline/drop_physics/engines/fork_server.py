@@ -82,7 +82,7 @@ class Fork(Listener):
         yield from super().events()
 
     def ending(self) -> Ending:
-        """Return its ending, after its events."""
+        """Return the trial's ending, after its events."""
         ending = super().ending()
         if self._why or self._used_up():
             ending.how, ending.error = self._why or "interrupted", ""

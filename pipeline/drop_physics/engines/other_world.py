@@ -81,7 +81,7 @@ class OtherWorld:
         pass
 
     def report(self) -> EngineReport:
-        """Return what the engine reports about itself and the body; the shape is PyBullet's."""
+        """Return the engine's report about itself and the body; the shape is PyBullet's."""
         empty: dict[str, Any] = dict.fromkeys(BULLETS_OWN) | {"substeps": 0}
         reported = self._session.reported()
         moments = reported["inertia_kg_m2"]

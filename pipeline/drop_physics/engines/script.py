@@ -236,7 +236,7 @@ class Listener(ABC):
             return array("Q", memory[pipe.BLOCK_BYTES :])
 
     def ending(self) -> Ending:
-        """Return its ending, after its events."""
+        """Return the process's ending, after its events."""
         decoder = self.decoder
         mujoco = decoder.mujoco.steps or decoder.engines == [MUJOCO]
         made_with = {
@@ -279,7 +279,7 @@ class OtherEngine(Listener):
         self._listener = listener
 
     def events(self) -> Iterator[Event]:
-        """Yield its events."""
+        """Yield the events of the other engine."""
         yield from self._kept
         yield from self._explained()
 

@@ -113,12 +113,12 @@ class TextPart:
 
     @property
     def breaks(self) -> bool:
-        """Whether it is where something begins, before the first step."""
+        """True if something begins here, before the first step."""
         return not self.again and BEGINS.search(self.name) is not None
 
     @property
     def is_geometry(self) -> bool:
-        """Whether it is where things are, and how large."""
+        """True if it sets a place or a size."""
         return SHAPES.match(self.name.rpartition(".")[2]) is not None
 
 
@@ -240,7 +240,7 @@ def _does(was: str, op: str) -> bool:
 
 
 def _becomes(was: str, change: Change, without: str) -> str:
-    """Return what stands in the text with a change."""
+    """Return the text with a change."""
     operator, operand = change.how
     if operator == LEFT_OUT:
         return without
@@ -334,7 +334,7 @@ class _TextParts:
             yield from self._of(each, "", "")
 
     def _of_loop(self, node: ast.For | ast.While) -> Iterator[TextPart]:
-        """Yield what stands in a loop, but for the numbers of what it goes through."""
+        """Yield the parts of a loop, except for the numbers that it iterates over."""
         if isinstance(node, ast.For) and not _are_whole(node.iter):
             yield from self._of(node.iter, "", "")
         for each in (*node.body, *node.orelse):
@@ -347,7 +347,7 @@ class _TextParts:
         return start, self._lines[node.end_lineno - 1] + node.end_col_offset
 
     def _of(self, node: ast.AST, name: str, function: str) -> Iterator[TextPart]:
-        """Yield what is below a node, which is the value of a name, in a call of a function."""
+        """Yield the parts below a node, which is the value of a name, in a call of a function."""
         if isinstance(node, ast.Assert | ast.Import | ast.ImportFrom | ast.FormattedValue):
             return
         if isinstance(node, ast.Compare) and _asks_for_arguments(node):

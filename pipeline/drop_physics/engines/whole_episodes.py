@@ -37,11 +37,11 @@ class WholeEpisodes:
 
     @property
     def all_so_far(self) -> bool:
-        """Whether what is stepped now is recorded, however its episode ends."""
+        """True if current steps are recorded, however their episode ends."""
         return self._which == "all" or (self._which is None and self.kept_bytes < MANY_BYTES)
 
     def decide(self, how: str, *, success: bool | None, **_: Any) -> Decision:  # noqa: ANN401
-        """Return what is done with an episode, as its environment tells it."""
+        """Return the treatment of an episode, given its environment's report."""
         self.ended += 1
         if self.all_so_far or self._which == self.ended:
             return "whole"

@@ -49,7 +49,7 @@ class Intervention:
 
     @property
     def short(self) -> str:
-        """Its call, shortened for a table: `force=70`, `timestep/2`."""
+        """The call, shortened for a table: `force=70`, `timestep/2`."""
         if self.name == "timestep":
             return f"timestep/{self.value:g}"
         return short(self.call)

@@ -38,7 +38,7 @@ class Coordinate:
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Name of the quantity."""
         return self.joint or f"{self.body} {'xyz'[self.axis]}"
 
     def of(self, run: Apart) -> tuple[float, float, float] | None:

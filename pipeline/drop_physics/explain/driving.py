@@ -47,7 +47,7 @@ def clamped(actuator: Actuator, given: Float64) -> Float64:
 
 
 def at_bound(actuator: Actuator, given: Float64) -> Flags:
-    """Return where a control is at an end of its range, or beyond it, shape (n,)."""
+    """Flag the steps with a control at an end of its range, or beyond it, shape (n,)."""
     low, high = actuator.ctrl_range or (-np.inf, np.inf)
     return np.asarray((given <= low) | (given >= high))
 

@@ -135,7 +135,7 @@ def holding(
     number: int,
     resting: bool,
 ) -> PoseSupport:
-    """Return what holds a body after a step of it.
+    """Return the support of a body's pose after a step.
 
     Parameters
     ----------

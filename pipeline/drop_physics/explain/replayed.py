@@ -220,7 +220,7 @@ class _Acted:
     def _impulses(
         self, body: Body, ends: Int64, size: int
     ) -> Iterator[tuple[ImpulseCause, Float64]]:
-        """Yield each cause that acts on a body, with its impulses, shape (n, size)."""
+        """Yield the causes that act on a body, with their impulses, shape (n, size)."""
         for cause, rows, begin in self._of.get(body.number, ()):
             found, at = rows_of(self.steps[rows], ends)
             if len(found):

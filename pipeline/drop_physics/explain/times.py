@@ -52,7 +52,7 @@ class StepTimes:
 
     @property
     def changes(self) -> list[tuple[int, float, float]]:
-        """Each step after which the timestep changed, and the timesteps before and after it [s]."""
+        """Steps after which the timestep changed, with the timesteps before and after [s]."""
         around = zip(self._steps[1:], self._timesteps_s[:-1], self._timesteps_s[1:], strict=True)
         return [(int(step), float(a), float(b)) for step, a, b in around if a != b]
 

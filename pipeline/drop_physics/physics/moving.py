@@ -1,4 +1,4 @@
-"""Where a step moves a body, given the velocities that it ends with.
+"""The motion of a body in a step, from the velocities at its end.
 
 x' = x + v' dt        q' = q + q̇' dt        orientations turn by the exponential map
 """

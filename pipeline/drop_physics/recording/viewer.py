@@ -63,7 +63,7 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """Its address for recordings and commands."""
+        """Address for recordings and commands."""
         return f"rerun+http://{LOOPBACK}:{self.port}/proxy"
 
 

@@ -226,7 +226,7 @@ falls_behind.rows(MISSED)
 def _takes_more(
     scene: Scene, keys: list[int], weak: Message, limit: float, effort: str, force: float
 ) -> Cause | None:
-    """Return what the way to a target takes, where that is more than its motor may give."""
+    """Return the effort on the way to a target, if it exceeds the motor's limit."""
     takes = scene.joints.on_the_way(keys[0], keys[1])
     if not takes > limit:
         return None

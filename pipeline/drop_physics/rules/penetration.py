@@ -333,7 +333,7 @@ starts_in_contact.rows(
 
 
 def _hull(scene: Scene, both: tuple[Body, Body], links: list[int]) -> str:
-    """Return that the engine fills the hollow of a mesh, if one of both has such."""
+    """Return the remark that the engine fills the hollow of a mesh, if one of both has any."""
     if any(collision.kind == "plane" for body in both for collision in body.collisions):
         return ""  # a mesh and its hull go equally deep into a plane
     for body, link in zip(both, links, strict=True):

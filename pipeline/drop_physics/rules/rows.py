@@ -219,7 +219,7 @@ class SayingRow:
         return replace(self, **{name: getattr(row, name) for name in left})
 
     def said(self, worst: Worst) -> Said | None:
-        """Return what the row says of the worst."""
+        """Return the row's sentence about the worst case."""
         noted, effect = worst.values, None
         share = worst[self.share] if isinstance(self.share, str) else self.share
         if self.effect is not None:

@@ -119,7 +119,7 @@ class Match:
 
 @dataclass(frozen=True, eq=False)
 class Sized:
-    """How large runs are for a rule, and what it notes of them when it knows them all."""
+    """Sizes of runs for a rule, and numbers noted of them once all are known."""
 
     sizes: Float64
     """The sizes, shape (runs,); 0 for runs that do not count."""
@@ -227,7 +227,7 @@ class Rule:
         return words
 
     def said(self, worst: Worst) -> Said | None:
-        """Return what the rule says of the worst."""
+        """Return the rule's sentence about the worst case."""
         if not self.told:
             return called(self.words, worst, worst=worst)
         noted = called(self.noting, worst, worst=worst)

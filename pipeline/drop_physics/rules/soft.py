@@ -109,7 +109,7 @@ def _carries(
     solref: Sequence[float],
     solimp: Sequence[float],
 ) -> Noted | None:
-    """Return what is told of a contact of usual softness that carries much more than a body weighs.
+    """Return the sentence on a contact of usual softness that carries much more than a body weighs.
 
     Its stiffness is that of the time constant for the mass of the bodies, whatever lies on them.
     """
@@ -202,7 +202,7 @@ held_apart.rows(
 
 
 def _follows(bodies: BodyColumns) -> Iterator[tuple[Equality, int, int]]:
-    """Yield what holds a body to one that calls move: the number of that, and the link here."""
+    """Yield equalities to a body that calls move, with that body's number, and the link here."""
     scene, number = bodies.scene, bodies.batch.bodies[0].body.number
     if not scene.seen.equalities:
         return

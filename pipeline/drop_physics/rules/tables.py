@@ -210,11 +210,11 @@ class PairColumns:
         self.body, self.other = self.pairs.body[:, side], self.pairs.body[:, 1 - side]
 
     def own(self, column: NDArray[Value]) -> NDArray[Value]:
-        """Return what a column of both sides, shape (m, 2, …), has of this side's body."""
+        """Return this body's part of a column of both sides, shape (m, 2, …)."""
         return np.asarray(column[:, self.side])
 
     def others(self, column: NDArray[Value]) -> NDArray[Value]:
-        """Return what a column of both sides has of the other body."""
+        """Return the other body's part of a column of both sides."""
         return np.asarray(column[:, 1 - self.side])
 
     @cached_property

@@ -446,7 +446,7 @@ class Put:
 
     @property
     def joints(self) -> Joints:
-        """Its joints as a sample."""
+        """The joints as a sample."""
         rows = (each[None] for each in (self.position, self.velocity, self.effort))
         return Joints(np.array([self.at.step]), np.array([self.at.time_s]), *rows)
 

@@ -168,7 +168,7 @@ def arrays_bytes(what: str, arrays: dict[str, Any], **values: Any) -> bytes:
 
 
 class ArrayPlace(NamedTuple):
-    """Where an array is in a payload."""
+    """The place of an array in a payload."""
 
     dtype: Any
     shape: tuple[int, ...]

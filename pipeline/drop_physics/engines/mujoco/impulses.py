@@ -150,7 +150,7 @@ class ExplainedSteps:
     def _blocks(
         self, piece: ReplayedPiece, numbers: Iterator[int]
     ) -> list[tuple[int, Int64, Float64]]:
-        """Return each cause that acts: its number, the rows of its steps, and its impulses."""
+        """Return the acting causes: their numbers, the rows of their steps, and their impulses."""
         found: dict[int, list[tuple[Int64, Float64]]] = {}
         for term, (rows, values) in _by_term(piece):
             for part in self._parts_of((piece.model, term), piece.vocabulary.terms[term], numbers):
@@ -301,7 +301,7 @@ def _whole(made: DescribedBody, places: set[int]) -> tuple[int, ...]:
 
 
 def _by_term(piece: ReplayedPiece) -> Iterator[tuple[int, tuple[Int64, Float64]]]:
-    """Yield each term of a piece: the rows of its steps, and its values."""
+    """Yield the terms of a piece: the rows of their steps, and their values."""
     vocabulary, k = piece.vocabulary, len(piece.steps)
     if not k:
         return

@@ -165,7 +165,7 @@ class FieldRow(ChangeRow):
         return {**known, **more, "stiffness": stiffness, "damping": damping}
 
     def operations(self, cure: Cure, scope: Scope) -> Iterable[Operation]:
-        """Return what the hooks of MuJoCo's functions do otherwise."""
+        """Return the changes made by the hooks of MuJoCo's functions."""
         derived = {"derived": True} if self.derived else {}
         for name, how in self.changes(cure).items():
             yield {**_write(name, how), **self.of(scope), **derived}
@@ -183,7 +183,7 @@ def _write(field: str, how: How) -> Operation:
 
 
 def _written(function: str) -> str:
-    """Return what a cure leaves out, as the script has it."""
+    """Return the omitted part of a cure, as the script has it."""
     if function in PARTS:
         return f"data.{function}"
     return f"mujoco.{function}(…)" if function.startswith("mj_") else f"model.{function}"

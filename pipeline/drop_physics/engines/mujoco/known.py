@@ -22,7 +22,7 @@ FIELDS = {
 
 
 def known_differences(arrays: Mapping[str, NDArray[Any]]) -> Iterator[KnownDifference]:
-    """Yield what a model has of these, each with the edit that sets it to zero."""
+    """Yield the known differences of a model, each with the edit that sets it to zero."""
     for name, says in FIELDS.items():
         held = np.ravel(arrays.get(name, ()))
         if held.any():

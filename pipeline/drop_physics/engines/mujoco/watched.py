@@ -733,7 +733,7 @@ class MujocoDecoder:
         where: Int64,
         rows: _Rows,
     ) -> None:
-        """Note that a part of the state was written: all of it, or some elements."""
+        """Note a write into a part of the state: all of it, or some elements."""
         held = its.held[name]
         if len(where) == len(held):
             form, names, values = _blanks(len(held)), (name,) * len(held), held
@@ -746,7 +746,7 @@ class MujocoDecoder:
         self._call(name, written.site, written.since, step, form, names, values, rows)
 
     def _on_edit(self, its: MujocoSimulation, edit: Edited, rows: _Rows) -> None:
-        """Note that elements of the model were edited in place."""
+        """Note an edit of elements of the model in place."""
         its.arrays = _edited(its.arrays, edit)
         if id(edit.new) in self._edited:
             return

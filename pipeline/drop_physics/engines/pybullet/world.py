@@ -236,7 +236,7 @@ class World:
     # -- reading ----------------------------------------------------------------------------------
 
     def report(self) -> EngineReport:
-        """Return what the engine reports about itself and both bodies, read back after set-up."""
+        """Return the engine's report about itself and both bodies, read back after set-up."""
         if self.scenario.coordinates == "reduced":
             return self._report(twin=self)
         # PyBullet reports little of a btRigidBody: ask the same URDF in reduced coordinates.

@@ -76,7 +76,7 @@ class Expression:
 
     @property
     def is_of_end(self) -> bool:
-        """Whether nothing matters but how a run ends: not the way there, and not what it prints."""
+        """True if only the end of a run matters: not the way there, and not its output."""
         called = {_called(node) for node in ast.walk(self._tree) if isinstance(node, ast.Call)}
         return not (called & {*TAKEN} - {"end"} or self.reads_prints or self.reads_episodes)
 

@@ -71,7 +71,7 @@ class Forks:
 
     @property
     def at_first_line(self) -> bool:
-        """Whether the run stops before the first line of the script after its imports."""
+        """True if the run stops before the first line of the script after its imports."""
         return self._at == FIRST_LINE
 
     def stop_at_first_line(self) -> None:

@@ -84,7 +84,7 @@ class Reruns:
 
     @property
     def parts(self) -> bool:
-        """Whether runs are forks."""
+        """True if runs are forks."""
         return self._server is not None
 
     @contextmanager

@@ -189,7 +189,7 @@ class WatchedBody:
         return not self._p.getCollisionShapeData(self.id, link, self._client)
 
     def looks(self, search_path: str) -> list[Any]:
-        """Return its visual shapes, as listed by `getVisualShapeData`, with paths of their files.
+        """Return the visual shapes, as listed by `getVisualShapeData`, with paths of their files.
 
         That function returns the name in the call, for which PyBullet has searched.
         """

@@ -143,7 +143,7 @@ class WatchedWorld:
         self.touched = not self.sampled
 
     def forget(self) -> None:
-        """Note that a reset has removed all bodies."""
+        """Note a reset, which has removed all bodies."""
         for body in self.bodies.values():
             self._pipe.note("gone", body=body.number)
         self._pipe.note("reset", world=self.number)
