@@ -480,6 +480,9 @@ def test_every_code_of_a_finding_can_be_chosen() -> None:
                     texts = ast.walk(value)
                 case ast.AnnAssign(target=ast.Name(id="WHY"), value=ast.Dict(keys=keys)):
                     texts = iter(keys)
+                case ast.Dict(keys=keys, values=values):  # the numbers of a row
+                    named = dict(zip(map(ast.dump, filter(None, keys)), values, strict=False))
+                    texts = filter(None, [named.get(ast.dump(ast.Constant("reason")))])
                 case _:
                     continue
             written |= {
@@ -487,7 +490,7 @@ def test_every_code_of_a_finding_can_be_chosen() -> None:
                 for text in texts
                 if isinstance(text, ast.Constant) and isinstance(text.value, str)
             }
-    assert written == CODES.keys()
+    assert written - {"reason"} == CODES.keys()  # that is how a row looks its own up
     assert len(LEVELS) == 5
 
 
