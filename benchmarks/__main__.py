@@ -27,6 +27,7 @@ SCRIPTS = (
     "tree",
     "growth",
     "trust",
+    "answers",
 )
 
 

@@ -28,6 +28,17 @@ def pick(target):
         p.stepSimulation()
     p.disconnect()
 """
+MUJOCO = """
+import mujoco
+def pick(target):
+    model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom type="plane" size="1 1 1"/>'
+        '<body name="box" pos="0 0 1"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'
+        '</worldbody></mujoco>')
+    data = mujoco.MjData(model)
+    data.qvel[3] = target
+    for _ in range(240):
+        mujoco.mj_step(model, data)
+"""
 BARE = """
 def test_{number}():
     pick({number} / 10)
@@ -43,30 +54,39 @@ MORE = 4
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Compare whole processes."""
-    (folder / "scene.py").write_text(SCENE, encoding="utf-8")
-    for name, test in (("bare", BARE), ("golden", GOLDEN)):
+    for name, scene, goal_s in (("a Panda", SCENE, 3.0), ("a box in MuJoCo", MUJOCO, 1.0)):
+        its = folder / name.replace(" ", "_")
+        its.mkdir()
+        yield from _measured(its, name, scene, goal_s, pairs=3 if quick else 9)
+
+
+def _measured(
+    folder: Path, name: str, scene: str, goal_s: float, *, pairs: int
+) -> Iterator[Measured]:
+    (folder / "scene.py").write_text(scene, encoding="utf-8")
+    for kind, test in (("bare", BARE), ("golden", GOLDEN)):
         for count in (1, 1 + MORE):
             tests = [test.format(number=number) for number in range(count)]
             text = "\n".join(["from scene import pick", *tests])
-            (folder / f"test_{name}_{count}.py").write_text(text, encoding="utf-8")
+            (folder / f"test_{kind}_{count}.py").write_text(text, encoding="utf-8")
     _cpu_s(folder, "golden", 1 + MORE, "--update-golden")
     first, further, detail = [], [], (0.0, 0.0, 0.0, 0.0)
-    for _ in range(3 if quick else 9):
+    for _ in range(pairs):
         one, many = (_cpu_s(folder, "golden", count) for count in (1, 1 + MORE))
         bare, bare_many = (_cpu_s(folder, "bare", count) for count in (1, 1 + MORE))
         detail = one, bare, (many - one) / MORE, (bare_many - bare) / MORE
         first.append(one - bare)
         further.append(detail[2] - 1.5 * detail[3])
     yield Measured(
-        "first golden test of a Panda: more processor time",
+        f"first golden test of {name}: more processor time",
         "pytest with the bare test",
         first,
-        3.0,
+        goal_s,
         unit="s",
         detail="last pair: {:.2f} over {:.2f} s".format(*detail),
     )
     yield Measured(
-        "each further golden test: processor time beyond 1.5 × bare",
+        f"each further golden test of {name}: processor time beyond 1.5 × bare",
         "the bare test",
         further,
         0.5,

@@ -93,13 +93,13 @@ print(json.dumps([child.returncode, wall_s, cpu_s, peak_mb]))
 The processor time of the child's own children is included if it waits for them."""
 
 
-def process(*command: object, folder: Path) -> Ran:
+def process(*command: object, folder: Path, expected: int = 0) -> Ran:
     """Run a command in a folder, and return what it took; its output is discarded.
 
     Raises
     ------
     RuntimeError
-        If it fails.
+        If it ends with another exit code than expected.
     """
     words = [str(part) for part in command]
     launched = subprocess.run(
@@ -110,7 +110,7 @@ def process(*command: object, folder: Path) -> Ran:
         check=True,
     )
     code, *took = json.loads(launched.stdout)
-    if code:
+    if code != expected:
         raise RuntimeError(f"exit code {code}: {' '.join(words)[:200]}")
     return Ran(*took)
 

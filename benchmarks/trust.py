@@ -49,7 +49,7 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         f"`drop trust`, kuka, {steps:,} steps, 7 runs, 2 jobs",
         "the bare script seven times",
         ratios,
-        1.3,
+        1.6,
         detail=detail,
     )
     shutil.copy(ARM, folder)

@@ -78,7 +78,7 @@ class Scene:
 
 SCENES = {
     "one box": Scene(PLANE + BOX, "pass", 40_000, 10, both=1.3),
-    "kuka": Scene(KUKA, "pass", 20_000, 1.45, both=1.2),
+    "kuka": Scene(KUKA, "pass", 20_000, 1.5, both=1.2),
     "laikago": Scene(LAIKAGO, "pass", 3_000, 1.2, both=1.1),
     "100 boxes at rest": Scene(PLANE + boxes(100), "pass", 500, 1.9, both=1.1),
     "kuka, commanded by 7 calls": Scene(KUKA, MOTORS, 10_000, 1.6, 1.15, both=1.4),
@@ -102,7 +102,7 @@ p.getBasePositionAndOrientation(b), p.getBaseVelocity(b), p.getJointStates(b, hi
     p.applyExternalTorque(b, -1, [0, 0, 1e-3], p.LINK_FRAME)
     p.getBasePositionAndOrientation(b), p.getBaseVelocity(b)""",
         10_000,
-        2.2,
+        2.5,
         None,
         both=1.8,
     ),

@@ -15,6 +15,7 @@ import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.physics.kinematics import Kinematics, spin_jacobian
+from drop_physics.physics.vectors import distinct_bytes
 
 DEPENDENT = 1e-13
 """Directions whose singular value is below this share of the largest are one direction."""
@@ -87,9 +88,9 @@ def _fit(
     `keys` tells the directions of each step: links that touch, stops and clamped entries.
     """
     size, links = left.shape[1], kin.tree.links
-    kinds, which = np.unique(keys[steps], axis=0, return_inverse=True)
-    for number, kind in enumerate(kinds):
-        rows = steps[which.ravel() == number]
+    firsts, which = distinct_bytes(keys[steps])
+    for number, kind in enumerate(keys[steps[firsts]]):
+        rows = steps[which == number]
         touching, stops, clamped = np.split(kind, (links + 1, links + 1 + size))
         turning = [
             np.swapaxes(spin_jacobian(kin, int(link) - 1, rows), 1, 2)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,9 +71,24 @@ def distinct_rows(numbers: Int64) -> tuple[Int64, Int64, Int64]:
     """
     least = numbers.min(axis=0, initial=0)
     ranges = tuple((numbers.max(axis=0, initial=0) - least + 1).tolist())
-    keys = np.ravel_multi_index(tuple((numbers - least).T), ranges)
-    kinds, first, which = np.unique(keys, return_index=True, return_inverse=True)
-    return np.stack(np.unravel_index(kinds, ranges), axis=1) + least, first, which
+    keys = np.zeros(len(numbers), np.int64)  # without columns all are alike
+    if ranges:
+        keys = np.ravel_multi_index(tuple((numbers - least).T), ranges)
+    _, first, which = np.unique(keys, return_index=True, return_inverse=True)
+    return numbers[first], first, which
+
+
+def distinct_bytes(rows: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the first of equal rows, in the order of their bytes, and the place of every row.
+
+    `rows` has the shape (n, k). The shapes of the result are (d,) and (n,).
+    """
+    size = rows.shape[1] * rows.itemsize
+    if not size:
+        return np.arange(min(len(rows), 1)), np.zeros(len(rows), np.intp)
+    whole = np.ascontiguousarray(rows).view(f"V{size}")[:, 0]
+    _, first, which = np.unique(whole, return_index=True, return_inverse=True)
+    return first, which
 
 
 def summed(rows: Int64, vectors: Float64, *, count: int) -> Float64:

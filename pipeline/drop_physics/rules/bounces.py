@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.changes import energy_of
 from drop_physics.messages import Message
+from drop_physics.physics.vectors import distinct_rows
 from drop_physics.rules.answer import Cure, Effect, Scene
 from drop_physics.rules.engines import ANY, MUJOCO
 from drop_physics.rules.rows import Noted, Remedy, Said, SayingRow
@@ -242,10 +243,10 @@ def _solref(pair: PairColumns, rows: NDArray[np.intp]) -> Float64:
     if not seen.softness:
         return np.full((len(rows), 2), np.nan)
     places = np.column_stack([pair.points.body[first], pair.points.link[first]])
-    known, which = np.unique(places, axis=0, return_inverse=True)
+    known, _, which = distinct_rows(places)
     soft = [seen.soft(each[:2], each[2:]) for each in known.tolist()]
     held = [(np.nan, np.nan) if each is None else each[0][:2] for each in soft]
-    return np.reshape(held, (-1, 2))[which.ravel()]
+    return np.reshape(held, (-1, 2))[which]
 
 
 def _kinetic_j(pair: PairColumns, rows: NDArray[np.intp]) -> Float64:

@@ -9,7 +9,7 @@ from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.rotations import rotate_inverse
 from drop_physics.physics.tree import BASE
-from drop_physics.physics.vectors import lengths
+from drop_physics.physics.vectors import distinct_bytes, lengths
 from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import ANY
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
@@ -42,7 +42,9 @@ def collides_as_hull(pair: PairColumns) -> Match:
         if len(shapes) > len(its) or not len(rows):
             continue  # another of its shapes may be what is touched
         local_m = _local_m(scene, number, link, points.at_m[rows, side], points.step[rows])
-        cells, which = np.unique((local_m / SAME_M).round(), axis=0, return_inverse=True)
+        cells = (local_m / SAME_M).round() + 0.0  # of zeros only one
+        firsts, which = distinct_bytes(cells)
+        cells = cells[firsts]
         known, gaps_m = np.isfinite(cells).all(axis=1), np.zeros(len(cells))
         gaps_m[known] = np.min(
             [distances_m(cells[known] * SAME_M, each.corners_m, each.triangles) for each in its],
@@ -51,7 +53,7 @@ def collides_as_hull(pair: PairColumns) -> Match:
         # What rests in the overlap, or moves within the step, may be elsewhere by so much.
         moved = lengths(points.began_m_s[rows, side]) * points.timestep_s[rows]
         slack = HULL_OFF_M + np.maximum(-points.distance_m[rows], 0.0) + moved
-        gaps_m = gaps_m[which.ravel()]
+        gaps_m = gaps_m[which]
         np.maximum.at(off_m, pair.pairs.row[rows], np.where(gaps_m > slack, gaps_m, 0.0))
     return Match(off_m > 0, off_m)
 

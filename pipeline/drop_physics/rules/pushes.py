@@ -11,7 +11,7 @@ import numpy as np
 from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import in_world, kinematics, motion
-from drop_physics.physics.vectors import cross, groups, lengths, summed
+from drop_physics.physics.vectors import cross, distinct_rows, groups, lengths, summed
 from drop_physics.rules.answer import Cure, Effect, Scene, Span
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.inputs import Inputs, Use
@@ -121,8 +121,8 @@ def force_off_centre(bodies: BodyColumns) -> Match | None:
         reach_m[its] = way_m + lengths(np.diff(boxes[link + 1], axis=0))[0] / 2
     # Together: each of a drone's rotors is beside it, and all four lift it at its centre.
     keys = np.column_stack([pushes.step, pushes.link])
-    keys, first, each = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    each, count, reach_m = each.ravel(), len(keys), reach_m[first]
+    keys, first, each = distinct_rows(keys)
+    count, reach_m = len(keys), reach_m[first]
 
     def arms_m(moments: Float64) -> Float64:
         """Return the arm of all forces on a link, as the moment over the sum of their sizes."""

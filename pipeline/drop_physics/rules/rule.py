@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.arrays import Flags, Float64, Int64
+from drop_physics.physics.vectors import distinct_rows, groups
 from drop_physics.rules.answer import Finding, Level, Scene, and_more
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.body_properties import size_m
@@ -396,7 +397,7 @@ class Rules:
             return
         counting = ended.at(self._sized(place, ended).sizes > 0)
         numbers = self._numbers(counting)
-        rows = np.unique(np.column_stack([counting.keys, numbers])[numbers > 0], axis=0)
+        rows, _, _ = distinct_rows(np.column_stack([counting.keys, numbers])[numbers > 0])
         self._in.setdefault(place, set()).update(map(tuple, rows.tolist()))
 
     def _numbers(self, runs: Runs) -> Int64:
@@ -435,13 +436,13 @@ class Rules:
             subjects = runs.keys[:, : 1 if rule.table in PARTS else rule.subject]
             if rule.table == "targets":  # what is at its limit is another matter
                 subjects = np.column_stack([subjects, runs["weak"]])
-            for subject in np.unique(subjects, axis=0):
-                its = np.flatnonzero((subjects == subject).all(axis=1))
+            _, _, which = distinct_rows(subjects)
+            for _, its in groups(which):
                 mine = runs.at(its)
                 worst = mine.at(np.lexsort((-mine["count"], *-ranks[its].T[::-1]))[:1])
                 alike = ~(mine["size"] < MINOR * worst["size"][0])
                 joints, among = (
-                    len(np.unique(each[:, :2], axis=0)) for each in (mine.keys, mine.keys[alike])
+                    len(distinct_rows(each[:, :2])[0]) for each in (mine.keys, mine.keys[alike])
                 )
                 finding = self._finding(rule, worst, among, joints)
                 if finding is not None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
+from drop_physics.physics.vectors import distinct_rows
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, pair_rule
@@ -128,16 +129,14 @@ def static_parent(pair: PairColumns) -> Match:
     points = pair.points
     own = np.flatnonzero((points.body[:, 0] == points.body[:, 1]) & (points.normal_n > 0))
     both = np.column_stack([points.body[own, 0], np.sort(points.link[own], axis=1)])
-    known, which = np.unique(both, axis=0, return_inverse=True)
+    known, _, which = distinct_rows(both)
     is_so = [_is_parent(pair.scene.body(number), a, b) for number, a, b in known.tolist()]
-    own = own[np.array(is_so, np.bool_)[which.ravel()]]
-    both = both[np.array(is_so, np.bool_)[which.ravel()]]
-    keys, which = np.unique(
-        np.column_stack([pair.pairs.row[own], both]), axis=0, return_inverse=True
-    )
+    so = np.array(is_so, np.bool_)[which]
+    own, both = own[so], both[so]
+    keys, _, which = distinct_rows(np.column_stack([pair.pairs.row[own], both]))
     force, depth = np.zeros(len(keys)), np.zeros(len(keys))
-    np.add.at(force, which.ravel(), points.normal_n[own])
-    np.maximum.at(depth, which.ravel(), -points.distance_m[own])
+    np.add.at(force, which, points.normal_n[own])
+    np.maximum.at(depth, which, -points.distance_m[own])
     return Match(keys[:, 0], depth, {"links": keys[:, 2:]}, most={"force": force}, keys=keys[:, 1:])
 
 
