@@ -7,17 +7,15 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import polars as pl
 
 from drop_physics.arrays import Float64, Int64
 from drop_physics.errors import check_suffix
 from drop_physics.explain.times import StepTimes
 from drop_physics.files.mcap_file import Write, stamp, written_mcap
 from drop_physics.files.outputs import check_apart, check_target
-from drop_physics.files.table import write_table
 from drop_physics.physics.tree import places
 from drop_physics.printable import Printable
 from drop_physics.recording.reader import Recording, read
@@ -27,20 +25,12 @@ from drop_physics.trace.events import Body, Joint
 from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.states import BASE, CONTACT, Joints, poses_of
 
+if TYPE_CHECKING:
+    import polars as pl
+
 TABLES = ("states", "joints", "contacts")
 SUFFIXES = (".mcap", ".csv", ".parquet")
 MEASURED = ("position", "velocity", "effort")
-JOINT_COLUMNS = {
-    "step": pl.Int64,
-    "time_s": pl.Float64,
-    "body": pl.Int64,
-    "label": pl.String,
-    "joint": pl.Int64,
-    "name": pl.String,
-    "coordinate": pl.Int64,
-    **dict.fromkeys(MEASURED, pl.Float64),
-}
-"""Columns of the table of joints: a row per step and coordinate, [rad] or [m], [N m] or [N]."""
 TimesOf = Callable[[int, Int64], Float64]
 """Returns the times [s] of a body's steps."""
 
@@ -83,6 +73,8 @@ def export(asked: verbs.ExportArguments) -> Export:
     if is_mcap:
         with written_mcap(target, force=asked.force) as write:
             return Export(path, {str(target): _messages(read(path), write)})
+    from drop_physics.files.table import write_table  # with Polars, which needs much memory
+
     read_back = read(path)
     tables = _named(read_back, read_back.states), _joints(read_back), _contacts(read_back)
     for file, table in zip(files, tables, strict=True):
@@ -105,6 +97,8 @@ def _times_of(recording: Recording) -> TimesOf:
 
 def _named(recording: Recording, table: pl.DataFrame, body: str = "body") -> pl.DataFrame:
     """Return a table with the time of each row, and the labels and links of its parts."""
+    import polars as pl
+
     times, bodies = _times_of(recording), recording.seen.bodies
     steps, numbers = table["step"].to_numpy(), table[body].to_numpy()
     times_s = np.zeros(len(table))
@@ -134,8 +128,25 @@ def _contacts(recording: Recording) -> pl.DataFrame:
 
 
 def _joints(recording: Recording) -> pl.DataFrame:
-    """Return a row per step and coordinate of a joint; a spherical joint has four positions."""
-    times, tables = _times_of(recording), [pl.DataFrame(schema=JOINT_COLUMNS)]
+    """Return a row per step and coordinate of a joint; a spherical joint has four positions.
+
+    Positions are in [rad] or [m], efforts in [N m] or [N].
+    """
+    import polars as pl
+
+    schema = pl.Schema(
+        {
+            "step": pl.Int64,
+            "time_s": pl.Float64,
+            "body": pl.Int64,
+            "label": pl.String,
+            "joint": pl.Int64,
+            "name": pl.String,
+            "coordinate": pl.Int64,
+            **dict.fromkeys(MEASURED, pl.Float64),
+        }
+    )
+    times, tables = _times_of(recording), [pl.DataFrame(schema=schema)]
     for body, joints in _driven(recording.seen.bodies, recording.seen.joints):
         times_s = times(body.number, joints.steps)
         for joint, coordinates in _coordinates(body, joints):
@@ -151,7 +162,7 @@ def _joints(recording: Recording) -> pl.DataFrame:
                         for name, values in zip(MEASURED, measured, strict=True)
                     ),
                 )
-                tables.append(table.cast(JOINT_COLUMNS))  # type: ignore[arg-type]
+                tables.append(table.cast(schema))
     return pl.concat(tables)
 
 
