@@ -321,6 +321,16 @@ def test_an_episode_without_steps_is_not_looked_at(tmp_path: Path) -> None:
         record_script(str(file), out=tmp_path / "run.rrd", force=True, episodes="0")
 
 
+def test_without_an_environment_every_step_is_recorded_and_that_is_said(tmp_path: Path) -> None:
+    file, notes = tmp_path / "script.py", list[str]()
+    file.write_text(LOOP.format(before="pass"))
+    recorded = record_script(
+        str(file), out=tmp_path / "run.rrd", episodes="failing", note=notes.append
+    )
+    assert recorded.samples == 61
+    assert [each for each in notes if "every step is recorded" in each]
+
+
 WATCHED = """
 import drop_physics
 from drop_physics.stages.analyze import analyze
@@ -473,6 +483,31 @@ while not env.step(0)[2]:
     assert found is not None
     assert not found.base.holds
     assert [each.tried.change.change for each in found.makes_true] == ["option.gravity"]
+
+
+@pytest.mark.long
+def test_a_change_is_tried_from_a_second_before_a_failure_on(tmp_path: Path) -> None:
+    """A ball is pressed into the ground after 5.5 s: before that its force may be what it is."""
+    script = tmp_path / "script.py"
+    script.write_text(f"""{ENVIRONMENT}
+env = Falling(0.04)
+env.reset()
+env.data.qpos[2] = 0.05
+for k in range(200):
+    env.data.xfrc_applied[1, 2] = -2000.0 * (k >= 110)
+    if env.step(0)[2]:
+        break
+""")
+    found = why(
+        str(script),
+        expect="not terminated",
+        tries=("input.xfrc_applied =0",),
+        out=tmp_path / "why",
+    ).expected
+    assert found is not None
+    (last,) = [row.last_step for row in _rows(script, tmp_path / "run.rrd")]
+    assert [*found.latest] == [last - round(1 / TIMESTEP_S)]
+    assert last - round(1 / TIMESTEP_S) > 3 * last // 4
 
 
 @pytest.mark.parametrize("text", some(["terminated", "length < 1e3", "reward < 1e3"], 1))

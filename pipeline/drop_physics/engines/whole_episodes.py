@@ -36,6 +36,11 @@ class WholeEpisodes:
         """Bytes of the steps that are kept."""
 
     @property
+    def leaves_out(self) -> bool:
+        """True if episodes were asked for, so that others are left out."""
+        return self._which not in ("all", None)
+
+    @property
     def all_so_far(self) -> bool:
         """True if current steps are recorded, however their episode ends."""
         return self._which == "all" or (self._which is None and self.kept_bytes < MANY_BYTES)

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from drop_physics.engines.mujoco.frames import ASLEEP, CAUSES, USER
 from drop_physics.engines.whole_episodes import LONGEST_BYTES, Decision, WholeEpisodes
 
 Float64 = NDArray[np.float64]
+T = TypeVar("T")
 
 PIECE_STEPS, PIECE_BYTES = 1 << 12, 1 << 22
 """A piece has at most so many steps, and bytes of states."""
@@ -257,7 +258,6 @@ class _World:
         before = [each for each in self.written if each.step < begin]
         later = [each._replace(step=each.step - gone) for each in self.written if each.step >= end]
         self.written = [*before, became, *later]
-        self.edited = [each._replace(step=after(each.step)) for each in self.edited]
         self.warnings = [
             (after(step), kind, count, info)
             for step, kind, count, info in self.warnings
@@ -266,10 +266,12 @@ class _World:
         self.answers = [
             (after(step), payload) for step, payload in self.answers if not begin <= step < end
         ]
-        self.episodes = [
-            episode._replace(first=after(episode.first), end=after(episode.end))
-            for episode in self.episodes
-        ]
+        # Of a long training these become many, and all but the last ones stay as they are.
+        for k in _last_where(self.edited, lambda edit: edit.step > begin):
+            self.edited[k] = self.edited[k]._replace(step=after(self.edited[k].step))
+        for k in _last_where(self.episodes, lambda episode: episode.end > begin):
+            episode = self.episodes[k]
+            self.episodes[k] = episode._replace(first=after(episode.first), end=after(episode.end))
         self.step, self.episode = after(self.step), after(self.episode)
         self.settled, self.left_out = after(self.settled), self.left_out + gone
 
@@ -313,6 +315,14 @@ class _World:
         self.episodes = [episode for episode in self.episodes if episode.end > end]
         self.answers = [answer for answer in self.answers if answer[0] >= end]
         return found
+
+
+def _last_where(rows: Sequence[T], holds: Callable[[T], bool]) -> range:
+    """Return the places of the last rows, as far back as something holds of them."""
+    begin = len(rows)
+    while begin and holds(rows[begin - 1]):
+        begin -= 1
+    return range(begin, len(rows))
 
 
 class Received:

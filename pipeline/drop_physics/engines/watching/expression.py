@@ -78,7 +78,7 @@ class Expression:
     def is_of_end(self) -> bool:
         """True if only the end of a run matters: not the way there, and not its output."""
         called = {_called(node) for node in ast.walk(self._tree) if isinstance(node, ast.Call)}
-        return not (called & {*TAKEN} - {"end"} or self.reads_prints or self.reads_episodes)
+        return not (called & {*TAKEN} - {"end"} or self.reads_prints)
 
     @property
     def reads_prints(self) -> bool:

@@ -349,6 +349,11 @@ def _worth_knowing(
             place=decoder.timing,
         )
     yield from ended.notes
+    if decoder.whole.leaves_out and not decoder.whole.ended:
+        yield Message(
+            "--episodes is about those that environments of gymnasium tell in MuJoCo; there is "
+            "none, so every step is recorded"
+        )
     if decoder.whole.left_out:
         yield Message(
             "{some} of {count} are one line each; --episodes all keeps their steps, "

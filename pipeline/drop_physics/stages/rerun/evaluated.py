@@ -185,7 +185,9 @@ class EvaluatedRuns:
         with self._begun(program) as process:
             self.runs.varied(process, path, own, name, drawn=drawn)
 
-    def latest_of(self, changes: Sequence[Change], steps: int) -> list[int | None]:
+    def latest_of(
+        self, changes: Sequence[Change], steps: int, besides: Iterable[int] = ()
+    ) -> list[int | None]:
         """Return the latest step from which on each change still makes it true.
 
         None where it has to be there from the beginning, or no run can begin with it later.
@@ -196,16 +198,19 @@ class EvaluatedRuns:
             Changes that make it true from the beginning.
         steps
             Steps of the script's own run, whose quarters are tried.
+        besides
+            Further steps that are tried.
         """
         latest: list[int | None] = [None for _ in changes]
         going = [n for n, each in enumerate(changes) if _may_begin_later(each)]
-        quarters = sorted({steps * part // QUARTERS for part in range(1, QUARTERS)} - {0})
-        if not going or not quarters or not expression_is_of_end(self.program):
+        tried_at = {steps * part // QUARTERS for part in range(1, QUARTERS)} | {*besides}
+        starts = sorted(tried_at - {0})
+        if not going or not starts or not expression_is_of_end(self.program):
             return latest
-        with Reruns(self.program, self.reruns.again, at=quarters[0]) as reruns:
+        with Reruns(self.program, self.reruns.again, at=starts[0]) as reruns:
             trials = replace(self, reruns=reruns, made=0)
-            for step in quarters:
-                if not going or not (step == quarters[0] or reruns.go_on(step)) or not reruns.parts:
+            for step in starts:
+                if not going or not (step == starts[0] or reruns.go_on(step)) or not reruns.parts:
                     break
                 tried = [(n, trials.changed(changes[n])) for n in going]
                 going = [n for n, outcome in tried if outcome is not None and outcome.holds]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,6 +21,7 @@ from drop_physics.engines.watching.single_changes import ORDERS, Change
 from drop_physics.errors import ScenarioError
 from drop_physics.experiments.ranking import SaidChange, ranked
 from drop_physics.experiments.search import NARROWED, ChangeOutcome, Search, TriedChange
+from drop_physics.explain.times import StepTimes
 from drop_physics.messages import Message, joined
 from drop_physics.recording.layer_file import trials_of
 from drop_physics.stages import verbs
@@ -39,6 +40,7 @@ from drop_physics.stages.rerun.runs import Progress
 from drop_physics.stages.rerun.single import SINGLE, named, seen_changes, text_of
 from drop_physics.stages.why.lines import line_of, texts_of
 from drop_physics.stages.why.row import RowExpectation, row_of
+from drop_physics.trace.episodes import episodes_of, looked_at
 from drop_physics.workers import cores
 
 if TYPE_CHECKING:
@@ -47,7 +49,10 @@ if TYPE_CHECKING:
     from drop_physics.stages.record import Recorded
     from drop_physics.stages.rerun.again import Again
     from drop_physics.trace.cures import Cure
+    from drop_physics.trace.history import Seen
 
+SOON_S = 1.0
+"""Changes that make it true are tried from so long before a failure on, too [s]."""
 CHANCE = 1e-3
 """If nudges move the quantity by more than this share of its gap, a change has to make it true in
 nudged runs, too."""
@@ -272,12 +277,26 @@ def searched(
             trials, recorded.engine, own.row, later, account, asked_for, asked.progress
         )
         first = [each.tried.change for each in found.get("makes_true", ())[:NARROWED]]
-        found |= {"latest": trials.latest_of(first, made_steps), "steps": made_steps}
+        latest = trials.latest_of(first, made_steps, _second_before(base.seen))
+        found |= {"latest": latest, "steps": made_steps}
         recordings = _recorded(trials, found.get("makes_true", ()), base, drawn=asked.drawn)
     texts = {} if asked.is_module else texts_of(Path(asked.target))
     lines = [_line_of(each, texts) for each in found.get("makes_true", ())]
     found |= {"recordings": recordings, "lines": lines}
     return replace(own, **found, runs=trials.made, seconds=time.monotonic() - began)
+
+
+def _second_before(seen: Seen) -> Iterator[int]:
+    """Yield the step a second before the end of the episode that failed, if there is such a one.
+
+    Steps are counted over all simulations: where there are several, none is known.
+    """
+    episode = looked_at(episodes_of(seen), None)
+    if episode is not None and len(seen.samples) == 1:
+        times = StepTimes(seen, episode.client)
+        step = times.nearest(times.of(episode.last) - SOON_S, episode.first, episode.last)
+        if step is not None:
+            yield step
 
 
 def _ends(own: Expected, recorded: Recorded) -> frozenset[str]:
