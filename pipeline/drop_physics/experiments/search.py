@@ -137,13 +137,14 @@ class Search:
         return math.isfinite(far) and far > NOISE * self.noise + 1e-12
 
     def _factors(self, tried: Iterable[TriedChange]) -> list[TriedChange]:
-        """Return the kinds of factors that move the quantity, either way, the nearest first."""
+        """Return factors that move the quantity, either way: the nearest, and the farthest."""
         moving = [
             each
             for each in tried
             if each.change.how[0] == "*" and each.change.how[1] > 0 and self.moves(each)
         ]
-        return sorted(moving, key=lambda each: -each.outcome.margin)[: 2 * MOST_MOVERS]
+        order = sorted(moving, key=lambda each: -each.outcome.margin)
+        return [*order[:MOST_MOVERS], *order[MOST_MOVERS:][-MOST_MOVERS:][::-1]]
 
     def movers(self) -> list[TriedChange]:
         """Return the changes that move the quantity the expected way, the farthest first."""
