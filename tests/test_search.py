@@ -216,6 +216,16 @@ def test_the_least_factor_that_does_it_is_found() -> None:
     assert 3 < least < 3 * 10 ** (1 / 16)
 
 
+@pytest.mark.parametrize(("most", "alone"), [(10.2, True), (10.6, False), (100.0, False)])
+def test_a_factor_with_none_close_by_that_does_it_is_a_coincidence(
+    most: float, alone: bool
+) -> None:
+    runs = Runs(lambda change: 0.5 if 9.8 < change.how[1] < most else 0.1)
+    search = searched(runs, FRICTION.of_some([0]))
+    assert search.tried[0].outcome.holds
+    assert search.is_alone(search.tried[0]) is alone
+
+
 def test_a_search_whose_time_runs_out_is_not_complete() -> None:
     assert not searched(Runs(lambda _: 0.1, most=1), FRICTION, TIMESTEP).complete
     assert searched(Runs(lambda _: 0.1), FRICTION, TIMESTEP).complete

@@ -613,6 +613,7 @@ MAKES_TRUE = Object(
         "place": int | None,
         "row": str | None,
         "from_step": int | None,
+        "alone": bool,
         "recording": Path | None,
     },
     {
@@ -631,10 +632,12 @@ MAKES_TRUE = Object(
         "row": "The row of the account that names what it acts on, if there is one.",
         "from_step": "The latest step, of the quarters of the run, from which on it still makes it "
         "true; null where it does so from the beginning alone, or that was not tried.",
+        "alone": "Whether it is a factor of which neither 5 % more nor 5 % less makes it true, "
+        "of the first three: a coincidence.",
         "recording": "The recording of that run, if it was recorded.",
     },
     frozenset({*TIE, "value", "least", "try", "call", "result", "side", "breaks", "worse", "ties",
-               "also", "place", "row", "from_step", "recording"}),
+               "also", "place", "row", "from_step", "alone", "recording"}),
 )  # fmt: skip
 WHY = Object(
     {

@@ -40,6 +40,8 @@ class SaidChange:
     """Other operators on the same elements, whose motion is another one."""
     row: str | None = None
     """The row of the account that names what it acts on."""
+    is_alone: bool = False
+    """Whether no factor close by makes it true, so that this one does by coincidence."""
 
 
 def ranked(

@@ -21,6 +21,8 @@ ONE_BY_ONE = 8
 """So many elements are tried one by one; more of them by halves."""
 HALVINGS = 4
 """Trials that narrow a least factor: its logarithm to a sixteenth of that of the factor tried."""
+NEARBY = 1.05
+"""Factor between a factor and those beside it, one of which has to make it true, too."""
 NARROWED = 3
 """Number of changes that are narrowed: the first ones reported."""
 NOISE = 10.0
@@ -130,6 +132,15 @@ class Search:
                     return None
                 fails, holds = (fails, middle) if outcome.holds else (middle, holds)
         return float(factor**holds)
+
+    def is_alone(self, each: TriedChange) -> bool:
+        """Return whether neither a larger nor a smaller factor close by makes it true."""
+        operator, factor = each.change.how
+        if operator != "*":
+            return False
+        near = [each.change.by(factor * NEARBY), each.change.by(factor / NEARBY)]
+        outcomes = [outcome for _, outcome in self.run(iter(near))]
+        return not any(outcome is None or outcome.holds for outcome in outcomes)
 
     def moves(self, each: TriedChange) -> bool:
         """Return whether a change moves the quantity by more than chance does."""

@@ -69,6 +69,7 @@ def json_of(found: Expected) -> dict[str, Any]:
                 "recording": recording,
                 "site": line,
                 "from_step": step,
+                "alone": each.is_alone,
             }
             for each, factor, place, recording, line, step in made
         ],
@@ -96,6 +97,7 @@ def _json_of(
         "worse": [*tried.worse],
         "row": None,
         "from_step": None,
+        "alone": False,
         "recording": None,
     }
 
@@ -236,7 +238,10 @@ def _told(
         parts.append(
             Message("follows {commands} worse", commands=all_of(each.tried.worse[:MOST_COMMANDS]))
         )
-    if least is not None:
+    if each.is_alone:
+        parts.append(Message("a coincidence: neither 5% more nor 5% less does it"))
+    operand = each.tried.change.how[1]
+    if least is not None and number(least) != number(operand):
         parts.append(Message("×{factor} is enough", factor=number(least)))
     if latest is not None:
         parts.append(Message("from step {step} of {steps} on, too", step=latest, steps=found.steps))
@@ -252,8 +257,13 @@ def _told(
         )
         parts.append(Message("also {changes}", changes=does))
     if each.alike:
-        others = joined(", ", [found.words(one.change) for one in each.alike[:2]])
-        more = len(each.alike) - 2
+        words = dict.fromkeys(found.words(one.change) for one in each.alike)
+        alike = [one for one in words if one != parts[0]]
+    else:
+        alike = []
+    if alike:
+        others = joined(", ", alike[:2])
+        more = len(alike) - 2
         parts.append(
             Message("the same motion: {others} and {more} more", others=others, more=more)
             if more > 0

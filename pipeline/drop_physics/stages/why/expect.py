@@ -344,12 +344,15 @@ def _searched(
     said = ranked(search.tried, row_of=partial(_row_of, row, rows))
     if noise > CHANCE * abs(base.margin):  # what it does may be chance
         said = _standing(trials, said)
+    said = _coincidences_last(search, said)
     return {
         "noise": noise,
         "tried": len(search.tried),
         "complete": search.complete,
         "makes_true": said,
-        "least": [search.least_of(each.tried) for each in said[:NARROWED]],
+        "least": [
+            None if each.is_alone else search.least_of(each.tried) for each in said[:NARROWED]
+        ],
         "moves": [] if said else search.movers()[:MOST_MOVERS],
     }
 
@@ -422,6 +425,20 @@ def _standing(trials: EvaluatedRuns, said: Sequence[SaidChange]) -> list[SaidCha
         if trials.stands(each.tried.change):
             standing.append(replace(each, also=()))
     return standing
+
+
+def _coincidences_last(search: Search, said: Sequence[SaidChange]) -> list[SaidChange]:
+    """Return outcomes, the first of which stand with a factor close by; those that do not, last."""
+    standing: list[SaidChange] = []
+    alone: list[SaidChange] = []
+    for number, each in enumerate(said):
+        if len(standing) == NARROWED:
+            return [*standing, *said[number:], *alone]
+        if search.is_alone(each.tried):
+            alone.append(replace(each, is_alone=True))
+        else:
+            standing.append(each)
+    return [*standing, *alone]
 
 
 def _likely(change: Change) -> int:
