@@ -220,9 +220,10 @@ def test_usual_variations_are_those_of_the_engine_that_the_model_has_not() -> No
             bodies={},
             settings=[SimpleNamespace(values={"fixedTimeStep": 0.002, **held})],
         )
-        found = candidates_of(seen, usual, "--vary", usual=True)
+        known: Any = SimpleNamespace(seen=seen, possible=list)
+        found = candidates_of(known, usual, "--vary", usual=True)
         with pytest.raises(ScenarioError, match=f"no option of {engine}"):
-            candidates_of(seen, usual, "--vary", usual=False)
+            candidates_of(known, usual, "--vary", usual=False)
         return {each.intervention.call for each in found}
 
     assert names("MuJoCo 4.0.0", solver=2.0, cone=0.0, impratio=1.0) == {
