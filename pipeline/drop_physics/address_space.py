@@ -1,4 +1,4 @@
-"""Address space is asked for before a library that would end the process where it gets none."""
+"""Check that enough address space is free before loading a library that would abort without it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import mmap
 
 
 def check_address_space(size: int) -> None:
-    """Raise MemoryError unless so many bytes could be allocated now."""
+    """Raise MemoryError unless `size` bytes could be allocated now."""
     try:
         mmap.mmap(-1, size).close()
     except OSError:

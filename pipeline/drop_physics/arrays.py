@@ -10,4 +10,4 @@ Int64 = NDArray[np.int64]
 Int8 = NDArray[np.int8]
 Flags = NDArray[np.bool_]
 Vector = tuple[float, float, float]
-"""Three numbers: along x, y and z."""
+"""Three numbers: the x, y and z components."""

@@ -43,21 +43,21 @@ app = App(
 
 
 def _recording(named: Path | None) -> Path:
-    """Return the recording that the arguments mean."""
+    """Return the path of the recording that the command-line arguments refer to."""
     from drop_physics.stages.found import recording_of
 
     return recording_of(named, output.note)
 
 
 def _choice(*given: str | None) -> Any:  # noqa: ANN401 - handed on
-    """Return the choice of reported findings, by typed options and by the project."""
+    """Return which findings to report, from the command's options and the project's settings."""
     from drop_physics.stages.settings import settings
 
     return settings().choice(*given)
 
 
 def _page(given: TypedLine, *inputs: Path) -> Callable[..., None]:
-    """Return a function that writes a result as a page, whose target is checked first."""
+    """Return a function that writes a result as an HTML page; the page's path is checked first."""
     html, force = given["html"], given["force"]
     if html is None:
         return lambda *_, **__: None
@@ -82,7 +82,7 @@ def _verb(
     name: str | None = None,
     **how: Any,  # noqa: ANN401 - handed on
 ) -> Callable[[Callable[[TypedLine], None]], Callable[[TypedLine], None]]:
-    """Return a decorator that makes a command of a function of typed arguments."""
+    """Return a decorator that turns a function with typed arguments into a CLI command."""
     if "target" in parameters_of(kinds[-1]):  # all after a script is its own
         how["context_settings"] = {"allow_interspersed_args": False}
 
@@ -138,7 +138,7 @@ def simulate(given: TypedLine) -> None:
     example="drop analyze recordings/run.rrd --at 0.1 --at 0.3 --table run.csv",
 )
 def analyze(given: TypedLine) -> None:
-    """Analyze a recording."""
+    """Analyze a recording, and print what happened."""
     recording = _recording(given["recording"])
     analysis, code = _analyzer(given, recording)(recording, given["recording"])
     if _as_json(given):
@@ -400,7 +400,7 @@ def script(given: TypedLine) -> None:
 
 
 def _note_ours(given: TypedLine) -> None:
-    """Note script arguments that are options of ours, too: perhaps they were meant so."""
+    """Print a note if script arguments are also options of `drop`, in case `drop` was meant."""
     ours = {name for param in given.context.command.params for name in param.opts}
     names = dict.fromkeys(argument.partition("=")[0] for argument in given["arguments"])
     both = [name for name in names if name.startswith("-") and name in ours]
@@ -416,7 +416,7 @@ def _note_ours(given: TypedLine) -> None:
 
 
 def _again(given: TypedLine) -> Callable[[str], str]:
-    """Return the command that does the same with another verb; 0 is a seed that verbs set."""
+    """Return a function that writes this command with another verb; it omits a seed of 0."""
     from drop_physics.stages.program import command_of
 
     options = {name: given[name] for name in ("steps", "python")}
@@ -427,7 +427,7 @@ def _again(given: TypedLine) -> Callable[[str], str]:
 
 
 def _recorded(given: TypedLine, *, to_stderr: bool) -> Recorded:
-    """Record a script, whose standard output goes to ours, or to standard error."""
+    """Record a script; its standard output is passed on to ours, or to standard error."""
     from drop_physics.stages.program import digest_of_script
 
     digest_of_script(given["target"], is_module=given["is_module"])  # before what takes a second
@@ -465,7 +465,7 @@ def trust(given: TypedLine) -> None:
 
 
 def _told() -> dict[str, Any]:
-    """Return the functions by which a verb that runs a script again reports its progress."""
+    """Return the progress callbacks of verbs that run a script repeatedly."""
     return {"stdout": output.descriptor(sys.stderr), "note": output.note}
 
 
@@ -476,7 +476,7 @@ def _told() -> dict[str, Any]:
     example="drop why --about arm my_script.py --its-own option",
 )
 def why(given: TypedLine) -> None:
-    """Run a script again with one thing changed at a time."""
+    """Run a script again, with one thing changed in each run."""
     from drop_physics.stages.program import digest_of_script
 
     target, film, force = Path(given["target"]), given["film"], given["force"]
@@ -511,7 +511,7 @@ def why(given: TypedLine) -> None:
     context_settings={"ignore_unknown_options": True},  # of the script
 )
 def diff(given: TypedLine) -> None:
-    """Say why one run is not another."""
+    """Explain why two runs differ."""
     if given["forget"]:
         from drop_physics.stages.diff import wheels
 
@@ -548,7 +548,7 @@ def info(given: TypedLine) -> None:
     example="drop explain off-target",
 )
 def explain(given: TypedLine) -> None:
-    """Say what a finding's code means."""
+    """Print the meaning of a finding's code."""
     from drop_physics.stages.explain import explain
 
     _show(explain(**given.of(verbs.ExplainArguments)), as_json=given["json"])
@@ -561,7 +561,7 @@ def explain(given: TypedLine) -> None:
     example="drop export recordings/run.rrd --out run.mcap",
 )
 def export(given: TypedLine) -> None:
-    """Write a recording for other tools."""
+    """Export a recording to files for other tools."""
     recording = _recording(given["recording"])
     from drop_physics.stages.export import export
 

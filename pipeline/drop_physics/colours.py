@@ -1,4 +1,4 @@
-"""One colour per thing, the same in plots and in the viewer.
+"""Colours: each quantity has the same one in plots and in the viewer.
 
 Okabe and Ito's palette, which colour-blind readers can tell apart.
 """
@@ -7,10 +7,10 @@ SIMULATED = "#0072b2"
 FREE_FALL = "#8a8f98"
 DAMPED_FALL = "#56b4e9"
 GOLDEN = "#c3c8cf"
-"""The golden recording beside another."""
+"""Colour of the golden recording, shown beside another recording."""
 TOTAL = "#222222"
 TOTAL_IN_VIEWER = "#8f5fd0"
-"""Legible on the viewer's light and dark themes: a curve has one colour for both."""
+"""Colour of the total in the viewer, legible on both its light and its dark theme."""
 TIMESTEP = "#d55e00"
 DAMPING = "#009e73"
 INTERACTION = "#cc79a7"
@@ -21,9 +21,9 @@ TERMS = {
     "interaction": INTERACTION,
     "rounding": ROUNDING,
 }
-"""The error's terms, in the order used everywhere."""
+"""The error's terms with their colours, in the order used everywhere."""
 ENGINES = {"bullet": SIMULATED, "mujoco": "#ee6677"}
-"""Colours of Paul Tol's bright palette, which no term uses."""
+"""Colours of the engines, from Paul Tol's bright palette; no term uses them."""
 KINETIC = "#d55e00"
 ROTATION = "#cc79a7"
 POTENTIAL = "#56b4e9"
@@ -38,7 +38,7 @@ SEGMENTS = {
     "still": "#4b5563",
     "unexplained": "#d55e00",
 }
-"""The classes of a body's samples."""
+"""Colours of the classes of a body's samples, such as flight and contact."""
 CAUSES = {
     "motors": "#cc79a7",
     "contacts": "#e69f00",
@@ -63,6 +63,6 @@ CAUSES = {
     "solver": "#bbbbbb",
     "another engine": "#000000",
 }
-"""Causes of changes of a body's energy, in the colours of their samples."""
+"""Colours of the causes that change a body's energy."""
 JOINTS = ("#d55e00", "#56b4e9", "#009e73", "#cc79a7", "#e69f00", "#8f5fd0")
 """Colours of joints that are drawn side by side."""

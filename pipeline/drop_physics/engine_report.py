@@ -17,7 +17,8 @@ from typing import Any, Self, get_type_hints
 Vector = tuple[float, float, float]
 
 LARGEST = 1e60
-"""Largest number that is recorded, in any unit: energies and their sums of squares stay finite."""
+"""Largest number that is recorded, in any unit, so that energies and sums of squares stay
+finite."""
 
 
 def _reported(description: str, *, default: Any = ...) -> Any:  # noqa: ANN401 - as dataclasses.field
@@ -106,7 +107,7 @@ class EngineReport:
 
     @property
     def pair_restitution(self) -> float | None:
-        """Restitution of body and floor together: the product (`btManifoldResult.cpp` 68-71)."""
+        """Combined restitution of body and floor: their product (`btManifoldResult.cpp` 68-71)."""
         if self.restitution is None or self.floor_restitution is None:
             return None
         return self.restitution * self.floor_restitution
@@ -117,12 +118,12 @@ class EngineReport:
         return {field.name: field.metadata["description"] for field in fields(cls)}
 
     def as_properties(self) -> dict[str, Any]:
-        """Return the values by name, for a recording, which leaves out None."""
+        """Return the values by name, for a recording; values of None are left out."""
         return asdict(self)
 
     @classmethod
     def from_properties(cls, values: Mapping[str, Any]) -> Self:
-        """Return the report that a recording holds.
+        """Return the report stored in a recording's properties.
 
         Raises
         ------

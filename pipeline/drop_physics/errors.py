@@ -1,4 +1,4 @@
-"""Errors that `drop` raises on purpose, in one line: the rule, the value, the next step."""
+"""Errors that `drop` raises on purpose, each one line: the rule, the value, and what to do next."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ PARAMETERS = {
     "no-camera": "camera=None", "no-record": "record=False", "force": "force=True",
     "with-plot": "with_plot=True", "caption": "caption=True", "dark": "dark=True",
 }  # fmt: skip
-"""Options whose Python parameter is not just the option's name with underscores."""
+"""Options whose Python parameter has a name of its own, rather than the option's with
+underscores."""
 _OPTION = re.compile(
     r"""(?P<kept>(?<!\w)'[^']*'              # a quoted value
                |\bdrop\ (?:simulate|analyze|render|run|check|sweep|record|view|info)\ [^;]*
@@ -44,15 +45,15 @@ def in_parameters(message: str) -> str:
 
 
 class Stopped(BaseException):
-    """The end of the process by a signal. Typer catches KeyboardInterrupt, but not this."""
+    """Raised when a signal ends the process. Typer catches KeyboardInterrupt, but not this."""
 
 
 signals: list[int] = []
-"""Those that came, as noted by the command line's handler before it raises `Stopped`."""
+"""Signals received so far, noted by the command line's handler before it raises `Stopped`."""
 
 
 def check_signals() -> None:
-    """Raise `Stopped` if a signal came: a library may have swallowed the handler's exception."""
+    """Raise `Stopped` if a signal was received: a library may have swallowed the exception."""
     if signals:
         raise Stopped
 
@@ -61,7 +62,7 @@ NO_MEMORY = Message("there is not enough memory; free some, or see: ulimit -v")
 
 
 class DropError(Exception):
-    """A failure, with a message that says the reason and the next step.
+    """An expected failure, whose message states the reason and what to do next.
 
     The message is a template with values. It names options, as the command line prints it; `str`
     returns it in English, with the names of Python's parameters instead.
@@ -90,7 +91,7 @@ class ScenarioError(DropError, ValueError):
 
 
 class RecordingError(DropError):
-    """A recording that is missing, damaged, unfinished, or not one of ours."""
+    """A recording that is missing, damaged, unfinished, or not made by `drop`."""
 
 
 class OutputError(DropError):

@@ -1,4 +1,4 @@
-"""A field that knows its command-line option: its written form, and its allowed values.
+"""Dataclass fields that carry their command-line option: text form, and allowed values.
 
 One declaration serves the command line, the recording and sweeps.
 """
@@ -20,7 +20,7 @@ from drop_physics.option_types import TEXT, OptionType
 
 
 def fraction(value: float) -> str:
-    """Write 1/240 where a float is 1/240, else the number."""
+    """Format 1/240 as a fraction if the value equals that float, else as a number."""
     if not math.isfinite(value):
         return str(value)
     exact = Fraction(value).limit_denominator(1_000_000)
@@ -38,17 +38,17 @@ def counted(number: int, thing: str, things: str = "") -> Message:
 
 
 def alternatives(texts: Iterable[str]) -> str:
-    """Return texts as alternatives: A or B or C."""
+    """Join texts with `or`: A, B or C."""
     return functools.reduce(lambda a, b: Message("{one} or {other}", one=a, other=b), texts)
 
 
 def all_of(texts: Iterable[str]) -> str:
-    """Return texts as an enumeration: A and B and C."""
+    """Join texts with `and`: A, B and C."""
     return functools.reduce(lambda a, b: Message("{one} and {other}", one=a, other=b), texts)
 
 
 LARGE = 1e6
-"""Smallest number that is written in powers of ten."""
+"""Numbers from this size on are written in powers of ten."""
 
 
 def decimals(value: float, places: int, sign: str = "") -> str:
@@ -92,24 +92,24 @@ class Option:
     low: float = -math.inf
     high: float = math.inf
     above: bool = False
-    """Whether `low` itself is excluded."""
+    """Whether the value must be above `low`, which is then excluded."""
     left_to: str = "the engine's own"
-    """Whose value applies where the default is `default`."""
+    """Where the value comes from if the default is `default`: the engine or the URDF."""
     choices: tuple[str, ...] = ()
-    """The only texts allowed; empty where there are too many to list."""
+    """The only allowed texts; empty if any text is allowed, or there are too many to list."""
 
     @property
     def is_left(self) -> bool:
-        """True if the default is left to the engine or the URDF."""
+        """True if the default value is left to the engine or the URDF."""
         return self.default == "default"
 
     @property
     def is_flag(self) -> bool:
-        """True if giving the option switches the field off."""
+        """True if the option takes no value: giving it switches the field off."""
         return self.name.startswith("--no-")
 
     def read(self, raw: str) -> Any:  # noqa: ANN401
-        """Read one value; `default` is None where the engine has a value of its own.
+        """Parse one value; `default` becomes None where the engine has a value of its own.
 
         Raises
         ------
@@ -129,7 +129,7 @@ class Option:
             ) from None
 
     def written(self, value: object) -> str:
-        """Write a value in readable form; as a fraction only if the default is one, as 1/240."""
+        """Format a value for reading; as a fraction such as 1/240 only if the default is one."""
         if value is None:
             return "default"
         if isinstance(value, list | tuple):
@@ -139,7 +139,7 @@ class Option:
         return str(value)
 
     def read_list(self, raw: str) -> tuple[Any, ...]:
-        """Read values separated by commas, or by semicolons where they have commas themselves.
+        """Parse values separated by commas, or by semicolons if each value contains commas itself.
 
         Raises
         ------
@@ -154,7 +154,7 @@ class Option:
         return values
 
     def domain(self) -> Message:
-        """Return the allowed values."""
+        """Describe the allowed values."""
         low, high = self.low, self.high
         if math.isinf(low) and math.isinf(high):
             return Message("finite")
@@ -185,7 +185,7 @@ class Option:
                 raise self._outside(part)
 
     def accepted(self, value: Any) -> Any:  # noqa: ANN401
-        """Return a value, its type and domain checked; a whole number becomes a float.
+        """Check a value's type and domain, and return it; an integer becomes a float where needed.
 
         Raises
         ------
@@ -219,7 +219,7 @@ class Option:
         return alternatives(times) if self.kind.lengths else one
 
     def _outside(self, value: float) -> ScenarioError:
-        """Return the error; for 240 in place of 1/240 it asks whether the fraction was meant."""
+        """Return the error for a number out of range; for 240 it asks whether 1/240 was meant."""
         error = outside(self.name, self.domain(), value)
         if "/" in self.default and value > self.high and self.contains(1 / value):
             return ScenarioError(
@@ -250,7 +250,7 @@ def option(
 
 
 class Optioned:
-    """A dataclass of such fields: it checks its values, and can be read from text."""
+    """Base of dataclasses with such fields: checks their values, and parses them from text."""
 
     __slots__ = ()
 
@@ -261,7 +261,7 @@ class Optioned:
 
     @classmethod
     def from_text(cls, given: Mapping[str, str | bool | None]) -> Self:
-        """Build from command-line values by field name; absent or None means the default.
+        """Build an instance from command-line texts by field name; absent or None means default.
 
         Raises
         ------
@@ -277,7 +277,7 @@ class Optioned:
 
     @classmethod
     def listed(cls, name: str, given: object) -> tuple[Any, ...]:
-        """Return several values of a field, from command-line text, a list, or a single value.
+        """Return a list of values for a field, from command-line text, a list, or a single value.
 
         Raises
         ------
@@ -291,7 +291,7 @@ class Optioned:
         return tuple(map(option.accepted, values))
 
     def check_domains(self) -> None:
-        """Check every value's type and domain; a whole number becomes a float where it is one.
+        """Check every field's type and domain; integers become floats where the field is a float.
 
         Raises
         ------
@@ -303,7 +303,7 @@ class Optioned:
 
 
 def shown(value: object) -> str:
-    """Return a value as an error quotes it: short enough for a line."""
+    """Format a value for an error message, shortened to fit in a line."""
     try:
         text = repr(value)
     except ValueError:  # Python refuses to write out a number of some thousand digits
@@ -312,7 +312,7 @@ def shown(value: object) -> str:
 
 
 def outside(option: str, domain: str, value: object) -> ScenarioError:
-    """Return the error for a value of another type, or outside its domain."""
+    """Return the error for a value of the wrong type or out of range."""
     return ScenarioError(
         "{option} must be {domain}, got {value}", option=option, domain=domain, value=shown(value)
     )

@@ -1,4 +1,4 @@
-"""The engines that are installed beside `drop`, and the next step where PyBullet is not.
+"""The engines installed beside `drop`, and how to install PyBullet where it is missing.
 
 PyBullet 3.2.7 has wheels for CPython up to 3.11 on Linux (x86-64); elsewhere pip would compile it.
 """
@@ -13,9 +13,9 @@ from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
 
 PYBULLET, VERSION = "pybullet", "3.2.7"
-"""The package, and the version of the golden values."""
+"""PyBullet's package name, and the version that made the golden values."""
 LAST_PYTHON = (3, 11)
-"""The last version of Python that it has a wheel for."""
+"""The newest Python version for which PyBullet has a wheel."""
 
 
 def is_installed(module: str) -> bool:
@@ -24,7 +24,7 @@ def is_installed(module: str) -> bool:
 
 
 def next_step() -> Message:
-    """Return the way to get PyBullet: by pip, or in a Python that has a wheel of it."""
+    """Describe how to get PyBullet: by pip, or in a Python version for which it has a wheel."""
     if has_wheel():
         return Message("install it with: pip install pybullet=={version}", version=VERSION)
     return Message(
@@ -54,7 +54,7 @@ def why_missing() -> Message:
 
 
 def needs_pybullet(what: str) -> ScenarioError:
-    """Return the error for a request that only PyBullet can serve, if it is not installed."""
+    """Return the error for a request that needs PyBullet, if PyBullet is not installed."""
     return ScenarioError(
         "{what} cannot be used: {why}; {next}", what=what, why=why_missing(), next=next_step()
     )

@@ -1,4 +1,4 @@
-"""Lazy imports of libraries in our own processes, which halve the time to start.
+"""Lazy imports of libraries in our own processes, which halve the start-up time.
 
 A package's `__init__` loads all modules that it takes names from, and a command needs some of them:
 of Rerun 80 of 500, of SciPy's 180 for a convex hull 15. Here such a package gets a name from its
@@ -30,16 +30,17 @@ LAZY: Mapping[str, Mapping[str, str]] = {
     "scipy.spatial": {"ConvexHull": "._qhull", "QhullError": "._qhull"},
     "scipy.linalg": {},
 }
-"""Packages, and the modules of names that their `__init__` imports with a star."""
+"""Packages that are loaded lazily, and their modules whose names `__init__` imports with a star."""
 POLARS_BYTES = 1 << 30
-"""Polars reserves 1.6 GB with its first tables on two processors, and aborts where it gets none."""
+"""Address space that must be free before Polars is loaded [bytes]: it reserves 1.6 GB with its
+first tables on two processors, and aborts if it gets none."""
 
 
 class LazyLoader(SourceFileLoader):
-    """Loads a package without the imports of its `__init__` from the package's own modules."""
+    """Loads a package, but defers the imports that its `__init__` makes from its own modules."""
 
     def exec_module(self, package: ModuleType) -> None:
-        """Run the rest of the `__init__`; a name from a module is imported on first use."""
+        """Run the rest of the package's `__init__`; a submodule's name is imported on first use."""
         tree, name = ast.parse(self.get_data(self.path)), package.__name__
         own = [each for each in tree.body if isinstance(each, ast.ImportFrom) and each.level]
         homes = {each: (home, each) for each, home in LAZY[name].items()}
@@ -69,13 +70,13 @@ class LazyLoader(SourceFileLoader):
 
 
 class LazyFinder:
-    """Finder of these packages, and of no pandas, for `sys.meta_path`.
+    """Finder for `sys.meta_path` that loads these packages lazily, and hides pandas.
 
     MemoryError is raised where there is no room for a library that would end the process.
     """
 
     def find_spec(self, name: str, path: Sequence[str] | None = None, *_: object) -> Any:  # noqa: ANN401
-        """Return the specification of a lazily loaded package; None for any other."""
+        """Return the import spec of a lazily loaded package; None for any other."""
         if name == "pandas":
             raise ModuleNotFoundError(name, name=name)
         if name == "polars":
@@ -87,7 +88,7 @@ class LazyFinder:
 
 
 def load_less() -> None:
-    """Let libraries of this process, which is ours, load only what is used.
+    """Make libraries load only what is used, in this process, which must be our own.
 
     Nothing here needs pandas, which pyarrow else imports for its first list, if it is installed.
     """

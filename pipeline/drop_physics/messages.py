@@ -1,4 +1,4 @@
-"""Messages to the reader: English text that remembers its template, so that it can be translated.
+"""Messages to the user: English text that keeps its template, so that it can be translated.
 
 JSON and recordings hold the English text, whatever the reader's language; terminals show the result
 of `translated`.
@@ -19,15 +19,15 @@ from pathlib import Path
 from typing import Self
 
 LOCALE = Path(__file__).parent / "locale"
-"""Folder of translations: `LANGUAGE/LC_MESSAGES/drop.mo`, compiled from `drop.po`."""
+"""Folder of the translations: `LANGUAGE/LC_MESSAGES/drop.mo`, compiled from `drop.po`."""
 VARIABLES = ("DROP_LANG", "LANGUAGE", "LC_ALL", "LC_MESSAGES", "LANG")
-"""The environment's, which name the reader's language; the first that is set counts."""
+"""Environment variables that name the user's language; the first one set is used."""
 
 _NOTHING = ""  # not written below, where it would be taken for a message
 
 
 class Message(str):
-    """English text, made of a template and named values, as by `str.format`.
+    """English text, made from a template and named values, as by `str.format`.
 
     Without values a template is the text itself, braces and all. Values may be messages too. Text
     added before or after a message makes a longer message.
@@ -38,7 +38,7 @@ class Message(str):
     values: dict[str, object]
 
     def __new__(cls, template: str, /, **values: object) -> Self:
-        """Fill the values into the template."""
+        """Format the template with the values."""
         message = super().__new__(cls, template.format_map(values) if values else template)
         message.template, message.values = template, values
         return message
@@ -54,21 +54,21 @@ class Message(str):
 
 
 def _restored(text: str, template: str, values: dict[str, object]) -> Message:
-    """Return a copied or unpickled message: a plural's template is its singular."""
+    """Rebuild a copied or unpickled message; the template of a plural is its singular."""
     message = str.__new__(Message, text)
     message.template, message.values = template, values
     return message
 
 
 def joined(separator: str, parts: Iterable[str]) -> Message:
-    """Return messages and texts as one message, with a separator between them."""
+    """Join messages and texts into one message, with a separator between them."""
     values: dict[str, str] = {f"part{number}": part for number, part in enumerate(parts)}
     template = "{separator}".join(f"{{{name}}}" for name in values)
     return Message(template, separator=Message(separator), **values)
 
 
 def translated(text: str) -> str:
-    """Return a message in the reader's language; English if there is no translation."""
+    """Translate a message into the user's language; it stays English without a translation."""
     catalog = _catalog(*map(os.environ.get, VARIABLES))
     if not isinstance(text, Message) or type(catalog) is gettext.NullTranslations:
         return text
@@ -82,12 +82,12 @@ def translated(text: str) -> str:
 
 
 def localized(template: str, /, **values: object) -> str:
-    """Return a message in the reader's language at once, for text that is only shown."""
+    """Format and translate a message at once, for text that is only displayed."""
     return translated(Message(template, **values))
 
 
 def columns_of(text: str) -> int:
-    """Return the number of columns of a text: Chinese and Japanese characters take two."""
+    """Return a text's display width in columns: Chinese and Japanese characters take two."""
     if text.isascii():
         return len(text)
     from rich.cells import cell_len  # takes a tenth of the time of `drop --help`
@@ -103,9 +103,9 @@ _UNBROKEN = (
     rf"\s+|[「『（(]*(?:{_NUMBER}|[ァ-ヺー]+|[{_KANJI}]+|[^\s{_WIDE}]+(?<!\()|{_KANA}|.)"
     rf"(?: ?{_KANA})?[、。」』）)・ー…:]*"
 )
-"""Japanese has no spaces: a line ends after a phrase, that is a word and the particles after it.
+"""Pattern of a Japanese phrase, a word and its particles, after which a line may break.
 
-So none begins with `、` or ends with `「`, and a number stays with its unit.
+No line begins with `、` or ends with `「`, and a number stays with its unit.
 """
 
 
@@ -117,7 +117,7 @@ class _Part(str):
 
 
 class _Wrapper(textwrap.TextWrapper):
-    """Wraps at spaces and between Japanese phrases, counting columns; never inside a name."""
+    """A text wrapper that breaks at spaces and between Japanese phrases, never inside a name."""
 
     def _split(self, text: str) -> list[str]:
         japanese = _JAPANESE.search(text) is not None
@@ -126,7 +126,7 @@ class _Wrapper(textwrap.TextWrapper):
 
 
 def wrapped(words: str, columns: int, indent: str = "") -> list[str]:
-    """Wrap words to a number of columns; all lines but the first are indented."""
+    """Wrap text to a display width in columns; all lines but the first are indented."""
     wrapper = _Wrapper(
         columns, subsequent_indent=indent, break_on_hyphens=False, break_long_words=False
     )
@@ -134,7 +134,7 @@ def wrapped(words: str, columns: int, indent: str = "") -> list[str]:
 
 
 def harmless(text: str) -> str:
-    """Escape, as in JSON, characters that a terminal would interpret or hide.
+    """Escape, as in JSON, the characters that a terminal would interpret or hide.
 
     Names and texts may come from someone else's recording: control characters, escape sequences,
     marks that reverse the reading direction.
@@ -153,7 +153,7 @@ def _units(character: str) -> str:
 
 
 def shell_command(*words: str | Path) -> str:
-    """Return a command in a form that can be pasted into a shell, bash or zsh.
+    """Quote a command so that it can be pasted into a shell, bash or zsh.
 
     A file whose name begins with a dash is given as `./-NAME`, so that it is no option. Characters
     that a line of ours does not keep, such as a newline or two spaces, are written in the escapes
@@ -191,7 +191,7 @@ def _escaped(character: str, *, after_space: bool) -> str:
 
 @functools.cache
 def _catalog(*variables: str | None) -> gettext.NullTranslations:
-    """Return the translations for the first of some variables that is set, as gettext reads it."""
+    """Return gettext's translations for the first of the given variables that is set."""
     languages = next(filter(None, variables), "").split(":")
     # English needs no file: what a reader understands less comes after it.
     wanted = itertools.takewhile(lambda language: not language.startswith("en"), languages)

@@ -1,4 +1,4 @@
-"""The types of value that an option takes: the parser of each, and its components.
+"""Types of option values: the parser of each type, and its components.
 
 Text is only ever parsed, never evaluated.
 """
@@ -17,7 +17,7 @@ Quaternion = tuple[float, float, float, float]
 
 
 def number(text: str) -> float:
-    """Read a number or a fraction such as `1/480`; nothing is evaluated."""
+    """Parse a number or a fraction such as `1/480`, without evaluating expressions."""
     try:
         digits = _digits(text)
         return float(Fraction(digits)) if "/" in digits else float(digits)
@@ -26,7 +26,7 @@ def number(text: str) -> float:
 
 
 def _digits(text: str) -> str:
-    """Return a number's text, unless only Python would read it: `1_0`, or `١` for 1.
+    """Return a number's text, but refuse forms that only Python accepts: `1_0`, or `١` for 1.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def _digits(text: str) -> str:
 
 
 def integer(text: str) -> int:
-    """Read a whole number."""
+    """Parse an integer."""
     try:
         return int(_digits(text))
     except ValueError:
@@ -47,7 +47,7 @@ def integer(text: str) -> int:
 
 
 def vector(text: str) -> Vector:
-    """Read `X,Y,Z`."""
+    """Parse a vector `X,Y,Z`."""
     parts = text.split(",")
     if len(parts) != 3:
         raise ScenarioError("three numbers X,Y,Z") from None
@@ -56,7 +56,7 @@ def vector(text: str) -> Vector:
 
 
 def orientation(text: str) -> Vector | Quaternion:
-    """Read `R,P,Y` or `X,Y,Z,W`."""
+    """Parse an orientation: `R,P,Y` or `X,Y,Z,W`."""
     match [number(part) for part in text.split(",")]:
         case [roll, pitch, yaw]:
             return roll, pitch, yaw
@@ -66,7 +66,7 @@ def orientation(text: str) -> Vector | Quaternion:
 
 
 def size(text: str) -> tuple[int, int]:
-    """Read `WIDTHxHEIGHT` in pixels."""
+    """Parse an image size `WIDTHxHEIGHT` in pixels."""
     try:
         width, height = map(integer, text.lower().split("x"))
     except ValueError:
@@ -75,7 +75,7 @@ def size(text: str) -> tuple[int, int]:
 
 
 def times(texts: Sequence[str]) -> list[float]:
-    """Read the times of `--at` [s].
+    """Parse the times of `--at` [s].
 
     Raises
     ------
@@ -95,20 +95,20 @@ def times(texts: Sequence[str]) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class OptionType:
-    """One type of value."""
+    """A type of option value: its parser and the text form."""
 
     read: Callable[[str], Any]
-    """Parses a text; its ScenarioError says what is expected."""
+    """The parser of a text; its ScenarioError says what is expected."""
     metavar: str
     """Placeholder in `--help`."""
     of: type[float | int | str]
-    """Type of the option, or of its parts."""
+    """Python type of the value, or of its components."""
     lengths: tuple[int, ...] = ()
-    """Numbers of parts that it may have; empty where it is one."""
+    """Allowed numbers of components; empty for a single value."""
     components: tuple[str, ...] = ()
-    """The names of its parts, where each can be given alone."""
+    """Names of the components, if each can be given separately."""
     joined: str = ","
-    """The separator of its parts."""
+    """The separator between components."""
 
 
 NUMBER = OptionType(number, "NUMBER", float)
@@ -120,7 +120,7 @@ TEXT = OptionType(str, "TEXT", str)
 
 
 def checked_windows(given: Iterable[str]) -> list[tuple[int, int]]:
-    """Return windows given as A:B.
+    """Return step windows given as texts A:B, as pairs of integers.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def checked_windows(given: Iterable[str]) -> list[tuple[int, int]]:
 def checked_episodes(
     given: str | int | Sequence[str] | None,
 ) -> Literal["failing", "all"] | int | None:
-    """Return the episodes to record step by step, given as `failing`, `all` or a number.
+    """Return which episodes to record step by step: `failing`, `all` or an episode's number.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Parameters of the verbs in Typer's form: their own options, scenario and camera."""
+"""Parameters of the verbs in Typer's form: own options, those of scenario and camera."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from drop_physics.scenario import Camera, Scenario
 from drop_physics.stages.verbs.taken import VerbParameter, parameters_of
 
 Texts = dict[str, str | bool | None]
-"""The values of options by field, as typed."""
+"""Option values as typed texts, by field."""
 Typed = Mapping[str, Any]
-"""The values given on the command line, by parameter name."""
+"""Values given on the command line, by parameter name."""
 LONGEST = 40
-"""Characters that the choices of an option may take in its help, on a terminal of 50 columns."""
+"""Longest list of an option's choices in its help [characters], for a terminal of 50 columns."""
 
 
 def a_number(given: Any) -> Any:  # noqa: ANN401
-    """Parse a number as every option does; Typer passes a default through, too."""
+    """Parse a number as every option does; this also accepts a default, which Typer passes."""
     return number(given) if isinstance(given, str) else given
 
 
 def an_integer(given: Any) -> Any:  # noqa: ANN401
-    """Parse a whole number as every option does; Typer passes a default through, too."""
+    """Parse an integer as every option does; this also accepts a default, which Typer passes."""
     return integer(given) if isinstance(given, str) else given
 
 
 class TypedLine:
-    """The typed values of a verb, or of several of one line.
+    """The typed values of one command line, which may belong to several verbs.
 
     Parameters
     ----------
@@ -53,13 +53,13 @@ class TypedLine:
         return self._values[name]
 
     def of(self, verb: type) -> dict[str, Any]:
-        """Return the typed arguments of a verb's function."""
+        """Return a verb's arguments, for its function."""
         taken = (name for name, parameter in parameters_of(verb).items() if parameter.in_python)
         return {name: self._values[name] for name in taken if name in self._values}
 
 
 def command_of(do: Callable[[TypedLine], None], *verbs: type) -> Callable[..., None]:
-    """Return a command with the parameters of some verbs, which calls a function.
+    """Return a CLI command that has the parameters of the given verbs, and calls a function.
 
     If names are equal, the last verb's counts; the arguments are those of the last verb.
     """
@@ -95,7 +95,7 @@ PARSERS = {float: a_number, int: an_integer}
 
 
 def _taken(each: VerbParameter) -> inspect.Parameter:
-    """Return a parameter in Typer's form."""
+    """Return a verb's parameter in Typer's form."""
     option = each.option
     how: dict[str, Any] = {"help": option.help, "metavar": option.metavar or None}
     several = each.several or each.name == "target"
@@ -118,7 +118,7 @@ def _taken(each: VerbParameter) -> inspect.Parameter:
 
 
 def _read(each: VerbParameter, given: Any) -> Any:  # noqa: ANN401
-    """Return the value of a parameter in Python's form."""
+    """Convert a parsed parameter to the verb's Python value."""
     if each.is_inverse:
         return not given
     if each.option.read is not None:
@@ -130,14 +130,14 @@ def _read(each: VerbParameter, given: Any) -> Any:  # noqa: ANN401
 
 
 def _of_scenario(given: Typed) -> Typed:
-    """Return the scenario and the camera."""
+    """Build the scenario and the camera from the given options."""
     scenario = Scenario.from_text(_dropped_here(_texts(Scenario.options(), given)))
     camera = Camera.from_text(_texts(Camera.options(), given))
     return {"scenario": scenario, "camera": None if given["no_camera"] else camera}
 
 
 def _of_lists(given: Typed) -> Typed:
-    """Return the lists, the given texts by field name; and the camera, None unless it is given."""
+    """Collect value lists (texts by field name), and the camera, which is None unless given."""
     camera = Camera.from_text(_texts(Camera.options(), given))
     lists = _dropped_here(_texts(Scenario.options(), given))
     return {"lists": lists, "camera": camera if given["view"] else None}
@@ -154,7 +154,7 @@ def _parameter(
     panel: str,
     spec: Option | None = None,
 ) -> inspect.Parameter:
-    """Return one option: a flag unless it takes a value."""
+    """Return the Typer parameter of one option: a flag, unless the option takes a value."""
     if spec is None or spec.is_flag:
         flag = typer.Option(option, help=help, rich_help_panel=panel, show_default=False)
         annotation: Any = Annotated[bool, flag]
@@ -179,7 +179,7 @@ def _parameter(
 
 
 def _dropped_here(texts: Texts) -> Texts:
-    """Return the values for an engine that is installed: MuJoCo where PyBullet is not.
+    """Set the engine to MuJoCo where PyBullet is not installed and no engine was given.
 
     Raises
     ------
@@ -197,7 +197,7 @@ def _dropped_here(texts: Texts) -> Texts:
 
 
 def _texts(options: Mapping[str, Option], given: Typed) -> Texts:
-    """Return the values of these options; a `--no-` flag that is given switches its field off."""
+    """Return the given texts of these options; a `--no-` flag switches its field off."""
     return {
         name: not given[name] if spec.is_flag else given[name] for name, spec in options.items()
     }
@@ -220,4 +220,4 @@ PARTS: dict[str, tuple[list[inspect.Parameter], Callable[[Typed], Typed]]] = {
         _of_lists,
     ),
 }
-"""The options of a field that has many, and what makes its value of them."""
+"""Parameters made of many options, with the function that builds the value from them."""

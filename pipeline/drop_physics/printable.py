@@ -1,6 +1,6 @@
-"""Printing of results as on the terminal, and in a notebook with their plot.
+"""Results that print as the command does on a terminal, and as HTML with a plot in notebooks.
 
-It names the module that reports it: in a room above, so loaded on demand.
+A result names the module that builds its report: in a room above, so loaded on demand.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ class Printable:
 
     __slots__ = ()
     reported_by: ClassVar[str]
-    """The module whose `report_of` makes its report, and whose `json_of`, if any, its JSON."""
+    """The module whose `report_of` builds the report, and whose `json_of`, if any, the JSON."""
 
     def __init_subclass__(cls, reported_by: str) -> None:
         cls.reported_by = reported_by
         cls._repr_pretty_ = Printable._repr_pretty_  # type: ignore[method-assign]  # before a dataclass's __repr__
 
     def report(self, **how: object) -> Any:  # noqa: ANN401 - a Report, of a room above
-        """Return the report, for any renderer; `how` are options of the report."""
+        """Return the report of the result, for any renderer; `how` are options of the report."""
         return importlib.import_module(self.reported_by).report_of(self, **how)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the JSON object of `--json`: the fields of the result, or its module's own."""
+        """Return the JSON object that `--json` prints: the fields, or the report module's own."""
         plain = importlib.import_module(PLAIN).jsonable
         return dict(getattr(importlib.import_module(self.reported_by), "json_of", plain)(self))
 
@@ -47,7 +47,7 @@ class Printable:
         return str(importlib.import_module(NOTEBOOK).html_of(self))
 
     def view(self, *, height_px: int = 700, at_s: float | None = None) -> Any:  # noqa: ANN401 - a widget of Rerun's
-        """Return Rerun's viewer of the result's recording, with its analysis, for a notebook.
+        """Return a notebook widget of Rerun's viewer, with the result's recording and its analysis.
 
         With `at_s` it opens at this simulated time [s].
         It needs `rerun-notebook`, which `pip install '.[notebook]'` brings, and a page in which

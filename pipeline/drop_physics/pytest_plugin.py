@@ -1,4 +1,4 @@
-"""The pytest fixture `golden_recording`: a block of Python must do the physics it once did.
+"""The pytest fixture `golden_recording`: checks that a block of Python repeats recorded physics.
 
     def test_pick(golden_recording):
         with golden_recording("pick"):
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 GoldenRecording = Callable[..., AbstractContextManager[None]]
 WRITERS: pytest.StashKey[list[BlockWriter]] = pytest.StashKey()
-"""The processes that record, in pytest's configuration: one, or more for blocks within blocks."""
+"""Key in pytest's configuration for its recording processes: one, or more for nested blocks."""
 JUDGE = "drop_physics.report.golden:failure"
 
 
@@ -105,7 +105,7 @@ NO_STEP = (
 
 
 def _named(folder: Path, name: str) -> Path:
-    """Return the golden recording of a name, which may not lead out of the folder."""
+    """Return the path of a golden recording from its name, which must stay inside the folder."""
     parts = Path(name).parts
     if not parts or Path(name).is_absolute() or ".." in parts:
         pytest.fail(
@@ -117,7 +117,7 @@ def _named(folder: Path, name: str) -> Path:
 
 
 def _length(tolerance: float | str | None, standard_m: float) -> float:
-    """Return a tolerance in metres, the standard one for None; `check` limits its values."""
+    """Return a tolerance in metres, or the standard one for None; `check` limits its values."""
     try:
         return standard_m if tolerance is None else float(tolerance)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Numbers with their units for readers: three digits, small lengths in millimetres."""
+"""Format numbers with units for readers: three digits, small lengths in millimetres."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from collections.abc import Callable, Mapping
 SMALL_M = 0.1
 """Lengths [m] and speeds [m/s] below this are written in millimetres."""
 LARGE, HUGE = 1e3, 1e7
-"""Numbers from LARGE on have no decimals, from HUGE on powers of ten."""
+"""Numbers have no decimals from LARGE on, and are written in powers of ten from HUGE on."""
 
 
 def quantity(value: float, unit: str = "", sign: str = "") -> str:
-    """Return a number in three digits with its unit; `sign` is that of Python's formats."""
+    """Format a number with three digits and its unit; `sign` as in Python's format strings."""
     if unit in ("m", "m/s") and 0 < abs(value) < SMALL_M:
         value, unit = value * 1e3, f"m{unit}"
     return f"{number(value, sign)} {unit}".rstrip()
 
 
 def number(value: float, sign: str = "") -> str:
-    """Return a number in three digits; `sign` is that of Python's formats."""
+    """Format a number with three digits; `sign` as in Python's format strings."""
     if not math.isfinite(value):
         return f"{value:{sign}}"
     if LARGE <= abs(value) < HUGE:
@@ -31,19 +31,19 @@ def number(value: float, sign: str = "") -> str:
 
 
 def gap(value: float, unit: str) -> str:
-    """Return the size of a way or an angle in two digits, ways below 1 m in millimetres."""
+    """Format the size of a distance or an angle in two digits; below 1 m in millimetres."""
     if unit == "m" and abs(value) < 1:
         return f"{abs(value) * 1e3:.3g} mm"
     return f"{abs(value):.3g} {unit}" if abs(value) >= 10 else f"{abs(value):.2g} {unit}"
 
 
 def place(value: float, unit: str) -> str:
-    """Return a position, to the millimetre or to a hundredth of a radian."""
+    """Format a position, to the millimetre or to a hundredth of a radian."""
     return f"{value:.3f} m" if unit == "m" else f"{value:.2f} {unit}"
 
 
 def effort(value: float, unit: str) -> str:
-    """Return the size of a force or torque, in two digits below 10 and whole above."""
+    """Format the size of a force or torque: two digits below 10, integers above."""
     return f"{abs(value):.0f} {unit}" if 10 <= abs(value) < 1e6 else f"{abs(value):.2g} {unit}"
 
 
@@ -56,11 +56,11 @@ KINDS: Mapping[str, Callable[[float, str, str], str]] = {
     "mm": lambda value, _, __: f"{value * 1e3:.3g} mm",
     "speed": lambda value, unit, _: f"{abs(value):.2g} {unit}/s",
 }
-"""Form of a number by its kind, with the units of positions and forces."""
+"""Formatter of each kind of number, with the units of positions and forces."""
 
 
 class Written(str):
-    """A number already written as text, whatever form a template asks for."""
+    """A number already formatted as text, which ignores the format that a template requests."""
 
     __slots__ = ()
 

@@ -37,9 +37,9 @@ ENGINES: dict[Engine, str] = {"bullet": "PyBullet", "mujoco": "MuJoCo"}
 INTEGRATORS: dict[Engine, tuple[Integrator, ...]] = {
     "mujoco": ("euler", "rk4", "implicit", "implicitfast"),
 }
-"""The integrators of an engine that has several, the default first."""
+"""Integrators of each engine that offers a choice, the default first."""
 EXACT_INTEGRATORS = ("rk4",)
-"""Integrators without an error under gravity alone."""
+"""Integrators that are exact under gravity alone."""
 ENGINES_WITH: dict[str, tuple[Engine, ...]] = {
     "linear_damping": ("bullet",),
     "angular_damping": ("bullet",),
@@ -52,16 +52,16 @@ ENGINES_WITH: dict[str, tuple[Engine, ...]] = {
     "substeps": ("bullet",),
     "coordinates": ("bullet",),
 }
-"""The engines that have an option, by field; an option not listed is one of all engines."""
+"""Engines that support a field's option; options not listed here are supported by all engines."""
 WITHOUT = {"linear_damping": 0.0, "angular_damping": 0.0, "substeps": 1}
-"""The value of an option that describes an engine without it."""
+"""Value of an option by which another engine, which lacks the option, is described."""
 
 GRAVITY_PRESETS_M_S2 = {"earth": -9.81, "moon": -1.62, "mars": -3.71, "zero": 0.0}
 BYTES_PER_SAMPLE = 480
-"""Size of a sample in a recording without frames, of any length, for a box resting on its four
-corners, which creep. In flight it is half of that."""
+"""Size of a sample in a recording without frames [bytes], for a box resting on its four corners,
+which creep. In flight it is half of that."""
 MAX_STEPS = 1_000_000_000
-"""A recording of more steps would take over 500 GB."""
+"""Most steps of a recording: beyond this, it would take over 500 GB."""
 
 
 def gravity(text: str) -> float:
@@ -81,7 +81,7 @@ GRAVITY = OptionType(gravity, "NUMBER|NAME", float)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Scenario(Optioned):
-    """One drop: the body, the world it falls in, and how the engine steps it.
+    """One drop: the body, its world, and how the engine steps it.
 
     `None` leaves the engine's own value. World axes are x, y, z with z up; the floor is z = 0.
 
@@ -303,7 +303,7 @@ class Scenario(Optioned):
             self._check_substeps(self.substeps)
 
     def _check_engine(self) -> None:
-        """Check that the engine has the given options."""
+        """Check that the engine supports the given options."""
         name = ENGINES[self.engine]
         for field, engines in ENGINES_WITH.items():
             spec = self.options()[field]
@@ -348,7 +348,7 @@ class Scenario(Optioned):
 
     @property
     def steps(self) -> int:
-        """The number of timesteps in the duration; a recording has one sample more."""
+        """Number of timesteps in the duration; a recording has one more sample than that."""
         return round(self.duration_s / self.timestep_s)
 
     @property
@@ -367,12 +367,12 @@ class Scenario(Optioned):
 
     @property
     def effective_gravity_m_s2(self) -> float:
-        """The z component of gravity that the engine was given: 0 where it was given none."""
+        """The z component of gravity as set in the engine; 0 if it was not set."""
         return self.gravity_m_s2 if self.gravity_set else 0.0
 
 
 def _unit(quaternion: Quaternion) -> Quaternion:
-    """Return a quaternion of length 1; one that is to rounding is kept, so that it reads back."""
+    """Normalize a quaternion; one of length 1 within rounding is kept, so that it reads back."""
     length = math.hypot(*quaternion)
     if not length > 0:
         raise ScenarioError("--orientation must not be the quaternion 0,0,0,0; try 0,0,0,1")
@@ -383,9 +383,9 @@ def _unit(quaternion: Quaternion) -> Quaternion:
 
 
 def _substeps_taken(timestep_s: float, substeps: int) -> set[int]:
-    """Return the possible numbers of substeps that the engine takes when asked for `substeps`.
+    """Return the possible numbers of substeps that the engine makes if `substeps` are requested.
 
-    It accumulates the time not stepped yet, and takes as many whole substeps as fit into it
+    Bullet accumulates the time not stepped yet, and takes as many whole substeps as fit into it
     (`btDiscreteDynamicsWorld::stepSimulation`): one fewer where dt / (dt/N) rounds below N.
     """
     substep_s, left_s, counts = timestep_s / substeps, 0.0, set()
@@ -399,7 +399,7 @@ def _substeps_taken(timestep_s: float, substeps: int) -> set[int]:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Camera(Optioned):
-    """The camera that takes frames: a look-at camera, up axis z; by default the experiment's.
+    """The camera that takes frames: aimed at a point, z axis up; by default the experiment's.
 
     A view other than the standard one is aimed once the body is known, see
     `drop_physics.engines.pybullet.visible_world.framed`.
@@ -442,11 +442,11 @@ class Camera(Optioned):
         self.check_domains()
 
     def looking_at(self, position_m: Vector) -> Camera:
-        """Return the camera aimed for a picture of the body at a position [m]."""
+        """Return the camera aimed at a body's position [m]."""
         return replace(self, target_m=position_m) if self.view == "follow" else self
 
     def frames_of(self, steps: int) -> int:
-        """Return the number of frames of a fall with that many steps, the release included."""
+        """Return the number of frames of a fall with this many steps, including the release."""
         return steps // self.capture_every + 1
 
     @property

@@ -1,4 +1,4 @@
-"""Temporary folders of our own; those of killed processes are removed by the next one.
+"""Temporary folders of `drop`; those left by killed processes are removed by the next process.
 
 A folder's name has the process that made it: its number, and when it started. As long as that
 process lives it also holds a lock on the folder, which another machine or container sees, too.
@@ -24,15 +24,15 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 NAME = re.compile(r"drop-(\d+)-(\d+)-\w+")
-"""Process number and start time, in the system's ticks, in the name of a folder."""
+"""Pattern of a folder's name: process id and start time in clock ticks."""
 STARTED = 19
-"""Place of the start time in `/proc/PID/stat`, behind the program's name."""
+"""Index of the start time in `/proc/PID/stat`, after the program's name."""
 WAITS_S = 0.0, 0.01, 0.1, 0.5
-"""Times after which a folder is removed again: a process that ends may still have written [s]."""
+"""Delays before each attempt to delete a folder [s], since an ending process may still write."""
 
 
 class TemporaryFolder:
-    """A new folder, until it is closed.
+    """A temporary folder that exists until it is closed.
 
     Raises
     ------
@@ -49,7 +49,7 @@ class TemporaryFolder:
         self._lock = _locked(self.path)
 
     def close(self) -> None:
-        """Remove the folder with its contents."""
+        """Delete the folder with its contents."""
         _remove(self.path)
         atexit.unregister(self._close_at_end)
         if self._lock is not None:
@@ -63,7 +63,7 @@ class TemporaryFolder:
 
 @contextlib.contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Yield a new folder, which is removed at the end of the block."""
+    """Yield a new temporary folder, which is deleted at the end of the block."""
     folder = TemporaryFolder()
     try:
         yield folder.path
@@ -72,12 +72,12 @@ def temporary_folder() -> Iterator[Path]:
 
 
 def is_temporary(path: Path) -> bool:
-    """Return whether a file is below such a folder, and goes with it."""
+    """Return whether a file is inside such a folder, and will be deleted with it."""
     return any(NAME.fullmatch(parent.name) for parent in path.parents)
 
 
 def remove_leftovers() -> None:
-    """Remove the folders of killed processes of ours; where `/proc` is, on Linux."""
+    """Delete the temporary folders of our killed processes, on Linux, where `/proc` exists."""
     if _started(os.getpid()) is None:
         return
     with contextlib.suppress(OSError), os.scandir(tempfile.gettempdir()) as entries:
@@ -95,7 +95,7 @@ def remove_leftovers() -> None:
 
 
 def _started(number: int) -> int | None:
-    """Return the start time of a process, in ticks since the system's start; None if it is gone."""
+    """Return a process's start time in clock ticks since boot; None if the process has ended."""
     try:
         stat = Path(f"/proc/{number}/stat").read_text(errors="replace")
         return int(stat.rpartition(")")[2].split()[STARTED])
@@ -104,7 +104,7 @@ def _started(number: int) -> int | None:
 
 
 def _locked(folder: Path) -> int | None:
-    """Return a descriptor that holds a folder's lock; None if another has it, or there is none."""
+    """Lock a folder and return the descriptor; None if it is locked already or does not exist."""
     if fcntl is None:
         return None
     descriptor = -1

@@ -1,4 +1,4 @@
-"""Worker processes that call our functions: ask now, take the answers when they are needed.
+"""Worker processes that call our functions: send a request, and collect the result when needed.
 
 PyBullet and matplotlib hold Python's lock while they draw, so threads gain nothing. These are plain
 subprocesses fed through pipes: unlike `multiprocessing`, they do not import the caller's main
@@ -28,39 +28,39 @@ from drop_physics.loading import load_less
 from drop_physics.messages import Message
 
 SAFE = {"PYTHONSAFEPATH": "1", "MUJOCO_GL": "disable"}
-"""Variables of our own processes. What a library starts imports nothing from the working directory,
-and MuJoCo looks for no window library, which it would load from there."""
+"""Environment variables of our own processes: libraries import nothing from the working directory,
+and MuJoCo does not load a window library from there."""
 
 LOUD = ("RUST_LOG", "MALLOC_CONF", "_RJEM_MALLOC_CONF", "POLARS_VERBOSE", "POLARS_PANIC_ON_ERR")
-"""Variables of somebody's own programs, which libraries of ours would heed and print for."""
+"""Variables set for other programs that would make our libraries print."""
 
 LEAST_FILES = 64
-"""Files that may have to be open at once: a sweep on four cores needs half as many."""
+"""Least limit of open files that we need: twice what a sweep on four cores uses."""
 FINISHES = "finishes"
-"""Argument of a worker's process."""
+"""Command-line argument of a worker that finishes queued requests after its parent has ended."""
 
 ALARM, CPU_USED_UP = (getattr(signal, name, None) for name in ("SIGALRM", "SIGXCPU"))
 """Signals that end a process that takes too long; None on Windows."""
 
 PR_SET_PDEATHSIG = 1
-"""Number of the option in Linux's `sys/prctl.h`."""
+"""Value of the option's constant in Linux's `sys/prctl.h`."""
 
 given: dict[str, str] = {}
-"""The environment as the command was given it; empty if we are not a command."""
+"""The environment in which the command was started; empty if `drop` is imported as a library."""
 
 
 _changed: dict[str, tuple[str | None, str | None]] = {}
-"""Variables that our imports have changed where we are not a command: before, and then."""
+"""Environment variables that our imports have changed in a user's process: old and new values."""
 
 
 def note_changes(before: Mapping[str, str]) -> None:
-    """Note changes of the environment by imports, where Polars sets up an allocator."""
+    """Note environment variables that imports changed, as Polars does for its allocator."""
     for name in {name for name, _ in before.items() ^ os.environ.items()}:
         _changed[name] = before.get(name), os.environ.get(name)
 
 
 def users_environment() -> dict[str, str]:
-    """Return the environment for somebody else's program, without settings of ours or libraries."""
+    """Return the environment for the user's programs, without settings by `drop` or libraries."""
     if given:
         return given
     theirs = dict(os.environ)
@@ -72,7 +72,7 @@ def users_environment() -> dict[str, str]:
 
 
 def check_limits() -> None:
-    """Make sure that our libraries can open files, since some abort otherwise.
+    """Check that enough files can be opened, since some libraries abort otherwise.
 
     Raises
     ------
@@ -94,24 +94,24 @@ def check_limits() -> None:
 
 
 def end_with_parent() -> None:
-    """Have the system end this process when its parent is killed."""
+    """Have the system end this process when its parent process dies."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def silence() -> None:
-    """Silence Matplotlib's remark on a missing folder for settings: then it uses another."""
+    """Silence Matplotlib's warning that its config folder is missing; it uses a temporary one."""
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 def our_environment() -> dict[str, str]:
-    """Return the environment for a process of our own: quiet, and with our modules only."""
+    """Return the environment for our own processes: quiet, and importing only our modules."""
     ours = {name: value for name, value in os.environ.items() if name not in LOUD}
     return {**ours, **SAFE, "PYTHONPATH": os.pathsep.join(module_path())}
 
 
 def cores() -> int:
-    """Return the number of processors that this process may use."""
+    """Return the number of processors available to this process."""
     try:
         return len(os.sched_getaffinity(0))
     except AttributeError:  # only Linux knows
@@ -125,7 +125,7 @@ def under_load(seconds: float) -> float:
 
 
 class Worker:
-    """One process; use it in a `with` statement.
+    """A worker process; use it in a `with` statement.
 
     It starts at once, and imports a function's module when it is first asked for. Questions are
     answered in order. Take all answers before asking another large question.
@@ -169,11 +169,11 @@ class Worker:
 
     @property
     def idle(self) -> bool:
-        """True if it runs and owes no answer, for functions that return one answer."""
+        """True if it runs and has no pending result, for functions that return one result."""
         return self._answered and self._process.poll() is None
 
     def close(self) -> None:
-        """End the process; an `answer` awaited in another thread raises `WorkerDiedError`."""
+        """End the process; a pending `answer` in another thread raises `WorkerDiedError`."""
         if not self._finishes:
             self._process.kill()  # it has nothing to lose
         for pipe in (self._process.stdin, self._process.stdout):
@@ -183,13 +183,13 @@ class Worker:
         self._process.wait()
 
     def load(self, *modules: str) -> None:
-        """Import modules in the background, so that a later answer comes sooner."""
+        """Import modules in the background, so that later calls are faster."""
         self.ask("", *modules)  # no function, and so no answer
 
     def ask(self, function: str, *arguments: object) -> None:
-        """Call a function, `module:name`, in the process; its module need not be imported here.
+        """Call a function, named `module:name`, in the process; it need not be imported here.
 
-        If it returns an iterator, each of its elements is an answer.
+        If the function returns an iterator, each element is a result.
 
         Raises
         ------
@@ -205,7 +205,7 @@ class Worker:
             raise self._died() from None
 
     def answer(self) -> Any:  # noqa: ANN401
-        """Return the next answer, or raise the function's exception.
+        """Wait for the next result, and return it or raise the function's exception.
 
         Raises
         ------
@@ -230,7 +230,7 @@ class Worker:
 
 
 class WorkerDiedError(DropError):
-    """A worker process that ended before it answered."""
+    """Raised when a worker process ends before it has returned a result."""
 
     def __init__(self, exit_code: int) -> None:
         self.signal = -exit_code
@@ -239,7 +239,7 @@ class WorkerDiedError(DropError):
 
 
 def how_it_ended(exit_code: int) -> Message:
-    """Return the words for the exit code of a process; below 0 it is a signal's."""
+    """Describe a process's exit code in words; a negative code is a signal's number."""
     if -exit_code in (ALARM, CPU_USED_UP):
         return Message("signal {signal}, which ends what is too slow", signal=-exit_code)
     if exit_code < 0:
@@ -250,9 +250,9 @@ def how_it_ended(exit_code: int) -> Message:
 def module_path() -> list[str]:
     """Return the module search path, without the working directory.
 
-    That holds data: a `random.py` in it must not be run. It is kept only if this package itself is
-    in it, as in a checkout. A folder of somebody's own modules, such as that of the tests under
-    pytest, comes last: a `random.py` in it is not the one that our libraries mean.
+    That directory holds data: a `random.py` in it must not be run. It is kept only if this package
+    itself is in it, as in a checkout. A folder of somebody's own modules, such as that of the tests
+    under pytest, comes last: a `random.py` in it is not the one that our libraries mean.
     """
     home, library = Path(__file__).parents[1], Path(os.__file__).parent
     ranked = []
@@ -268,7 +268,7 @@ def module_path() -> list[str]:
 
 @contextlib.contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Keep Ctrl-C, which a terminal sends to every process, from those started in this block."""
+    """Block Ctrl-C, which a terminal sends to all processes, in those started within this block."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
@@ -288,7 +288,7 @@ def _send(item: object, sink: IO[bytes]) -> None:
 
 
 def _work() -> None:
-    """Answer the questions from standard input until it ends."""
+    """Execute the requests that arrive on standard input, until it is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     silence()
     load_less()
@@ -323,7 +323,7 @@ def _work() -> None:
 
 
 def _listen(questions: queue.SimpleQueue[tuple[str, bytes] | None]) -> None:
-    """Queue the questions; when the parent is gone, end at once or, with `finishes`, after them."""
+    """Queue incoming requests; if the parent dies, end at once or, with `finishes`, after them."""
     with contextlib.suppress(EOFError, pickle.UnpicklingError):
         while True:
             questions.put(pickle.load(sys.stdin.buffer))

@@ -1,4 +1,4 @@
-"""Comparison of the calls of two scripts in their order."""
+"""Compare the calls of two scripts in order."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from drop_physics.trace.events import Site, order
 from drop_physics.trace.history import Seen
 
 FOLDER = re.compile(r"(?<=['\"])(?:/|[A-Za-z]:[/\\])(?:[^'\"]*[/\\])?")
-"""The folder of an absolute path in a call's arguments, which depends on the machine."""
+"""Pattern of the folders in an absolute path in a call's arguments, which depend on the machine."""
 
 
 @dataclass(frozen=True)
 class OtherCall:
-    """The first call that differs from golden's."""
+    """The first call that differs from the golden recording's."""
 
     value: Call | None
     """The call in the checked recording; None if it has no more."""
@@ -27,7 +27,7 @@ class OtherCall:
 
 
 class CallComparison:
-    """Compares the calls of each simulation, piece by piece.
+    """Compares the calls of each simulation, batch by batch.
 
     From which lines they are made does not count, nor how those of several simulations alternate:
     threads take turns at random.
@@ -47,7 +47,7 @@ class CallComparison:
         self._said: dict[Site, tuple[str, str]] = {}
 
     def add(self, run: Iterable[Call], golden: Iterable[Call]) -> None:
-        """Compare the next calls of both."""
+        """Compare the next calls of both recordings."""
         for call in run:
             if call.client in self._clients.values() and call.client not in self._found:
                 self._waiting[call.client][0].append(call)
@@ -64,7 +64,7 @@ class CallComparison:
                     theirs.clear()
 
     def first(self) -> OtherCall | None:
-        """Return the first call that differs, of all calls so far."""
+        """Return the first call that differs so far."""
         found = [*self._found.values()]
         for mine, theirs in self._waiting.values():
             if mine or theirs:
@@ -72,14 +72,14 @@ class CallComparison:
         return min(found, key=_when, default=None)
 
     def _does(self, call: Call) -> tuple[object, ...]:
-        """Return the effect of a call, without its line and the folders of its files."""
+        """Return what a call does, without its source line and the folders of its files."""
         if call.site not in self._said:
             self._said[call.site] = call.function, FOLDER.sub("", call.site.form)
         return *self._said[call.site], _comparable(call.numbers), bool(call.raised)
 
 
 def _comparable(numbers: tuple[float, ...]) -> tuple[object, ...]:
-    """Return numbers with nan replaced, so that nan equals nan."""
+    """Replace nan in numbers by a value that equals itself."""
     return tuple(number if number == number else None for number in numbers)
 
 
@@ -88,7 +88,7 @@ def _when(other: OtherCall) -> tuple[int, int]:
 
 
 def call_before(run: Seen, first: Dated) -> Call | None:
-    """Return the last call before a difference that can have caused it."""
+    """Return the last call before a difference that may have caused it."""
     found = None
     (step, phase, number), client, _ = first
     for piece in run.pieces():

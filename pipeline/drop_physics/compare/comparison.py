@@ -1,4 +1,4 @@
-"""A test of two recordings for the same physics: the first difference, and its size.
+"""Test whether two recordings show the same physics: find the first difference, and its size.
 
 Inputs count until a sample differs: from there on they may be a reaction to the difference, in a
 script that controls by its measurements. Calls are reported, but only their effects count. Motion
@@ -38,47 +38,47 @@ TIMESTEPS = ("timestep_s", "engine.timestep_s", "engine.fixedTimeStep")
 
 @dataclass(frozen=True)
 class Comparison:
-    """The result of a comparison of two recordings."""
+    """The result of comparing two recordings."""
 
     of_drop: bool
-    """Whether both are of a drop."""
+    """Whether both recordings are of a drop."""
     differences: list[Difference]
     """Settings of a drop, or inputs of a script that differed before any sample did: bodies, the
-    engine's settings, masses … Of a script they are no difference by themselves."""
+    engine's settings, masses … For a script, they alone do not count as a difference."""
     first: Difference | None
-    """The first difference of a sample, or the first body that only one has; None if there is none,
-    or nothing was compared."""
+    """The first difference of a sample, or the first body that only one recording has; None if
+    there is none, or nothing was compared."""
     call_before: Call | None
     """The last call before the first difference."""
     other_call: OtherCall | None
-    """The first call that differs from golden's; None if none does. By itself it is not a
+    """The first call that differs from the golden recording's; None if none does. It alone is no
     difference in physics."""
     largest: list[Largest]
-    """The largest difference of each body and quantity, where there is any."""
+    """The largest difference of each body and quantity, if there is any."""
     largest_difference_m: float | None
-    """Largest distance between positions of a part, over all samples that both have; None if they
-    share none, or have them at other times."""
+    """Largest distance between positions of a link, over all samples common to both; None if there
+    are none."""
     part_at: int | None
-    """The first step with a state that is not the same to the bit."""
+    """The first step with a state that is not equal bit for bit."""
     not_compared: list[str]
     """Bodies whose motion is not recorded, or not that of all links: soft bodies, and links that
-    PyBullet does not report. If nothing else differs, the two are then neither the same nor
+    PyBullet does not report. If nothing else differs, the recordings are then neither the same nor
     different. Also bodies that only one of the two has, or that have other joints there."""
     script: list[Setting]
-    """Differences of the script: its name, the digest of its text, its arguments, the seed. Not a
-    difference in physics."""
+    """Differences of the script: name, digest of the text, arguments, seed. Not a difference in
+    physics."""
     versions: list[Setting]
-    """The versions that made them, if they differ: not a difference in physics."""
+    """Versions of the software that made them, if they differ: not a difference in physics."""
     unseeded: list[str]
-    """Calls that drew unseeded random numbers in either."""
+    """Calls that drew unseeded random numbers in either recording."""
     real_time: bool
-    """Whether either asked for real-time simulation, which follows a clock."""
+    """Whether either run requested real-time simulation, which follows a clock."""
     unpaired: Sequence[str] = ()
-    """Bodies that only one of the two has, or that have other joints there."""
+    """Bodies that only one recording has, or that have other joints in the other one."""
 
     @property
     def same(self) -> bool:
-        """True if it is the same physics; never, if nothing could be compared."""
+        """True if both show the same physics; False if nothing could be compared."""
         alike = self.first is None and not self.not_compared
         alike &= not (self.of_drop and self.differences)
         return alike and self.largest_difference_m is not None
@@ -146,7 +146,7 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
 
 
 def _pieces(run: Seen, golden: Seen) -> Iterator[tuple[Piece, Piece]]:
-    """Yield the samples of both in the same steps."""
+    """Yield the samples of both recordings for the same steps."""
     sides, steps = (run.sampled, golden.sampled), min(run.piece_steps(), golden.piece_steps())
     for first in range(
         min(side.first for side in sides), max(side.last for side in sides) + 1, steps
@@ -163,5 +163,5 @@ def _not_seen(seen: Seen) -> Iterator[str]:
 
 
 def _told(dated: Dated, run: Seen) -> Difference:
-    """Return a difference with the time of its step."""
+    """Return a difference, with the simulated time of its step."""
     return replace(dated.difference, time_s=StepTimes(run, dated.client).of(dated.when.step))

@@ -19,14 +19,14 @@ COLUMNS = [
     *(column for name in MEASURED for column in CONTACT_COLUMNS.get(name, (name,))),
     *(f"friction_{axis}_n" for axis in "xyz"),
 ]
-"""The compared quantities of a contact point: friction is added up to one force, since a small one
+"""The compared quantities of a contact point: friction is summed up to one force, since a small sum
 may have large parts."""
 
 
 def first_contact(
     run: Seen, pairs: Pairing, mine: Rows, golden: Rows, allowed: Mapping[str, float]
 ) -> Dated | None:
-    """Return the first contact point that differs by more than allowed, or is in one run only.
+    """Return the first contact point that differs by more than allowed, or is in only one run.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def _numbers(points: Rows) -> Float64:
 
 
 def _by_client(run: Seen, points: Rows) -> Rows:
-    """Return contact points in the order of step and client: clients have their own steps."""
+    """Sort contact points by step and simulation, each of which counts its own steps."""
     clients = {number: body.client for number, body in run.bodies.items()}
     client = np.array([clients.get(number, 0) for number in points["body_a"].tolist()], np.int64)
     ordered: Rows = points[np.lexsort((client, points["step"]))]
@@ -85,7 +85,7 @@ def _by_client(run: Seen, points: Rows) -> Rows:
 
 
 def _part(run: Seen, pairs: Pairing, point: np.void) -> tuple[str | None, int | None]:
-    """Return label and link of a touching part; PyBullet hides those of btRigidBodies."""
+    """Return label and link of a touching body; PyBullet hides those of btRigidBodies."""
     for side in "ab":
         number, link = int(point[f"body_{side}"]), int(point[f"link_{side}"])
         if number in run.bodies:

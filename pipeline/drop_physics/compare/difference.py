@@ -1,4 +1,4 @@
-"""Differences between a recording and the golden one."""
+"""The data model of differences between a recording and the golden one."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from drop_physics.scenario import Scenario
 from drop_physics.trace.history import Seen
 
 Value = Any
-"""A number, a text, a flag or a vector; None if there is none."""
+"""A number, a text, a flag or a vector; None if it does not exist."""
 
 
 class DropInputs(NamedTuple):
-    """A drop: its scenario and its engine."""
+    """The inputs of a drop: its scenario and its engine."""
 
     scenario: Scenario
     engine: EngineReport
@@ -27,23 +27,23 @@ class DropInputs(NamedTuple):
 
 @dataclass(frozen=True)
 class Side:
-    """One of two recordings."""
+    """One of two recordings that are compared."""
 
     seen: Seen
     origin: Mapping[str, Any]
     """The script, the digest of its text, its arguments, the seed; empty for a drop."""
     ended: Mapping[str, Any]
-    """The end of the run, and the versions that made it."""
+    """How the run ended, and the versions of the software."""
     drop: DropInputs | None = None
     """The inputs of a drop; None for a script."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A fact that differs between two recordings, without being a difference in physics."""
+    """A setting that differs between two recordings, but is no difference in physics."""
 
     name: str
-    """Name in the recording."""
+    """Name of the setting in the recording."""
     value: Value
     """The value in the checked recording."""
     golden: Value
@@ -52,35 +52,36 @@ class Setting:
 
 @dataclass(frozen=True)
 class Difference:
-    """A value that the golden recording lacks, or that is different there."""
+    """A value that differs from the golden recording, or that the golden recording lacks."""
 
     step: int | None
-    """Number of steps of its simulation before it; None for a setting of a whole drop."""
+    """Number of steps of the simulation before it; None for a setting of a whole drop."""
     body: str | None
     """Label of the body; None if it belongs to no body."""
     link: int | None
     """Link of the body, -1 is its base; None if it belongs to no link."""
     column: str
-    """A column of the state, or of joints, as `joint_effort`, or of a contact point, as
-    `contact_distance_m`; `contact_points` is how many there are. `constraints.2.0` is the first
-    force of constraint 2. `dynamics.mass_kg` and `engine.fixedTimeStep` are in these entities of
-    the recording; an element of a vector has its number after it, from 0. `there` is whether a body
-    or its sample exists (1 or 0), and `frame` is an image. Of a drop's settings: the name in its
-    scenario; `engine.` comes first where the engine's value differs and the scenario's does not."""
+    """Name of the differing number: a column of the state, of joints, such as `joint_effort`, or of
+    a contact point, such as `contact_distance_m`; `contact_points` is the number of contact points.
+    `constraints.2.0` is the first force of constraint 2. `dynamics.mass_kg` and
+    `engine.fixedTimeStep` are in the recording's entities of these names; elements of a vector are
+    numbered from 0 at the end. `there` is whether a body or its sample exists (1 or 0), and `frame`
+    is an image. For a drop's settings, the name in its scenario, with the prefix `engine.` where
+    the engine's value differs and the scenario's does not."""
     value: Value = None
     """The value in the checked recording; None if there is none."""
     golden: Value = None
-    """The value in the golden recording."""
+    """The value in the golden recording; None if there is none."""
     time_s: float | None = None
     """Simulated time of the step; None if it has none."""
     part: str | None = None
-    """Name of the link, or of its joint if the column is one of joints."""
+    """Name of the link, or of its joint if the column belongs to a joint."""
     unit: str = ""
-    """Unit of a joint's value; empty if the column says it."""
+    """Unit of a joint's value; empty if the column's name states it."""
 
     @property
     def difference(self) -> float | None:
-        """Value minus golden; None if they are not numbers."""
+        """The value minus the golden value; None if they are not numbers."""
         if all(type(each) in (int, float) for each in (self.value, self.golden)):
             return float(self.value - self.golden)
         return None
@@ -88,15 +89,15 @@ class Difference:
 
 @dataclass(frozen=True)
 class Largest:
-    """The largest difference of a body in one quantity, over all common samples."""
+    """The largest difference of one quantity of a body, over all common samples."""
 
     body: str
     """Label of the body."""
     link: int
     """Link where the difference is largest; -1 is the base."""
     quantity: str
-    """`position`, `orientation`, `velocity`, `spin` of base and links; `joint_position`,
-    `joint_velocity`, `joint_effort`."""
+    """`position`, `orientation`, `velocity` or `spin` of base and links; `joint_position`,
+    `joint_velocity` or `joint_effort`."""
     difference: float
     """Magnitude of the difference."""
     step: int
@@ -108,30 +109,30 @@ class Largest:
 
 
 class When(NamedTuple):
-    """The moment of a difference; moments have an order."""
+    """When a difference occurs; moments can be compared."""
 
     step: int
     phase: int
-    """`LED` (a sample that a step led to) comes before `INPUT` (the inputs given then) and `FIRST`
-    (a first sample, after the inputs that led to it)."""
+    """Order within a step: `LED` (a sample that a step led to) comes before `INPUT` (the inputs
+    given then) and `FIRST` (a first sample, after the inputs that led to it)."""
     call: int = 0
-    """Number of calls of the script before it."""
+    """Number of calls that the script had made."""
 
 
 LED, INPUT, FIRST = range(3)
 
 
 class Dated(NamedTuple):
-    """A difference with its simulation."""
+    """A difference, with its simulation and moment."""
 
     when: When
     client: int
-    """Number of the client in the checked recording."""
+    """Id of the simulation in the checked recording."""
     difference: Difference
 
 
 def earliest(*differences: Dated | None) -> Dated | None:
-    """Return the first of some differences; if several are simultaneous, the one listed first."""
+    """Return the earliest difference; of simultaneous ones, the one listed first."""
     return min(filter(None, differences), key=lambda dated: dated.when, default=None)
 
 

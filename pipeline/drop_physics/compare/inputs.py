@@ -1,4 +1,4 @@
-"""Comparison of the inputs of two scripts: bodies, their dynamics, the engine's settings."""
+"""Compare the inputs of two scripts: bodies, their dynamics, the engine's settings."""
 
 from __future__ import annotations
 
@@ -24,29 +24,29 @@ from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen
 
 FOLLOWS = ("number", "label", "name", "engine_id", "client", "bounds_m", "asked")
-"""Fields that are not compared: a body's names and numbers, which depend on the machine and on
-earlier bodies; the boxes, which follow from its pose; and the requests of its file, which count
-through what the engine makes of them."""
+"""Fields that are not compared: names and ids of bodies, which depend on the machine and on earlier
+bodies; bounding boxes, which follow from poses; and what a body's file requests, of which only the
+result in the engine counts."""
 MADE_WITH = "made_with_"
 DID = ("unseeded", "real_time")
-"""Facts of that prefix that are not versions but say what the script did."""
+"""Recorded facts with the prefix of versions that describe the script's behaviour instead."""
 OF_SCRIPT = ("script", "script_sha256", "arguments", "seed")
 
 OF_VERSION = ("engine", "dynamics")
-"""Values that are compared as far as both engines report them."""
+"""Entities whose values are compared only as far as both engines report them."""
 SET = "set_"
-"""Settings that a call gave begin with this."""
+"""Prefix of the names of settings that a call set."""
 
 Column = tuple[int | None, str]
-"""Link and name."""
+"""A value's link, and its name."""
 Values = dict[Column, Value]
 Key = tuple[str, int, int]
-"""Entity, client, and number of a body, -1 for none; as the checked recording has them."""
+"""Entity, simulation and body id (-1 for none), as in the checked recording."""
 THERE: Column = (None, "there")
 
 
 def input_differences(run: Seen, golden: Seen, pairs: Pairing) -> Iterator[Dated]:
-    """Yield the first difference in the inputs of bodies and simulations.
+    """Yield the first differing input of each body and simulation.
 
     Inputs are compared at each step, until the first of both simulations ends.
     """
@@ -71,7 +71,7 @@ def _keep_shared(
     mine: Mapping[Key, Mapping[int, tuple[int, Values]]],
     theirs: Mapping[Key, Mapping[int, tuple[int, Values]]],
 ) -> None:
-    """Drop values that only one of two engines, or of two versions, reports at all."""
+    """Remove values that only one of two engines, or versions, ever reports."""
     sides = (
         [
             values
@@ -93,7 +93,7 @@ def _keep_shared(
 
 
 def _reported(name: str) -> str | None:
-    """Return the name of a value that the engine reports; None for one set by a call."""
+    """Return the name of a value reported by the engine; None for one that a call set."""
     return None if name.startswith(SET) else name.partition(".")[0]
 
 
@@ -104,7 +104,7 @@ def _first(
     theirs: Mapping[int, tuple[int, Values]],
     end: float,
 ) -> Iterator[Dated]:
-    """Yield the columns of one entity that differ at the first differing step."""
+    """Yield the columns of an entity that differ at the first differing step."""
     absent: Values = {THERE: 0.0} if key[0] == "bodies" else {}
     now, then = absent, absent
     for step in sorted(mine.keys() | theirs.keys()):
@@ -129,7 +129,7 @@ def _first(
 def _inputs(
     seen: Seen, numbers: Mapping[int, int], clients: Mapping[int, int], common: Set[int]
 ) -> dict[Key, dict[int, tuple[int, Values]]]:
-    """Return the values of inputs after their changes, by step, and the calls before them."""
+    """Return the inputs after each change, by step, with the number of calls before."""
     inputs: dict[Key, dict[int, tuple[int, Values]]] = {}
     for came in seen.appearances:
         key = "bodies", clients.get(came.body.client, -1), numbers[came.body.number]
@@ -158,7 +158,7 @@ def _inputs(
 
 
 def _flat(values: Mapping[str, Any], link: int | None = None) -> Iterator[tuple[Column, Value]]:
-    """Yield numbers, texts and flags by name; elements of vectors are numbered from 0."""
+    """Yield numbers, texts and flags by name; a vector's elements are numbered from 0."""
     for name, value in values.items():
         if is_dataclass(value):
             inner = {part.name: getattr(value, part.name) for part in fields(value)}
@@ -183,7 +183,7 @@ def _of_links(reported: Mapping[str, Any]) -> Iterator[tuple[Column, Value]]:
 
 
 def script_settings(run: Side, golden: Side) -> Iterator[Setting]:
-    """Yield differences of the script: its name, the digest of its text, arguments, seed."""
+    """Yield how the scripts differ: name, digest of the text, arguments, seed."""
     for name in OF_SCRIPT:
         mine, theirs = (side.origin.get(name) for side in (run, golden))
         if mine != theirs:
@@ -191,7 +191,7 @@ def script_settings(run: Side, golden: Side) -> Iterator[Setting]:
 
 
 def script_versions(run: Side, golden: Side) -> Iterator[Setting]:
-    """Yield the versions that made two recordings, if both have one and they differ."""
+    """Yield the software versions that differ between two recordings, where both have one."""
     mine, theirs = (_made_with(side) for side in (run, golden))
     for name, value in mine.items():
         other = theirs.get(name)

@@ -1,4 +1,4 @@
-"""The samples of bodies in a piece of a recording, to compare two recordings."""
+"""Collect the samples of bodies in a batch of steps, to compare two recordings."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from drop_physics.trace.states import Joints, Rows, by_body, motion_of
 
 @dataclass(frozen=True)
 class BodySamples:
-    """The samples of a body: of its base if that can move, of its joints if it has any."""
+    """A body's samples: of its base if it can move, and of its joints if it has any."""
 
     steps: Int64
     base: Rows | None
     joints: Joints | None
 
     def at(self, rows: Flags) -> BodySamples:
-        """Return the selected samples."""
+        """Return the samples with the given indices."""
         base = None if self.base is None else self.base[rows]
         joints = None if self.joints is None else self.joints.at(rows)
         return BodySamples(self.steps[rows], base, joints)
 
     @property
     def numbers(self) -> Float64:
-        """All numbers, those of the base first, shape (n, numbers)."""
+        """All numbers of the samples, the base's first, shape (n, numbers)."""
         parts = [] if self.base is None else [motion_of(self.base)]
         if self.joints is not None:
             parts += [self.joints.position, self.joints.velocity, self.joints.effort]
@@ -38,7 +38,7 @@ NOTHING = BodySamples(np.empty(0, np.int64), None, None)
 
 
 def motions(bases: Rows, joints: Mapping[int, Joints]) -> dict[int, BodySamples]:
-    """Return the samples of bodies, by number."""
+    """Return the samples of bodies, by body id."""
     found = {
         number: BodySamples(rows["step"], rows, None) for number, rows in by_body(bases).items()
     }
@@ -56,7 +56,7 @@ def motions(bases: Rows, joints: Mapping[int, Joints]) -> dict[int, BodySamples]
 def together(
     mine: BodySamples, theirs: BodySamples, *, finer: int = 1
 ) -> tuple[BodySamples, BodySamples]:
-    """Return the common samples; `theirs` makes `finer` steps for each of `mine`."""
+    """Return the samples at common times; `theirs` has `finer` steps for each of `mine`."""
     due = mine.steps * finer
     if np.array_equal(due, theirs.steps):
         return mine, theirs

@@ -1,4 +1,4 @@
-"""Positions and velocities of bodies in two recordings, in columns that correspond."""
+"""Arrange positions and velocities of bodies in two recordings in corresponding columns."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ BASE = ("m",) * 3 + ("rad",) * 4 + ("m/s",) * 3 + ("rad/s",) * 3
 
 @dataclass(frozen=True, eq=False)
 class PairedBody:
-    """A body in both runs, and its numbers in each: its base's 13, then those of its joints."""
+    """A body that both runs have, with its numbers: 13 for the base, then those of its joints."""
 
     name: str
     a: Float64
-    """Values by sample, shape (n + 1, k); nan where there is none."""
+    """Values by sample, shape (n + 1, k); nan where missing."""
     b: Float64
     units: Sequence[str]
     labels: Sequence[str]
-    """The body or joint that each number is of."""
+    """The body or joint that each number belongs to."""
     places: Sequence[int]
-    """The number's place among those of the base and of all joints, position and velocity each."""
+    """Index of each number among those of the base and of all joints, positions and velocities."""
 
 
 def paired_bodies(
     a: Seen, b: Seen, bodies: Sequence[tuple[Body, Body]], steps: int
 ) -> list[PairedBody]:
-    """Return bodies in both runs with their samples, if they have the same joints."""
+    """Return the bodies of both runs with their samples, if they have the same joints."""
     mine, theirs = (_motions(each) for each in (a, b))
     found = []
     for x, y in bodies:
@@ -53,7 +53,7 @@ def paired_bodies(
 
 
 def moving_alone(a: Seen, b: Seen, bodies: Sequence[tuple[Body, Body]]) -> dict[str, list[str]]:
-    """Return the moving bodies without a counterpart, of both runs: `a` and `b`."""
+    """Return the names of moving bodies without a counterpart, by run: `a` and `b`."""
     found = {}
     for which, (side, seen) in enumerate((("a", a), ("b", b))):
         known = {pair[which].number for pair in bodies}
@@ -74,7 +74,7 @@ def columns_of(bodies: Sequence[PairedBody]) -> list[Paired]:
 
 
 def farthest(bodies: Sequence[PairedBody], step: int) -> EndApart:
-    """Return the place and size of the largest distance between the runs after a step."""
+    """Return the largest distance between the runs after a step, and where it occurs."""
     found = EndApart(0.0, "m", bodies[0].name if bodies else "")
     for body in bodies:
         a, b = body.a[step + 1], body.b[step + 1]
@@ -106,7 +106,7 @@ def _label(body: Body) -> str:
 
 
 def _columns(body: Body, held: BodySamples) -> tuple[list[str], list[str], list[int]]:
-    """Return units, labels and places of a body's numbers."""
+    """Return units, labels and indices of a body's numbers."""
     units: list[str] = []
     labels: list[str] = []
     places: list[int] = []
@@ -126,7 +126,7 @@ def _columns(body: Body, held: BodySamples) -> tuple[list[str], list[str], list[
 
 
 def _rows(body: Body, held: BodySamples, steps: int) -> Float64:
-    """Return a body's numbers in its samples, shape (steps + 1, k)."""
+    """Return a body's numbers in each of its samples, shape (steps + 1, k)."""
     parts: list[Float64] = []
     if held.base is not None:
         parts.append(motion_of(held.base))
@@ -141,7 +141,7 @@ def _rows(body: Body, held: BodySamples, steps: int) -> Float64:
 
 
 def _scalar(body: Body, rate: int) -> Int64:
-    """Return the columns of joints with one number each."""
+    """Return the columns of joints that have a single coordinate."""
     at, found = 0, []
     for joint in body.joints:
         if joint.widths[:2] == (1, 1):

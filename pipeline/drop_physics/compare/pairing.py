@@ -1,4 +1,4 @@
-"""Matching of simulations and bodies in two recordings.
+"""Match the simulations and bodies of two recordings.
 
 Numbers say nothing about contents: an earlier connection, even an unused one, shifts those of
 clients; and bodies are numbered in the order of their appearance, which depends on how threads take
@@ -20,27 +20,27 @@ from drop_physics.trace.states import Rows
 
 @dataclass(frozen=True)
 class Pairing:
-    """The checked recording's numbers for the golden one's simulations and bodies."""
+    """The corresponding simulations and bodies of the checked and the golden recording."""
 
     clients: Mapping[int, int]
-    """The checked recording's clients, by golden's number; clients that only golden has get unused
-    numbers."""
+    """Simulation ids in the checked recording, by golden id; simulations that only the golden
+    recording has get unused ids."""
     bodies: Mapping[int, Body]
-    """Golden's bodies, by their number in the checked recording, or an unused number."""
+    """The golden recording's bodies, by their id in the checked recording, or by an unused id."""
     common: Mapping[int, Body]
-    """The checked recording's bodies that both have, by number."""
+    """The checked recording's bodies that both have, by id."""
 
     @cached_property
     def numbers(self) -> dict[int, int]:
-        """The checked recording's number for each of golden's bodies."""
+        """Ids in the checked recording, by the golden recording's body ids."""
         return {body.number: number for number, body in self.bodies.items()}
 
     def label(self, number: int) -> str:
-        """Return the label of a body that golden has, by its number in the checked recording."""
+        """Return the label of a golden body, by its id in the checked recording."""
         return (self.common.get(number) or self.bodies[number]).label
 
     def renumbered(self, rows: Rows, *fields: str) -> Rows:
-        """Return rows of golden's with the checked recording's numbers of bodies."""
+        """Replace body ids in rows of the golden recording by those of the checked one."""
         if all(old == new for old, new in self.numbers.items()):
             return rows
         renumbered = rows.copy()
@@ -51,7 +51,7 @@ class Pairing:
 
 
 def pairing(run: Seen, golden: Seen) -> Pairing:
-    """Return the matching simulations and bodies.
+    """Match the simulations and bodies of two recordings.
 
     Simulations correspond in the order of their connections, without unused ones; in two such
     simulations bodies of the same name correspond, in the order of their appearance.
@@ -74,7 +74,7 @@ def pairing(run: Seen, golden: Seen) -> Pairing:
 
 
 def lengths(run: Seen, golden: Seen, pairs: Pairing) -> dict[int, tuple[int, int]]:
-    """Return the numbers of samples of simulations in both, by client, where they differ."""
+    """Return the sample counts of simulations, by id, where the two recordings differ."""
     counts = {
         mine: (run.samples[mine], golden.samples[theirs])
         for theirs, mine in pairs.clients.items()
@@ -84,13 +84,13 @@ def lengths(run: Seen, golden: Seen, pairs: Pairing) -> dict[int, tuple[int, int
 
 
 def _used(seen: Seen) -> set[int]:
-    """Return the clients with bodies; without bodies, no setting has an effect."""
+    """Return the simulations that have bodies; in others, settings have no effect."""
     with_bodies = {body.client for body in seen.bodies.values()}
     return with_bodies or {each.client for each in seen.settings}
 
 
 def _named(seen: Seen, clients: Mapping[int, int]) -> dict[tuple[int, str, int], Body]:
-    """Return bodies by client, name, and the number of earlier ones of that name."""
+    """Return bodies by simulation, name, and the number of earlier bodies with that name."""
     before: Counter[tuple[int, str]] = Counter()
     named = {}
     for _, body in sorted(seen.bodies.items()):
@@ -101,12 +101,12 @@ def _named(seen: Seen, clients: Mapping[int, int]) -> dict[tuple[int, str, int],
 
 
 def _name(body: Body) -> str:
-    """Return a body's name in the engine."""
+    """Return a body's name as the engine has it."""
     return body.label.partition("_")[2]
 
 
 def _clients(run: Seen, golden: Seen) -> dict[int, int]:
-    """Map the golden recording's clients to the checked recording's."""
+    """Map the golden recording's simulation ids to the checked recording's."""
     mine, theirs = sorted(_used(run)), sorted(_used(golden))
     unused = itertools.count(max(mine, default=-1) + 1)
     return dict(zip(theirs, itertools.chain(mine, unused), strict=False))

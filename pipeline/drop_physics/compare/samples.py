@@ -1,4 +1,4 @@
-"""Comparison of the samples of two simulations, piece by piece: bases, joints, constraints."""
+"""Compare the samples of two simulations in batches: bases, joints, constraints."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from drop_physics.trace.states import BASE, MOTION_COLUMNS, motion_of
 Forces = Mapping[tuple[int, int], tuple[Int64, Float64]]
 
 VECTORS = (slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13))
-"""The columns of a state: position, quaternion, velocity, spin."""
+"""Column groups of a state: position, quaternion, velocity, spin."""
 QUANTITIES = {"position": "m", "orientation": "rad", "velocity": "m/s", "spin": "rad/s"}
 JOINT_QUANTITIES = {
     "joint_position": ("rad", "m"), "joint_velocity": ("rad/s", "m/s"),
     "joint_effort": ("N m", "N"),
 }  # fmt: skip
-"""Units of joints that turn, and of those that slide."""
+"""Units of the quantities of revolute joints, and of prismatic ones."""
 
 
 class SampleComparison:
@@ -53,13 +53,14 @@ class SampleComparison:
 
     def __init__(self, run: Seen, golden: Seen, pairs: Pairing, tolerance: Tolerance) -> None:
         self.first: Dated | None = None
-        """The first number that differs by more than allowed, or sample that one lacks."""
+        """The first number that differs by more than allowed, or sample missing from one
+        recording."""
         self.parted: When | None = None
-        """Moment of the first state that is not the same to the bit."""
+        """Moment of the first state that is not equal bit for bit."""
         self.shared = False
-        """Whether both have a sample of the same body and step."""
+        """Whether both recordings have a sample of the same body and step."""
         self.unlike: dict[int, str] = {}
-        """Labels of bodies that both have, but with other joints: these are not compared."""
+        """Labels of bodies that have other joints in the other recording, and are not compared."""
         self.largest: dict[tuple[int, str], Largest] = {}
         """The largest difference of each body and quantity."""
         self._run, self._golden = run, golden
@@ -103,7 +104,7 @@ class SampleComparison:
             self.first = earliest(*found)
 
     def end(self) -> None:
-        """Compare the lengths of simulations, in which nothing may move."""
+        """Compare the lengths of the simulations, in which nothing may move."""
         for client, (mine, theirs) in lengths(self._run, self._golden, self._pairs).items():
             step, there = min(mine, theirs), (float(mine > theirs), float(theirs > mine))
             ended = Dated(When(step, LED), client, Difference(step, None, None, "there", *there))
@@ -119,7 +120,7 @@ class SampleComparison:
         return Dated(self._when(number, step), body.client, difference)
 
     def _first_of_body(self, number: int, mine: BodySamples, theirs: BodySamples) -> Dated | None:
-        """Return the first number of a body that differs in this piece."""
+        """Return the first number of a body that differs in this batch."""
         dated = [self._lacking(number, mine.steps, theirs.steps)]
         mine, theirs = together(mine, theirs)
         steps = mine.steps
@@ -162,7 +163,7 @@ class SampleComparison:
         return When(step, FIRST if step == 0 or (number, step) in self._fresh else LED)
 
     def _lacking(self, number: int, mine: Int64, theirs: Int64) -> Dated | None:
-        """Return the first step that only one of both has as a sample."""
+        """Return the first step for which only one recording has a sample."""
         for step in np.setxor1d(mine, theirs).tolist():
             if (number, step) not in self._began:
                 self._part(self._when(number, step))
@@ -171,7 +172,7 @@ class SampleComparison:
         return None
 
     def _first_force(self, mine: Forces, theirs: Forces) -> Dated | None:
-        """Return the first force of a constraint that differs; None if only motion counts."""
+        """Return the first constraint force that differs; None if only motion is compared."""
         dated: list[Dated] = []
         for (client, number), (their_steps, forces) in theirs.items():
             key = self._pairs.clients.get(client, -1), number
@@ -196,7 +197,7 @@ class SampleComparison:
         tracks: tuple[BodySamples, BodySamples],
         parts: tuple[Float64, Float64],
     ) -> None:
-        """Keep the largest differences of a body, by quantity."""
+        """Update the largest differences of a body, by quantity."""
         x, y = parts
         with np.errstate(invalid="ignore", over="ignore"):
             for quantity, vector in zip(QUANTITIES, VECTORS, strict=True):
@@ -217,7 +218,7 @@ class SampleComparison:
     def _note(
         self, number: int, quantity: str, steps: Int64, size: Float64, links: range | list[int]
     ) -> None:
-        """Keep the largest of some differences, shape (n, links)."""
+        """Update the largest difference of a quantity, from sizes of shape (n, links)."""
         size = np.where(np.isfinite(size), size, 0.0)
         most = float(size.max(initial=0.0))
         held = self.largest.get((number, quantity))
@@ -231,7 +232,7 @@ class SampleComparison:
 
 
 def _columns(body: Body, track: BodySamples) -> list[tuple[str, int]]:
-    """Return name and link of a body's numbers."""
+    """Return the name and link of each of a body's numbers."""
     columns = [] if track.base is None else [(name, BASE) for name in MOTION_COLUMNS]
     return columns + ([] if track.joints is None else [*_joint_columns(body)])
 
@@ -244,7 +245,7 @@ def _joint_columns(body: Body) -> Iterator[tuple[str, int]]:
 
 
 def _worst(differ: Flags, base: Flags | None, track: BodySamples) -> int:
-    """Return the index of the number to name: one of the base, if it is beyond a tolerance."""
+    """Return the index of the number to report: one of the base, if it is beyond a tolerance."""
     named = differ.copy()
     if base is not None and track.base is not None:
         named[: len(base)] = base
@@ -252,7 +253,7 @@ def _worst(differ: Flags, base: Flags | None, track: BodySamples) -> int:
 
 
 def _beyond(mine: Float64, golden: Float64, allowed: Float64) -> Flags:
-    """Flag the numbers of base and links that differ by more than allowed, shape (n, links, 13)."""
+    """Flag the numbers of base and links that differ by more than allowed, (n, links, 13)."""
     x, y, most = (each.reshape(-1, 13) for each in (mine, golden.copy(), allowed))
     turns = VECTORS[1]  # a quaternion of the other sign is the same orientation
     y[:, turns] = same_way(y[:, turns], x[:, turns])
@@ -276,7 +277,7 @@ def _states_off(mine: Float64, golden: Float64, allowed: Float64) -> Flags:
 
 
 def _part_of(body: Body, link: int, column: str) -> tuple[str | None, str]:
-    """Return the name of a link, or of its joint, and the unit of a quantity there."""
+    """Return the name of a link, or of its joint, and the unit of a quantity."""
     if column in JOINT_QUANTITIES:
         joint = next(joint for joint in body.joints if joint.link == link)
         return joint.name, JOINT_QUANTITIES[column][joint.kind == "prismatic"]

@@ -1,4 +1,4 @@
-"""Comparison of the settings of two drops: the options, and the engines' reports."""
+"""Compare the settings of two drops: their options, and the engines' reports."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from drop_physics.scenario import ENGINES_WITH
 
 SINGLE = 2.0**-22
 OF_EVERY_ENGINE = ("timestep_s", "gravity_m_s2", "mass_kg", "inertia_kg_m2", "body_sha256")
-"""Fields of a scenario that two engines must have in common to be compared."""
+"""Fields of a scenario that must be equal for two engines to be compared."""
 
 
 def scenario_differences(run: DropInputs, golden: DropInputs) -> list[Difference]:
-    """Return the settings that make it another experiment.
+    """Return the settings that make two drops different experiments.
 
     Differences already listed for the scenarios are not repeated for the engines. Where the
     scenarios agree, the name says that the difference is the engine's: a default of the engine has
@@ -34,7 +34,7 @@ def scenario_differences(run: DropInputs, golden: DropInputs) -> list[Difference
 
 
 def engine_versions(run: DropInputs, golden: DropInputs) -> Iterator[Setting]:
-    """Yield the versions that made two drops, where these differ."""
+    """Yield the software versions that differ between two drops."""
     for each in _engine_settings(run, golden):
         if _is_version(each.column):
             yield Setting(each.column, each.value, each.golden)
@@ -53,7 +53,7 @@ def _scenario_differences(run: DropInputs, golden: DropInputs) -> list[Differenc
 
 
 def _alike(run: DropInputs, golden: DropInputs, name: str) -> bool:
-    """Return whether the default of one engine equals the other's given value."""
+    """Return whether one engine's default equals the value given for the other."""
     if run.scenario.engine == golden.scenario.engine:
         return False
     mine, theirs = (_in_effect(side, name) for side in (run, golden))
@@ -63,14 +63,14 @@ def _alike(run: DropInputs, golden: DropInputs, name: str) -> bool:
 
 
 def _in_effect(side: DropInputs, name: str) -> tuple[Any, ...]:
-    """Return an engine's values for an option; None where they are not known."""
+    """Return an engine's effective values for an option; None where unknown."""
     if name == "friction":
         return (side.engine.lateral_friction, side.engine.floor_lateral_friction)
     return (None,)
 
 
 def _not_shared(run: DropInputs, golden: DropInputs) -> set[str]:
-    """Return the options that one of two different engines does not have."""
+    """Return the options that only one of the two engines supports."""
     engines = {side.scenario.engine for side in (run, golden)}
     if len(engines) == 1:
         return set()
@@ -78,7 +78,7 @@ def _not_shared(run: DropInputs, golden: DropInputs) -> set[str]:
 
 
 def _engine_settings(run: DropInputs, golden: DropInputs) -> list[Difference]:
-    """Return the differences in values that both engines report."""
+    """Return the differences between values that both engines report."""
     mine, theirs = asdict(run.engine), asdict(golden.engine)
     same_engine = run.scenario.engine == golden.scenario.engine
     return [
@@ -91,7 +91,7 @@ def _engine_settings(run: DropInputs, golden: DropInputs) -> list[Difference]:
 
 
 def _apart(name: str, value: Any, other: Any) -> bool:  # noqa: ANN401
-    """Return whether a value makes it another experiment; one engine may round to float32."""
+    """Return whether values make drops different experiments, beyond float32 rounding."""
     if name not in OF_EVERY_ENGINE:
         return False
     return isinstance(value, str) or not np.allclose(value, other, rtol=SINGLE, atol=0)

@@ -1,4 +1,4 @@
-"""The allowed differences: none, or those that move a body by less than a length.
+"""Allowed differences: none, or those that move a body by less than a given length.
 
 Before the first contact a drop's law uses only + - × ÷ √, so two runs of one engine agree to the
 last bit. In contact the solver stops at a residual, which is a discrete branch, and a nanometre is
@@ -20,7 +20,7 @@ from drop_physics.trace.events import Body
 
 IN_CONTACT_M = 1e-9
 UNKNOWN_LENGTH_M = 1.0
-"""Length of a part without a shape: an angle may be off by as many rad as m are allowed."""
+"""Assumed length of a link without a shape: an angle may differ by as many rad as m are allowed."""
 
 
 @dataclass(frozen=True)
@@ -29,20 +29,21 @@ class Tolerance:
 
     air_m: float
     contact_m: float
-    """Allowed difference of positions from a drop's first contact on; for a script the same."""
+    """Allowed difference of positions after a drop's first contact; for a script, the same as
+    before."""
     fused: bool
-    """Whether a processor may have fused multiplication and addition in a drop."""
+    """Whether a processor may have fused multiplication and addition in a drop's run."""
     timesteps_s: Mapping[int, float]
-    """Timestep of each client, as golden numbers them."""
+    """Timestep of each simulation, by its id in the golden recording."""
     length_m: float | None
-    """Distance from a drop's centre to its surface; None to take it from each part's box."""
+    """Distance from a drop's centre to its surface; None to use each link's bounding box."""
     mass_kg: float | None
-    """Mass of a drop's body."""
+    """Mass of the dropped body."""
 
     def of_parts(
         self, body: Body, client: int, steps: Int64, touched: int | None, parts: Float64
     ) -> Float64:
-        """Return the tolerances of base and links.
+        """Return the tolerances for the states of base and links.
 
         Parameters
         ----------
@@ -65,10 +66,10 @@ class Tolerance:
         return allowed
 
     def of_contacts(self) -> Mapping[str, float] | None:
-        """Return the tolerances of columns of contact points; None if contact points do not count.
+        """Return the tolerances for columns of contact points; None if these are not compared.
 
-        Columns that it lacks have none. In a script, contact points count only if no tolerance is
-        given: otherwise they count through the motion.
+        Columns that the mapping lacks have no tolerance. In a script, contact points count only if
+        no tolerance is given: otherwise they count through the motion.
         """
         if self.mass_kg is None or self.length_m is None:
             return None if self.air_m else {}
@@ -80,7 +81,7 @@ class Tolerance:
         return allowed | dict.fromkeys(forces, self.contact_m * self.mass_kg / step_s**2)
 
     def _per_metre(self, body: Body, part: int, client: int) -> Float64:
-        """Return the allowance of a metre in the columns of a part's state, in their units."""
+        """Return how much a link's state may differ per metre of tolerance, by column."""
         step_s, length_m = self.timesteps_s[client], self.length_m
         if length_m is None:
             length_m = _half_diagonal_m(body, part)
@@ -90,7 +91,7 @@ class Tolerance:
 
 
 def tolerance_of(run: Side, golden: Side, tolerance_m: float) -> Tolerance:
-    """Return the tolerances if positions may differ by a length [m]."""
+    """Return the tolerances if positions may differ by up to a length [m]."""
     timesteps_s = {
         each.client: float(np.max(each.values["fixedTimeStep"])) for each in golden.seen.settings
     }

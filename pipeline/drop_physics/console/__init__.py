@@ -1,1 +1,1 @@
-"""Output for a person or a script: results on standard output, the rest on standard error."""
+"""Console output: results go to standard output, everything else to standard error."""

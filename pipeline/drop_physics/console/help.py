@@ -1,6 +1,6 @@
-"""Help as plain text, options in groups; the reference in docs/ has the same text.
+"""Format help as plain text, with options in groups; the reference in docs/ has the same text.
 
-Typer draws boxes around it by default, and loading the library for these takes longer than
+Typer draws boxes around the options by default, and loading the library for these takes longer than
 everything else in `drop --help`.
 """
 
@@ -25,20 +25,20 @@ from drop_physics.errors import ScenarioError
 from drop_physics.messages import joined, shell_command
 
 SCRIPT = "SCRIPT.py"
-"""The command of a line that begins with a script."""
+"""Name of the command that handles a line that begins with a script."""
 GROUPS = OWN, BOX, RECORDINGS = "Your own script", "The falling box", "Recordings"
 """Groups of commands, in the order in which help lists them."""
 SHELLS = ("bash", "zsh", "fish")
 FOREIGN = (".rrd", ".ipynb")
-"""Files that are no scripts; the command of a script says what to type."""
+"""Suffixes of files that are not scripts; the script command then prints what to type."""
 OURS = ("--version", "--help", "-h")
 """Options of the command line itself."""
 RECORDED = (SCRIPT, "record", "analyze")
-"""Commands that a line which begins with a script may run."""
+"""Commands that may handle a line that begins with a script."""
 
 
 class App(typer.Typer):
-    """The command line; each command lists its options in groups."""
+    """The command-line app, whose commands list their options in groups."""
 
     def command(
         self,
@@ -51,7 +51,7 @@ class App(typer.Typer):
         return super().command(name, cls=cls or HelpedCommand, **how)
 
     def __call__(self, *args: Any, **how: Any) -> Any:  # noqa: ANN401 - handed on
-        """Run the typed command, without creating the others."""
+        """Run the command that was typed, without creating the others."""
         first = "".join(sys.argv[1:2])
         wanted = RECORDED if _is_of_script(first) else (first,)
         few = copy.copy(self)
@@ -64,10 +64,10 @@ class App(typer.Typer):
 
 
 class Plain(RuntimeParam):
-    """A parameter taken as typed; for texts and paths, Typer would load pydantic."""
+    """A parameter passed on as typed: for texts and paths, Typer would load pydantic."""
 
     def coerce(self, value: Any, param: Any, ctx: Any) -> Any:  # noqa: ANN401 - of any type
-        """Return the value of a parameter; Typer checks types other than texts."""
+        """Convert a parameter's value; Typer checks types other than texts."""
         kind, several = self.annotation, param.multiple or param.nargs == -1
         if value is None:
             return () if several else None
@@ -92,10 +92,10 @@ def _is_unreadable(path: str) -> bool:
 
 
 class TakesPlainly(Command):
-    """A command, or a list of commands, with parameters that are `Plain`."""
+    """Base of commands and command groups whose parameters are `Plain`."""
 
     def get_params(self, ctx: Any) -> Any:  # noqa: ANN401 - Typer's
-        """Return its parameters."""
+        """Return the command's parameters."""
         params: list[Any] = super().get_params(ctx)
         for param in params:
             its = param.type_descriptor
@@ -107,13 +107,13 @@ class HelpedCommand(TakesPlainly, TyperCommand):
     """A command whose help lists arguments, its own options, then each `rich_help_panel`."""
 
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - Typer's
-        """Run it; with `--json`, its errors are JSON, too."""
+        """Run the command; with `--json`, errors are also printed as JSON."""
         asked = ctx.params.get("json") or ctx.params.get("output_format") == "json"
         output.errors_as_json = bool(asked)
         return super().invoke(ctx)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
-        """Write a section for each group of options."""
+        """Write a help section for each group of options."""
         sections: dict[str, list[tuple[str, str]]] = {}
         params: list[Any] = self.get_params(ctx)  # options and arguments, which share few types
         for param in params:
@@ -127,10 +127,10 @@ class HelpedCommand(TakesPlainly, TyperCommand):
 
 
 class HelpedCommands(TakesPlainly, TyperGroup):
-    """The list of commands, by groups; a script in place of a command is recorded and analyzed."""
+    """The commands, in groups; a script in place of a command is recorded and analyzed."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401, ARG002
-        """Write a section for each group, which commands name as their `rich_help_panel`."""
+        """Write a help section for each group of commands, named by their `rich_help_panel`."""
         sections: dict[str, list[tuple[str, str]]] = {title: [] for title in GROUPS}
         for name, command in sorted(self.commands.items(), key=lambda each: each[0] != SCRIPT):
             title = getattr(command, "rich_help_panel")  # noqa: B009 - of Typer's commands only
@@ -140,7 +140,7 @@ class HelpedCommands(TakesPlainly, TyperGroup):
                 formatter.write_dl(records)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401
-        """Return the command and its arguments; for a script, the whole line."""
+        """Return the command and its arguments; for a script's line, the whole line."""
         if _is_of_script(args[0]):
             return SCRIPT, self.commands[SCRIPT], args
         if args[0] not in self.commands and Path(args[0]).is_file():
@@ -155,7 +155,7 @@ class HelpedCommands(TakesPlainly, TyperGroup):
         return super().resolve_command(ctx, args)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
-        """Parse the options; those of completion may name a shell, by default the current one."""
+        """Parse the options; completion options may name a shell, by default the current one."""
         if len(args) > 1 and args[0] in _COMPLETION:
             if args[1] not in SHELLS:
                 raise ScenarioError(
@@ -171,7 +171,7 @@ class HelpedCommands(TakesPlainly, TyperGroup):
 
 
 def _is_of_script(word: str) -> bool:
-    """Return whether a line that begins with this word is about a script."""
+    """Return whether a line that begins with this word refers to a script."""
     is_option = word.startswith("-") and word not in (*OURS, *_COMPLETION)
     return is_option or word.endswith(".py")
 

@@ -1,4 +1,4 @@
-"""Print output: JSON, notes, lines."""
+"""Print to the console: JSON, notes, wrapped lines."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from drop_physics.messages import harmless, translated
 from drop_physics.messages import wrapped as wrapped
 
 errors_as_json = False
-"""Whether an error is printed as JSON, too; set when a verb begins."""
+"""Whether errors are also printed as JSON; set when a verb starts."""
 WIDTH = 80
-"""Width of a line in a pipe, unless a name in it is longer."""
+"""Line width in a pipe, unless a name in the line is longer."""
 NARROWEST, WIDEST = 50, 100
-"""Least and greatest width on a terminal that is wide enough."""
+"""Least and greatest line width on a terminal."""
 
 
 def width(stream: TextIO | None = None) -> int:
-    """Return the number of columns of a line: the terminal's, within these limits.
+    """Return the line width in columns: the terminal's, within limits.
 
     `shutil.get_terminal_size` would ask descriptor 1, which is /dev/null here, see `running`.
     """
@@ -36,24 +36,24 @@ def width(stream: TextIO | None = None) -> int:
 
 
 def wants_colour(stream: TextIO) -> bool:
-    """Return whether a stream gets colours: it is a terminal, or FORCE_COLOR is set."""
+    """Return whether to print in colour: to a terminal, or if FORCE_COLOR is set."""
     if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
         return False
     return bool(os.environ.get("FORCE_COLOR")) or stream.isatty()
 
 
 def left(text: str, columns: int) -> str:
-    """Left-align a text in columns."""
+    """Left-align a text in a field of this many columns."""
     return text + " " * (columns - columns_of(text))
 
 
 def right(text: str, columns: int) -> str:
-    """Right-align a text in columns."""
+    """Right-align a text in a field of this many columns."""
     return " " * (columns - columns_of(text)) + text
 
 
 def cut(text: str, columns: int) -> str:
-    """Cut a text to a number of columns."""
+    """Truncate a text to this many columns."""
     from rich.cells import set_cell_size
 
     return set_cell_size(text, columns)
@@ -65,7 +65,7 @@ def print_json(value: dict[str, Any]) -> None:
 
 
 def print_plain(text: str) -> None:
-    """Print a text that another program reads, and nothing else, to standard output."""
+    """Print a text for another program, and nothing else, to standard output."""
     # Flushed, because a command may go on: `view` waits for its viewer to be closed.
     print("\n".join(map(harmless, text.rstrip("\n").split("\n"))), flush=True)
 
@@ -79,7 +79,7 @@ def descriptor(stream: TextIO) -> int:
 
 
 def note(sentence: str) -> None:
-    """Print a remark that is not an error to standard error."""
+    """Print a note, which is not an error, to standard error."""
     print(one_line(f"drop: {translated(sentence)}"), file=sys.stderr)
 
 
@@ -92,7 +92,7 @@ def error(sentence: str) -> None:
 
 
 def one_line(sentence: str) -> str:
-    """Return a sentence as one line; on a terminal it is wrapped, with an indent."""
+    """Format a sentence as one line; on a terminal it is wrapped, with an indent."""
     line = harmless(" ".join(sentence.split()))
     if not sys.stderr.isatty():
         return line

@@ -1,4 +1,4 @@
-"""Progress bars on a terminal: share done, speed, time left.
+"""Progress bars on a terminal, with share done, speed and time left.
 
 The duration of a script is unknown: a line shows its progress.
 """
@@ -15,19 +15,19 @@ from drop_physics.console.output import cut, left, note, wants_colour, width
 from drop_physics.messages import Message, localized, translated
 
 LINE_AFTER_S = 1.0
-"""A script that ends sooner than this [s] gets no line."""
+"""Run time from which a script's progress is shown [s]."""
 
 
 @contextlib.contextmanager
 def progress() -> Iterator[Callable[[str, int, int], None]]:
-    """Yield the function that stages call with an activity, the amount done, and the total."""
+    """Yield a progress callback: it takes an activity, the amount done, and the total."""
     with _bars() as show:
         yield lambda what, done, total: show(what, what, done, total)
 
 
 @contextlib.contextmanager
 def sweep_progress() -> Iterator[Callable[[int, int, int], None]]:
-    """Yield the function that a sweep calls with the runs done, failed, and in total."""
+    """Yield a progress callback for sweeps: it takes the runs done, failed, and in total."""
     with _bars() as show:
         yield lambda done, failed, total: show(
             "runs", Message("runs, {failed:,} failed", failed=failed), done, total
@@ -36,7 +36,7 @@ def sweep_progress() -> Iterator[Callable[[int, int, int], None]]:
 
 @contextlib.contextmanager
 def search_progress() -> Iterator[Callable[..., None]]:
-    """Yield the function that a search calls with changes tried, successful ones, and kinds.
+    """Yield a progress callback for searches: it takes changes tried, successes, and the total.
 
     Elements of kinds are tried, too, so that there may be more than kinds.
     """
@@ -51,9 +51,9 @@ def search_progress() -> Iterator[Callable[..., None]]:
 
 @contextlib.contextmanager
 def _bars() -> Iterator[Callable[[str, str, int, int], None]]:
-    """Yield a function that moves a named bar; in a pipe it does nothing.
+    """Yield a function that moves a named progress bar; in a pipe it does nothing.
 
-    It takes the name, the words before the bar, the amount done, and the total.
+    The function takes the name, the text before the bar, the amount done, and the total.
     """
     if not sys.stderr.isatty():
         yield lambda *_: None
@@ -102,7 +102,7 @@ def _bars() -> Iterator[Callable[[str, str, int, int], None]]:
 def script_progress() -> Iterator[
     tuple[Callable[[float, int], None] | None, Callable[[str], None]]
 ]:
-    """Yield a function that shows a script's progress in a line of the terminal, and one for notes.
+    """Yield a function that shows a script's progress on the terminal, and one that prints notes.
 
     In a pipe there is no such line. The script's own output may come at any time: it begins where
     the line does.
@@ -161,7 +161,7 @@ def swap_progress() -> Iterator[Callable[[int], None]]:
 
 
 def rate(per_second: float | None) -> str:
-    """Return a rate per second, or per minute where it is below one per second."""
+    """Format a rate per second, or per minute if it is below one per second."""
     if per_second is None:
         return ""
     return f"{per_second:,.0f}/s" if per_second >= 1 else f"{60 * per_second:.1f}/min"

@@ -1,4 +1,4 @@
-"""The command line as a process: every error becomes one line and an exit code."""
+"""Run the command line as a process: every error becomes one line and an exit code."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ if TYPE_CHECKING:
 
 
 PANIC = "PanicException"
-"""An error of libraries that are written in Rust, which is no `Exception`."""
+"""Class name of panics in libraries written in Rust, which are not an `Exception`."""
 UNMAPPED = "failed to map segment"
-"""What the loader of libraries says where one has no room in memory (glibc)."""
+"""Message of the dynamic loader (glibc) if a library does not fit into memory."""
 COLLECTED_EVERY = 1_000_000
-"""New objects that trigger the garbage collector: more than the imports create.
+"""Number of new objects that triggers garbage collection: more than the imports create.
 
 At 700, its default, it takes 0.17 s of the 1.4 s that `drop run --no-camera` computes.
 """
 
 
 def main() -> None:
-    """Run `drop` as this process, whose signals and streams are ours until it ends.
+    """Run `drop` as this process, and handle its signals and streams until it ends.
 
     The command line is imported after the handlers are set, so that a signal during the import
     also ends in one line.
@@ -117,7 +117,7 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
 
 
 def _open_closed_streams() -> None:
-    """Open closed standard streams (`>&-`), whose numbers a recording would get otherwise.
+    """Open closed standard streams (`>&-`), lest a recording get their descriptors.
 
     Characters outside of the encoding are written as escapes, which is valid in JSON too.
     """
@@ -133,7 +133,7 @@ def _open_closed_streams() -> None:
 
 
 def _keep_standard_output() -> None:
-    """Let only Python write to standard output: Bullet prints from C, some of it at exit."""
+    """Keep C code off standard output: Bullet prints there, sometimes at exit."""
     kept = os.dup(1)
     _send_nowhere(1)
     sys.stdout = os.fdopen(
@@ -165,7 +165,7 @@ def _stopped(number: int) -> tuple[str, int]:
 
 
 def _verdict(error: BaseException) -> tuple[str, int]:
-    """Return the message of an error, and the exit code."""
+    """Return the message and exit code for an error."""
     if isinstance(error, DropError):
         return error.in_options, error.exit_code
     unmapped = isinstance(error, ImportError) and UNMAPPED in str(error)
@@ -226,18 +226,18 @@ _TYPERS: dict[str, Callable[..., Message]] = {
         "unexpected argument: {what}", what=what
     ),
 }
-"""Typer's sentences about a wrong command line, and ours, which are translated."""
+"""Our translated messages for Typer's errors about a wrong command line."""
 
 
 def _of_typer(text: str) -> str:
-    """Return our message for a sentence of Typer's."""
+    """Return our message in place of Typer's."""
     found = ((make, re.fullmatch(pattern, text, re.DOTALL)) for pattern, make in _TYPERS.items())
     ours = [make(*match.groups()) for make, match in found if match]
     return ours[-1] if ours else f"{text[:1].lower()}{text[1:]}"
 
 
 def _unreadable(error: BaseException) -> Message | None:
-    """Return the message for a text that is not a number: Typer's leaves the text out."""
+    """Return the message for a text that is not a number, since Typer's omits the text."""
     from drop_physics.fields import shown
 
     for details in getattr(error.__cause__, "errors", list)():

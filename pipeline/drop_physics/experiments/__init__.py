@@ -1,1 +1,1 @@
-"""Runs of a script with changes, compared with its own run."""
+"""Run a script with changes, and compare these runs with its own run."""

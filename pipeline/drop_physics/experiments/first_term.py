@@ -1,4 +1,4 @@
-"""Search for the term of the sum that first made two runs differ.
+"""Find the term of the sum in which two runs first differ.
 
 From a common state on, a position is the sum of its velocity's displacements and the steps' own
 additions; and the velocity is the sum of the terms' contributions, M^-1 P. So the distance between
@@ -28,29 +28,30 @@ from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 from drop_physics.trace.history import Seen
 
 INTEGRATOR, SET = "integrator", "set"
-"""Causes beside the terms of the sum: how a step moves a body with its velocity; and calls."""
+"""Causes besides the terms of the sum: how a step integrates the velocity, and calls of the
+script."""
 CLEARLY = 0.5
-"""Least share of the terms' whole effect that the first term has."""
+"""Least share of all terms' effect that the first term must have to be named."""
 LEAST, MOST = 256, 4096
-"""Steps that are explained at a time."""
+"""Least and most steps that are explained at a time."""
 
 
 @dataclass
 class _Way:
-    """The sources of one position in a run since it was last set."""
+    """How one position of a run came about since a call last set it."""
 
     began: int = -1
-    """The last step of the script's own before it."""
+    """The script's own last step before that."""
     start: tuple[Float64, Float64] | None = None
-    """Position and velocity at that step."""
+    """Position and velocity after that step."""
     end: Float64 | None = None
     given: dict[str, Float64] = field(default_factory=dict)
-    """Velocity times the time since, by term."""
+    """Contribution of each term: velocity times the time since."""
     known: bool = True
 
 
 class _TermPart:
-    """The place of a position in a body's states."""
+    """The columns of a body's state in which a position is."""
 
     def __init__(self, body: Body, joint: str | None, unit: str) -> None:
         self._joint, self._unit = joint, unit
@@ -73,7 +74,8 @@ class _TermPart:
 def first_term(base: Seen, other: Seen, found: Apart, *, finer: int = 1) -> str | None:
     """Return the term with the largest share in the first difference of two runs.
 
-    None if they do not differ, if earlier steps are not explained, or if no single term has it.
+    None if they do not differ, if earlier steps are not explained, or if no single term has a clear
+    share.
     """
     track = found.first
     if track is None or track.from_step is None:
@@ -91,7 +93,7 @@ def first_term(base: Seen, other: Seen, found: Apart, *, finer: int = 1) -> str 
 
 
 def _way(seen: Seen, number: int, track: Track, end: int, times: StepTimes, *, finer: int) -> _Way:
-    """Return the sources of a position up to a step of the script, which has `finer` steps here."""
+    """Return the contributions to a position up to a script's step, which is `finer` steps here."""
     part, way = _TermPart(seen.bodies[number], track.joint, track.unit), _Way()
     whole = Explanation(seen) if seen.engine == PYBULLET else Replayed(seen)
     for explained in whole.pieces(min(MOST, max(LEAST, end + 2))):
@@ -108,7 +110,7 @@ def _way(seen: Seen, number: int, track: Track, end: int, times: StepTimes, *, f
 def _follow(
     way: _Way, steps: Steps, part: _TermPart, end: int, times: StepTimes, finer: int, unknown: Int64
 ) -> None:
-    """Add the steps of an interval."""
+    """Add the contributions of several steps."""
     mine = -(-steps.steps // finer)  # the script's own step that each belongs to
     rows = np.flatnonzero(mine <= end)
     if not len(rows):
@@ -134,7 +136,7 @@ def _follow(
 
 
 def _shares(mine: _Way, theirs: _Way, times: StepTimes, end: int) -> Mapping[str, float]:
-    """Return the distance between two runs caused by each term."""
+    """Return how much of the distance between two runs each term causes."""
     if mine.start is None or theirs.start is None or mine.end is None or theirs.end is None:
         return {}
     if mine.began != theirs.began:
@@ -154,7 +156,7 @@ def _shares(mine: _Way, theirs: _Way, times: StepTimes, end: int) -> Mapping[str
 
 
 def _between(mine: Float64, theirs: Float64) -> Float64:
-    """Return a difference of positions; for quaternions, the rotation in world axes [rad]."""
+    """Return a difference of positions; for quaternions, a rotation vector in world axes [rad]."""
     if len(mine) != 4:
         return np.asarray(theirs - mine)
     theirs = same_way(theirs[None], mine[None])[0]

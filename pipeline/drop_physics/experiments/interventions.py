@@ -1,4 +1,4 @@
-"""An intervention as a value: a cure, and its target.
+"""An intervention as a value: a cure, and what it is applied to.
 
 The table (`engines/…/interventions`) says how it is written, and how a run with it is made.
 """
@@ -11,40 +11,41 @@ from dataclasses import dataclass, field
 from drop_physics.trace.cures import Cure
 
 WITHIN = re.compile(r"[\w.]+\(…, (.*)\)")
-"""The given argument of a call whose other arguments are left open."""
+"""Pattern of a given argument in a call whose other arguments are left open."""
 
 
 @dataclass(frozen=True)
 class Intervention:
-    """One change of a run: a cure, and its target."""
+    """One change of a run: a cure, and what it is applied to."""
 
     cure: Cure
     bodies: tuple[int, ...] | None = None
-    """Numbers of the bodies that it is made on; None for the whole run."""
+    """Ids of the bodies that it applies to; None for the whole run."""
     joint: str | None = None
     site: str | None = field(default=None, compare=False)
     """File and line of the call that it changes."""
     decides: bool = field(default=False, compare=False)
-    """Whether it switches its cause off entirely, so that a trial without effect refutes it."""
+    """Whether it switches its cause off completely, so that a trial without effect refutes the
+    cause."""
 
     @property
     def name(self) -> str:
-        """Name of the intervention, as `--try` takes it."""
+        """Name of the intervention, as `--try` expects it."""
         return self.cure.name
 
     @property
     def value(self) -> float | None:
-        """The given value; None if it has no number."""
+        """The intervention's numeric value; None if it has none."""
         return self.cure.value
 
     @property
     def target(self) -> str | None:
-        """The body or joint, as findings name it; None if on the whole run."""
+        """The body or joint that it applies to, as findings name it; None for the whole run."""
         return self.cure.target
 
     @property
     def call(self) -> str:
-        """Call that a user would write."""
+        """The call that a user would write."""
         return self.cure.call
 
     @property
@@ -56,6 +57,6 @@ class Intervention:
 
 
 def short(call: str) -> str:
-    """Return the given arguments of a call, leaving out the open ones: `force=70`."""
+    """Return only the given arguments of a call, without the open ones: `force=70`."""
     within = WITHIN.fullmatch(call)
     return call if within is None else within[1]

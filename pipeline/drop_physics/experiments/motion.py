@@ -1,4 +1,4 @@
-"""Motions of all bodies in a run, and distances between two runs."""
+"""The motion of all bodies in a run, and distances between the motions of two runs."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ import numpy as np
 from drop_physics.arrays import Float64
 
 POINTS = 3
-"""Points of a body by which its motion is told: of one that turns on the spot, two move."""
+"""Number of points by which a body's motion is described, so that spinning counts as motion."""
 
 
 @dataclass(frozen=True)
 class RunMotion:
-    """The positions of all bodies of a simulation, at some of its steps."""
+    """The positions of all bodies of a simulation, at regularly sampled steps."""
 
     stride: int
-    """Every how many steps."""
+    """Number of steps between samples."""
     steps: int
     bodies: tuple[str, ...]
     astray: Mapping[str, float]
-    """RMS deviations from the commands, in their units, by name."""
+    """RMS deviations from the commands, by command, each in its unit."""
     positions_m: Float64
-    """Positions of three points of each body [m], shape (states, bodies, 9); not a number where a
-    body is not there."""
+    """Positions of three points of each body [m], shape (states, bodies, 9); nan where a body does
+    not exist."""
 
 
 def motion_of(told: Mapping[str, Any]) -> RunMotion:
-    """Return a motion from a run's report."""
+    """Build a motion from the data that a run reports."""
     bodies = tuple(told["bodies"])
     flat = np.frombuffer(base64.b64decode(told["positions"]))
     return RunMotion(
@@ -45,7 +45,7 @@ def motion_of(told: Mapping[str, Any]) -> RunMotion:
 
 
 def apart_m(one: Sequence[RunMotion], other: Sequence[RunMotion]) -> dict[str, float]:
-    """Return the RMS distance of bodies in two runs [m], over their common steps.
+    """Return the RMS distance of each body between two runs [m], over their common steps.
 
     Infinite for a body that is in only one of them.
     """
@@ -70,7 +70,7 @@ def apart_m(one: Sequence[RunMotion], other: Sequence[RunMotion]) -> dict[str, f
 
 
 def worse(one: Sequence[RunMotion], other: Sequence[RunMotion]) -> list[str]:
-    """Return the commands that another run follows less well, by their names."""
+    """Return the names of the commands that another run follows less well."""
     return [
         name
         for first, second in zip(one, other, strict=False)
@@ -80,32 +80,32 @@ def worse(one: Sequence[RunMotion], other: Sequence[RunMotion]) -> list[str]:
 
 
 def side_m(far: Mapping[str, float], besides: Sequence[str] = ()) -> float:
-    """Return the RMS change of all motion except that of some bodies [m]."""
+    """Return the RMS change of all motion except that of the given bodies [m]."""
     others = [value for name, value in far.items() if name not in besides]
     return math.sqrt(sum(value * value for value in others))
 
 
 def size_m(motion: RunMotion) -> float:
-    """Return the diagonal of the box in which all bodies stay in a run [m]."""
+    """Return the diagonal of the box that contains all motion of a run [m]."""
     points = motion.positions_m.reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
     return float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
 
 
 def is_still(far: Mapping[str, float]) -> bool:
-    """Return whether everything moves as in the run that distances are from."""
+    """Return whether everything moves as in the run that the distances were measured from."""
     return all(value <= SAME_M for value in far.values())
 
 
 def same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
-    """Return whether two runs have equal distances from a third in all bodies, to 1 %."""
+    """Return whether two runs have the same distances from a third in all bodies, to 1 %."""
     if one.keys() != other.keys():
         return False
     return all(math.isclose(one[name], other[name], rel_tol=SAME, abs_tol=SAME_M) for name in one)
 
 
 WORSE, NEXT_TO_NOTHING = 2.0, 1e-3
-"""A command is followed worse where it is farther from what comes by this factor, and more than
-that [rad, m; rad/s, m/s]: a servo that lifts what was left on the table droops a little more."""
+"""A command counts as followed worse if its deviation grows by this factor, and exceeds this size
+[rad, m; rad/s, m/s]: a servo that lifts what was left on the table droops a little more."""
 SAME, SAME_M = 0.01, 1e-7
-"""Two outcomes differ by less where they are one [1, m]."""
+"""Largest relative and absolute difference of equal outcomes [1, m]."""

@@ -1,4 +1,4 @@
-"""The order of reported changes that make an expectation true.
+"""Rank the reported changes that meet an expectation.
 
 Measured on 75 questions: changes that remove nothing come first, then those that change other
 motion least; in between, changes that follow commands as before precede those that follow one much
@@ -19,29 +19,30 @@ from drop_physics.experiments.motion import same, side_m
 from drop_physics.experiments.search import TriedChange
 
 SAME_VALUE = 0.01
-"""Outcomes are alike where their quantity differs by less, as a share of it."""
+"""Largest relative difference of the compared quantity between outcomes that count as alike."""
 SIZES = {"default": 0.5, "=default": 0.5, "left-out": 0.6, "*-1": 1.5}
 OF_TEXT = 2.0
-"""The weight of the side effects of changes of the script's text."""
+"""Weight factor for the side effects of changes to the script's text."""
 ADDED = 0.8
-"""Size of a change by its operator, or as an added call; a factor is 1, any other 1.2."""
+"""Assumed size of an added call; the sizes by operator are above, a factor has 1, any other 1.2."""
 
 
 @dataclass(frozen=True)
 class SaidChange:
-    """An outcome that makes it true, represented by one change."""
+    """A change that meets the expectation, with similar changes that it represents."""
 
     tried: TriedChange
     alike: Sequence[TriedChange]
-    """Other changes with the same motion."""
+    """Other changes that result in the same motion."""
     side_m: float
-    """The RMS change of all other motion [m]."""
+    """RMS change of all motion besides that of the expectation's bodies [m]."""
     also: Sequence[TriedChange] = ()
-    """Other operators on the same elements, whose motion is another one."""
+    """Other operators on the same elements, which result in another motion."""
     row: str | None = None
-    """The row of the account that names what it acts on."""
+    """The row of the account that names the element that the change acts on."""
     is_alone: bool = False
-    """Whether no factor close by makes it true, so that this one does by coincidence."""
+    """Whether no slightly different factor meets the expectation, so that this one is a
+    coincidence."""
 
 
 def ranked(
@@ -49,7 +50,7 @@ def ranked(
     besides: Sequence[str] = (),
     row_of: Callable[[Change], str | None] = lambda _: None,
 ) -> list[SaidChange]:
-    """Return the outcomes that make it true, each once, in the order of the report.
+    """Return the changes that meet the expectation, without duplicates, in the order of the report.
 
     Parameters
     ----------
@@ -85,12 +86,12 @@ def _is_text(said: SaidChange) -> bool:
 
 
 def _takes(said: SaidChange) -> bool:
-    """Return whether a change takes something away, or follows a command worse."""
+    """Return whether a change removes something, or follows a command less well."""
     return said.tried.change.breaks or bool(said.tried.worse)
 
 
 def _order(said: SaidChange, farthest_m: float) -> tuple[Any, ...]:
-    """Order outcomes: what takes nothing away, what follows all commands, least side effects.
+    """Return a sort key: changes that remove nothing, follow all commands, have few side effects.
 
     Any number of a text may do much. So it has to do so with less than half of the side effects,
     or else stands among the changes that follow a command worse.
@@ -109,7 +110,7 @@ def _order(said: SaidChange, farthest_m: float) -> tuple[Any, ...]:
 
 
 def _by_field(said: Sequence[SaidChange]) -> Iterator[SaidChange]:
-    """Yield outcomes, keeping only the first of those with one field of the same elements."""
+    """Yield one change for each field of the same elements, with the others listed in it."""
     of_field: dict[tuple[Any, ...], list[SaidChange]] = {}
     for each in said:
         change = each.tried.change
@@ -122,7 +123,7 @@ def _by_field(said: Sequence[SaidChange]) -> Iterator[SaidChange]:
 
 
 def _has_smaller(each: TriedChange, true: Sequence[TriedChange]) -> bool:
-    """Return whether a part of the same change makes it true, too."""
+    """Return whether a change of fewer elements also meets the expectation."""
     mine = {*map(str, each.change.ids)}
     return any(
         other.family == each.family and {*map(str, other.change.ids)} < mine
@@ -139,7 +140,7 @@ def _are_alike(one: TriedChange, other: TriedChange) -> bool:
 
 
 def _plainness(each: TriedChange) -> tuple[Any, ...]:
-    """Order outcomes with one motion: nothing removed, few named elements, a small change."""
+    """Return a sort key for equal motions: nothing removed, few named elements, a small change."""
     change = each.change
     size = change.is_geometry, size_of(change), each.number
     is_text = change.engine == SOURCE  # it says the line of what is found in the model
@@ -147,7 +148,7 @@ def _plainness(each: TriedChange) -> tuple[Any, ...]:
 
 
 def size_of(change: Change) -> float:
-    """Return the size of a change, from its operator."""
+    """Return the size of a change, from its operator, for sorting."""
     if isinstance(change.how[1], Mapping):  # a call that is often left out
         return ADDED
     return SIZES.get(change.op, 1.0 if change.op[:1] in "*/" else 1.2)

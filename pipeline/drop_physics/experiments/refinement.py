@@ -1,4 +1,4 @@
-"""The limit that solutions approach as the timestep shrinks: plain functions of both.
+"""Extrapolate solutions to a timestep of zero: plain functions of solutions and timesteps.
 
 Timesteps are always ordered coarse to fine. Richardson's extrapolation needs no exact solution,
 only a sequence that converges.
@@ -10,13 +10,13 @@ import math
 from collections.abc import Sequence
 
 SAFETY_FACTOR = 1.25
-"""Roache's for three grids or more, and an observed order near the formal one."""
+"""Roache's safety factor for three or more grids, with an observed order near the formal one."""
 LEAST_ORDER, MOST_ORDER = 1e-6, 64.0
-"""Bounds of an order: outside them solutions do not converge."""
+"""Range of plausible orders: outside it, solutions do not converge."""
 
 
 def solution_order(timesteps_s: Sequence[float], solutions: Sequence[float]) -> float | None:
-    """Return the order p at which three solutions, coarse to fine, approach their common limit.
+    """Return the order p at which three solutions, coarse to fine, converge.
 
     For f = f0 + c h^p it is the root of (f3 - f2)/(f2 - f1) = r21^p (r32^p - 1)/(r21^p - 1), whose
     right side grows with p; with one ratio r it is ln[(f3 - f2)/(f2 - f1)] / ln r. None where they
@@ -38,7 +38,7 @@ def solution_order(timesteps_s: Sequence[float], solutions: Sequence[float]) -> 
 
 
 def richardson(coarse: float, fine: float, *, ratio: float, order: float) -> float:
-    """Return the limit f1 + (f1 - f2)/(r^p - 1) of two solutions of order p.
+    """Return the limit of two solutions of order p: f1 + (f1 - f2)/(r^p - 1).
 
     Source: L. F. Richardson, *Phil. Trans. R. Soc. A* 210, 307 (1911); Oberkampf and Roy, 8.3.
     """

@@ -1,4 +1,4 @@
-"""Results of varied runs: growth of a displacement, convergence, reliable digits."""
+"""Results of varied runs: growth of a small displacement, convergence, reliable digits."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from drop_physics.experiments.refinement import SAFETY_FACTOR, richardson, solut
 from drop_physics.experiments.run_distance import APART, Apart, Track
 
 LOST = 1e-3
-"""Distance [m, rad] beyond which the outcome is one of many."""
+"""Distance from which the outcome is unpredictable [m, rad]."""
 LEAST_GROWTH = 100.0
-"""Least growth that has a rate: a displacement also drifts."""
+"""Least factor of growth for which a rate is fitted, since a displacement also drifts."""
 LEAST_ORDER, MOST_ORDER = 0.5, 2.5
-"""Range of observed orders: engines' methods have order 1 or 2, and another order is chance."""
+"""Range of plausible observed orders: the engines' methods have order 1 or 2."""
 ROUNDED = 1e-12
-"""Changes below this share of a position are its rounding [1]."""
+"""Changes below this share of a position are rounding [1]."""
 
 
 @dataclass(frozen=True)
@@ -28,19 +28,19 @@ class Growth:
     """Growth of a small displacement."""
 
     rate_per_s: float | None
-    """Rate of exp(rate t); None if it does not grow like that."""
+    """Exponential rate, as in exp(rate t); None if the growth is not exponential."""
     from_s: float | None
     """Time from which on the rate is fitted."""
     until_s: float | None
     """Time up to which the rate is fitted."""
     lost_s: float | None
-    """Time from which on the outcome is one of many: it has grown beyond 1e-3 [m, rad]."""
+    """Time from which the outcome is unpredictable: the displacement exceeds 1e-3 [m, rad]."""
     start: float
-    """The displacement [m, rad]."""
+    """The initial displacement [m, rad]."""
     most: float
-    """The largest distance [m, rad]."""
+    """The largest displacement [m, rad]."""
     unit: str
-    """Unit of the largest distance, `m` or `rad`."""
+    """Unit of the largest displacement, `m` or `rad`."""
 
 
 def growth(nudged: Apart, nudge: float) -> Growth | None:
@@ -71,7 +71,7 @@ def growth(nudged: Apart, nudge: float) -> Growth | None:
 
 
 def _line(x: Float64, y: Float64) -> tuple[float, float]:
-    """Return the slope of a line by least squares, and the sum of its squared residuals."""
+    """Fit a line by least squares; return its slope, and the sum of squared residuals."""
     dx, dy = x - x.mean(), y - y.mean()
     slope = float(dx @ dy / (dx @ dx))
     return slope, float(((dy - slope * dx) ** 2).sum())
@@ -82,28 +82,29 @@ def _line(x: Float64, y: Float64) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Converging:
-    """Convergence of an end state as the timestep shrinks."""
+    """How a final state converges as the timestep shrinks."""
 
     body: str
     """Label of the body."""
     joint: str | None
     """Name of the joint; None for a base."""
     axis: str | None
-    """`x`, `y` or `z` of a base's position; else None."""
+    """`x`, `y` or `z` for a base's position; None for a joint."""
     unit: str
     """`m` or `rad`."""
     ends: tuple[float, float, float]
-    """Final position with each timestep, the coarsest first [m, rad]."""
+    """Final position with each timestep, the largest timestep first [m, rad]."""
     order: float | None
-    """Observed order; None if it does not converge."""
+    """Observed order of convergence; None if it does not converge."""
     extrapolated: float | None
-    """Extrapolated final position with a timestep of 0 [m, rad]."""
+    """Final position extrapolated to a timestep of 0 [m, rad]."""
     uncertainty: float | None
-    """Uncertainty of that: Roache's safety factor times its distance from the finest [m, rad]."""
+    """Uncertainty of the extrapolation: Roache's safety factor times the distance from the finest
+    [m, rad]."""
 
 
 def converging(timesteps_s: Sequence[float], runs: Sequence[Apart | None]) -> list[Converging]:
-    """Return the convergence of end positions, the one that changes most first.
+    """Return how final positions converge, the one that changes most first.
 
     Parameters
     ----------
@@ -153,37 +154,38 @@ def _converging(
 
 @dataclass(frozen=True)
 class Standing:
-    """The digits of a position that are the same in all variations."""
+    """The number of reliable digits of a position: those equal in all variations."""
 
     body: str
     """Label of the body."""
     joint: str | None
     """Name of the joint; None for a base."""
     unit: str
-    """`m`, or `rad` of an orientation or a joint that turns."""
+    """`m` for a base's position or a prismatic joint, `rad` for an orientation or a revolute
+    joint."""
     moved: float
-    """The largest distance from its start [m, rad], of which the digits count."""
+    """The largest distance from the start [m, rad], whose digits are counted."""
     end: float
-    """The largest distance between a variation and the script's own run, at the end."""
+    """The largest final distance between a variation and the script's own run."""
     end_digits: int | None
-    """Digits of the end that are the same in all; None if it is the same to the bit."""
+    """Number of digits of the final position equal in all variations; None if equal bit for bit."""
     end_by: str | None
-    """The variation that ends farthest."""
+    """The variation whose final position is farthest."""
     most: float
-    """The largest distance at any time."""
+    """The largest distance of a variation at any time."""
     most_digits: int | None
-    """Digits that are the same in all at any time."""
+    """Number of digits equal in all variations at all times."""
     most_by: str | None
     """The variation that is farthest at any time."""
 
 
 MATTERS = 1e-3
-"""A position that moves less than this share of what moves most does not matter, nor does one that
-moves less than `APART`, unless a variation moves it as much."""
+"""A position is ignored if it moves less than this share of what moves most, or less than `APART`,
+unless a variation moves it as much."""
 
 
 def standing(runs: Mapping[str, Apart]) -> list[Standing]:
-    """Return the reliable digits of each position that matters, the fewest first."""
+    """Return the reliable digits of each relevant position, the fewest first."""
     by_part: dict[tuple[str, str | None, str], dict[str, Track]] = {}
     for name, run in runs.items():
         for track in run.tracks:
@@ -219,7 +221,7 @@ def standing(runs: Mapping[str, Apart]) -> list[Standing]:
 
 
 def _digits(moved: float, off: float) -> int | None:
-    """Return the number of digits of a distance that are not affected by `off`."""
+    """Return how many digits of a distance are unaffected by an error of `off`."""
     if not off:
         return None
     if not math.isfinite(off) or not moved:
@@ -228,7 +230,7 @@ def _digits(moved: float, off: float) -> int | None:
 
 
 def geometric(factors: Sequence[int]) -> tuple[int, int, int] | None:
-    """Return the three finest of some refinements that have one ratio, coarse first."""
+    """Return the three finest refinements with a constant ratio, coarsest first; else None."""
     ordered = sorted({1, *factors}, reverse=True)
     for fine, middle, coarse in itertools.combinations(ordered, 3):
         if middle * middle == fine * coarse:

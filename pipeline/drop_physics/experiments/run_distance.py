@@ -19,11 +19,11 @@ from drop_physics.trace.states import motion_of
 APART = 1e-6
 """Least distance at which runs count as apart [m, rad]."""
 MOST_POINTS = 4096
-"""Most points of a curve."""
+"""Most points in a curve of distances."""
 STEPS = 4096
-"""Steps of the script's own run that are compared at a time."""
+"""Number of the script's own steps that are compared at a time."""
 Motion = tuple[Float64, Float64]
-"""Positions and rates of one thing over steps, shapes (n, k) and (n, j)."""
+"""Positions and velocities of a base or joint over steps, shapes (n, k) and (n, j)."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class Distance:
     """A distance between two runs."""
 
     value: float
-    """Infinite where a run has no finite state."""
+    """The distance; infinite if a run has no finite state."""
     unit: str
-    """`m`, of positions; `rad`, of orientations and joints that turn."""
+    """`m` for positions; `rad` for orientations and revolute joints."""
     body: str
     """Label of the body."""
     joint: str | None
@@ -44,39 +44,39 @@ class Distance:
 
 @dataclass
 class Track:
-    """One position of both runs: of a base, its orientation, or of a joint."""
+    """One position compared in both runs: a base's position or orientation, or a joint's."""
 
     number: int
-    """Number of the body in the script's own run."""
+    """Id of the body in the script's own run."""
     other: int
-    """Number of the body in the other run."""
+    """Id of the body in the other run."""
     body: str
     joint: str | None
     unit: str
     start: Float64
     last: Float64
-    """Final position in the script's own run, as far as both runs go."""
+    """Final position in the script's own run, within the time that both runs cover."""
     theirs: Float64
     """Final position in the other run."""
     moved: float = 0.0
-    """The largest distance of the script's own run from its start."""
+    """Largest distance of the script's own run from its start."""
     most: float = 0.0
     most_s: float = 0.0
     end: float = 0.0
     end_s: float = 0.0
     from_step: int | None = None
-    """First step of the script's own run at which they are more than `APART` apart."""
+    """The script's own first step at which the runs are more than `APART` apart."""
     from_s: float = math.inf
     first: float = 0.0
-    """Their distance at that step."""
+    """Distance between the runs at that step."""
     fastest: float = 0.0
-    """The greatest rate in the script's own run, in units of the position per second."""
+    """Largest rate in the script's own run, in units of the position per second."""
     their_fastest: float = 0.0
-    """The greatest rate in the other run."""
+    """Largest rate in the other run."""
     same: bool = True
 
     def add(self, steps: Int64, times_s: Float64, mine: Float64, theirs: Float64) -> Float64:
-        """Add some steps, and return the distances at them."""
+        """Add the positions at further steps, and return the distances there."""
         off = distances(mine, theirs)
         self.moved = max(self.moved, float(distances(mine, self.start[None]).max()))
         self.last, self.theirs = mine[-1], theirs[-1]
@@ -92,26 +92,26 @@ class Track:
         return off
 
     def distance(self, value: float, time_s: float) -> Distance:
-        """Return a distance of this position."""
+        """Return a distance value as one of this position."""
         return Distance(value, self.unit, self.body, self.joint, time_s)
 
 
 @dataclass(frozen=True)
 class Apart:
-    """The distances between two runs."""
+    """All distances between two runs."""
 
     tracks: list[Track]
     curves: Mapping[str, tuple[Float64, Float64]] = field(repr=False)
-    """Times [s], and the largest distance at each, by unit."""
+    """Times [s] and the largest distance at each time, by unit."""
 
     @property
     def end(self) -> list[Distance]:
-        """The farthest at the end, one for each unit that there is."""
+        """Return the largest final distance of each unit."""
         return [each.distance(each.end, each.end_s) for each in self._farthest("end")]
 
     @property
     def most(self) -> list[Distance]:
-        """The farthest at worst, one for each unit that there is."""
+        """Return the largest distance at any time, of each unit."""
         return [each.distance(each.most, each.most_s) for each in self._farthest("most")]
 
     def _farthest(self, name: str) -> Iterator[Track]:
@@ -121,23 +121,23 @@ class Apart:
 
     @property
     def first(self) -> Track | None:
-        """The position first more than `APART` apart, the farthest of several; None without any."""
+        """The position that is first more than `APART` apart, the largest of several; else None."""
         apart = [track for track in self.tracks if track.from_step is not None]
         return min(apart, key=lambda each: (each.from_s, -each.first), default=None)
 
     @property
     def from_s(self) -> float | None:
-        """Time at which they are first more than `APART` apart."""
+        """Time at which the runs are first more than `APART` apart [s]; None if never."""
         return None if self.first is None else self.first.from_s
 
     @property
     def same(self) -> bool:
-        """True if every position is the same to the bit; where none is compared, none is."""
+        """True if all compared positions are equal, bit for bit; False if none was compared."""
         return bool(self.tracks) and all(track.same for track in self.tracks)
 
     @property
     def furthest(self) -> tuple[Float64, Float64]:
-        """Times [s], and the largest distance then, of either unit."""
+        """Return times [s] and the largest distance at each, of either unit."""
         if not self.curves:
             return np.empty(0), np.empty(0)
         times_s, _ = next(iter(self.curves.values()))
@@ -145,7 +145,7 @@ class Apart:
 
 
 def apart(base: Seen, other: Seen, *, finer: int = 1) -> Apart:
-    """Return the distances of a run from another, which makes `finer` steps for each of its own.
+    """Return the distances between two runs; the other makes `finer` steps for each base step.
 
     Both are read in pieces.
     """
@@ -185,7 +185,7 @@ def apart(base: Seen, other: Seen, *, finer: int = 1) -> Apart:
 
 
 def paired(base: Seen, other: Seen) -> dict[int, int]:
-    """Map the bodies of a run to those of another run of the same script.
+    """Map the body ids of a run to those in another run of the same script.
 
     Bodies correspond by name. The rest, such as bodies of temporary files with changing names,
     correspond in the order of their appearance, if links and joints are the same.
@@ -210,13 +210,13 @@ def _order(item: tuple[tuple[int, str | None, str], Track]) -> tuple[int, bool, 
 
 
 def _thinned(times_s: Float64, off: Float64) -> tuple[Float64, Float64]:
-    """Return a curve with a bounded number of points, keeping the largest of several."""
+    """Thin out a curve to a bounded number of points, keeping the largest of each group."""
     edges = np.arange(0, len(off), -(-len(off) // MOST_POINTS))
     return np.maximum.reduceat(times_s, edges), np.maximum.reduceat(off, edges)
 
 
 def _motions(body: Body, motion: BodySamples) -> dict[tuple[str | None, str], Motion]:
-    """Return positions and rates of a body, by joint and unit."""
+    """Return a body's positions and velocities, by joint and unit."""
     found: dict[tuple[str | None, str], Motion] = {}
     if motion.base is not None:
         numbers = motion_of(motion.base)
@@ -231,20 +231,20 @@ def _motions(body: Body, motion: BodySamples) -> dict[tuple[str | None, str], Mo
 
 
 def _greatest(rates: Float64) -> float:
-    """Return the greatest length of some rates, shape (n, k); infinite if one is not finite."""
+    """Return the largest length of velocities, shape (n, k); infinite if one is not finite."""
     lengths = np.linalg.norm(rates, axis=1)
     return float(np.where(np.isnan(lengths), np.inf, lengths).max(initial=0.0))
 
 
 def joints_of(body: Body) -> Iterator[tuple[str, str, slice, slice]]:
-    """Yield name and unit of each joint that moves, and the places of its position and rate."""
+    """Yield each movable joint's name and unit, and the indices of its position and velocity."""
     for joint, at, rate in zip(body.joints, body.coordinates, body.rates, strict=True):
         if joint.widths[0]:
             yield joint.name, "m" if joint.kind == "prismatic" else "rad", at, rate
 
 
 def distances(mine: Float64, theirs: Float64) -> Float64:
-    """Return lengths of vectors' differences [m, rad]; of quaternions, the angles between."""
+    """Return the lengths of difference vectors [m, rad]; for quaternions, angles between them."""
     with np.errstate(invalid="ignore", over="ignore"):
         off = np.linalg.norm(mine - theirs, axis=1)
         if mine.shape[1] == 4:  # |q - p| = 2 sin(angle / 4)

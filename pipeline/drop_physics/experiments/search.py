@@ -1,4 +1,4 @@
-"""A causal search: single changes that make an expectation of a run true.
+"""Search for single changes of a run that would meet an expectation.
 
 A kind of change is tried on all elements at once, then on each of them, then with the least factor
 that suffices; where none makes it true, factors are tried by their roots, too. A change of which a
@@ -18,62 +18,64 @@ from drop_physics.engines.watching.single_changes import ORDERS, Change
 from drop_physics.experiments.motion import RunMotion, apart_m, is_still, size_m, worse
 
 ONE_BY_ONE = 8
-"""So many elements are tried one by one; more of them by halves."""
+"""Most elements that are tried one by one; larger sets are split into halves."""
 HALVINGS = 4
-"""Trials that narrow a least factor: its logarithm to a sixteenth of that of the factor tried."""
+"""Number of bisection steps for a least factor; they narrow its logarithm to a sixteenth of that of
+the factor tried."""
 NEARBY = 1.05
-"""Factor between a factor and those beside it, one of which has to make it true, too."""
+"""Ratio between a factor and its neighbours, one of which must also meet the expectation."""
 NARROWED = 3
-"""Number of changes that are narrowed: the first ones reported."""
+"""Number of changes that are bisected and tested further: the first ones reported."""
 NOISE = 10.0
-"""A change moves the quantity where it does so by this many times what nudges do."""
+"""A change must move the quantity by this many times the effect of nudges."""
 THROWN = 5.0
-"""A change of the text with which a body goes farther from its way than so many times the size of
-the scene throws it away: that takes the scene apart."""
+"""A change of the text that moves a body farther off than this many times the size of the scene
+counts as throwing it away, which destroys the scene."""
 MOST_MOVERS = 12
-"""Number of kinds that move the quantity without making it true, and are tried by element."""
+"""Most kinds of changes that only move the quantity, and are tried element by element."""
 
 
 @dataclass(frozen=True)
 class ChangeOutcome:
-    """The outcome of a run: whether the expectation held, and its margin."""
+    """The outcome of a run: whether it met the expectation, and by which margin."""
 
     holds: bool
-    """Whether it did, in a run that ended as the script's own, in finite numbers."""
+    """Whether the expectation was met, in a run that ended like the script's own, with finite
+    numbers."""
     margin: float
-    """The margin by which it holds; below 0 where it does not."""
+    """Margin by which the expectation is met; negative if it is not."""
     value: float
-    """The quantity that is compared."""
+    """Value of the compared quantity."""
     motion: Sequence[RunMotion] = ()
 
 
 @dataclass(frozen=True)
 class TriedChange:
-    """A change that was tried."""
+    """A change that was tried, and its outcome."""
 
     change: Change
     outcome: ChangeOutcome
     number: int
-    """Place in the order of trials."""
+    """Position in the order of trials."""
     far_m: Mapping[str, float]
-    """RMS distance of the bodies from the script's own run [m]."""
+    """RMS distance of each body from the script's own run [m]."""
     worse: Sequence[str] = ()
-    """The commands that are followed worse than there."""
+    """The commands followed less well than in the script's own run."""
 
     @property
     def family(self) -> tuple[Any, ...]:
-        """The kind of change, whatever its elements."""
+        """The kind of change, without the elements that it acts on."""
         return self.change.change, self.change.op, self.change.site
 
 
 Run = Callable[[Iterator[Change]], Iterable[tuple[Change, ChangeOutcome | None]]]
-"""Runs a script with changes, and yields their outcomes as they come: None where no time is left.
-It asks for another change whenever it has room, also after there was none."""
+"""Function that runs a script with changes, and yields their outcomes as they arrive: None if no
+time is left. It takes another change whenever it has room, even after there was none."""
 
 
 @dataclass
 class Search:
-    """A search for changes that make an expectation true.
+    """A search for changes that meet an expectation.
 
     Parameters
     ----------
@@ -94,10 +96,10 @@ class Search:
     tried: list[TriedChange] = field(default_factory=list)
     _queue: _Queue = field(default_factory=lambda: _Queue())
     complete: bool = True
-    """Whether nothing was left out for want of time."""
+    """Whether nothing was left out for lack of time."""
 
     def all_of(self, changes: Sequence[Change]) -> None:
-        """Try changes in this order, first on all of their elements.
+        """Try changes in this order, each first on all of its elements together.
 
         Changes of an earlier call are not tried again.
         """
@@ -119,7 +121,7 @@ class Search:
             self._drain(queue)
 
     def least_of(self, each: TriedChange) -> float | None:
-        """Return the least factor that makes it true; None if the change is no factor."""
+        """Return the least factor that still meets the expectation; None for other changes."""
         operator, factor = each.change.how
         if operator != "*" or factor <= 0:
             return None
@@ -134,7 +136,7 @@ class Search:
         return float(factor**holds)
 
     def is_alone(self, each: TriedChange) -> bool:
-        """Return whether neither a larger nor a smaller factor close by makes it true."""
+        """Return whether neither a slightly larger nor a smaller factor meets the expectation."""
         operator, factor = each.change.how
         if operator != "*":
             return False
@@ -143,12 +145,12 @@ class Search:
         return not any(outcome is None or outcome.holds for outcome in outcomes)
 
     def moves(self, each: TriedChange) -> bool:
-        """Return whether a change moves the quantity by more than chance does."""
+        """Return whether a change moves the quantity by more than nudges do."""
         far = abs(each.outcome.margin - self.base.margin)
         return math.isfinite(far) and far > NOISE * self.noise + 1e-12
 
     def _factors(self, tried: Iterable[TriedChange]) -> list[TriedChange]:
-        """Return factors that move the quantity, either way: the nearest, and the farthest."""
+        """Return factors that move the quantity, up or down: the nearest and the farthest."""
         moving = [
             each
             for each in tried
@@ -158,14 +160,14 @@ class Search:
         return [*order[:MOST_MOVERS], *order[MOST_MOVERS:][-MOST_MOVERS:][::-1]]
 
     def movers(self) -> list[TriedChange]:
-        """Return the changes that move the quantity the expected way, the farthest first."""
+        """Return the changes that move the quantity in the expected direction, farthest first."""
         near = [each for each in self.tried if self.moves(each) and not each.outcome.holds]
         near = [each for each in near if each.outcome.margin > self.base.margin]
         return sorted(near, key=lambda each: -each.outcome.margin)
 
     @property
     def _size_m(self) -> float:
-        """The size of what the script's own run is about [m]."""
+        """Size of the scene in the script's own run [m]."""
         return max(map(size_m, self.base.motion), default=0.0)
 
     def _drain(self, queue: _Queue) -> None:
@@ -190,20 +192,20 @@ class Search:
 
 
 class _Queue(Iterator[Change]):
-    """Changes to try, the most urgent first; more may come after the last one was taken."""
+    """A priority queue of changes to try; more may be added after the last one was taken."""
 
     def __init__(self) -> None:
         self._heap: list[tuple[int, int, Change]] = []
         self._numbers: dict[int, int] = {}
-        """Places in the order by the `id` of changes, which all are kept."""
+        """Positions in the order of trials, by the `id` of changes, which are all kept alive."""
         self._all: list[Change] = []
 
     def number(self, change: Change) -> int:
-        """Return the place of a change in the order."""
+        """Return the position of a change in the order of trials."""
         return self._numbers[id(change)]
 
     def put(self, change: Change, urgency: int) -> None:
-        """Put a change into the queue; 0 is the most urgent."""
+        """Add a change to the queue; urgency 0 comes first."""
         self._numbers[id(change)] = number = len(self._all)
         self._all.append(change)
         heapq.heappush(self._heap, (urgency, number, change))
@@ -215,7 +217,7 @@ class _Queue(Iterator[Change]):
 
 
 def _parts(change: Change) -> list[Change]:
-    """Split a change into its elements, or into halves of them; nothing for a single one."""
+    """Split a change into its single elements, or two halves; empty if it has only one element."""
     number = len(change.ids)
     if number < 2 or change.op in ORDERS:
         return []

@@ -1,4 +1,4 @@
-"""Shares of several causes in an outcome, from runs without them.
+"""Compute each cause's share of an outcome, from runs without the causes.
 
 A part is the outcome minus its value with that cause alone switched off; the total is the outcome
 minus its value with all of them off; the difference between total and parts is their interaction.
@@ -18,18 +18,18 @@ from drop_physics.experiments.robustness import LEAST_ORDER, MOST_ORDER
 from drop_physics.experiments.run_distance import Apart, Track
 
 FINER = (1, 2, 4)
-"""Steps of the engine for one of the script's, where the timestep is switched off."""
+"""Numbers of engine steps per script step, by which a timestep of zero is extrapolated."""
 SMALL = 1e-2
-"""A part below this share of the largest is left out."""
+"""Parts below this share of the largest part are left out."""
 INTERACT = 0.1
-"""The interaction is at most this share of the largest part: where it is more, one cause stands for
-another, and no share belongs to either."""
+"""Largest interaction, as a share of the largest part: beyond it, one cause stands for another, and
+no share can be attributed."""
 TIMESTEP = "timestep"
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One number of an outcome: the end position of a joint, or of a base along an axis."""
+    """One number of an outcome: a joint's final position, or a base's along an axis."""
 
     body: str
     joint: str | None
@@ -38,11 +38,11 @@ class Coordinate:
 
     @property
     def name(self) -> str:
-        """Name of the quantity."""
+        """Display name of the number."""
         return self.joint or f"{self.body} {'xyz'[self.axis]}"
 
     def of(self, run: Apart) -> tuple[float, float, float] | None:
-        """Return its final value in a run and in the script's own, and the time; None without."""
+        """Return final values in a run and in the script's own, and the time; None if missing."""
         track = next((each for each in run.tracks if self._is_of(each)), None)
         if track is None:
             return None
@@ -54,22 +54,22 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Shares:
-    """One number of an outcome as a sum over its causes."""
+    """One number of an outcome, as a sum over its causes."""
 
     quantity: str
-    """The quantity: a joint, or a body and an axis, at the end of the run."""
+    """Description of the number: a joint, or a body and an axis, at the end of the run."""
     unit: str
     """`m` or `rad`."""
     total: float
-    """The outcome less what it is with all causes switched off."""
+    """The number minus its value with all causes switched off."""
     parts: dict[str, float]
-    """The outcome less what it is with one cause switched off, by cause; the largest first."""
+    """The number minus its value with one cause switched off, by cause; the largest first."""
     interaction: float
-    """Interaction: the total minus the sum of the parts."""
+    """Interaction of the causes: the total minus the sum of the parts."""
 
 
 def coordinate_of(trials: Mapping[str, Apart], noise: Mapping[str, float]) -> Coordinate | None:
-    """Return the number that trials move most, if by clearly more than chance does.
+    """Return the number that trials move most, if clearly by more than chance.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def shares_of(
     together: Mapping[int, Apart],
     finer: Mapping[int, Apart],
 ) -> Shares | None:
-    """Return the shares of causes; None if fewer than two have a share of their own.
+    """Return each cause's share; None if fewer than two causes have one.
 
     Also None if a run is missing, or ends at another time.
 
@@ -140,7 +140,7 @@ def shares_of(
 
 
 def _limit(ends: Mapping[int, float]) -> float | None:
-    """Return the limit of an outcome for a timestep of 0; None if it shows no order."""
+    """Extrapolate an outcome to a timestep of 0; None if it shows no order of convergence."""
     if any(by not in ends for by in FINER):
         return None
     values = [ends[by] for by in FINER]

@@ -1,4 +1,4 @@
-"""Verdicts of trials on findings: a cause, an idle call, or nothing.
+"""Judge findings by trials: a proved cause, no effect, or undecided.
 
 A trial is a run with one intervention. It is compared with the script's own run, and with one whose
 bodies were moved by 1e-9 before their first step: a change that is not clearly larger is no result.
@@ -17,28 +17,30 @@ from drop_physics.rules.answer import LEVELS, Finding
 
 Verdict = Literal["cured", "part", "chaotic", "refuted", "void", "untried"]
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
-"""The best first."""
+"""All verdicts, the best first."""
 
 CURED = 0.2
-"""Share of a symptom that may be left where it counts as cured."""
+"""Largest remaining share of a symptom that counts as cured."""
 REFUTED = 0.8
-"""Share of a symptom from which on a trial has not changed it."""
+"""Remaining share of a symptom from which a trial counts as without effect."""
 BEYOND = 10.0
-"""The outcome has moved where it moves by so many times what a nudge moves."""
+"""The outcome counts as moved if it moves by this many times the effect of a nudge."""
 TRIFLE = 1e-3
-"""An outcome that moves less than this share of what moves most has not moved."""
+"""Least motion of an outcome that counts, as a share of the largest motion."""
 GRAVE = LEVELS.index("model")
-"""New findings of this level, and what is less, are no reason to refuse a cure."""
+"""Level of findings above which a new one rules out a cure."""
 CHAOTIC = 0.2
-"""A symptom that a nudge changes by more than this share is one of many: no trial has cured it."""
+"""Largest change of a symptom by a nudge; beyond it, the symptom is chaotic and no trial cures
+it."""
 WILDER = 2.0
-"""A run throws a body where its greatest rate is so many times that of the script's own run."""
+"""A run counts as throwing a body if its largest rate is this many times that in the script's own
+run."""
 THROWN = {"m": 1.0, "rad": 10.0}
-"""Rates below which no body counts as thrown [m/s, rad/s]."""
+"""Least rates of a body that counts as thrown [m/s, rad/s]."""
 
 GROWS = "unstable"
-"""The code of a symptom in which a nudge grows: that a trial takes it away shows something, though
-the nudge moves the outcome as far."""
+"""Code of the symptom that a nudge grows: a trial that removes it proves something, even if the
+nudge moves the outcome as far."""
 
 CAUSES = frozenset(
     (
@@ -73,16 +75,16 @@ CAUSES = frozenset(
         "velocity-clamped",
     ),
 )
-"""Codes that are a cause, not a symptom: a trial takes the finding away by what it changes, whether
-or not that mattered, so that the outcome alone decides."""
+"""Codes that are causes rather than symptoms: a trial removes such a finding by its change alone,
+so that only the outcome decides."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a run with an intervention."""
+    """The outcome of a run with an intervention."""
 
     fired: bool
-    """Whether the intervention has changed any call."""
+    """Whether the intervention changed any call."""
     ended: str
     error: str
     steps: int
@@ -90,36 +92,36 @@ class Outcome:
     apart: Apart
     """Distance from the script's own run."""
     began: Distance | None = None
-    """Motion of a body that stands still in the script's own run, which has no states of it."""
+    """Motion of a body that rests in the script's own run, which then has no states of the body."""
 
     @property
     def is_same(self) -> bool:
-        """True if every position equals that of the script's own run, to the bit."""
+        """True if every position equals that of the script's own run, bit for bit."""
         return self.apart.same and self.began is None
 
 
 @dataclass(frozen=True)
 class TrialVerdict:
-    """Verdict of a trial on one finding."""
+    """The verdict of a trial on one finding."""
 
     verdict: Verdict
     before: float | None
-    """The finding's effect in the script's own run; null where it has none."""
+    """The finding's effect in the script's own run; null if it has none."""
     after: float | None
-    """The same in the trial; null where the finding is gone."""
+    """The finding's effect in the trial; null if the finding is gone."""
     unit: str | None
     left: float | None
-    """Share of the effect that is left; null where the finding's code is itself a cause."""
+    """Remaining share of the effect; null if the finding's code is itself a cause."""
     new: list[str]
-    """Codes of grave findings that the trial has and the script's own run has not."""
+    """Codes of severe findings that only the trial has."""
 
 
 def moved(trial: Apart, nudge: Apart | None, about: Finding | None = None) -> Distance | None:
-    """Return the change of an outcome; None if a nudge moves it as much.
+    """Return how far a trial moves the outcome; None if a nudge moves it as much.
 
-    At the end, if it exceeds `APART` and ten times the nudge's change; else on the way, while it
-    does, and if the nudge never moves as much. For the joint or body of a finding, if that has
-    moved.
+    The final distance, if it exceeds `APART` and ten times the nudge's change; else on the way,
+    while it does, and if the nudge never moves as much. For the joint or body of a finding, if that
+    has moved.
     """
     noise = {} if nudge is None else {each.unit: each.value for each in nudge.end}
     ends = [
@@ -149,7 +151,7 @@ def moved(trial: Apart, nudge: Apart | None, about: Finding | None = None) -> Di
 
 
 def _matters(far: Distance | None, trial: Apart) -> bool:
-    """Return whether an outcome has moved by more than equality allows, and not by a trifle.
+    """Return whether an outcome has moved by more than the limit of equality, and considerably.
 
     A trifle is less than a thousandth of the largest motion in the script's own run.
     """
@@ -160,7 +162,7 @@ def _matters(far: Distance | None, trial: Apart) -> bool:
 
 
 def same_finding(finding: Finding, among: Sequence[Finding]) -> Finding | None:
-    """Return a finding of another run that is the same, or takes its place; None if it is gone.
+    """Return the same finding in another run, or the one that replaces it; None if it is gone.
 
     The same code, body and joint; else one of that body, since a finding names the worst joint, or
     the worst of several bodies.
@@ -176,7 +178,7 @@ def same_finding(finding: Finding, among: Sequence[Finding]) -> Finding | None:
 
 
 def grave(before: Sequence[Finding], after: Sequence[Finding]) -> list[str]:
-    """Return the codes of grave findings that only another run has."""
+    """Return the codes of severe findings that only the second run has."""
     return [
         each.code
         for each in after
@@ -191,7 +193,7 @@ def judged(
     base: Outcome,
     nudge: Outcome | None,
 ) -> TrialVerdict:
-    """Return the verdict of a trial on a finding of the script's own run."""
+    """Judge a finding of the script's own run by a trial."""
     before = None if finding.effect is None else finding.effect.value
     unit = None if finding.effect is None else finding.effect.unit
     unseen = not trial.apart.tracks and trial.began is None
@@ -219,7 +221,7 @@ def judged(
 
 
 def _goes(finding: Finding, trial: Outcome) -> bool:
-    """Return whether a trial moves the subject of a finding.
+    """Return whether a trial moves the body or joint that a finding concerns.
 
     If the finding states a distance, by a share of this distance: a subject that stays in place is
     off as before, whether or not it is found so.
@@ -237,7 +239,7 @@ def _goes(finding: Finding, trial: Outcome) -> bool:
 
 
 def _still_as_fast(finding: Finding, trial: Apart) -> float:
-    """Return the remaining share of the rate of an instability's joint or body; else 0."""
+    """Return the remaining share of an unstable joint's or body's rate; 0 for other findings."""
     if finding.code != GROWS or finding.effect is None:
         return 0.0
     rates = [
@@ -250,7 +252,7 @@ def _still_as_fast(finding: Finding, trial: Apart) -> float:
 
 
 def _throws(trial: Apart) -> bool:
-    """Return whether a trial throws a body that the script's own run does not."""
+    """Return whether a body is thrown in a trial but not in the script's own run."""
     bases = [track for track in trial.tracks if track.joint is None]
     return any(
         max((track.their_fastest for track in bases if track.unit == unit), default=0.0)
@@ -272,7 +274,7 @@ def _left(finding: Finding, other: Finding | None) -> float:
 
 
 def _as_long(trial: Outcome, base: Outcome) -> bool:
-    """Return whether a run ended like another, after as many steps.
+    """Return whether two runs ended the same way, after the same number of steps.
 
     A run that ends at a time may make one step more or less, since finer timesteps are added with
     rounding.

@@ -1,4 +1,4 @@
-"""Writing of pictures as an animation, in the format that a file's suffix names."""
+"""Write images as an animation, in the format that the file's suffix names."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from drop_physics.figures.gif import MIN_FPS as GIF_MIN_FPS
 from drop_physics.figures.gif import write_gif
 
 MAX_FPS = {".gif": GIF_MAX_FPS, ".webp": 1000.0, ".apng": 1000.0, ".mp4": 240.0}
-"""Most pictures per second of each format; a delay of WebP and APNG is whole milliseconds."""
+"""Most frames per second of each format; delays in WebP and APNG are whole milliseconds."""
 MIN_FPS = 1e-4
-"""Least pictures per second: nobody waits three hours for one."""
+"""Least frames per second: nobody waits three hours for a frame."""
 
 
 def check_animation(path: Path, fps: float | None) -> None:
@@ -70,7 +70,7 @@ def check_animation(path: Path, fps: float | None) -> None:
 
 
 def decoded(pngs: Iterable[bytes]) -> Iterator[Image.Image]:
-    """Yield PNGs as RGB pictures; the same object again if a PNG equals the one before.
+    """Decode PNGs to RGB images; a PNG equal to the one before gives the same object again.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def _decoded(png: bytes, number: int) -> Image.Image:
 def write_animation(
     images: Iterable[Image.Image], stream: BinaryIO, *, suffix: str, fps: float
 ) -> int:
-    """Write RGB pictures of one size as an animation, which loops except as .mp4.
+    """Write RGB images of one size as an animation, which loops except as .mp4.
 
     A .gif and an .mp4 are written picture by picture; for .webp and .apng Pillow holds all of them.
 
@@ -150,7 +150,7 @@ def write_animation(
 
 
 def _write_mp4(images: Iterable[Image.Image], stream: BinaryIO, *, fps: float) -> int:
-    """Write H.264 in 4:2:0, which every player knows; it takes even sizes only."""
+    """Write H.264 in 4:2:0, which every player supports; the size must be even."""
     import av
 
     rate, frames = Fraction(fps).limit_denominator(10_000), 0

@@ -1,4 +1,4 @@
-"""A picture with a caption below it and a growing plot beside it."""
+"""Combine an image with a caption below it and a growing plot beside it."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from drop_physics.figures.plot import Plot
 from drop_physics.figures.theme import DARK, LIGHT
 
 GREYS = 8
-"""Shades of a caption's edges: with few colours a gif stays exact."""
+"""Grey levels for smooth edges in a caption: with few colours, a gif stays exact."""
 ASPECT = 4 / 3
 """Least ratio of a plot's width to its height."""
 
 
 class Composition:
-    """Adds a caption below pictures, and a plot that grows beside them.
+    """Adds to images a caption below, and beside them a plot that grows.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Composition:
         self._size = width + beside, height + below
 
     def composed(self, picture: Image.Image, time_s: float) -> Image.Image:
-        """Return a picture of a moment with its caption and plot."""
+        """Return the image of a moment with its caption and plot."""
         whole = Image.new("RGB", self._size, self._theme.page)
         whole.paste(picture)
         if self._plot is not None:
@@ -72,7 +72,7 @@ class Composition:
 
 
 class Captions:
-    """The caption of each moment of a drop.
+    """The captions of a drop's moments.
 
     Parameters
     ----------
@@ -87,10 +87,10 @@ class Captions:
         )
         explained = np.flatnonzero(table["timestep_m"].is_not_null())
         self._last = int(explained[-1]) if len(explained) else 0
-        """The last sample whose error the plot explains."""
+        """Index of the last sample whose error is explained."""
 
     def __call__(self, time_s: float) -> str:
-        """Return the caption of the sample that is nearest."""
+        """Return the caption of the sample nearest to a time."""
         row = int(np.abs(self._times_s - time_s).argmin())
         error_m = float(self._errors_m[min(row, self._last)])
         height_m = float(self._heights_m[row])
@@ -98,7 +98,7 @@ class Captions:
 
 
 def caption(time_s: float, height_m: float, error_m: float, *, ended: bool = False) -> str:
-    """Return the caption of a moment; in all captions of a drop the digits line up.
+    """Return the caption of a moment; digits line up in all captions of a drop.
 
     `ended` if the error is the last that the plot explains.
     """

@@ -1,4 +1,4 @@
-"""Write frames as a gif: every frame kept, every colour exact up to 256, constant memory.
+"""Write gifs: every frame is kept, up to 256 colours are exact, and memory is constant.
 
 Pillow's own writer merges frames that do not differ, holds all of them at once, and picks new
 palettes for colours that it could keep. So the container is written here, one block per frame as
@@ -20,22 +20,22 @@ from numpy.typing import NDArray
 from PIL import Image, ImageChops
 
 MADE_BY_DROP = b"made by drop"
-"""A comment in every file: under its default name only a file with it is replaced."""
+"""Comment in every gif that we write; only files with it are replaced under the default name."""
 
 Box = tuple[int, int, int, int]
-"""Left, top, right (exclusive), bottom (exclusive) [px]."""
+"""A box in an image: left, top, right (exclusive), bottom (exclusive) [px]."""
 Colours = NDArray[np.uint32]
-"""Ascending colours 0xRRGGBB, shape (n,); a pixel's index is its colour's place in them."""
+"""Colours 0xRRGGBB in ascending order, shape (n,); pixels refer to them by index."""
 
 MOST_COLOURS = 256
 MAX_FPS = 50.0
-"""Most frames per second: viewers play delays below 0.02 s as 0.1 s."""
+"""Most frames per second, as viewers play delays below 0.02 s as 0.1 s."""
 MIN_FPS = 100 / 0xFFFF
-"""Least frames per second: a delay is 16 bits of 0.01 s."""
+"""Least frames per second, as a delay has 16 bits of 0.01 s."""
 
 
 def delay_cs(frame: int, *, fps: float) -> int:
-    """Return the delay of a frame [0.01 s], so that none starts over 0.005 s off its time.
+    """Return a frame's delay [0.01 s], such that no frame is off by more than 0.005 s.
 
     Delays are whole hundredths: at 30 frames per second they are 3, 4, 3, 3, 4, …
 
@@ -50,7 +50,7 @@ def delay_cs(frame: int, *, fps: float) -> int:
 
 
 def write_gif(images: Iterable[Image.Image], stream: BinaryIO, *, fps: float) -> int:
-    """Write pictures as a gif that loops for ever, holding two of them at a time.
+    """Write images as a gif that loops forever, with two of them in memory at a time.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def write_gif(images: Iterable[Image.Image], stream: BinaryIO, *, fps: float) ->
 
 
 def _changes(images: Iterable[Image.Image]) -> Iterator[tuple[Image.Image, Box]]:
-    """Yield pictures with the smallest box that differs from the one before.
+    """Yield images with the smallest box in which each differs from the one before.
 
     The first differs everywhere; one that does not differ at all gives its first pixel, because a
     frame must have one.
@@ -125,7 +125,7 @@ def _changes(images: Iterable[Image.Image]) -> Iterator[tuple[Image.Image, Box]]
 
 
 def _colours(patch: Image.Image) -> Colours | None:
-    """Return a patch's colours, or None if they are more than a table can hold."""
+    """Return an image region's colours; None if they are too many for a colour table."""
     found = patch.getcolors(MOST_COLOURS)
     if found is None:
         return None
@@ -136,7 +136,7 @@ def _colours(patch: Image.Image) -> Colours | None:
 
 
 def _packed(patch: Image.Image) -> NDArray[np.uint32]:
-    """Return a patch's pixels as 0xRRGGBB, shape (height, width)."""
+    """Return a region's pixels as 0xRRGGBB, shape (height, width)."""
     rgb = np.asarray(patch, dtype=np.uint32)
     return (rgb[..., 0] << 16 | rgb[..., 1] << 8 | rgb[..., 2]).astype(np.uint32, copy=False)
 
@@ -153,7 +153,7 @@ def _head(size: tuple[int, int], colours: Colours) -> bytes:
 
 
 def _frame(box: Box, indices: NDArray[np.uint8], *, delay: int, own_table: Colours | None) -> bytes:
-    """Return sections 23 and 20 to 22: delay, place, colours of its own if any, packed pixels."""
+    """Return sections 23 and 20 to 22: delay, position, own colours if any, packed pixels."""
     left, top, right, bottom = box
     leave_in_place = 1 << 2
     control = b"!\xf9" + struct.pack("<BBHBB", 4, leave_in_place, delay, 0, 0)
@@ -166,7 +166,7 @@ def _frame(box: Box, indices: NDArray[np.uint8], *, delay: int, own_table: Colou
 
 
 def _table_bits(colours: Colours) -> int:
-    """Return n, for a colour table of 2^(n + 1) entries."""
+    """Return n for a colour table with 2^(n + 1) entries."""
     return max(0, math.ceil(math.log2(len(colours))) - 1)
 
 

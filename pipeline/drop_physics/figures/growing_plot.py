@@ -1,6 +1,7 @@
-"""A plot that grows with time, beside a film.
+"""A plot that grows with time, shown beside a video.
 
-It is drawn twice, with and without its data; a moment shows the first up to now, then the second.
+The plot is drawn twice, with and without its data; a moment shows the first up to now, then the
+second.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ from drop_physics.figures.plot import Plot
 from drop_physics.figures.theme import DARK, LIGHT
 
 COLOURS = 128
-"""Colours of the plot: they leave room for as many of the camera's in a gif."""
+"""Number of colours of the plot, which leaves as many for the camera's image in a gif."""
 HEIGHT_IN = 3.3
-"""Height of the figure [inch], which sets the relative size of its letters."""
+"""Height of the figure, which sets the relative size of its text [inch]."""
 
 
 class GrowingPlot:
-    """The title and the first panels of a plot, up to any moment.
+    """A plot's title and first panels, drawn up to any moment.
 
     Parameters
     ----------
@@ -59,7 +60,7 @@ class GrowingPlot:
         ]
 
     def at(self, time_s: float) -> Image.Image:
-        """Return the plot up to a time [s], as a picture of the requested size."""
+        """Return the plot up to a time [s], as an image of the requested size."""
         now = round(float(self._to_px.transform((time_s * self._time.per_si, 0.0))[0]))
         picture = self._bare.copy()
         picture.paste(self._whole.crop((0, 0, min(now + 1, self._end), picture.height)))

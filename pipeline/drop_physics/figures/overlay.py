@@ -1,4 +1,4 @@
-"""Draw over a picture: the time in a corner, a ruler, names; and put pictures side by side."""
+"""Draw over images: the time, a ruler, names; and place images side by side."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from PIL import Image, ImageDraw, ImageFont
 from drop_physics.figures.theme import Theme
 
 Point = tuple[float, float]
-"""Column and row [px]."""
+"""Column and row of a pixel [px]."""
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A line with a text at its end; either may be missing."""
+    """A line with a text at its end; either may be absent."""
 
     line: tuple[Point, ...]
     text: str = ""
     anchor: str = "rm"
-    """The part of the text that is at the line's end, as Pillow names it."""
+    """The part of the text that is at the line's end, as Pillow's anchors name it."""
 
 
 def draw_clock(picture: Image.Image, time_s: float, theme: Theme) -> None:
-    """Write the time into the lower right corner of a picture."""
+    """Write the time into the lower right corner of an image."""
     letters, text = letters_of(picture), f"t {time_s:.2f} s"
     drawn, at = _pen(picture), (picture.width - letters, picture.height - letters)
     left, top, right, bottom = drawn.textbbox(at, text, font=font(letters), anchor="rs")
@@ -37,7 +37,7 @@ def draw_clock(picture: Image.Image, time_s: float, theme: Theme) -> None:
 
 
 def draw_marks(picture: Image.Image, marks: Sequence[Mark], theme: Theme) -> None:
-    """Draw marks into a picture; a text that would be cut is left out."""
+    """Draw marks over an image; a text that would be cut off is left out."""
     drawn, letters = _pen(picture), font(letters_of(picture))
     for mark in marks:
         drawn.line(mark.line, fill=theme.faint)
@@ -50,7 +50,7 @@ def draw_marks(picture: Image.Image, marks: Sequence[Mark], theme: Theme) -> Non
 def beside(
     pictures: Sequence[Image.Image], titles: Sequence[str], time_s: float, theme: Theme
 ) -> Image.Image:
-    """Return pictures of one size and moment side by side, each under its title."""
+    """Place images of one size and moment side by side, each below its title."""
     wide, high = pictures[0].size
     letters = letters_of(pictures[0])
     room, gap = 2 * letters, letters // 2
@@ -69,7 +69,7 @@ def beside(
 
 
 def letters_of(picture: Image.Image) -> int:
-    """Return the size of the letters over a picture [px]."""
+    """Return the font size for text over an image [px]."""
     return max(9, picture.height // 24)
 
 
@@ -81,7 +81,7 @@ def _pen(picture: Image.Image) -> ImageDraw.ImageDraw:
 
 @functools.cache
 def font(letters: int) -> ImageFont.FreeTypeFont:
-    """Return matplotlib's fixed-width font, without loading matplotlib, which takes 0.4 s."""
+    """Return matplotlib's monospaced font, without loading matplotlib, which takes 0.4 s."""
     found = find_spec("matplotlib")
     assert found is not None
     assert found.origin is not None

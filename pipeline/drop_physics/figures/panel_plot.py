@@ -1,4 +1,4 @@
-"""A plot of a run: a title, its meaning, and a few panels on one time axis."""
+"""Draw the plot of a run: a title, its meaning, and panels on a common time axis."""
 
 from __future__ import annotations
 
@@ -22,35 +22,37 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 PANEL_IN, GAP_IN, FOOT_IN = 1.55, 0.42, 0.65
-"""Height of a panel, above it and below the last [inch]."""
+"""Height of a panel, of the gap above it, and of the space below the last panel [inch]."""
 BESIDE, BESIDE_TITLE, BESIDE_LINE = 2, 50, 0.055
-"""Panels beside a film, characters in a line of its title, and its share of the height."""
+"""Number of panels in a plot beside a video, characters in a title line, and the line's share of
+the height."""
 OPACITY = 0.75
 """Opacity of stacked areas."""
 WIDTHS = {"line": 1.8, "broad": 3.6, "wide": 6.0, "dashed": 1.5}
-"""Width of a curve of each look [points]."""
+"""Line width of a curve for each style [points]."""
 INSET, INSET_TALLER = (0.62, 0.36, 0.36, 0.5), 1.5
-"""Place of an inset, as shares of its panel, and the factor by which that panel is taller."""
+"""Position of an inset, as shares of its panel, and the factor by which that panel is taller."""
 USUAL, TALLER = 98.0, 3.0
-"""Peaks over `TALLER` times this percentile of a panel are cut off."""
+"""Peaks are cut off if they exceed `TALLER` times this percentile of a panel."""
 LEAST_SPAN = {"rad": 1e-3} | {unit.name: 1e-4 * unit.per_si for unit in style.METRES}
-"""Least range of positions, by unit: less than 1 mrad or 0.1 mm counts as no motion."""
+"""Least range of an axis of positions, by unit: less than 1 mrad or 0.1 mm counts as no motion."""
 SCALED = tuple({unit.name: unit for unit in units} for units in (style.METRES, style.JOULES))
-"""Units that may be replaced by larger or smaller ones."""
+"""Units that may be replaced by larger or smaller ones of the same quantity."""
 LEAST_SHARE = 1e-5
-"""Least range in any unit, as a share of the largest value: a tick has at most seven digits."""
+"""Least range of an axis, as a share of the largest value: tick labels have at most seven
+digits."""
 
 
 @dataclass(frozen=True)
 class Letters:
-    """Sizes of letters [points], and the longest name of a curve."""
+    """Font sizes [points], and the line length of curve names."""
 
     title: float
     label: float
     tick: float
     name: float
     name_columns: int
-    """Characters in a line of a name."""
+    """Characters in a line of a curve's name."""
 
 
 LARGE = Letters(title=11, label=11, tick=10, name=10, name_columns=21)
@@ -68,7 +70,7 @@ def build_figure(plot: Plot, theme: Theme) -> Figure:
 
 
 def draw_beside(figure: Figure, plot: Plot, theme: Theme) -> tuple[list[Axes], Unit]:
-    """Draw title and first panels into a small figure; return them, and the unit of time."""
+    """Draw title and first panels into a small figure; return the axes, and the time unit."""
     title = style.lines_of([plot.title], BESIDE_TITLE, style.MOST_TITLE)
     figure.text(0.03, 0.97, title, size=10, weight="bold", va="top")
     style.head(figure, BESIDE_LINE * (title.count("\n") + 1.5))
@@ -86,7 +88,7 @@ def render(plot: Plot, format: str, dark: bool) -> bytes:  # noqa: A002
 def _draw_panels(
     figure: Figure, panels: Sequence[Panel], theme: Theme, letters: Letters
 ) -> tuple[list[Axes], Unit]:
-    """Draw panels one below the other; return them, and the unit of time."""
+    """Draw panels one below the other; return their axes, and the time unit."""
     ends_s = [curve.times_s[-1:] for panel in panels for curve in panel.curves]
     end_s = float(np.concatenate(ends_s).max(initial=0.0))
     time = style.unit_for(end_s, style.SECONDS, usual="s")
@@ -144,7 +146,7 @@ def _draw(axes: Axes, panel: Panel, time: Unit, theme: Theme, letters: Letters) 
 
 
 def _enlarge(axes: Axes, panel: Panel, inset: Inset, time: Unit, theme: Theme) -> None:
-    """Enlarge a short time of a panel in its corner, with samples as points."""
+    """Draw an inset that enlarges a short time of a panel, with samples as points."""
     inner = axes.inset_axes(INSET)
     shown = []
     for curve in panel.curves:
@@ -167,7 +169,7 @@ def _enlarge(axes: Axes, panel: Panel, inset: Inset, time: Unit, theme: Theme) -
 
 
 def _stack(axes: Axes, curves: Sequence[Curve], time: Unit) -> None:
-    """Stack curves over the same samples as areas: negative ones down from zero, the rest up."""
+    """Draw curves as stacked areas: negative ones down from zero, the others up."""
     for edges in _edges(curves):
         inner = np.zeros(edges.shape[1])
         for curve, edge in zip(curves, edges, strict=True):
@@ -178,14 +180,14 @@ def _stack(axes: Axes, curves: Sequence[Curve], time: Unit) -> None:
 
 
 def _edges(curves: Sequence[Curve]) -> Iterator[Float64]:
-    """Yield the outer edges of the areas below zero, then of those above, a row for each curve."""
+    """Yield the outer edges of the areas below zero, then of those above, one row per curve."""
     values = np.stack([curve.values for curve in curves])
     for sign in (-1, 1):
         yield np.cumsum(np.where(sign * values < 0, 0.0, values), axis=0)
 
 
 def _readable(panel: Panel) -> Panel:
-    """Return a panel of lengths or energies in the unit in which the largest reads best."""
+    """Convert a panel of lengths or energies to the unit that suits the largest value."""
     units = next((each for each in SCALED if panel.unit in each), None)
     if units is None:
         return panel
@@ -202,7 +204,7 @@ def _colour(curve: Curve, theme: Theme) -> str:
 
 
 def _limit(axes: Axes, panel: Panel, theme: Theme) -> None:
-    """Fit the panel to its curves; peaks far above the rest are cut off, with a remark."""
+    """Fit the axis to its curves; far higher peaks are cut off, with a note in the panel."""
     stacked = [edges[-1] for edges in _edges(panel.curves[1:])] if panel.stacked else []
     values = np.concatenate([*(curve.values for curve in panel.curves), *stacked])
     values = values[np.isfinite(values)]

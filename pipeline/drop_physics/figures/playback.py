@@ -1,4 +1,4 @@
-"""Playback of an animation: its frames, their times, and its additions."""
+"""Playback of an animation: which frames are shown when, and what is added to them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ STANDARD_FPS = 20.0
 
 @dataclass(frozen=True, kw_only=True)
 class Animation:
-    """Options by which frames become an animation.
+    """Options for making frames into an animation.
 
     Raises
     ------
@@ -21,13 +21,13 @@ class Animation:
     """
 
     fps: float | None = None
-    """Pictures per second; None for `STANDARD_FPS`, or the rate that the speed gives."""
+    """Frames per second; None for `STANDARD_FPS`, or the rate that the speed implies."""
     speed: float | None = None
-    """Simulated seconds per second, 1 is real time; None shows every frame once."""
+    """Simulated seconds per second, 1 is real time; None to show every frame once."""
     caption: bool = False
-    """Whether time, height and error are written below."""
+    """Whether time, height and error are written below the image."""
     with_plot: bool = False
-    """Whether a plot grows beside it; then there is a caption too."""
+    """Whether a plot grows beside the image; this implies a caption."""
 
     def __post_init__(self) -> None:
         if self.speed is not None and not (self.speed > 0 and math.isfinite(self.speed)):
@@ -38,27 +38,27 @@ class Animation:
 
 
 EVERY_FRAME = Animation()
-"""The recorded frames as they are, each once."""
+"""Options that show each recorded frame once, without additions."""
 
 
 @dataclass(frozen=True)
 class Playback:
-    """The frames that are played, and their times."""
+    """The frames to show, and the playback rate."""
 
     fps: float
-    """Pictures per second."""
+    """Frames per second."""
     speed: float
     """Simulated seconds per second."""
     frames: list[int]
-    """Number of the recorded frame in each picture, ascending; a frame may repeat."""
+    """Index of the recorded frame that is shown at each time, ascending; a frame may repeat."""
 
 
 MOST_PICTURES = 100_000
-"""Most pictures of an animation that shows frames more than once: over an hour of them."""
+"""Most frames of an animation that repeats frames: over an hour's worth."""
 
 
 def playback(animation: Animation, count: int, interval_s: float, *, most_fps: float) -> Playback:
-    """Return the frames that are shown, and their times.
+    """Choose the frames to show, and the playback rate.
 
     Parameters
     ----------

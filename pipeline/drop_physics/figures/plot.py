@@ -1,4 +1,4 @@
-"""The content of a plot, and of a column of the viewer: panels of curves over time."""
+"""The content of a plot, or of a column of the viewer: panels of curves over time."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ Look = Literal["line", "broad", "wide", "dashed"]
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A named curve."""
+    """A named curve over time."""
 
     name: str
     times_s: Float64
     """Time of each value, shape (n,)."""
     values: Float64
-    """Values, shape (n,); nan in gaps."""
+    """Values, shape (n,); nan for gaps."""
     colour: str
-    """The colour as `#rrggbb`; empty for that of text."""
+    """Colour as `#rrggbb`; empty for the text colour."""
     look: Look = "line"
     steps: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
-    """Step of each value, shape (n,); empty if only times are known."""
+    """Step of each value, shape (n,); empty if only the times are known."""
 
 
 @dataclass(frozen=True)
 class Inset:
-    """A short time that a panel shows enlarged, with a point for each sample."""
+    """A short time of a panel, enlarged, with a point for each sample."""
 
     title: str
     first_s: float
@@ -40,29 +40,29 @@ class Inset:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Curves of one unit, and the finding that they show."""
+    """Curves with a common unit, and the finding that they illustrate."""
 
     title: str
     unit: str
     curves: Sequence[Curve]
     mark: str = ""
-    """Number of the finding that it shows."""
+    """Number of the finding that the panel illustrates."""
     span_s: tuple[float, float] | None = None
-    """The time that the finding covers."""
+    """Time span of the finding."""
     moment_s: float | None = None
-    """The moment that it is about."""
+    """The moment that the finding concerns."""
     zero: bool = False
-    """Whether the curves are read from zero."""
+    """Whether the axis starts at zero."""
     stacked: bool = False
-    """Whether the curves after the first add up to it: areas, from zero up and down."""
+    """Whether the curves after the first add up to it, and are drawn as stacked areas."""
     log: bool = False
-    """Whether the scale is logarithmic."""
+    """Whether the axis is logarithmic."""
     inset: Inset | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """A title, its meaning, and the panels that show it."""
+    """A title, its meaning, and panels of curves."""
 
     title: str
     lines: Sequence[str]

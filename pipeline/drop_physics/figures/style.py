@@ -1,4 +1,4 @@
-"""The style of plots, for light and dark pages, and numbers in readable units.
+"""The style of plots on light and dark pages, and numbers in readable units.
 
 The user's own matplotlib settings have no effect: the same table gives the same bytes.
 """
@@ -31,19 +31,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 WIDTH_IN = 8.0
-"""Width of a plot, whatever it shows, so that its letters look equally large on a page [inch]."""
+"""Width of every plot, so that text appears equally large on a page [inch]."""
 EDGE_IN = 0.16
-"""Space around a plot [inch]."""
+"""Margin around a plot [inch]."""
 TITLE, LINE = 68, 110
-"""Characters that fit in a line of the title, and in one below it."""
+"""Characters that fit in a line of the title, and in a line below it."""
 MOST_TITLE, MOST_LINES = 2, 5
-"""Most lines of a title, and below it."""
+"""Most lines of the title, and most lines below it."""
 TITLE_IN, LINE_IN = 0.29, 0.19
-"""Height of such a line [inch]."""
+"""Height of a title line, and of a line below it [inch]."""
 MOST_NAME = 42
-"""Most characters of a curve's name that are shown."""
+"""Most characters shown of a curve's name."""
 LEGEND = 0.6
-"""Share of its panel's part of a figure that a legend may be high."""
+"""Most height of a legend, as a share of its panel's part of the figure."""
 DASHED = (0, (4, 3))
 Build = Callable[[Theme], Figure]
 
@@ -51,12 +51,12 @@ JAPANESE = (
     "Noto Sans CJK JP", "Noto Sans JP", "IPAexGothic", "IPAGothic", "TakaoGothic", "VL Gothic",
     "Hiragino Sans", "Hiragino Kaku Gothic ProN", "Yu Gothic", "Meiryo", "MS Gothic",
 )  # fmt: skip
-"""Japanese fonts of the usual systems; the first that is installed is used."""
+"""Japanese fonts of common operating systems; the first installed one is used."""
 
 
 @functools.cache
 def japanese_font() -> str | None:
-    """Return a font for Japanese; None where none is installed."""
+    """Return the name of an installed Japanese font; None without one."""
     manager = font_manager.fontManager
     return _first_japanese(manager.ttflist) or _first_japanese(_installed_since(manager))
 
@@ -67,7 +67,7 @@ def _first_japanese(fonts: Iterable[font_manager.FontEntry]) -> str | None:
 
 
 def _installed_since(manager: font_manager.FontManager) -> list[font_manager.FontEntry]:
-    """Return the fonts installed after matplotlib had made its list, and add them to it."""
+    """Add fonts to matplotlib's list that were installed after it was made, and return them."""
     known = {font.fname for font in manager.ttflist}
     for path in font_manager.findSystemFonts():
         if path not in known:
@@ -77,7 +77,7 @@ def _installed_since(manager: font_manager.FontManager) -> list[font_manager.Fon
 
 
 def label(template: str, /, **values: object) -> str:
-    """Return a message, or a template's, in the reader's language if there is a font for it."""
+    """Translate a message or template for the user, if there is a font for the language."""
     message = template if isinstance(template, Message) else Message(template, **values)
     shown = translated(message)
     # A name may hold what no XML may, and so no SVG: control characters.
@@ -85,7 +85,7 @@ def label(template: str, /, **values: object) -> str:
 
 
 def lines_of(texts: Sequence[str], columns: int, most: int) -> str:
-    """Return texts in the reader's language, wrapped to at most `most` lines."""
+    """Translate texts and wrap them to at most `most` lines."""
     lines = [line for text in texts for line in wrapped(label(text), columns)]
     if len(lines) > most:
         lines = [*lines[: most - 1], f"{lines[most - 1]} …"]
@@ -96,7 +96,7 @@ def lines_of(texts: Sequence[str], columns: int, most: int) -> str:
 
 
 def families() -> list[str]:
-    """Return the fonts of a plot, which are searched in this order for each letter."""
+    """Return the font names of a plot, which are searched in this order for each character."""
     # The first choice of sans-serif, DejaVu Sans, comes with matplotlib: alike on every machine.
     font = japanese_font() if label("time [{unit}]", unit="s") != "time [s]" else None
     return ["sans-serif"] if font is None else ["sans-serif", font]
@@ -104,7 +104,7 @@ def families() -> list[str]:
 
 @contextlib.contextmanager
 def themed(theme: Theme) -> Iterator[None]:
-    """Set matplotlib up for one figure, and restore its settings afterwards."""
+    """Configure matplotlib for one figure, and restore its settings afterwards."""
     fonts = logging.getLogger("matplotlib.font_manager")
     level = fonts.level
     with matplotlib.rc_context(), warnings.catch_warnings(), contextlib.ExitStack() as after:
@@ -141,7 +141,7 @@ def themed(theme: Theme) -> Iterator[None]:
 
 
 def figure_of(title: str, lines: Sequence[str], height_in: float, theme: Theme) -> Figure:
-    """Return a figure with a title, and lines below it; `height_in` is that of its panels [inch].
+    """Return a figure with a title and lines below it; `height_in` is the panels' height [inch].
 
     Contents below are laid out by matplotlib, so that every label has its room.
     """
@@ -158,7 +158,7 @@ def figure_of(title: str, lines: Sequence[str], height_in: float, theme: Theme) 
 
 
 def head(figure: Figure, share: float) -> None:
-    """Leave this share of a figure's height to its title."""
+    """Reserve this share of a figure's height for its title."""
     engine = ConstrainedLayoutEngine(
         w_pad=EDGE_IN, h_pad=0.06, wspace=0, hspace=0, rect=(0, 0, 1, 1 - share)
     )
@@ -168,7 +168,7 @@ def head(figure: Figure, share: float) -> None:
 def name_curves(
     axes: Axes, curves: Iterable[tuple[str, float, str]], *, columns: int, size: float
 ) -> None:
-    """Write the legend of a panel right of it, in the colours of its curves, the highest first.
+    """Write a panel's legend beside it, in the curves' colours, ordered by the curves' height.
 
     Parameters
     ----------
@@ -202,11 +202,11 @@ def name_curves(
 
 
 SMALLEST_FONT_PX = 2.0
-"""Smallest size of a text that is made to fit [pixels]."""
+"""Least font size of a text that is shrunk to fit [px]."""
 
 
 def laid_out(figure: Figure) -> Figure:
-    """Return a figure whose parts have their places, every text within it."""
+    """Lay out a figure such that every text fits into it."""
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     end = figure.bbox.x1 - 4
@@ -220,7 +220,7 @@ def laid_out(figure: Figure) -> Figure:
 
 
 def rendered(build: Build, format: str, *, dark: bool) -> bytes:  # noqa: A002
-    """Return a figure as a `png` or `svg`, for a light or a dark page; the same bytes each time."""
+    """Render a figure as `png` or `svg`, for a light or dark page; the bytes are reproducible."""
     theme, stream = DARK if dark else LIGHT, io.BytesIO()
     with themed(theme):
         made = {"Software": None, "Comment": MADE_BY_DROP.decode()}
@@ -231,7 +231,7 @@ def rendered(build: Build, format: str, *, dark: bool) -> bytes:  # noqa: A002
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit for displayed SI values: shown = value * per_si."""
+    """A unit for displaying SI values: shown = value * per_si."""
 
     name: str
     per_si: float
@@ -243,7 +243,7 @@ SECONDS = (Unit("s", 1.0), Unit("ms", 1e3), Unit("µs", 1e6))
 
 
 def unit_for(largest: float, units: tuple[Unit, ...], *, usual: str) -> Unit:
-    """Return the unit in which the largest of some values reads best.
+    """Return the unit in which the largest of the values is most readable.
 
     The usual unit is kept from 0.01 to 9999 of it; else it is the largest that gives at least 1.
 

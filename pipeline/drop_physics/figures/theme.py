@@ -1,4 +1,4 @@
-"""The colours of plots and films that differ between light and dark pages."""
+"""Colours of plots and videos that differ between light and dark pages."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ class Theme:
     page: str
     text: str
     faint: str
-    """Colour of labels and notes, which must not stand out."""
+    """Colour of labels and notes, which should be unobtrusive."""
     simulated: str
-    """Colour of a thin line on the page and on the broad lines of theory."""
+    """Colour of the thin simulated line, on the page and on the broad lines of theory."""
     tiles: tuple[str, str]
-    """Both colours of a film's floor."""
+    """Both colours of the floor's tiles in a video."""
 
 
 LIGHT = Theme("#ffffff", colours.TOTAL, "#5f6670", colours.SIMULATED, ("#e4e7eb", "#cdd2d9"))

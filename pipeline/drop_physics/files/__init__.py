@@ -1,1 +1,1 @@
-"""Places of outputs, and writing them whole or not at all."""
+"""Output files: choose and check paths, and write files completely or not at all."""

@@ -1,4 +1,4 @@
-"""MCAP files, which Foxglove and PlotJuggler open: messages as JSON, with topics' schemas.
+"""Write MCAP files, for Foxglove and PlotJuggler: JSON messages, with a schema per topic.
 
 Poses and joints have the schemas that Foxglove knows by name (docs.foxglove.dev, "Message
 schemas"): frame transforms and joint states.
@@ -19,7 +19,7 @@ from drop_physics.files.whole import written_whole
 
 NANOSECONDS = 1_000_000_000
 Write = Callable[[str, float, Any], None]
-"""Writes a message, given its topic, its time [s] and its content."""
+"""Function that writes a message, given its topic, time [s] and content."""
 
 
 def _object(**properties: object) -> dict[str, object]:
@@ -81,23 +81,23 @@ SCHEMAS = {
         ),
     ),
 }
-"""The topics, and of each the name and content of its schema."""
+"""Name and content of the schema of each topic."""
 
 
 def nanoseconds(time_s: float) -> int:
-    """Return a time in MCAP's nanoseconds; negative times become 0."""
+    """Convert a time to MCAP's nanoseconds; negative times become 0."""
     return max(0, round(time_s * NANOSECONDS))
 
 
 def stamp(time_s: float) -> dict[str, int]:
-    """Return a time in the form of Foxglove's schemas."""
+    """Convert a time to the form in Foxglove's schemas."""
     seconds, rest = divmod(nanoseconds(time_s), NANOSECONDS)
     return {"sec": seconds, "nsec": rest}
 
 
 @contextlib.contextmanager
 def written_mcap(path: Path, *, force: bool) -> Iterator[Write]:
-    """Yield a function that writes a message; the file gets its name once all are written.
+    """Yield a function that writes a message; the file gets its final name at the end.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def written_mcap(path: Path, *, force: bool) -> Iterator[Write]:
 
 
 def _finite(value: Any) -> Any:  # noqa: ANN401 - JSON
-    """Replace nan and infinities, which JSON lacks, by null."""
+    """Replace nan and infinity, which JSON lacks, by null."""
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""Places of outputs, checked before any work is done for them.
+"""Choose output paths, and check them before any work is done.
 
 An output is never an input, is never written through a link, and replaces only what it may. The
 same holds for its temporary name: a file that already has that name is kept, and the next free name
@@ -22,7 +22,7 @@ from drop_physics.errors import OutputError, check_suffix
 from drop_physics.messages import Message
 
 MOST_PARTS = 9
-"""Unfinished files under one name: a limit to what killed runs leave behind."""
+"""Most unfinished files with one name, which limits what killed runs leave behind."""
 
 
 def part_of(path: Path) -> Path:
@@ -31,7 +31,7 @@ def part_of(path: Path) -> Path:
 
 
 def free_part_of(path: Path) -> Path:
-    """Return the first of `.part`, `.2.part` and so on that is free.
+    """Return the first unused name of `.part`, `.2.part` and so on.
 
     Raises
     ------
@@ -51,17 +51,17 @@ def free_part_of(path: Path) -> Path:
 
 
 def sealed_of(part: Path) -> Path:
-    """Return the name of the copy of a finished `.part` file to which the layout is added."""
+    """Return the path of a finished `.part` file's copy, to which the layout is added."""
     return part.with_name(part.name + ".sealed")
 
 
 def is_part(path: Path) -> bool:
-    """Return whether a file may be unfinished, by its name."""
+    """Return whether a file is named like an unfinished one."""
     return path.name.endswith(".part")
 
 
 def check_target(path: Path, *, force: bool) -> None:
-    """Make sure a file can be written, before any work is done for it; its folder is created.
+    """Check that a file can be written, before any work is done for it; create its folder.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def check_target(path: Path, *, force: bool) -> None:
 
 
 def check_table(path: Path, *, force: bool) -> None:
-    """Make sure that a table can be written, before any work is done for it.
+    """Check that a table can be written, before any work is done for it.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def check_table(path: Path, *, force: bool) -> None:
 
 
 def check_apart(outputs: Sequence[Path], *, inputs: Sequence[Path]) -> None:
-    """Make sure that no output is an input or another output, under whatever name or link.
+    """Check that no output is an input or another output, under any name or link.
 
     Raises
     ------
@@ -152,11 +152,11 @@ def _is_same(path: Path, other: Path) -> bool:
 
 
 HEAD_BYTES = 4096
-"""Number of bytes at the start of a picture that hold our mark."""
+"""Number of bytes at the start of an image that contain our mark."""
 
 
 def check_kind(path: Path, beginning: bytes, mark: bytes) -> None:
-    """Make sure that an output with a default name replaces only a file that has our mark.
+    """Check that an output with a default name replaces only a file that has our mark.
 
     Raises
     ------
@@ -170,7 +170,7 @@ def check_kind(path: Path, beginning: bytes, mark: bytes) -> None:
 
 
 def refused(path: Path) -> OutputError:
-    """Return the error for a file that has an output's default name but is not one of ours."""
+    """Return the error for a file with an output's default name that `drop` did not write."""
     return OutputError(
         "{path} is not what drop writes under that name, and is left as it is; rename it, give "
         "the output another name, or --force",
@@ -179,7 +179,7 @@ def refused(path: Path) -> OutputError:
 
 
 def numbered(folder: Path, stem: str) -> Iterator[Path]:
-    """Yield STEM.rrd, STEM-2.rrd, … without end."""
+    """Yield STEM.rrd, STEM-2.rrd, … endlessly."""
     yield folder / f"{stem}.rrd"
     for number in itertools.count(2):
         yield folder / f"{stem}-{number}.rrd"
@@ -187,7 +187,7 @@ def numbered(folder: Path, stem: str) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def reserved(folder: Path, stem: str, *, also: Sequence[str] = ()) -> Iterator[Path]:
-    """Yield the first of STEM.rrd, STEM-2.rrd, … that is free, reserved for this process.
+    """Yield the first unused name of STEM.rrd, STEM-2.rrd, …, reserved for this process.
 
     An empty `.part` file, which only one process can create, reserves it. `also` are the endings of
     the files that will be written beside it.
@@ -216,7 +216,7 @@ def reserved(folder: Path, stem: str, *, also: Sequence[str] = ()) -> Iterator[P
 
 
 def make_folder(path: Path) -> None:
-    """Create a folder for outputs, and its parents, where they are missing.
+    """Create a folder for outputs with its parents, if missing.
 
     Raises
     ------
@@ -236,7 +236,7 @@ def make_folder(path: Path) -> None:
 
 
 def _check_home(folder: Path) -> None:
-    """Refuse to create a folder called `~`: shells do not expand the one in `--out=~/x`.
+    """Refuse to create a folder called `~`, since shells do not expand it in `--out=~/x`.
 
     Raises
     ------
@@ -253,7 +253,7 @@ def _check_home(folder: Path) -> None:
 
 
 def check_regular(path: Path) -> None:
-    """Make sure that a file would not be written through a link, or into a pipe.
+    """Check that a file would not be written through a link, or into a pipe.
 
     Raises
     ------
@@ -265,7 +265,7 @@ def check_regular(path: Path) -> None:
 
 
 def check_room(path: Path, needed_bytes: int) -> None:
-    """Make sure that there is room on the disk for a file, before any work is done for it.
+    """Check that the disk has room for a file, before any work is done for it.
 
     Raises
     ------
@@ -284,13 +284,13 @@ def check_room(path: Path, needed_bytes: int) -> None:
 
 
 def written(error: OSError) -> str | None:
-    """Return the file that could not be written: for a copy or a rename, the second."""
+    """Return the file that could not be written: for a copy or a rename, the target."""
     name: str | None = error.filename2 or error.filename
     return name
 
 
 def unwritable(path: Path | str, reason: str) -> OutputError:
-    """Return the error for a file that cannot be written, by the system's reason."""
+    """Return the error for a file that cannot be written, with the system's reason."""
     return OutputError(
         "{path} cannot be written: {reason}; make room there, or choose another folder",
         path=path,
@@ -300,7 +300,7 @@ def unwritable(path: Path | str, reason: str) -> OutputError:
 
 @contextlib.contextmanager
 def output_errors(path: Path) -> Iterator[None]:
-    """Turn the errors of the system and of Rerun about a failed write into one line of ours."""
+    """Convert write errors of the system and of Rerun to our one-line error."""
     try:
         yield
     except OSError as error:

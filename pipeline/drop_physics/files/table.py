@@ -1,4 +1,4 @@
-"""The analysis table as a file for other tools: Parquet or CSV, written by polars."""
+"""Write the analysis table for other tools, as Parquet or CSV, by polars."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PROBE_BYTES = 1 << 16
 
 
 def write_table(path: Path, samples: pl.DataFrame, *, force: bool) -> None:
-    """Write a table whole; CSV keeps every digit, and is harmless on a terminal.
+    """Write a table completely or not at all; CSV keeps every digit, and is safe on a terminal.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def write_table(path: Path, samples: pl.DataFrame, *, force: bool) -> None:
 
 @contextlib.contextmanager
 def written_by_polars(path: Path, *, force: bool) -> Iterator[BinaryIO]:
-    """Yield a file as `written_whole` does, for polars to write to.
+    """Yield a file like `written_whole`, for polars to write to.
 
     Raises
     ------

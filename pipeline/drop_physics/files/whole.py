@@ -1,4 +1,4 @@
-"""Files that are whole or not there: they grow as `.part`, and are renamed when finished.
+"""Write files completely or not at all: they grow as `.part`, and are renamed when finished.
 
 A `.part` that was there before is kept: the next name is used, `NAME.2.part`.
 """
@@ -24,7 +24,7 @@ from drop_physics.messages import Message
 
 @contextlib.contextmanager
 def written_whole(path: Path, *, force: bool, ours: bool = False) -> Iterator[BinaryIO]:
-    """Yield a binary file to write and read; it gets its name if the block ends without error.
+    """Yield a binary file to write and read, which gets its name if the block succeeds.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def replaced(path: Path, *, force: bool, ours: bool = False) -> Iterator[Path]:
 
 
 def onto_disk(paths: Iterable[Path]) -> None:
-    """Wait until files are on the disk, so that they outlive a power failure.
+    """Flush files to disk, so that they survive a power failure.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def onto_disk(paths: Iterable[Path]) -> None:
 
 
 def renamed(part: Path, path: Path, *, force: bool) -> None:
-    """Give a finished file its name; an existing file is replaced with `force` only.
+    """Give a finished file its final name; replace an existing file only with `force`.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def renamed(part: Path, path: Path, *, force: bool) -> None:
 
 @contextlib.contextmanager
 def growing(path: Path, *, force: bool) -> Iterator[Path]:
-    """Yield an empty file of our own to write to.
+    """Yield a new empty file of this process to write to.
 
     The process that writes a file locks the first of its `.part` names, whatever it contains, and
     writes to the first that is free. An empty one counts as free: `reserved` creates those.
@@ -143,7 +143,7 @@ def growing(path: Path, *, force: bool) -> Iterator[Path]:
 
 
 def opened(path: Path) -> BinaryIO:
-    """Open a file of ours to append to, created if missing; links are not followed.
+    """Open a file of ours for appending, creating it if needed; links are not followed.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The recording: its schema, writing, reading back, and layout in the viewer."""
+"""The recording: its schema, writing and reading it, and its layout in the viewer."""
 
 import os
 

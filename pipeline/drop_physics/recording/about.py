@@ -1,4 +1,4 @@
-"""The text in a recording that describes it to a reader who does not have drop."""
+"""The description inside a recording, for a reader who does not have `drop`."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _every(steps: int) -> str:
 
 
 def engine_in_words(scenario: Scenario, engine: EngineReport) -> str:
-    """Return the engine's name, version, and the integrator chosen."""
+    """Describe an engine: name, version, and the chosen integrator."""
     if scenario.engine == "bullet":
         return f"pybullet {engine.pybullet_version}, {engine.pybullet_build}"
     integrator = scenario.effective_integrator
@@ -88,7 +88,7 @@ def _vector(vector: tuple[float, float, float], unit: str) -> str:
 
 
 def _made_with(made: Mapping[str, Any]) -> str:
-    """Return the versions, and the properties of the machine on which its numbers may depend."""
+    """Describe the software versions and the machine on which the numbers may depend."""
     named = {
         "Python": made.get("version"),
         "PyBullet": made.get("pybullet"),

@@ -1,4 +1,4 @@
-"""Columns of one chunk of a recording as arrays, if they have the types we write."""
+"""Read a chunk's columns as arrays, checking that they have the types that we write."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ LARGE = schema.ORIGIN_PROPERTY, schema.RECORDING_PROPERTY
 
 
 def rows(chunk: Chunk, table: Table, path: Path) -> Rows:
-    """Return the rows of a table that a chunk of it holds.
+    """Return a table's rows from one of its chunks.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def rows(chunk: Chunk, table: Table, path: Path) -> Rows:
 
 
 def told(chunk: Chunk, path: Path) -> Iterator[tuple[At, str]]:
-    """Yield the rows of an entity of JSON: moment and text.
+    """Yield the moment and the JSON text of each row in a chunk.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def told(chunk: Chunk, path: Path) -> Iterator[tuple[At, str]]:
 
 
 def series(chunk: Chunk, path: Path) -> tuple[Int64, Float64] | None:
-    """Return steps and values, of shape (n,) and (n, k); None of a chunk that names the series.
+    """Return steps (n,) and values (n, k) of a series; None for a chunk that only names it.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def series(chunk: Chunk, path: Path) -> tuple[Int64, Float64] | None:
 
 
 def holders(chunk: Chunk, path: Path) -> Int64:
-    """Return the id of the constraint whose forces are in each row, shape (n,).
+    """Return the id of the constraint that each row of forces belongs to, shape (n,).
 
     Raises
     ------
@@ -122,7 +122,7 @@ def holders(chunk: Chunk, path: Path) -> Int64:
 
 
 def calls(chunk: Chunk, path: Path) -> Calls:
-    """Return the calls in a chunk, which are of one simulation.
+    """Return the calls in a chunk, all from one simulation.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def calls(chunk: Chunk, path: Path) -> Calls:
 
 
 def impulses(chunk: Chunk, path: Path) -> Impulses:
-    """Return the impulses in the steps of a chunk.
+    """Return the impulses of the steps in a chunk.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def impulses(chunk: Chunk, path: Path) -> Impulses:
 
 
 def model_parts(chunk: Chunk, path: Path) -> Iterator[ModelPart]:
-    """Yield the parts of compiled models in a chunk.
+    """Yield the parts of compiled models that a chunk contains.
 
     Raises
     ------
@@ -189,7 +189,7 @@ def model_parts(chunk: Chunk, path: Path) -> Iterator[ModelPart]:
 
 
 def steps(chunk: Chunk, path: Path) -> Iterator[PackedFrames]:
-    """Yield the frames of pieces of steps in a chunk.
+    """Yield the frames of each batch of steps in a chunk.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def steps(chunk: Chunk, path: Path) -> Iterator[PackedFrames]:
 def _rows_of(
     chunk: Chunk, kinds: Mapping[str, Callable[[Any], bool]], path: Path
 ) -> Iterator[list[pa.Array]]:
-    """Yield the lists of a chunk's columns, row by row."""
+    """Yield a chunk's rows, each with the lists in its columns."""
     for name, is_right in kinds.items():
         lists = _column(chunk, name, _is_list_of(is_right), path)
         offsets = lists.offsets.to_numpy()
@@ -224,7 +224,7 @@ _OF_STEPS = {
 def _lists(
     chunk: Chunk, kinds: Mapping[str, Callable[[Any], bool]], path: Path
 ) -> tuple[Int64, Float64, dict[str, NDArray[Any]], dict[str, Int64]]:
-    """Return steps and times [s] of a chunk, the elements of its lists, and their lengths."""
+    """Return a chunk's steps and times [s], the elements of its lists, and the list lengths."""
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
     times = _column(chunk, schema.TIME_TIMELINE, pa.types.is_duration, path)
     held: dict[str, NDArray[Any]] = {}
@@ -255,7 +255,7 @@ _OF_CALLS = {
 
 
 def images(chunk: Chunk, path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield step and PNG of the camera frames in a chunk.
+    """Yield the step and the PNG of each camera frame in a chunk.
 
     Raises
     ------
@@ -275,7 +275,7 @@ def images(chunk: Chunk, path: Path) -> Iterator[tuple[int, bytes]]:
 
 
 def values(chunk: Chunk, path: Path) -> Properties:
-    """Return a property's values by name; a list of one is its element.
+    """Return a property's values by name; a list with one element becomes that element.
 
     Raises
     ------
@@ -324,7 +324,7 @@ def _is_plain(value: object) -> bool:
 
 
 def _column(chunk: Chunk, name: str, is_right: Callable[[Any], bool], path: Path) -> pa.Array:
-    """Return a column of the type that we write, without gaps."""
+    """Return a column, checking that it has the type that we write and no gaps."""
     index = chunk.batch.schema.get_field_index(name)
     if index < 0 or not is_right(chunk.batch.schema.field(index).type):
         what = Message(
@@ -339,12 +339,12 @@ def _column(chunk: Chunk, name: str, is_right: Callable[[Any], bool], path: Path
 
 
 def _flat(lists: pa.Array, width: int) -> pa.Array | None:
-    """Return the elements of lists as one array; None unless each list has `width` of them."""
+    """Return the elements of lists as one array; None unless each list has `width` elements."""
     return None if (np.diff(lists.offsets.to_numpy()) != width).any() else between(lists)
 
 
 def between(lists: pa.Array) -> pa.Array:
-    """Return the elements of lists as one array."""
+    """Concatenate the elements of lists into one array."""
     # As `flatten` does, but that loads Arrow's compute library.
     if not len(lists):
         return lists.values[:0]
@@ -357,7 +357,7 @@ def _is_list_of(is_right: Callable[[Any], bool]) -> Callable[[Any], bool]:
 
 
 def times_s(chunk: Chunk) -> Float64:
-    """Return the simulated time of each row [s], shape (rows,); of static rows 0."""
+    """Return the simulated time of each row [s], shape (rows,); 0 for static rows."""
     index = chunk.batch.schema.get_field_index(schema.TIME_TIMELINE)
     if index < 0:
         return np.zeros(chunk.batch.num_rows)

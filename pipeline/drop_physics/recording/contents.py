@@ -1,4 +1,4 @@
-"""Contents of any recording of ours: chunks and properties."""
+"""Read the chunks and properties of a recording made by `drop`."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from drop_physics.recording.first_look import check_file, unreadable
 from drop_physics.recording.versions import check_version
 
 MOST_VALUES = 1000
-"""Limit of a property; the engine's report has about thirty."""
+"""Most values in a property; the engine's report has about thirty."""
 
 
 class ForeignError(RecordingError):
-    """A recording that another program made with Rerun."""
+    """Raised for a recording that another program made with Rerun."""
 
 
 def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
@@ -64,7 +64,7 @@ def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
 
 
 def is_script(path: Path) -> bool:
-    """Return whether a file is the recording of a script, finished or not, by its first chunk.
+    """Return whether a file is a script's recording, finished or not, judging by its first chunk.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def properties_of(path: Path) -> dict[str, Properties]:
 
 
 def gather(properties: dict[str, Properties], chunk: rrd.Chunk, path: Path) -> None:
-    """Add a chunk's values to its property: `rerun rrd split` writes each in a chunk of its own.
+    """Add a chunk's values to its property; `rerun rrd split` writes each value as a chunk.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def gather(properties: dict[str, Properties], chunk: rrd.Chunk, path: Path) -> N
 
 
 def closing_of(properties: Mapping[str, Properties], path: Path) -> Properties | None:
-    """Return the property that is written last; None if a recording may lack it.
+    """Return the property that is written last; None if it is missing from an unfinished recording.
 
     Raises
     ------

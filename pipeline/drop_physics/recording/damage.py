@@ -1,4 +1,4 @@
-"""Errors of unusable recordings, with the next step."""
+"""Errors for unusable recordings, with advice on what to do."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from drop_physics.recording import rrd, schema
 
 
 def damaged(path: Path, what: str) -> RecordingError:
-    """Return the error for a recording that differs from what was written."""
+    """Return the error for a recording whose content differs from what was written."""
     return RecordingError(
         "{path} is damaged: {what}; {again}", path=path, what=what, again=again(path)
     )
 
 
 def twice(entity: str) -> Message:
-    """Return the problem of a table that has a step twice."""
+    """Describe the damage of a table that has two rows for the same step."""
     return Message("its {entity} has a step twice", entity=entity)
 
 
 def wrong_count(entity: str, count: int, name: str) -> Message:
-    """Return the problem of rows with another number of values."""
+    """Describe the damage of rows that have a wrong number of values."""
     return Message(
         "{entity} must hold {count} numbers for each {name}", entity=entity, count=count, name=name
     )
 
 
 def again(path: Path) -> Message:
-    """Return the next step for an unusable recording: the command that makes one of its kind."""
+    """Return the command that makes a recording of this kind again."""
     first = None
     with contextlib.suppress(rrd.DamagedError, OSError):
         first = next(rrd.chunks(path, unfinished=True), None)

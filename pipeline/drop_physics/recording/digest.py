@@ -1,4 +1,4 @@
-"""Digests of everything from which a number or a picture is computed.
+"""Digests of all data from which a number or an image is computed.
 
 They are written last, into the recording's closing property, and checked before anything is used:
 a bit that flipped on the disk is damage, not a result.
@@ -27,7 +27,7 @@ class RowsDigest:
         self._hash = hashlib.sha256()
 
     def update(self, rows: NDArray[Any]) -> None:
-        """Add rows, whose numbers are little-endian by their dtype."""
+        """Add rows, hashed as little-endian numbers according to their dtype."""
         self._hash.update(np.ascontiguousarray(rows).view(np.uint8).data)
 
     def hexdigest(self) -> str:
@@ -36,7 +36,7 @@ class RowsDigest:
 
 
 class RowsInAnyOrder:
-    """SHA-256 of rows that are read in another order than they were written."""
+    """SHA-256 of rows that may be read in another order than they were written."""
 
     def __init__(self) -> None:
         self._digests = bytearray()
@@ -60,7 +60,7 @@ class RowsInAnyOrder:
 
 
 class ToldDigest(RowsInAnyOrder):
-    """SHA-256 of rows of JSON: a recording holds them by entity."""
+    """SHA-256 of rows of JSON, which a recording stores by entity."""
 
     def update(self, entity: str, step: int, call: int, text: str) -> None:
         """Add one row."""
@@ -74,12 +74,12 @@ class CallsDigest:
         self._heads, self._numbers = RowsDigest(), RowsDigest()
 
     def update(self, seen: Calls, widths: Int64) -> None:
-        """Add calls, each with its count of numbers."""
+        """Add calls, each with its number of numeric values."""
         heads = np.column_stack((seen.steps, seen.calls, seen.sites, widths))
         self.add(np.hstack((heads.view(np.float64), seen.results[:, None])), seen.numbers)
 
     def add(self, heads: Float64, numbers: Float64) -> None:
-        """Add rows of numbers, and their heads."""
+        """Add numeric rows, each with its header."""
         self._heads.update(heads)
         self._numbers.update(numbers)
 
@@ -91,34 +91,34 @@ class CallsDigest:
 
 
 class Digests:
-    """Digests of samples and calls, made as these are written or read."""
+    """Digests of samples and calls, updated while these are written or read."""
 
     def __init__(self) -> None:
         self.tables = {entity: RowsDigest() for entity in schema.TABLES}
         self._series: dict[str, RowsDigest] = {}
         """Digests of joints and constraints, by entity."""
         self._calls: dict[int, CallsDigest] = {}
-        """Digests of calls, by client."""
+        """Digests of calls, by simulation."""
         self._impulses: dict[int, CallsDigest] = {}
         self._models, self._steps = RowsInAnyOrder(), RowsInAnyOrder()
 
     def add_series(self, entity: str, steps: Int64, values: NDArray[Any]) -> None:
-        """Add rows of series."""
+        """Add rows of a series."""
         numbers = np.column_stack((steps.astype(np.float64), values))
         self._series.setdefault(entity, RowsDigest()).update(numbers)
 
     def add_holders(self, entity: str, steps: Int64, ids: Int64) -> None:
-        """Add the constraints of an entity's rows, if they differ from the one in its name."""
+        """Add the constraint ids of an entity's rows, if they differ from the id in its name."""
         others = ids != int(entity.rpartition("_")[2])
         if others.any():
             self.add_series(f"{entity}_", steps[others], ids[others])
 
     def add_calls(self, seen: Calls, sites: Mapping[int, Site]) -> None:
-        """Add calls of one simulation."""
+        """Add the calls of one simulation."""
         self._calls.setdefault(seen.client, CallsDigest()).update(seen, widths_of(seen, sites))
 
     def add_impulses(self, seen: Impulses) -> None:
-        """Add the impulses in steps of one simulation."""
+        """Add the impulses of one simulation's steps."""
         heads = np.column_stack((seen.steps, seen.status, seen.counts, seen.widths))
         digest = self._impulses.setdefault(seen.client, CallsDigest())
         digest.add(np.hstack((heads.view(np.float64), seen.remainder[:, None])), seen.values)
@@ -129,38 +129,38 @@ class Digests:
         self._models.add(f"{number} {at} ".encode(), data)
 
     def add_steps(self, row: PackedFrames) -> None:
-        """Add the frames of a piece of steps."""
+        """Add the frames of a batch of steps."""
         numbers, at = (np.ascontiguousarray(each).view(np.uint8).data for each in row[1:3])
         self._steps.add(row.layout.encode(), numbers, at, row.answers)
 
     @property
     def models(self) -> str | None:
-        """The digest of the compiled models; None without any."""
+        """Digest of the compiled models; None without models."""
         return self._models.hexdigest() if len(self._models) else None
 
     @property
     def steps(self) -> str | None:
-        """The digest of the frames of steps; None without any."""
+        """Digest of the frames of steps; None without frames."""
         return self._steps.hexdigest() if len(self._steps) else None
 
     @property
     def impulses(self) -> list[str] | None:
-        """The digests of impulses, in the order of the clients; None without any."""
+        """Digests of impulses, in the order of simulations; None without impulses."""
         return [each.hexdigest() for _, each in sorted(self._impulses.items())] or None
 
     @property
     def series(self) -> list[str] | None:
-        """The digests of all series, in the order of their entities; None without any."""
+        """Digests of all series, in the order of their entities; None without series."""
         return [each.hexdigest() for _, each in sorted(self._series.items())] or None
 
     @property
     def calls(self) -> list[str] | None:
-        """The digests of all calls, in the order of their clients; None without any."""
+        """Digests of all calls, in the order of simulations; None without calls."""
         return [each.hexdigest() for _, each in sorted(self._calls.items())] or None
 
 
 class FrameDigest:
-    """SHA-256 of the camera frames in step order."""
+    """SHA-256 of camera frames in step order."""
 
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
@@ -175,18 +175,18 @@ class FrameDigest:
 
 
 def inputs_digest(properties: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return the SHA-256 of properties by name, the same before writing and after reading."""
+    """Return the SHA-256 of properties, which is the same before writing and after reading."""
     plain = {name: _plain(values) for name, values in properties.items()}
     return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
 def closing_digest(closing: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a script's closing property, without the digest itself."""
+    """Return the SHA-256 of the property that ends a script's recording, without its digest."""
     return inputs_digest({"closing": {k: v for k, v in closing.items() if k != "closing_sha256"}})
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values in their form after reading: without None, and a list of one as its element."""
+    """Convert values to their form after reading: no None, and one-element lists as the element."""
     return {
         key: value[0] if isinstance(value, list | tuple) and len(value) == 1 else value
         for key, value in values.items()

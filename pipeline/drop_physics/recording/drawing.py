@@ -1,6 +1,6 @@
-"""Views of a recording's numbers: shapes, poses, curves, pictures and a log of calls.
+"""What the viewer draws of a recording: shapes, poses, curves, images and a log of calls.
 
-Nothing is computed from it. Poses and curves are thinned to what a viewer can show.
+Nothing is computed from this display. Poses and curves are thinned to what a viewer can show.
 """
 
 from __future__ import annotations
@@ -39,36 +39,36 @@ from drop_physics.trace.poses import inertial_frames, links_of, tree_of, within
 from drop_physics.trace.states import BASE
 
 POSES_TOGETHER, IMAGES_TOGETHER, LINES_TOGETHER = 1 << 16, 32, 1024
-"""Rows that are held until they become chunks."""
+"""Rows that are buffered before they are written as chunks: poses, images and log lines."""
 MOST_TRAILS, TRAIL_PER_S, TRAIL_M = 6, 20, 1e-3
-"""Bodies whose way is drawn; its points per second, and how far apart they are at least."""
+"""Most bodies whose path is drawn; points of a path per second, and least distance between them."""
 DEEPEST = 64
-"""Links of a chain that are drawn each below the one before."""
+"""Most nested links of a chain; a deeper link is attached to the base in the scene."""
 LONGEST_PART = 60
-"""Characters of a link's part of an entity's name: `DEEPEST` of them fit in `rrd.LONGEST_NAME`."""
+"""Characters of a link's name in an entity path: `DEEPEST` of them fit in `rrd.LONGEST_NAME`."""
 ARROW = 1 / 3
-"""Length of the heaviest body's weight as an arrow, of the diagonal of its box; twice as long at
+"""Arrow length for the heaviest body's weight, as a share of the scene's diagonal; twice that at
 most."""
 FARTHEST_M = 10.0
-"""The viewer's eye ignores what is farther than this from where it started."""
+"""Distance from its start beyond which a body no longer counts for the view."""
 SHOWN_PER_S = 60
 """Poses drawn per second of simulated time."""
 SLOWER = 4
-"""A drop is played this many times slower than it falls."""
+"""Playback slowdown of a drop: how many times slower than real time."""
 MOST_LINES = 20
-"""Calls of one site that are listed."""
+"""Most calls listed for each call site."""
 
 
 class Drawing:
-    """The drawn parts of a recording's bodies, by number."""
+    """Draws the bodies of a recording, which are keyed by body id."""
 
     def __init__(self, bodies: Mapping[int, Body], *, of_drop: bool = False) -> None:
         self._bodies, self._of_drop = bodies, of_drop
         self.low_m = self.high_m = np.zeros(3)
-        """Corners of the box that all motion stayed in, without what flew off."""
+        """Corners of the bounding box of all motion, without bodies that flew away."""
         self._first_m: Float64 | None = None
         self._bases: dict[int, Float64] = {}
-        """States of bases that are not sampled, by number."""
+        """States of bases that are not sampled, by body id."""
         self._trees: dict[int, Tree] = {}
         self._masses: dict[int, Mapping[str, Float64]] = {}
         self._gravity: dict[int, Float64] = {}
@@ -79,34 +79,34 @@ class Drawing:
         )
         self._trails = Gathering(pictures.trail, most=POSES_TOGETHER)
         self._ways: dict[int, tuple[int, Float64]] = {}
-        """The last point of each, by number: when, and where."""
+        """Last point of each body's path, by body id: step and position."""
         self._touching = False
         self._images = Gathering(pictures.images, most=IMAGES_TOGETHER)
         self._log = Gathering(pictures.log, most=LINES_TOGETHER)
         self._lenses: dict[int, object] = {}
         self._shown_at: dict[int, int] = {}
         self._placed: dict[str, Float64] = {}
-        """The last pose of each link, by entity, in units of `POSE_RESOLUTION`."""
+        """Last pose of each link, by entity, in units of `POSE_RESOLUTION`."""
         self._drawn: dict[int, tuple[Shape, ...]] = {}
         self._gone: dict[int, tuple[Times, Body]] = {}
-        """Bodies that went since the last sample, and when, by number."""
+        """Bodies removed since the last sample, and when, by body id."""
         self._undrawn: dict[int, str] = {}
-        """Labels of bodies with a shape that cannot be drawn, by number."""
+        """Labels of bodies that have a shape which cannot be drawn, by body id."""
         self._listed: dict[int, int] = {}
-        """Number of listed calls of a site."""
+        """Number of calls listed so far, by call site."""
 
     def scene(self) -> Iterator[Chunk]:
-        """Yield the constant parts."""
+        """Yield the parts of the scene that never change."""
         yield pictures.scene()
 
     def flush(self) -> Iterator[Chunk]:
-        """Yield everything that waits."""
+        """Yield all buffered rows."""
         yield from self._clear()
         for gathered in (self._log, self._poses, self._trails, self._curves, self._images):
             yield from gathered.flush()
 
     def notes(self) -> Iterator[Message]:
-        """Yield remarks on parts that are not drawn."""
+        """Yield remarks on what is not drawn."""
         for body in self._bodies.values():
             if body.soft:
                 yield Message(
@@ -126,7 +126,7 @@ class Drawing:
             )
 
     def on(self, event: Event) -> Iterator[Chunk]:
-        """Yield the display of an event other than samples, calls and images."""
+        """Yield what the viewer shows for an event, except for samples, calls and images."""
         match event:
             case Appearance():
                 yield from self.on_appearance(event)
@@ -144,7 +144,7 @@ class Drawing:
     # -- bodies -----------------------------------------------------------------------------------
 
     def on_appearance(self, seen: Appearance) -> Iterator[Chunk]:
-        """Yield the shapes of a new body, or their removal."""
+        """Yield the shapes of a new body, or the removal of a deleted one."""
         at, body = writer.times_of(seen.at), seen.body
         if not seen.there:
             self._gone[body.number] = at, body
@@ -174,7 +174,7 @@ class Drawing:
             yield from drawn
 
     def _clear(self) -> Iterator[Chunk]:
-        """Yield the removal of bodies that are gone."""
+        """Yield the removal of bodies that no longer exist."""
         gone, self._gone = self._gone, {}
         if gone:
             # Of rows at the same time the last counts, so their last poses must come before this.
@@ -189,7 +189,7 @@ class Drawing:
                 self._placed.pop(part_path(body, link), None)
 
     def on_put(self, put: Put) -> Iterator[Chunk]:
-        """Yield the poses of a body that a call placed."""
+        """Yield the poses of a body that a call has placed."""
         self._bases[put.body.number] = put.base
         if put.body.number in self._trees:
             parts = links_of(self._trees[put.body.number], put.base[None], put.joints)
@@ -198,7 +198,7 @@ class Drawing:
     # -- samples ----------------------------------------------------------------------------------
 
     def on_samples(self, seen: Samples) -> Iterator[Chunk]:
-        """Yield poses and curves, at most `SHOWN_PER_S` of them, and the last."""
+        """Yield poses and curves, at most `SHOWN_PER_S` per second, and the last."""
         yield from self._clear()
         per_s = SHOWN_PER_S * (SLOWER if self._of_drop else 1)
         due = np.floor(seen.times_s * per_s + 1e-9).astype(np.int64)
@@ -212,7 +212,7 @@ class Drawing:
             yield from self._points(seen)
 
     def _on_states(self, seen: Samples, numbers: list[int], due: Int64) -> Iterator[Chunk]:
-        """Yield poses and curves of a body, or of several without joints that are due together."""
+        """Yield poses and curves of a body, or of several jointless bodies due together."""
         bodies = [self._bodies[number] for number in numbers]
         first = numbers[0]
         shown = np.diff(due, prepend=self._shown_at.get(first, -1)) > 0
@@ -247,7 +247,7 @@ class Drawing:
                 yield from self._curves.add(entity, at.only(rows), its[rows])
 
     def _place(self, at: Times, placed: Iterable[tuple[str, Float64]]) -> Iterator[Chunk]:
-        """Yield the poses of parts, given by entity, where they change."""
+        """Yield the poses of parts, by entity, where they have changed."""
         entities, poses = zip(*placed, strict=True)
         rows = np.array(poses)
         shown = np.round(rows / schema.POSE_RESOLUTION)
@@ -259,7 +259,7 @@ class Drawing:
             yield from self._poses.add(entities[number], at.only(its), rows[number, its])
 
     def _reach(self, positions_m: Float64) -> None:
-        """Extend the box by positions, shape (n, 3), except of what has flown off."""
+        """Extend the bounding box by positions, shape (n, 3), except for bodies that flew away."""
         positions_m = positions_m[np.isfinite(positions_m).all(axis=1)]
         if not len(positions_m):
             return
@@ -271,7 +271,7 @@ class Drawing:
             self.high_m = np.maximum(self.high_m, near_m.max(axis=0))
 
     def _trail(self, body: Body, at: Times, places_m: Float64) -> Iterator[Chunk]:
-        """Yield the path of a body's base, or of the end of a fixed one's chain."""
+        """Yield the path of a body's base, or of the end of a fixed body's chain."""
         entity = f"{schema.WORLD}/{body.label}/trail"
         if body.number not in self._ways:
             yield pictures.trail_style(entity)
@@ -285,7 +285,7 @@ class Drawing:
             yield from self._trails.add(entity, at.only(shown), places_m[shown])
 
     def _points(self, seen: Samples) -> Iterator[Chunk]:
-        """Yield contact points, and the forces there as arrows."""
+        """Yield contact points, and the contact forces as arrows."""
         due = np.diff(np.floor(seen.times_s * SHOWN_PER_S + 1e-9), prepend=-1.0) > 0
         due[-1] = True
         points = seen.contacts
@@ -323,7 +323,7 @@ class Drawing:
             self._touching = True
 
     def on_touching(self, seen: ContactRows) -> Iterator[Chunk]:
-        """Yield contact points of samples that were drawn before."""
+        """Yield the contact points of samples whose poses were drawn before."""
         if len(seen.steps):
             empty: dict[int, Float64] = {}
             samples = Samples(
@@ -332,7 +332,7 @@ class Drawing:
             yield from self._points(samples)
 
     def _arrows(self, client: int) -> tuple[float, float]:
-        """Return the longest arrow [m], and meters per newton."""
+        """Return the length of the longest arrow [m], and the scale in metres per newton."""
         masses_kg = {
             number: float(np.nansum(self._masses[number]["mass_kg"]))
             for number, body in self._bodies.items()
@@ -353,7 +353,7 @@ class Drawing:
     # -- pictures and calls -----------------------------------------------------------------------
 
     def on_image(self, number: int, image: Image, png: bytes) -> Iterator[Chunk]:
-        """Yield a picture of a camera, and the camera if it moved."""
+        """Yield a camera's image, and the camera's pose if it has changed."""
         lens = (image.view, image.projection, image.rgba.shape)
         if self._lenses.get(number) != lens:
             self._lenses[number] = lens
@@ -386,7 +386,7 @@ class Drawing:
 
 
 def _same_shapes(gone: Body, came: Body) -> bool:
-    """Return whether two bodies are drawn alike, at the same places."""
+    """Return whether two bodies are drawn alike, in the same pose."""
     return (gone.label, gone.shapes, gone.collisions) == (
         came.label,
         came.shapes,
@@ -395,7 +395,7 @@ def _same_shapes(gone: Body, came: Body) -> bool:
 
 
 def _looks_alike(shape: Shape, touched: Collision) -> bool:
-    """Return whether a collision shape equals the visible one."""
+    """Return whether a collision shape looks the same as the visible shape."""
     if (shape.link, shape.kind) != (touched.link, touched.kind) or shape.kind == "mesh":
         return False
     return all(
@@ -405,7 +405,7 @@ def _looks_alike(shape: Shape, touched: Collision) -> bool:
 
 
 def part_path(body: Body, link: int) -> str:
-    """Return the entity of a link in the scene: below its parent's, as its pose is relative to it.
+    """Return a link's entity path in the scene: below its parent's, since poses are relative to it.
 
     Its shapes are below it, by number.
     """
@@ -414,7 +414,7 @@ def part_path(body: Body, link: int) -> str:
 
 
 def _line_to(body: Body, link: int) -> list[int]:
-    """Return the chain of links above a drawn link, which is its last; none for the base.
+    """Return the chain of links down to a drawn link, including it; empty for the base.
 
     Beyond `DEEPEST` a link is drawn below the base: a name has no room for longer chains.
     """
@@ -433,7 +433,7 @@ def _plain(name: str) -> str:
 
 
 def poses_in_tree(body: Body, parts: Float64) -> Iterator[tuple[str, Float64]]:
-    """Yield the entities of base and links, with poses, shape (n, 7), in their parents' frames.
+    """Yield the entities of base and links, with poses relative to their parents, shape (n, 7).
 
     `parts` are poses in the world, shape (n, links + 1, 7 or more).
     """
@@ -446,7 +446,7 @@ def poses_in_tree(body: Body, parts: Float64) -> Iterator[tuple[str, Float64]]:
 
 
 def _end_of(body: Body) -> int:
-    """Return the link whose path is drawn: 0 for the base; for a fixed one, its chain's end."""
+    """Return the link whose path is drawn: 0 for the base; for a fixed body, its chain's end."""
     depths = [0]
     for joint in body.joints:
         depths.append(depths[joint.parent + 1] + 1)

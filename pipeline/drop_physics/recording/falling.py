@@ -1,4 +1,4 @@
-"""Further views of a drop's recording: theory's heights, the body's trail, camera frames."""
+"""Additional views in a drop's recording: theoretical heights, the body's path, camera frames."""
 
 from __future__ import annotations
 
@@ -17,36 +17,36 @@ from drop_physics.trace.events import Samples
 from drop_physics.trace.states import BODY
 
 TRAIL_POINTS = 40
-"""Approximate number of points in the body's trail in the 3-D view."""
+"""Approximate number of points in the body's path in the 3-D view."""
 
 Progress = Callable[[str, int, int], None]
-"""Called with what is being done, how much of it is done, and the total."""
+"""Progress callback: called with the activity, the amount done, and the total."""
 
 
 @dataclass(frozen=True)
 class Photography:
-    """Camera of the fall."""
+    """How the camera takes frames of the fall."""
 
     camera: Camera
     draw: Callable[[Float64], Iterator[bytes]]
-    """A function from poses, shape (n, 7), to a PNG each."""
+    """Function that draws poses, shape (n, 7), each as a PNG."""
     pose: Callable[[Camera], Float64]
-    """A function from a camera to its pose: world from camera, shape (4, 4)."""
+    """Function that returns a camera's pose: world from camera, shape (4, 4)."""
 
 
 @dataclass(frozen=True)
 class Falling:
-    """Yields the display of a drop's samples; the camera's frames are also its `pictures`."""
+    """Yields the views of a drop's samples; camera frames are also returned as `pictures`."""
 
     scenario: Scenario
     theory_m: Callable[[Float64], tuple[Float64, Float64]]
-    """A function from times [s], shape (n,), to the heights [m] of free and of damped fall."""
+    """Function from times [s], shape (n,), to the heights [m] of free and of damped fall."""
     photography: Photography | None
-    """None where there are no frames."""
+    """The camera; None if no frames are taken."""
     progress: Progress
 
     def begin(self) -> Iterator[Chunk]:
-        """Yield the constant parts: the camera's lens, and the curves' names and colours."""
+        """Yield what never changes: the camera's lens, and the curves' names and colours."""
         if self.photography is not None:
             camera, timestep_s = self.photography.camera, self.scenario.timestep_s
             yield writer.lens_chunk(camera)
@@ -64,7 +64,7 @@ class Falling:
         yield pictures.trail_style(schema.TRAIL, writer.rgba(colours.ENGINES[engine]))
 
     def chunks(self, seen: Samples) -> Iterator[Chunk]:
-        """Yield heights and trail."""
+        """Yield the heights and the path."""
         timestep_s, base = self.scenario.timestep_s, seen.bases[BODY]
         free_m, damped_m = self.theory_m(seen.steps.astype(np.float64) * timestep_s)
         curves = {
@@ -82,7 +82,7 @@ class Falling:
             yield pictures.trail(schema.TRAIL, at, [base[trail, :3]])
 
     def frames(self, seen: Samples) -> Iterator[tuple[int, bytes, list[Chunk]]]:
-        """Yield the frames due among these samples: step, PNG, and their chunks."""
+        """Yield the frames due in these samples: step, PNG, and chunks."""
         if self.photography is None:
             return
         camera, timestep_s = self.photography.camera, self.scenario.timestep_s

@@ -1,4 +1,4 @@
-"""Quick checks of files that may be recordings, without loading anything heavy."""
+"""Quick checks whether files may be recordings, without loading large libraries."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from drop_physics.errors import RecordingError
 from drop_physics.messages import Message, shell_command
 
 BEGINNING = b"RRF2"
-"""The first bytes of each of Rerun's files."""
+"""First bytes of every Rerun file."""
 LAYER = ".analysis.rrd"
-"""Suffix of an analysis layer's name."""
+"""Suffix of an analysis layer's file name."""
 
 
 def check_file(path: Path) -> None:
-    """Make sure that a file exists, and begins like one of Rerun's.
+    """Check that a file exists, and begins like a Rerun file.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def check_file(path: Path) -> None:
 
 
 def unreadable(path: Path, error: OSError) -> RecordingError:
-    """Return the error for a recording that the system does not let us read."""
+    """Return the error for a recording that the operating system does not let us read."""
     return RecordingError(
         "{path} cannot be read: {reason}; see: {command}",
         path=path,
@@ -65,7 +65,7 @@ def unreadable(path: Path, error: OSError) -> RecordingError:
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """Return the files directly in a folder that have a recording's name, the newest first."""
+    """Return the files directly in a folder that are named like recordings, newest first."""
     found = [
         (path.stat().st_mtime_ns, path)
         for path in folder.glob("*.rrd")

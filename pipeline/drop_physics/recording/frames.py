@@ -1,4 +1,4 @@
-"""The pictures in a recording, checked: of a drop's camera, and of those of a script."""
+"""Read the images in a recording and check them: frames of a drop's camera or of a script's."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from drop_physics.recording.digest import FrameDigest
 from drop_physics.recording.reader import Recording
 
 MOST_HELD = 4
-"""Times a file's size, for its frames: PNG is already compressed, and equal ones are held once."""
+"""Most size of all frames, as a multiple of the file's: PNG is compressed already, and equal frames
+are stored once."""
 FREELY_HELD = 1 << 26
-"""Bytes of frames that any file may have."""
+"""Size of frames that is allowed in any file [bytes]."""
 _CAMERA = re.compile(r"camera/(\d{1,9})/image")
 
 
 def frames(recording: Recording) -> Iterator[tuple[int, bytes]]:
-    """Yield the camera frames of a drop in step order: step and PNG.
+    """Yield the camera frames of a drop in step order, as step and PNG.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Gathers single rows by entity: a chunk of many rows costs no more than a chunk of one."""
+"""Buffer single rows by entity, since a chunk of many rows costs no more than a chunk of one."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drop_physics.recording.writer import Times
 
 
 class Gathering:
-    """Rows that wait until there are enough for chunks.
+    """A buffer of rows, written as chunks once there are enough.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class Gathering:
         self._rows = 0
 
     def add(self, entity: str, at: Times, values: Any) -> Iterator[Chunk]:  # noqa: ANN401
-        """Add rows of an entity, and yield chunks if there are enough rows."""
+        """Buffer rows of an entity, and yield chunks once there are enough."""
         self.hold(entity, at, values)
         if self._rows >= self._most:
             yield from self.flush()
@@ -41,16 +41,16 @@ class Gathering:
         *,
         kind: Hashable = None,
     ) -> None:
-        """Add rows of an entity; those of another `kind` get a chunk of their own."""
+        """Buffer rows of an entity; rows of another `kind` are put into separate chunks."""
         self._held.setdefault((entity, kind), []).append((at, values))
         self._rows += len(at.steps)
 
     def __len__(self) -> int:
-        """Return the number of waiting rows."""
+        """Return the number of buffered rows."""
         return self._rows
 
     def flush(self) -> Iterator[Chunk]:
-        """Yield everything that waits."""
+        """Yield all buffered rows as chunks."""
         held, self._held, self._rows = self._held, {}, 0
         for (entity, _), rows in held.items():
             yield self._make(

@@ -1,4 +1,4 @@
-"""Inputs of a recorded run: its properties, as scenario, engine and camera."""
+"""Parse the inputs of a recorded drop from its properties: scenario, engine report and camera."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from drop_physics.scenario import Camera, Scenario
 
 @dataclass(frozen=True)
 class Drop:
-    """Further contents of a drop's recording."""
+    """The inputs of a recorded drop."""
 
     scenario: Scenario
     engine: EngineReport
@@ -25,7 +25,7 @@ class Drop:
 
 
 def check_inputs(properties: Mapping[str, Properties], path: Path) -> None:
-    """Check that a recording names its subject."""
+    """Check that a recording states what was recorded: a drop or a script."""
     if schema.ORIGIN_PROPERTY not in properties:
         for name in (schema.SCENARIO_PROPERTY, schema.ENGINE_PROPERTY):
             if name not in properties:
@@ -33,7 +33,7 @@ def check_inputs(properties: Mapping[str, Properties], path: Path) -> None:
 
 
 def drop_of(properties: Mapping[str, Properties], path: Path) -> Drop:
-    """Return the subject of a drop.
+    """Parse the inputs of a recorded drop.
 
     Raises
     ------

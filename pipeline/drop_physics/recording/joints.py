@@ -18,17 +18,17 @@ from drop_physics.trace.events import Appearance, At, Body, Calls, Raised, Sampl
 from drop_physics.trace.motors import PD, POSITION, TORQUE, VELOCITY, Command, commands_of
 
 TOGETHER = 1 << 13
-"""Commands that are held until they become rows."""
+"""Commands buffered before they are written as rows."""
 ROWS = {
     schema.TARGET: ("position", "velocity", "torque"),
     schema.LIMIT: ("force", "mode", "kp", "kd"),
 }
-"""Contents of each entity: scalars, and numbers beside them."""
+"""Contents of each entity: values drawn as curves, and numbers stored with them."""
 NAMES = [name for names in ROWS.values() for name in names]
 
 
 def joint_names(body: Body, what: str) -> list[str]:
-    """Return a name for each position, velocity or effort of a body's joints."""
+    """Name the positions, velocities or efforts of a body's joints, one name per coordinate."""
     place, names = schema.OF_JOINTS.index(what), list[str]()
     for joint in body.joints:
         width = joint.widths[place]
@@ -37,15 +37,15 @@ def joint_names(body: Body, what: str) -> list[str]:
 
 
 class Commands:
-    """The commands of all bodies; events come in order."""
+    """The commands to the joints of all bodies; events must arrive in order."""
 
     def __init__(self) -> None:
         self._asked: dict[tuple[int, int], JointRequests] = {}
-        """Commands to bodies, by client and the engine's id."""
+        """Commands to bodies, by simulation and the engine's body id."""
         self._held: list[Command] = []
         self._raised: set[int] = set()
         self._last: dict[int, Times] = {}
-        """Step and time of the last sample, by client."""
+        """Step and time of the last sample, by simulation."""
 
     def on_appearance(self, seen: Appearance) -> Iterator[Chunk]:
         """Note a body that was added or removed."""
@@ -58,11 +58,11 @@ class Commands:
                 yield from self._end(key)
 
     def on_samples(self, seen: Samples) -> None:
-        """Note the progress of a simulation."""
+        """Note how far a simulation has progressed."""
         self._last[seen.client] = Times(seen.steps[-1:], seen.times_s[-1:])
 
     def on_calls(self, seen: Calls, sites: Mapping[int, Site], widths: Int64) -> Iterator[Chunk]:
-        """Take calls; yield rows if there are enough of them."""
+        """Add calls, and yield rows once there are enough."""
         self._held += commands_of(seen, sites, widths)
         if sum(len(each.calls) for each in self._held) >= TOGETHER:
             yield from self.flush()
@@ -72,7 +72,7 @@ class Commands:
         self._raised.add(seen.at.call)
 
     def end(self) -> Iterator[Chunk]:
-        """Yield the rest."""
+        """Yield the remaining rows."""
         yield from self.flush()
         for key in [*self._asked]:
             yield from self._end(key)
@@ -83,7 +83,7 @@ class Commands:
             yield from asked.end(self._last[key[0]])
 
     def flush(self) -> Iterator[Chunk]:
-        """Yield everything that waits, except for bodies that are not listed yet."""
+        """Yield all buffered rows, except for bodies that are not known yet."""
         held, self._held = self._held, []
         found: dict[tuple[int, int], list[Cells]] = {}
         for command in held:
@@ -103,18 +103,18 @@ class Commands:
 
 
 class Cells(NamedTuple):
-    """Settings of n calls in the columns of a body's rows."""
+    """Joint settings made by n calls, in the columns of a body's rows."""
 
     calls: Int64
     steps: Int64
     times_s: Float64
     columns: slice
     values: Float64
-    """Shape (n, columns)."""
+    """Values, shape (n, columns)."""
 
 
 class JointRequests:
-    """Commands to the joints of one body."""
+    """Commands to the joints of one body, as rows."""
 
     def __init__(self, body: Body, at: At) -> None:
         self._entity, self._at = f"{schema.JOINTS}/{body.label}", at
@@ -134,12 +134,12 @@ class JointRequests:
             }
             for each in zip(body.coordinates, body.rates, strict=True)
         ]
-        """The columns of everything that is asked of each joint."""
+        """Column slices of each joint's settings, by setting."""
         self._now = np.full(sum(counts), np.nan)
         self._named = False
 
     def cells(self, joint: int, asked: Command) -> Iterator[Cells]:
-        """Yield the settings of a joint by calls."""
+        """Yield a joint's settings from its calls."""
         places, mode = self.places[joint], asked.values["controlMode"][:, 0]
         width = places["force"].stop - places["force"].start
         if not width:
@@ -171,7 +171,7 @@ class JointRequests:
                 )
 
     def chunks(self, cells: list[Cells]) -> Iterator[Chunk]:
-        """Yield the rows that change."""
+        """Yield a row for each change of a setting."""
         if not self._named:
             self._named = True
             for what, names in self._names.items():
@@ -201,7 +201,7 @@ class JointRequests:
                 yield self._chunk(what, at, rows[new + 1])
 
     def end(self, at: Times) -> Iterator[Chunk]:
-        """Yield the last commands, for a line up to the end."""
+        """Yield the last settings again at the end, so that their curves reach it."""
         if self._named:
             for what in ROWS:
                 yield self._chunk(what, at, self._now[None])

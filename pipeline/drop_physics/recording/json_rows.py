@@ -1,4 +1,4 @@
-"""Events besides samples, as rows of JSON: into a recording, and back.
+"""Convert events other than samples to rows of JSON, and back.
 
 A row is a change at a moment: a body, a report of the engine, a place that calls it. JSON, because
 Rerun's index of a file grows with each column of each entity. It holds the event's fields by name,
@@ -46,7 +46,7 @@ T = TypeVar("T")
 Values = dict[str, Any]
 Row = tuple[At, Values]
 Told = Mapping[str, list[Row]]
-"""Rows in the order of steps and calls, by entity."""
+"""Rows of JSON by entity, in the order of steps and calls."""
 
 ENTITIES: Mapping[type[Any], str] = {
     Appearance: schema.BODIES,
@@ -65,15 +65,16 @@ ENTITIES: Mapping[type[Any], str] = {
     EpisodeEnd: schema.EPISODES,
     Sensor: schema.SENSORS,
 }
-"""Entities of the rows, by kind of event."""
+"""Entity that stores each kind of event."""
 MESH, ARRAYS = "mesh", ("corners_m", "triangles")
-"""The digest of a surface in a row, and its arrays, which only the first row of that digest has."""
+"""Keys of a mesh row: the surface's digest, and its arrays, which only the first row with that
+digest has."""
 SHAPES: Mapping[str, tuple[int, ...]] = {
     "base": (13,),
     "corners_m": (-1, 3),
     "triangles": (-1, 3),
 }
-"""The shapes of arrays that have the same one in every event."""
+"""Shapes of arrays whose shape is the same in every event, by field."""
 PLAIN: Mapping[Any, CoreSchema] = {
     int: core_schema.int_schema(),
     float: core_schema.float_schema(),
@@ -81,11 +82,11 @@ PLAIN: Mapping[Any, CoreSchema] = {
     bool: core_schema.bool_schema(),
     NoneType: core_schema.none_schema(),
 }
-"""Types as JSON has them."""
+"""Validation schema of each plain JSON type."""
 
 
 def row_of(event: Event) -> tuple[str, At, Values]:
-    """Return an event's entity, moment and values in JSON's types."""
+    """Convert an event to JSON types, with its entity and moment."""
     values = _plain_values(event)
     # A place has no time of its own: a recording may know it before the first step.
     at: At = values.pop("at", None) or At(0, 0.0, values["number"])
@@ -100,7 +101,7 @@ def row_of(event: Event) -> tuple[str, At, Values]:
 
 
 def keep_once(surface: Values, kept: set[str]) -> None:
-    """Give the row of a surface its digest; without its arrays, if a row of that digest is kept."""
+    """Add a surface's digest to its row, and drop the arrays if a row with that digest is kept."""
     arrays = {name: surface.pop(name) for name in ARRAYS}
     surface[MESH] = mesh = blake2b(packed(arrays).encode(), digest_size=16).hexdigest()
     if mesh not in kept:
@@ -114,7 +115,7 @@ def packed(values: Values) -> str:
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever an event holds
-    """Return the JSON form of a value; `asdict` would copy each number."""
+    """Convert a value to JSON types; `asdict` would copy each number."""
     if value is None or isinstance(value, float | str | int):  # most are; the next ask for more
         return value
     if isinstance(value, Body):
@@ -152,7 +153,7 @@ def _plain_body(body: Body) -> Values:
 
 
 def events(told: Told, kind: type[T], bodies: Mapping[int, Body] = MappingProxyType({})) -> list[T]:
-    """Return the events of a kind, which may name these bodies by number.
+    """Return the events of a kind, in which bodies are referred to by id.
 
     Raises
     ------
@@ -171,7 +172,7 @@ def events(told: Told, kind: type[T], bodies: Mapping[int, Body] = MappingProxyT
 
 
 def surfaces(told: Told) -> list[Surface]:
-    """Return the surfaces of meshes; those that are alike share their arrays.
+    """Return the surfaces of meshes; equal surfaces share their arrays.
 
     Raises
     ------
@@ -189,13 +190,13 @@ def surfaces(told: Told) -> list[Surface]:
 
 @cache
 def _reader(kind: type[T]) -> Callable[[Values, Mapping[int, Body]], T]:
-    """Return a function that makes an event from a row."""
+    """Return a function that builds an event from a row."""
     validator = SchemaValidator(_of_class(kind, nested=kind is not Appearance))
     return lambda row, bodies: validator.validate_python(row, context=bodies)
 
 
 def _of_class(kind: type[Any], *, nested: bool) -> CoreSchema:
-    """Return the schema of a data class; `nested`: bodies in it are their numbers.
+    """Return the validation schema of a dataclass; if `nested`, bodies are given by id.
 
     Pydantic's models would do, but each takes 5 ms to make.
     """
@@ -211,7 +212,7 @@ def _of_class(kind: type[Any], *, nested: bool) -> CoreSchema:
 
 
 def _schema(name: str, hint: Any, *, nested: bool) -> CoreSchema:  # noqa: ANN401 - a type
-    """Return the schema by which a field of some type is read from JSON."""
+    """Return the schema that validates a field of this type in JSON."""
     if hint in PLAIN:
         return PLAIN[hint]
     if hint is Body and nested:
@@ -244,5 +245,5 @@ def _body(number: Any, info: core_schema.ValidationInfo) -> Any:  # noqa: ANN401
 
 
 def bodies_of(appearances: Iterable[Appearance]) -> dict[int, Body]:
-    """Return the bodies by number, in their latest form."""
+    """Return the bodies by id, as they last appeared."""
     return {appearance.body.number: appearance.body for appearance in appearances}

@@ -1,4 +1,4 @@
-"""The analysis layer: additions of `analyze` to a recording, in a file beside it.
+"""The analysis layer: what `analyze` adds to a recording, in a separate file beside it.
 
 It carries the recording's own id, so that the viewer shows both files as one recording.
 """
@@ -34,7 +34,7 @@ ERROR_CURVES = {
     "error_m": ("total", colours.TOTAL_IN_VIEWER),
     **{f"{name}_m": (name, colour) for name, colour in colours.TERMS.items()},
 }
-"""Column of a drop's table -> its name under `error/`, and its colour."""
+"""Name under `error/` and colour of the curve for each column of a drop's table."""
 
 ENERGY_CURVES = {
     "kinetic_linear_j": ("kinetic", colours.KINETIC),
@@ -42,51 +42,51 @@ ENERGY_CURVES = {
     "potential_j": ("potential", colours.POTENTIAL),
     "energy_j": ("total", colours.TOTAL_IN_VIEWER),
 }
-"""Column of a drop's table -> its name under `energy/`, and its colour."""
+"""Name under `energy/` and colour of the curve for each column of a drop's table."""
 
 WIDE = 3.0
-"""Width of a total, the sum of the others [points]."""
+"""Line width of a total, which is the sum of the other curves [points]."""
 
 MOST_STATES = 40
-"""Bodies whose states are shown: more are illegible."""
+"""Most bodies whose states are shown; more would be illegible."""
 
 
 class Line(NamedTuple):
-    """A curve of a panel."""
+    """A curve in a panel."""
 
     name: str
     colour: str
-    """A colour as `#rrggbb`."""
+    """Colour as `#rrggbb`."""
     width: float
     steps: Int64
-    """Shape (n,), as are the next two."""
+    """Step of each value, shape (n,), like the next two fields."""
     times_s: Float64
     values: Float64
 
 
 class ShownBody(NamedTuple):
-    """View of the n samples of a script's body."""
+    """What the viewer shows of a body's n samples."""
 
     label: str
     at: Times
     segments: Sequence[str]
-    """Kind of each sample."""
+    """Kind of each sample, such as flight."""
     errors_m: Float64
-    """Distance from free fall, nan outside of flight, shape (n, 3)."""
+    """Deviation from free fall, shape (n, 3); nan outside flight."""
 
 
 class Shown(NamedTuple):
-    """View of a script's analysis."""
+    """What the viewer shows of a script's analysis."""
 
     samples: Sequence[ShownBody] = ()
-    """Those of each body."""
+    """The samples of each body."""
 
     panels: Sequence[tuple[str, Sequence[Line]]] = ()
-    """Their titles and curves, the first first."""
+    """Titles and curves of the panels, in order."""
     bodies: Sequence[str] = ()
-    """Labels of those that matter, in this order."""
+    """Labels of the relevant bodies, in order."""
     touched: frozenset[str] = frozenset()
-    """Labels of bodies whose collision shapes are shown."""
+    """Labels of the bodies whose collision shapes are shown."""
 
 
 def write_layer(
@@ -101,7 +101,7 @@ def write_layer(
     force: bool,
     ours: bool,
 ) -> None:
-    """Write the layer, whole or not at all: what each sample is, errors, energies, findings.
+    """Write the layer completely or not at all: kinds of samples, errors, energies, findings.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def _of_bodies(shown: Shown) -> Iterator[Chunk]:
 
 
 def _of_panels(shown: Shown) -> Iterator[Chunk]:
-    """Yield curves; those over the same samples are series of one entity."""
+    """Yield the curves of panels; those with the same samples become series of one entity."""
     for number, (_, drawn) in enumerate(shown.panels):
         together = groupby(drawn, key=lambda line: line.steps.tobytes())
         for part, (_, group) in enumerate(together):
@@ -224,7 +224,7 @@ def _of_panels(shown: Shown) -> Iterator[Chunk]:
 
 
 def _errors(body: ShownBody) -> Iterator[Chunk]:
-    """Yield the distance of a body from free fall, with ends of flights, and gaps between."""
+    """Yield a body's deviation from free fall, with the ends of flights, and gaps between."""
     entity = f"{schema.ERROR_MM}/{body.label}"
     yield writer.series_chunk(entity, [f"{body.label} {axis}" for axis in "xyz"])
     flies = ~np.isnan(body.errors_m[:, 2])
@@ -235,7 +235,7 @@ def _errors(body: ShownBody) -> Iterator[Chunk]:
 
 
 def _states(body: ShownBody) -> Iterator[Chunk]:
-    """Yield the states of one body, a row per change."""
+    """Yield the states of one body, one row per change."""
     entity = f"{schema.SEGMENTS}/{body.label}"
     names = list(colours.SEGMENTS)
     yield Chunk.from_columns(

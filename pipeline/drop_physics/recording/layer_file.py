@@ -1,4 +1,4 @@
-"""Find the file that is the analysis layer of a recording."""
+"""Find the analysis layer and the trials that belong to a recording, by file name."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ _TOP = {
     schema.SEGMENTS, schema.PANELS, "energies", schema.EXPLAINED, schema.IMPULSES, schema.CAUSES,
     schema.PAIRS, schema.CONTACTS.entity,
 }  # fmt: skip
-"""First parts of a layer's entity paths, with those that it had once."""
+"""First parts of a layer's entity paths, including those of earlier versions."""
 
 
 TRIALS = ".why"
-"""Suffix of the folder of a recording's trials."""
+"""Suffix of the folder that contains a recording's trials."""
 VERDICTS = "why.json"
-"""The file in there that holds what they show."""
+"""File in that folder with the results of the trials."""
 
 
 def layer_of(recording: Path) -> Path:
-    """Return the layer's name beside a recording: `run.rrd` has `run.analysis.rrd`."""
+    """Return the path of a recording's layer: `run.analysis.rrd` for `run.rrd`."""
     return recording.with_name(recording.name.removesuffix(".rrd") + LAYER)
 
 
@@ -38,12 +38,12 @@ def is_layer(path: Path) -> bool:
 
 
 def trials_of(recording: Path) -> Path:
-    """Return the folder of a recording's trials beside it: `run.rrd` has `run.why`."""
+    """Return the folder for a recording's trials: `run.why` for `run.rrd`."""
     return recording.with_name(recording.name.removesuffix(".rrd") + TRIALS)
 
 
 def forget_trials(recording: Path) -> None:
-    """Delete the trials of a recording; a file that is not one of theirs stays, with the folder."""
+    """Delete the trials of a recording; any other file stays, and so does its folder."""
     folder = trials_of(recording)
     if folder.is_dir() and not folder.is_symlink():
         for each in [*folder.glob("*.rrd"), *folder.glob("*.rrd.part"), folder / VERDICTS]:

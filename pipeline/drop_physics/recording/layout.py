@@ -1,4 +1,4 @@
-"""The viewer's layout of a recording, alone or with its analysis: panels for all its contents."""
+"""The viewer's layout for a recording, with or without its analysis: panels for all contents."""
 
 from __future__ import annotations
 
@@ -19,61 +19,62 @@ from drop_physics.scenario import View
 from drop_physics.trace.events import Body
 
 SLOW_MOTION = 0.25
-"""Speed at which a drop is played: a fall from 1 m takes half a second, too fast to watch."""
+"""Playback speed of a drop: a fall from 1 m takes half a second, too fast to watch."""
 MOST_CAMERAS = 4
 MOST_NAMES = 8
-"""Most curves of a view; the names of more would hide them."""
+"""Most curves in a view, since more names would hide them."""
 LEAST_REACH_M = 0.1
 ASPECT, HALF_VIEW, ROOM = 0.9, 0.52, 1.1
-"""Width over height of the view of the world, tangent of half of its angle, and some room."""
+"""Aspect ratio of the 3-D view, tangent of half its angle, and a margin."""
 MOST_ROWS, MOST_STATES, MOST_JOINTS = 2, 6, 6
-"""Panels below each other; bodies whose states, joints whose curves are shown at once."""
+"""Most panels below each other; most bodies whose states, and joints whose curves, are shown at
+once."""
 RIGHT_TOP = Corner2D.RightTop
 EYE = np.array([1.6, -1.6, 1.0])
-"""Place of the eye relative to the centre of all motion."""
+"""Position of the viewer's eye relative to the centre of all motion."""
 
 
 class Eye(NamedTuple):
-    """The viewpoint of the world."""
+    """The viewpoint in the 3-D view."""
 
     position_m: tuple[float, float, float]
     target_m: tuple[float, float, float]
 
 
 DROP_EYE = Eye((2.9, -0.95, 1.6), (0.4, -0.5, 0.5))
-"""The eye stands beside the camera: its picture, the floor and the fall are seen from the front."""
+"""Viewpoint beside the camera, from which its image, the floor and the fall are seen frontally."""
 NEAR_EYE = Eye((1.55, 0.6, 0.9), (0.0, 0.0, 0.45))
-"""Near the body: from the side, so that the camera's picture does not hide it."""
+"""Viewpoint near the body, from the side, so that the camera's image does not hide the body."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """Inputs of the layout."""
+    """What the layout depends on."""
 
     eye: Eye
     entities: frozenset[str]
-    """All that is shown, or more."""
+    """Entities that are shown; may contain more."""
     series: Mapping[str, int] = field(default_factory=dict)
-    """Number of curves of an entity, where it is not one."""
+    """Number of curves of each entity that has several."""
     cameras: Mapping[str, str] = field(default_factory=dict)
-    """Names of pictures, by entity."""
+    """Names of the camera images, by entity."""
     touched: frozenset[str] = frozenset()
-    """Labels of bodies whose collision shapes are shown."""
+    """Labels of the bodies whose collision shapes are shown."""
     order: Mapping[str, int] = field(default_factory=dict)
-    """Order of an entity among others of its kind."""
+    """Sort order of entities of the same kind."""
     panels: Sequence[str] = ()
-    """Titles of a script's panels."""
+    """Titles of the panels for a script."""
     timeline: str = schema.TIME_TIMELINE
     speed: float = 1.0
 
     @property
     def analyzed(self) -> bool:
-        """True if it shows an analysis."""
+        """True if the layout shows an analysis."""
         return schema.FINDINGS in self.entities
 
 
 def look_of_drop(height_m: float, camera: View | None, entities: Iterable[str] = ()) -> Look:
-    """Return the layout's inputs for a drop.
+    """Return what the layout for a drop depends on.
 
     Parameters
     ----------
@@ -100,7 +101,7 @@ def look_of_drop(height_m: float, camera: View | None, entities: Iterable[str] =
 
 
 def eye_around(low_m: Float64, high_m: Float64) -> Eye:
-    """Return the viewpoint from which the box between two corners fills the view."""
+    """Return the viewpoint from which a box, given by two corners, fills the view."""
     centre = (low_m + high_m) / 2
     half = np.maximum((high_m - low_m) / 2, LEAST_REACH_M)
     back = EYE / np.linalg.norm(EYE)
@@ -113,7 +114,7 @@ def eye_around(low_m: Float64, high_m: Float64) -> Eye:
 
 
 def series_of(bodies: Iterable[Body]) -> dict[str, int]:
-    """Return the number of curves of bodies' joints, by entity."""
+    """Return the number of curves of each joint entity."""
     return {
         f"{schema.JOINTS}/{body.label}/{name}": sum(joint.widths[place] for joint in body.joints)
         for body in bodies
@@ -122,7 +123,7 @@ def series_of(bodies: Iterable[Body]) -> dict[str, int]:
 
 
 def layout(look: Look) -> rrb.Blueprint:
-    """Return the layout: the scene and its pictures, curves, texts; nothing empty."""
+    """Return the layout: scene, images, curves and texts, without empty panels."""
     pictures, states = [*_pictures(look)], [*_states(look)]
     shares = [5, *(3 for _ in pictures), *(_share(look) for _ in states)]
     left = _rows([_world(look), *pictures, *states], shares=shares)
@@ -167,7 +168,7 @@ def _framed(whole: Panel, look: Look) -> rrb.Blueprint:
 
 
 class _Small(rrb.Blueprint):
-    """A layout without the times of its parts, which would take a third of its bytes."""
+    """A layout without its parts' timestamps, which would take a third of its bytes."""
 
     def _log_to_stream(self, stream: RecordingStream) -> None:
         stream.set_log_time_enabled(False)
@@ -215,7 +216,7 @@ def _world(look: Look) -> rrb.Spatial3DView:
 
 
 def _pictures(look: Look) -> Iterator[Panel]:
-    """Yield the camera of a drop, or those of a script side by side."""
+    """Yield a panel of a drop's camera, or of a script's cameras side by side."""
     if schema.IMAGE in look.entities:
         yield rrb.Spatial2DView(origin=schema.CAMERA, name="Camera")
     views = [
@@ -228,7 +229,7 @@ def _pictures(look: Look) -> Iterator[Panel]:
 
 
 def _measured(look: Look) -> list[list[rrb.View]]:
-    """Return views of the recording's own curves, by kind."""
+    """Return the views of the recording's own curves, grouped by kind."""
     of_drop = schema.HEIGHT_SIMULATED in look.entities
     heights = "Height of the centre [m]" if of_drop else "Heights of free bodies [m]"
     positions = ("/position", f"/{schema.TARGET}")
@@ -263,7 +264,7 @@ def _curves(
     *,
     of: tuple[str, ...] = ("",),
 ) -> Iterator[rrb.View]:
-    """Yield a view of the curves below an entity, if there are any; `of` ends their names."""
+    """Yield a view of the curves below an entity, if there are any; `of` is appended to names."""
     shown = sorted(
         entity
         for entity in look.entities
@@ -288,7 +289,7 @@ def _curves(
 
 
 def _first_joints(look: Look, entities: Sequence[str]) -> dict[str, list[bool]]:
-    """Flag the shown series of joints' entities: those of the first `MOST_JOINTS`."""
+    """Flag which series of joint entities are shown: those of the first `MOST_JOINTS`."""
     shown: dict[str, list[bool]] = {}
     left: dict[str, int] = {}
     for entity in entities:
@@ -302,7 +303,7 @@ def _first_joints(look: Look, entities: Sequence[str]) -> dict[str, list[bool]]:
 
 
 def _texts(look: Look) -> Panel:
-    """Return the findings, where there are any, above all other texts."""
+    """Return the text panels: findings first, if there are any."""
     about = rrb.TextDocumentView(origin=schema.ABOUT, name="About")
     logs = [*_log(look, schema.EVENTS, "Events"), *_log(look, schema.LOG, "Calls")]
     if not look.analyzed:

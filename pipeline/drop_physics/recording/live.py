@@ -1,4 +1,4 @@
-"""Show a recording while it is made: chunks are also sent to a viewer, while one listens.
+"""Show a recording while it is made, by sending its chunks also to a running viewer.
 
 A separate process talks to the viewer, because a stream to a viewer that hangs cannot be abandoned:
 Rerun's client waits for it when the stream is closed, and when Python ends. So closing or stopping
@@ -24,9 +24,9 @@ from drop_physics.recording.layout import Look, layout
 from drop_physics.workers import Worker, WorkerDiedError, under_load
 
 PATIENCE_S = 3.0
-"""A viewer that accepts nothing for this long counts as gone."""
+"""Time after which a viewer that accepts nothing counts as closed."""
 STARTS_WITHIN_S = 15.0
-"""Longest wait for a viewer that has just been opened."""
+"""Longest wait for a viewer that is starting."""
 
 
 def shown(
@@ -37,7 +37,7 @@ def shown(
     look: Look,
     note: Callable[[str], None],
 ) -> Iterator[Chunk]:
-    """Yield chunks unchanged, each after it was sent to a viewer.
+    """Yield chunks unchanged, after sending each to a viewer.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def shown(
 
 
 def _passed_on(relay: Worker, *request: Any) -> bool:  # noqa: ANN401
-    """Send a request once the last one is done; return whether the viewer still answers."""
+    """Send a request once the last one is finished; return whether the viewer still responds."""
     try:
         relay.answer()
         if request:
@@ -124,7 +124,7 @@ def _disconnect(recording_id: str) -> None:
 
 
 def _impatiently(act: Callable[[], None], *, patience_s: float = PATIENCE_S) -> None:
-    """Act; end the process if that takes too long or fails."""
+    """Call a function, and end the process if that fails or takes too long."""
     # A C thread ends it, without needing Python's lock.
     faulthandler.dump_traceback_later(under_load(patience_s), exit=True, file=sys.stderr)
     try:

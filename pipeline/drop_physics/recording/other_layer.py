@@ -1,4 +1,4 @@
-"""A recording as a layer of another: its bodies and their heights, in a different colour.
+"""Show another recording as a layer: its bodies and heights, in a different colour.
 
 It carries the other recording's id, so that the viewer shows both as one.
 """
@@ -17,12 +17,12 @@ from drop_physics import colours
 from drop_physics.recording import schema, writer
 
 ALPHA = 0x60
-"""Opacity, of 255: what is behind it shows through."""
+"""Opacity out of 255: what is behind the layer shows through."""
 
 
 @dataclass(frozen=True)
 class Style:
-    """Name and colour of the layer's bodies and curves."""
+    """Name and colour of the other recording's bodies and curves."""
 
     name: str
     colour: str
@@ -30,7 +30,7 @@ class Style:
 
 GOLDEN = Style(schema.GOLDEN, colours.GOLDEN)
 COLOURS = (":colors", ":albedo_factor")
-"""Components with a colour."""
+"""Rerun components that contain a colour."""
 
 
 def write_other_layer(
@@ -43,7 +43,7 @@ def write_other_layer(
     blueprint: Blueprint | None = None,
     drawn: Iterable[Chunk] | None = None,
 ) -> None:
-    """Write the display of another recording, which was read and checked before.
+    """Write another recording's views as a layer; the recording must have been read before.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def write_other_layer(
 
 
 def _moved(labels: Collection[str] | None, name: str) -> Iterator[tuple[str, str]]:
-    """Yield entities of the other recording, and their names in this one."""
+    """Yield entity paths of the other recording, with their new paths in this one."""
     if labels is None:
         yield schema.BOX, f"{schema.WORLD}/{name}"
         yield schema.HEIGHT_SIMULATED, f"{schema.HEIGHT}/{name}"
@@ -79,12 +79,12 @@ def _moved(labels: Collection[str] | None, name: str) -> Iterator[tuple[str, str
 
 
 def is_drawn(recording: Path) -> bool:
-    """Return whether a recording holds anything for display."""
+    """Return whether a recording contains display data."""
     return any(chunk.entity_path.startswith(f"/{schema.WORLD}") for chunk in _read(recording))
 
 
 def shapes_in(recording: Path) -> Iterator[Chunk]:
-    """Yield the shapes of a script's recording: numbers below their links."""
+    """Yield the shapes in a script's recording, numbered below their links."""
     for chunk in _read(recording):
         top, rest = _parted(chunk.entity_path.removeprefix("/"))
         if top.startswith(f"{schema.WORLD}/") and rest and rest[-1].isdigit():
@@ -110,7 +110,7 @@ def _chunks(drawn: Iterable[Chunk], moved: dict[str, str], style: Style) -> Iter
 
 
 def _parted(entity: str) -> tuple[str, list[str]]:
-    """Return the first two names of an entity's path, and the rest."""
+    """Split an entity's path into its first two names and the rest."""
     names = entity.split("/")
     return "/".join(names[:2]), names[2:]
 
@@ -120,7 +120,7 @@ def _name(entity: str) -> str:
 
 
 def _coloured(chunk: Chunk, colour: str) -> Chunk:
-    """Return a chunk with another colour, if it has any."""
+    """Return a chunk with its colours replaced, if it has any."""
     batch = chunk.to_record_batch()
     for index, field in enumerate(batch.schema):
         if field.name.endswith(COLOURS):

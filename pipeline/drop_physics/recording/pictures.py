@@ -1,4 +1,4 @@
-"""Views of a script's recording: shapes, poses, cameras, curves and logs, in Rerun's types."""
+"""Views in a script's recording as Rerun's types: shapes, poses, cameras, curves and logs."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ from drop_physics.recording.writer import Times, times
 from drop_physics.trace.events import Collision, Image, Shape
 
 PLANE_M, PLANE_COLOUR = 20.0, 0x8A93A0FF
-"""Width and grey of an infinite plane: white hides what stands on it."""
+"""Drawn width and grey of an infinite plane; on white, objects would be hard to see."""
 COLLISION_COLOUR = 0xFF8C00FF
 BEYOND_M = 1e-3
-"""Margin by which a hull is drawn larger, lest it flicker where the mesh lies in it."""
+"""Margin by which a hull is drawn larger [m], lest it flicker where it coincides with the mesh."""
 MESH_SUFFIXES = (".obj", ".stl", ".dae", ".gltf", ".glb")
 LARGEST_MESH_BYTES = 1 << 26
 ROUND_OR_BOX = "box", "sphere", "cylinder", "ellipsoid"
-"""Kinds of shapes that are drawn, and that may be touched."""
+"""Kinds of shapes that are drawn as primitives, both as visible and as collision shapes."""
 BRIGHTEST = 217
-"""Brightness of a white body, of 255: PyBullet's default would vanish on a light page."""
+"""Brightness of a white body, out of 255: PyBullet's default would vanish on a light page."""
 TRAIL_RADIUS, TRAIL_COLOUR = -1.5, 0x56B4E9FF
-"""Negative: in screen points, whatever the distance."""
+"""Radius and colour of a path's points; a negative radius is in screen points."""
 CONTACT_COLOUR = 0xE69F00FF
 
 
 @functools.cache
 def scene() -> Chunk:
-    """Return the constant part: the up axis."""
+    """Return the part of the scene that never changes: the up axis."""
     z_up = rr.ViewCoordinates.RIGHT_HAND_Z_UP
     return Chunk.from_columns(schema.WORLD, [], rr.ViewCoordinates.columns(xyz=[z_up.coordinates]))
 
 
 def poses(entity: str, at: Times, parts: Sequence[Float64]) -> Chunk:
-    """Return the poses of a part: position and orientation, shape (n, 7), a row per time."""
+    """Return the poses of a part over time: position and orientation, shape (n, 7)."""
     rows = np.concatenate(parts)
     return Chunk.from_columns(
         entity,
@@ -53,7 +53,7 @@ def poses(entity: str, at: Times, parts: Sequence[Float64]) -> Chunk:
 
 
 def trail(entity: str, at: Times, places: Sequence[Float64]) -> Chunk:
-    """Return points of a body's path [m], shape (n, 3), as a stroboscope shows them."""
+    """Return points along a body's path [m], shape (n, 3), at regular times."""
     return Chunk.from_columns(
         entity, times(at), rr.Points3D.columns(positions=np.concatenate(places))
     )
@@ -61,7 +61,7 @@ def trail(entity: str, at: Times, places: Sequence[Float64]) -> Chunk:
 
 @functools.cache
 def trail_style(entity: str, colour: int = TRAIL_COLOUR) -> Chunk:
-    """Return the style of a path's points."""
+    """Return the style of the points along a path."""
     look = rr.Points3D.columns(radii=[TRAIL_RADIUS], colors=np.array([colour], np.uint32))
     return Chunk.from_columns(entity, [], look)
 
@@ -69,7 +69,7 @@ def trail_style(entity: str, colour: int = TRAIL_COLOUR) -> Chunk:
 def contact_points(
     entity: str, at: Times, places_m: Float64, arrows_m: Float64, counts: Int64
 ) -> Chunk:
-    """Return contact points and arrows from them, shape (points, 3), `counts` of them per row."""
+    """Return contact points and force arrows, shape (points, 3), with `counts` points per row."""
     points = rr.Points3D.columns(positions=places_m).partition(counts)
     arrows = rr.Arrows3D.columns(origins=places_m, vectors=arrows_m).partition(counts)
     return Chunk.from_columns(entity, times(at), [*points, *arrows])
@@ -85,12 +85,12 @@ def contact_style(entity: str) -> Chunk:
 
 
 def cleared(entity: str, at: Times) -> Chunk:
-    """Return a chunk that removes a body."""
+    """Return a chunk that removes a body from the view."""
     return Chunk.from_columns(entity, times(at), rr.Clear.columns(is_recursive=[True]))
 
 
 def shape(entity: str, at: Times, seen: Shape, before: Shape | None = None) -> Iterator[Chunk]:
-    """Yield a shape and its pose on its link, if it can be drawn.
+    """Yield a shape and its pose relative to its link, if it can be drawn.
 
     If the mesh was drawn there before, in another colour, only the colour is yielded.
     """
@@ -109,7 +109,7 @@ def _colour(seen: Shape) -> int:
 
 @functools.lru_cache(maxsize=1024)
 def _drawn(seen: Shape) -> list[rr.ComponentColumn] | None:
-    """Return a shape that is no mesh, and its pose on its link; None if it cannot be drawn."""
+    """Return a shape that is not a mesh, and its pose on its link; None if it cannot be drawn."""
     colour, solid = _colour(seen), [rr.components.FillMode.Solid]
     a, b, *_ = (*seen.size_m, 0.0, 0.0)
     offset = (0.0, 0.0, 0.0)
@@ -147,7 +147,7 @@ def _placed(
 
 
 def _solid(seen: Shape | Collision, **look: Any) -> Iterable[rr.ComponentColumn]:  # noqa: ANN401
-    """Return a box, sphere, ellipsoid or cylinder."""
+    """Return a box, sphere, ellipsoid or cylinder in Rerun's types."""
     a, b, *_ = (*seen.size_m, 0.0, 0.0)
     if seen.kind == "box":
         return rr.Boxes3D.columns(half_sizes=[[side / 2 for side in seen.size_m]], **look)
@@ -159,7 +159,7 @@ def _solid(seen: Shape | Collision, **look: Any) -> Iterable[rr.ComponentColumn]
 
 
 def collision(entity: str, at: Times, link: str, seen: Collision) -> Iterator[Chunk]:
-    """Yield a link's collision shape, if it can be drawn, in the frame of the entity `link`."""
+    """Yield a link's collision shape in the frame of the entity `link`, if it can be drawn."""
     if max(seen.size_m, default=0.0) > PLANE_M:
         return  # a floor, which would hide all else
     if seen.kind in ROUND_OR_BOX:
@@ -185,7 +185,7 @@ def collision(entity: str, at: Times, link: str, seen: Collision) -> Iterator[Ch
 
 @functools.lru_cache(maxsize=64)
 def hull_of(corners: tuple[float, ...]) -> tuple[Float64, Float64] | None:
-    """Return the corners of a hull's triangles, three each, and their normals: shape (n, 3).
+    """Return a convex hull's triangles as corners, three each, and normals: shape (n, 3).
 
     None where the corners [m], three numbers each, are not those of one hull: a file may have
     several parts.
@@ -206,7 +206,7 @@ def hull_of(corners: tuple[float, ...]) -> tuple[Float64, Float64] | None:
 
 
 def _moved(shape: Shape, offset: Sequence[float]) -> list[float]:
-    """Return a shape's position, moved in its own axes."""
+    """Return a shape's position after an offset along its own axes."""
     x, y, z, w = shape.orientation
     vector, axis = np.asarray(offset), np.array([x, y, z])
     turned = vector + 2 * np.cross(axis, np.cross(axis, vector) + w * vector)
@@ -215,7 +215,7 @@ def _moved(shape: Shape, offset: Sequence[float]) -> list[float]:
 
 @functools.lru_cache(maxsize=64)
 def _mesh(file: str) -> tuple[bytes, str] | None:
-    """Return the content of a mesh file, and its media type; None if it cannot be shown."""
+    """Return a mesh file's content and media type; None if it cannot be shown."""
     path = Path(file)
     suffix = path.suffix.lower()
     try:
@@ -235,7 +235,7 @@ def _mesh(file: str) -> tuple[bytes, str] | None:
 
 
 def png(rgba: NDArray[np.uint8]) -> bytes:
-    """Return pixels, shape (height, width, 4), as a PNG without alpha, which is always 255."""
+    """Encode pixels, shape (height, width, 4), as PNG without alpha, which is always 255."""
     from PIL import Image as Pillow
 
     buffer = io.BytesIO()
@@ -246,7 +246,7 @@ def png(rgba: NDArray[np.uint8]) -> bytes:
 
 
 def images(entity: str, at: Times, blobs: Sequence[bytes]) -> Chunk:
-    """Return camera frames, a PNG per time."""
+    """Return a camera's frames, one PNG per time."""
     kinds = ["image/png"] * len(blobs)
     return Chunk.from_columns(
         entity, times(at), rr.EncodedImage.columns(blob=list(blobs), media_type=kinds)
@@ -254,7 +254,7 @@ def images(entity: str, at: Times, blobs: Sequence[bytes]) -> Chunk:
 
 
 def camera(entity: str, at: Times, seen: Image) -> Iterator[Chunk]:
-    """Yield a camera's pose and lens, if the script has given them."""
+    """Yield a camera's pose and lens, if the script has set them."""
     if len(seen.view) != 16 or len(seen.projection) != 16:
         return
     height, width = seen.rgba.shape[:2]
@@ -287,7 +287,7 @@ def camera(entity: str, at: Times, seen: Image) -> Iterator[Chunk]:
 
 
 def log(entity: str, at: Times, lines: Sequence[tuple[str, bool]]) -> Chunk:
-    """Return log lines, given with whether each is an error."""
+    """Return log lines, each given with whether it is an error."""
     texts = [text for text, _ in lines]
     levels = ["ERROR" if is_error else "INFO" for _, is_error in lines]
     columns = rr.TextLog.columns(text=texts, level=levels if "ERROR" in levels else None)

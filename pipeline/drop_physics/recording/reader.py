@@ -1,4 +1,4 @@
-"""Reading of a recording: from Rerun's chunks to our arrays.
+"""Read a recording: convert Rerun's chunks to arrays, and check them.
 
 Samples, inputs and frames must have the digests that were written last. A recording that fails a
 check is damaged, and the error says why in one line.
@@ -62,31 +62,31 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Recording:
-    """Contents of a recording, read back and checked."""
+    """The contents of a recording, read and checked."""
 
     path: Path
     recording_id: str
     origin: Properties
-    """The script, the digest of its text, its arguments; empty of a drop."""
+    """The script, the digest of its text and its arguments; empty for a drop."""
     drop: Drop | None
-    """None of a script."""
+    """Inputs of a drop; None for a script."""
     ended: Properties | None
-    """Ending, with the versions that made it; None for an unfinished recording."""
+    """How the run ended, with the versions that made it; None if the recording is unfinished."""
     seen: Seen
     sampled: RecordedSamples
-    """Places of samples and pictures in the file."""
+    """Index of samples and images in the file."""
     steps: RecordedSteps
-    """Places of models and frames in the file."""
+    """Index of models and frames in the file."""
     entities: frozenset[str]
 
     @property
     def partial(self) -> bool:
-        """True if it was never finished: it holds everything written until then."""
+        """True if the recording was never finished; it then holds what was written so far."""
         return self.ended is None
 
     @property
     def lacks(self) -> Message | None:
-        """A sentence on the contents that an earlier schema lacks; None for the current one."""
+        """Sentence on the contents that an earlier schema lacks; None for the current schema."""
         version = (self.ended or {}).get("schema_version", schema.SCHEMA_VERSION)
         replayed = self.seen.engine != DEFAULT_ENGINE
         what = lacking(version, of_drop=self.drop is not None, replayed=replayed)
@@ -101,7 +101,7 @@ class Recording:
 
     @property
     def origin_and_end(self) -> Properties:
-        """The script, its arguments, and its ending."""
+        """Properties of the script, its arguments, and how it ended."""
         ended = self.ended or {}
         digest = {name: ended[name] for name in ("script_sha256",) if name in ended}
         of_end = {name: ended.get(name) for name in ("ended", "error", "error_site")}
@@ -114,7 +114,7 @@ class Recording:
 
     @property
     def engine(self) -> EngineReport:
-        """Report of a drop's engine."""
+        """The engine's report on a drop."""
         return self._of_drop.engine
 
     @property
@@ -130,21 +130,21 @@ class Recording:
 
     @cached_property
     def states(self) -> pl.DataFrame:
-        """One row per sample and part, in the order of step, body and link."""
+        """States as a table: one row per sample and part, sorted by step, body and link."""
         from drop_physics.trace.tables import table_of  # with Polars, which few need
 
         return table_of(in_step_order(self.seen.states))
 
     @property
     def contacts(self) -> pl.DataFrame:
-        """One row per contact point, in step order."""
+        """Contact points as a table: one row each, sorted by step."""
         from drop_physics.trace.tables import table_of
 
         return table_of(self.seen.contacts)
 
 
 def read(path: Path) -> Recording:
-    """Read a recording; one whose name ends in `.part` may be unfinished.
+    """Read a recording; only one named `.part` may be unfinished.
 
     Raises
     ------
@@ -186,7 +186,7 @@ def read(path: Path) -> Recording:
 
 @dataclass
 class Contents:
-    """Chunks of a recording from which numbers are computed."""
+    """The chunks of a recording that numbers are computed from."""
 
     recording_id: str
     texts: dict[str, list[tuple[At, str]]]
@@ -194,13 +194,13 @@ class Contents:
     sampled: RecordedSamples
     steps: RecordedSteps
     made: Digests
-    """Digests of samples, in the order of the file."""
+    """Digests of the samples, in file order."""
     properties: dict[str, Properties]
     entities: frozenset[str]
 
     @cached_property
     def told(self) -> Told:
-        """The rows of JSON as events."""
+        """Parsed rows of JSON, by entity."""
         return {
             entity: [(at, json.loads(text)) for at, text in held]
             for entity, held in self.texts.items()
@@ -208,7 +208,7 @@ class Contents:
 
 
 def contents(path: Path) -> Contents:
-    """Read the chunks of a recording once: keep the rows of JSON, and index the samples.
+    """Read a recording's chunks once: keep the rows of JSON, and index the samples.
 
     Raises
     ------
@@ -260,7 +260,7 @@ def contents(path: Path) -> Contents:
 
 
 def digests(held: Contents) -> dict[str, Any]:
-    """Return the digests of contents, in the form of the closing property."""
+    """Return the digests of the contents, as the closing property stores them."""
     inputs = {name: held.properties.get(name) for name in schema.INPUT_PROPERTIES}
     tables = {entity: digest.hexdigest() for entity, digest in held.made.tables.items()}
     if schema.ORIGIN_PROPERTY not in held.properties:
@@ -330,7 +330,7 @@ def _seen(
 
 
 def _whole(told: Told, held: Contents) -> Told:
-    """Drop rows of incomplete steps of an unfinished recording; return the rest."""
+    """Drop the rows of incomplete steps of an unfinished recording."""
     held.sampled.sites = _sites(told)
     engines = [event.engine for event in json_rows.events(told, Settings)]
     last = last_whole_step(
@@ -347,7 +347,7 @@ def _whole(told: Told, held: Contents) -> Told:
 
 
 def _sites(told: Told) -> dict[int, Site]:
-    """Return the places that call the engine, by number."""
+    """Return the script's call sites of engine functions, by number."""
     return {site.number: site for site in json_rows.events(told, Site)}
 
 
@@ -356,12 +356,12 @@ def _moves(joint: Joint) -> bool:
 
 
 def listed(value: Any) -> list[Any]:  # noqa: ANN401 - a list of one is read as its element
-    """Return a property as a list."""
+    """Return a property's value as a list."""
     return [] if value is None else value if isinstance(value, list) else [value]
 
 
 def _listed(values: list[str] | None) -> str | list[str] | None:
-    """Return texts in a property's form: a list of one as its element."""
+    """Return texts as a property stores them: a single text instead of a list with one."""
     return values[0] if values is not None and len(values) == 1 else values
 
 
@@ -382,7 +382,7 @@ def _calls_digests(held: Contents) -> str | list[str] | None:
 
 
 def recording_id(path: Path) -> str:
-    """Return the id of a recording or layer.
+    """Return the recording id of a recording or layer.
 
     Raises
     ------
@@ -395,7 +395,7 @@ def recording_id(path: Path) -> str:
 
 
 def is_recording(path: Path, *, of_script: bool = False) -> bool:
-    """Return whether a file is one recording of ours, of a drop or of a script.
+    """Return whether a file is one recording made by `drop`, of a drop or of a script.
 
     It may be unfinished, and of an older schema.
     """

@@ -1,4 +1,4 @@
-"""The order of a recording's contents: events as chunks.
+"""Convert a run's events to the chunks of a recording, in the right order.
 
 Numbers go into `state`, `joints`, `contacts`, `calls` and the entities beside them, as float64; the
 parts for display (`drawing`) are thinned to the number that a viewer can show.
@@ -51,18 +51,18 @@ from drop_physics.trace.history import rows_of_bases
 from drop_physics.trace.states import Rows
 
 ROWS_TOGETHER = 1024
-"""Rows that are held until they become chunks."""
+"""Rows that are buffered before they are written as chunks."""
 MANY, SHORT, SOON_S = 64, 64, 1.0
-"""After so many batches of fewer steps, the next ones are held, for so long [s], until they become
-chunks together: a chunk takes 1 kB and 1 ms, whatever it holds."""
+"""After the first number of batches with fewer than the second number of steps, further batches are
+buffered for this time [s] and written together: a chunk takes 1 kB and 1 ms, however small."""
 LONGEST, MOST_NOTES = 1000, 10
-"""Characters of a text, and notes, that are kept in a property."""
+"""Most characters of a text, and most notes, that are stored in a property."""
 
 Properties = Mapping[str, Mapping[str, Any]]
 
 
 class Recorder:
-    """A recording in progress.
+    """A recording in progress: converts events to chunks.
 
     Parameters
     ----------
@@ -87,14 +87,14 @@ class Recorder:
         self.inputs, self.compared, self.drawn = inputs, compared, drawn
         self.samples = self.frames = 0
         self.bodies: dict[int, Body] = {}
-        """All that ever existed, by number."""
+        """All bodies that ever existed, by id."""
         self.cameras: dict[str, int] = {}
         self._stepped = False
         self._entities: set[str] = set()
         self._meshes: set[str] = set()
         self.drawing = Drawing(self.bodies, of_drop=of_drop)
         self._ends: dict[int, int] = {}
-        """The last step of which each simulation has a sample, by client."""
+        """Last sampled step of each simulation."""
         self.sites: dict[int, Site] = {}
         self._made = Digests()
         self._pictures: dict[int, FrameDigest] = {}
@@ -106,10 +106,11 @@ class Recorder:
         self._series = Gathering(_series_chunk, most=ROWS_TOGETHER)
         self._frames = Gathering(writer.steps_chunk, most=ROWS_TOGETHER)
         self._slots: dict[int, dict[tuple[int, int], int]] = {}
-        """The slots of constraints in each simulation, by id and count of a force's numbers."""
+        """Entity slots of constraints in each simulation, by constraint id and number of force
+        components."""
         self._short = 0
         self._held_since_s: float | None = None
-        """Since when a batch is held; None if none is."""
+        """Time since which a batch is buffered [s]; None if none is."""
         self._digests: dict[int, list[tuple[int, bytes]]] = {}
 
     def chunks(
@@ -119,7 +120,7 @@ class Recorder:
         about: Callable[[Ending], str],
         beside: Falling | None = None,
     ) -> Iterator[Chunk]:
-        """Yield the whole recording.
+        """Yield all chunks of the recording.
 
         Parameters
         ----------
@@ -139,7 +140,7 @@ class Recorder:
                 yield chunk
 
     def look(self) -> Look:
-        """Return the layout's inputs for the recording."""
+        """Return what the viewer's layout for the recording depends on."""
         return Look(
             eye_around(self.drawing.low_m, self.drawing.high_m),
             frozenset(self._entities),
@@ -237,7 +238,7 @@ class Recorder:
                 yield from self._tell(event)
 
     def _tell(self, event: Event) -> Iterator[Chunk]:
-        """Add a row of JSON; yield rows when there are enough."""
+        """Buffer a row of JSON, and yield rows once there are enough."""
         if isinstance(event, Surface) and not self.drawn:
             return
         if isinstance(event, Site):
@@ -301,14 +302,14 @@ class Recorder:
             yield from self.drawing.on_samples(seen)
 
     def _on_frames(self, seen: Frames) -> None:
-        """Take the frames of steps whose samples were taken before."""
+        """Add the frames of steps whose samples were added before."""
         row = packed(seen, self.bodies)
         self._made.add_steps(row)
         at = Times(np.array([seen.first + 1]), seen.clock_s[:1])
         self._frames.hold(schema.STEPS, at, row)
 
     def _slots_of(self, seen: Samples) -> dict[int, int]:
-        """Return the slots of constraints by id: their own, or that of a similar one that is gone.
+        """Return constraints' slots by id: their own, or reused from a similar removed constraint.
 
         Rerun holds 25 kB of each entity until the file is finished.
         """
@@ -326,7 +327,7 @@ class Recorder:
         return {each[0]: slots[each] for each in sorted(there)}
 
     def _is_held(self, steps: int) -> bool:
-        """Return whether a batch of steps waits for others."""
+        """Return whether a batch of steps is to be buffered."""
         self._short += steps < SHORT
         if self._short <= MANY or steps >= SHORT:
             return False
@@ -336,7 +337,7 @@ class Recorder:
         return now_s - self._held_since_s < SOON_S
 
     def _flush(self) -> Iterator[Chunk]:
-        """Yield all waiting rows.
+        """Yield all buffered rows as chunks.
 
         Wherever the file ends, its bodies are known, and each sample in it has its contacts.
         """
@@ -353,7 +354,7 @@ class Recorder:
         steps: Int64,
         times_s: Float64,
     ) -> None:
-        """Take the contact points of some samples."""
+        """Add the contact points of several samples."""
         self._made.tables[schema.CONTACTS.entity].update(rows)
         if len(rows):
             touching = rows["step"][writer.first_of_steps(rows)]
@@ -362,7 +363,7 @@ class Recorder:
             self._tables[entity].hold(entity, at, rows, kind=client)
 
     def _on_controls(self, seen: Controls) -> Iterator[Chunk]:
-        """Yield the controls of actuators where they change."""
+        """Yield the controls of actuators when they change."""
         entity = f"{schema.CONTROLS}/{seen.client}"
         if entity not in self._entities:
             yield writer.series_chunk(entity, seen.names, stepped=True)
@@ -370,13 +371,13 @@ class Recorder:
         yield from self._series.flush()
 
     def _add_series(self, entity: str, at: Times, values: Float64) -> None:
-        """Take one number per row and joint."""
+        """Add one value per row and joint."""
         if values.shape[1]:
             self._made.add_series(entity, at.steps, values)
             self._series.hold(entity, at, values, kind=values.shape[1])
 
     def take_in(self, event: Event) -> None:
-        """Remember a digest of each state, to compare with another run."""
+        """Store a digest of each state, to compare it with another run."""
         if not isinstance(event, Samples) or not len(event.steps):
             return
         # Bodies are numbered in the order in which threads add them: theirs are left out.
@@ -389,7 +390,7 @@ class Recorder:
             digests.append((step, hashlib.blake2b(row.tobytes(), digest_size=8).digest()))
 
     def first_difference(self, other: Recorder) -> int | None:
-        """Return the first step at which another run has another state, an extra one, or none."""
+        """Return the first step whose state differs in another run, or is missing from one."""
         mine, theirs = self._digests, other._digests
         if sorted(mine.values()) == sorted(theirs.values()):  # however threads took turns
             return None
@@ -442,7 +443,7 @@ def _series_chunk(entity: str, at: Times, parts: list[Float64]) -> Chunk:
 
 
 def _calls_chunk(_: str, __: Times, parts: list[tuple[Calls, Int64]]) -> Chunk:
-    """Return the calls of one simulation, each part with its counts of numbers."""
+    """Return the calls of one simulation, each part with its counts of values."""
     columns = zip(*([*vars(calls).values()][1:] for calls, _ in parts), strict=True)
     whole = Calls(parts[0][0].client, *map(np.concatenate, columns))
     return writer.calls_chunk(whole, np.concatenate([widths for _, widths in parts]))

@@ -1,4 +1,4 @@
-"""Rerun's file format, as far as it takes to read a recording that may be damaged.
+"""Parse Rerun's file format, safely even if the file is damaged.
 
 Rerun's own reader trusts a file: a wrong bit makes it panic, which aborts the whole process, or
 allocate as much memory as that bit claims; and it rejects a file that ends within a message. Here
@@ -28,30 +28,32 @@ import pyarrow as pa
 from drop_physics.messages import Message
 
 FOOTER, STORE, CHUNK, ACTIVATION = range(4)
-"""Kinds of message."""
+"""Message types in a Rerun file."""
 RECORDING_STORE = 1
-"""The other kind of store is a blueprint."""
+"""Store kind of recordings; the other kind is a blueprint."""
 UNCOMPRESSED, LZ4 = 1, 2
 LZ4_RATIO = 255
-"""No LZ4 block unpacks to more than this times its size."""
+"""Maximum compression ratio of an LZ4 block."""
 LARGEST_CHUNK = 1 << 27
-"""Bytes; ours have about a hundred kilobytes, and Rerun's tools merge them to a few megabytes."""
+"""Most bytes of a chunk; ours have about a hundred kilobytes, and Rerun's tools merge them to a few
+megabytes."""
 LARGEST_HEADER = 1 << 16
-"""Bytes of a chunk's schema; ours take up to ten thousand."""
+"""Most bytes of a chunk's schema; ours take up to ten thousand."""
 LONGEST_NAME = 4096
-"""Characters of an entity or an id."""
+"""Most characters of an entity's name or of an id."""
 MOST_FIELDS = 64
 """Most fields in one protobuf message; ours have up to ten."""
 RECORD_BATCH = 3
-"""Arrow's number for a message of rows."""
+"""Arrow's message type for a batch of rows."""
 LEAST_ROW_BYTES = 10
-"""Bytes of a row in a file: id and time never repeat. For a body at rest it is 12."""
+"""Least bytes per row in a file, as id and time never repeat. For a body at rest it is 12."""
 LEAST_MESSAGE_BYTES = 512
-"""Least bytes of a chunk on average; one of a single number takes a thousand."""
+"""Least bytes per chunk on average; one with a single number takes a thousand."""
 MOST_UNPACKED = 32
-"""Times a file's size; the state of a body at rest unpacks to 4 times, its equal frames to 24."""
+"""Most unpacked bytes, as a multiple of the file's size; the state of a body at rest unpacks to 4
+times, its equal frames to 24."""
 FREELY_UNPACKED = 1 << 26
-"""Bytes that any file may unpack to."""
+"""Unpacked bytes that are allowed for any file."""
 
 _START = struct.Struct("<4s8s")
 _HEAD = struct.Struct("<QQ")
@@ -59,7 +61,7 @@ _TRAILER = struct.Struct("<QQI8sI")
 
 
 class DamagedError(Exception):
-    """A file that is not a whole Rerun file; `what` describes the problem."""
+    """Raised for a file that is not a complete Rerun file; `what` describes the problem."""
 
     def __init__(self, what: Message) -> None:
         super().__init__(what)
@@ -67,25 +69,25 @@ class DamagedError(Exception):
 
 
 class UnfinishedError(DamagedError):
-    """A file that begins like a Rerun file, but does not end like a whole one."""
+    """Raised for a file that begins like a Rerun file, but is cut off."""
 
 
 class Chunk(NamedTuple):
-    """Rows of one entity, and the recording they belong to."""
+    """A chunk: rows of one entity, and the recording that they belong to."""
 
     application_id: str
     recording_id: str
     entity: str
     batch: pa.RecordBatch
-    """Columns as `Chunk.to_record_batch` of Rerun names them."""
+    """Columns, named as in Rerun's `Chunk.to_record_batch`."""
     size: int
-    """Bytes, unpacked."""
+    """Unpacked size [bytes]."""
     position: int
-    """Start of its message in the file."""
+    """Position of the chunk's message in the file."""
 
 
 def chunks(path: Path, *, unfinished: bool = False) -> Iterator[Chunk]:
-    """Yield the chunks of the recordings in a file, in the order in which they were written.
+    """Yield the chunks of the recordings in a file, in the order of writing.
 
     Parameters
     ----------
@@ -133,7 +135,7 @@ def chunk_at(file: BinaryIO, position: int) -> Chunk:
 
 
 def is_whole(path: Path) -> bool:
-    """Return whether a file ends like a finished recording; one cut off by a full disk does not."""
+    """Return whether a file ends like a finished recording, not cut off by a full disk."""
     with path.open("rb") as file:
         size = file.seek(0, os.SEEK_END)
         if size < _START.size + _TRAILER.size:
@@ -190,7 +192,7 @@ def _exactly(file: BinaryIO, length: int) -> bytes:
 
 
 def _chunk(message: memoryview, position: int) -> Chunk | None:
-    """Return the chunk of an `ArrowMsg`; None if it belongs to a blueprint."""
+    """Return the chunk in an `ArrowMsg`; None if it belongs to a blueprint."""
     try:
         fields = _fields(message)
         store = _fields(fields[1])
@@ -255,7 +257,7 @@ def _batch(data: pa.Buffer) -> pa.RecordBatch:
 
 
 def _check_stream(data: pa.Buffer) -> None:
-    """Make sure that a short schema is followed by one batch of rows, uncompressed.
+    """Check that a short schema is followed by one uncompressed batch of rows.
 
     Arrow would unpack a compressed column to whatever size it claims.
     """
@@ -271,7 +273,7 @@ def _check_stream(data: pa.Buffer) -> None:
 
 
 def _header(stream: memoryview, position: int) -> memoryview:
-    """Return the flatbuffer at the head of an Arrow message."""
+    """Return the flatbuffer header of an Arrow message."""
     marker, length = struct.unpack_from("<II", stream, position)
     if marker != 0xFFFFFFFF or length > LARGEST_HEADER:
         raise DamagedError(Message("a chunk has an unknown header"))
@@ -284,7 +286,7 @@ def _pointed(buffer: memoryview, position: int) -> int:
 
 
 def _field(buffer: memoryview, table: int, number: int) -> int:
-    """Return the place of a field in a flatbuffer's table; 0 without it."""
+    """Return the position of a field in a flatbuffer's table; 0 if the table lacks it."""
     fields = table - int(struct.unpack_from("<i", buffer, table)[0])
     entry, (length,) = 4 + 2 * number, struct.unpack_from("<H", buffer, fields)
     offset = struct.unpack_from("<H", buffer, fields + entry)[0] if entry + 2 <= length else 0
@@ -292,7 +294,7 @@ def _field(buffer: memoryview, table: int, number: int) -> int:
 
 
 def _fields(message: int | memoryview) -> dict[int, int | memoryview]:
-    """Return the fields of a protobuf message by number; of a repeated one, the last.
+    """Return the fields of a protobuf message by number; the last one if a field is repeated.
 
     Source: protobuf.dev/programming-guides/encoding. Only what occurs here is read: varints, fixed
     64-bit numbers and length-delimited bytes.

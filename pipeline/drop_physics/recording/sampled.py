@@ -1,4 +1,4 @@
-"""The samples of a recording, read piece by piece: an index of steps in the file."""
+"""Read a recording's samples in ranges of steps, by an index of its chunks."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from drop_physics.trace.log import Log
 from drop_physics.trace.states import Joints, Rows, between, in_step_order
 
 HELD_BYTES = 1 << 24
-"""Most bytes of decoded chunks that are kept: a recording with fewer is decoded once."""
+"""Most bytes of decoded chunks kept in memory, so that a smaller recording is decoded once."""
 
 
 def is_series(entity: str) -> bool:
@@ -32,16 +32,16 @@ def is_series(entity: str) -> bool:
 
 @dataclass
 class Entity:
-    """The chunks of one entity, with their first and last steps, and their places."""
+    """The chunks of one entity: their first and last steps, and positions in the file."""
 
     first: list[int] = field(default_factory=list)
     last: list[int] = field(default_factory=list)
     positions: list[int] = field(default_factory=list)
     in_order: bool = True
-    """Whether each chunk begins after the one before it ends."""
+    """Whether each chunk begins after the end of the one before."""
 
     def add(self, steps: Int64, position: int) -> None:
-        """Add a chunk with rows of these steps."""
+        """Add a chunk that has rows for these steps."""
         first, last = int(steps.min()), int(steps.max())
         self.in_order &= not self.last or first > self.last[-1]
         self.first.append(first)
@@ -49,41 +49,41 @@ class Entity:
         self.positions.append(position)
 
     def within(self, first: int, end: int) -> list[int]:
-        """Return the places of the chunks with steps from `first` to before `end`."""
+        """Return the positions of the chunks that have steps from `first` to before `end`."""
         of_piece = (np.array(self.last) >= first) & (np.array(self.first) < end)
         return [self.positions[number] for number in np.flatnonzero(of_piece).tolist()]
 
 
 class RecordedSamples:
-    """The samples, calls and pictures in the chunks of a file, with their index in memory."""
+    """A file's samples, calls and images: the chunks are on disk, an index is in memory."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.entities: dict[str, Entity] = {}
         self.pictures: dict[str, list[int]] = {}
-        """Places of the chunks of each camera."""
+        """Positions of each camera's chunks."""
         self._held: dict[int, Chunk] = {}
         self._room = HELD_BYTES
         self.sites: Mapping[int, Site] = {}
         self.raised: list[Raised] = []
         self.appearances: list[Appearance] = []
         self.numbers: Mapping[str, int] = {}
-        """The bodies' numbers, by label."""
+        """Ids of the bodies, by label."""
         self.whole: int | None = None
-        """The last whole step of an unfinished recording; None of a finished one."""
+        """The last complete step of an unfinished recording; None for a finished one."""
         self.causes: Collection[int] = ()
-        """The numbers of the causes of impulses."""
+        """Numbers of the known causes of impulses."""
 
     @property
     def last(self) -> int:
-        """The last whole step with any contents; -1 if there is none."""
+        """The last complete step that has any data; -1 if there is none."""
         if self.whole is not None:
             return self.whole
         return max((max(entity.last, default=-1) for entity in self.entities.values()), default=-1)
 
     @property
     def first(self) -> int:
-        """The first step with any contents; 0 if there is none."""
+        """The first step that has any data; 0 if there is none."""
         return min((min(entity.first, default=0) for entity in self.entities.values()), default=0)
 
     def add(self, chunk: Chunk, steps: Int64) -> None:
@@ -103,12 +103,12 @@ class RecordedSamples:
             self._held[chunk.position] = chunk
 
     def chunks(self, entity: str, first: int, end: int) -> Iterator[Chunk]:
-        """Yield the chunks of an entity with steps from `first` to before `end`, as `chunks_at`."""
+        """Yield an entity's chunks that have steps from `first` to before `end`, as `chunks_at`."""
         found = self.entities.get(entity)
         return iter(()) if found is None else self.chunks_at(found.within(first, end))
 
     def chunks_at(self, positions: Iterable[int]) -> Iterator[Chunk]:
-        """Yield the chunks whose messages are at these positions.
+        """Yield the chunks at these positions in the file.
 
         Raises
         ------
@@ -164,7 +164,7 @@ class RecordedSamples:
         )
 
     def _impulses(self, first: int, end: int) -> dict[int, list[Impulses]]:
-        """Return the impulses in some steps, by client."""
+        """Return the impulses of these steps, by simulation."""
         found = {}
         for entity in self.entities:
             if entity.startswith(f"{schema.IMPULSES}/"):
@@ -178,11 +178,11 @@ class RecordedSamples:
         return found
 
     def _is_known(self, acted: Impulses) -> bool:
-        """Return whether all causes of some impulses are known."""
+        """Return whether all causes of these impulses are known."""
         return bool(np.isin(acted.causes, [*self.causes]).all())
 
     def _controls(self, first: int, end: int) -> dict[int, tuple[Int64, Float64]]:
-        """Return the controls of actuators, by client, from the last row before `first` on."""
+        """Return the controls of actuators by simulation, with the last row before `first`."""
         found = {}
         for entity, held in self.entities.items():
             if entity.startswith(f"{schema.CONTROLS}/"):
@@ -192,7 +192,7 @@ class RecordedSamples:
         return found
 
     def table(self, entity: str, first: int, end: int) -> Rows:
-        """Return the rows of states or contacts, in step order."""
+        """Return the rows of states or contacts, sorted by step."""
         table = schema.TABLES[entity]
         parts = [
             between(in_step_order(columns.rows(chunk, table, self.path)), first, end)
@@ -201,19 +201,19 @@ class RecordedSamples:
         return in_step_order(np.concatenate([np.empty(0, table.kind), *parts]))
 
     def series(self, entity: str, first: int, end: int) -> tuple[Int64, Float64]:
-        """Return steps and values of series, in step order."""
+        """Return steps and values of a series, sorted by step."""
         parts = [columns.series(chunk, self.path) for chunk in self.chunks(entity, first, end)]
         return _joined([part for part in parts if part is not None], first, end)
 
     def calls(self, first: int, end: int) -> Log:
-        """Return the calls made after at least `first` and fewer than `end` steps."""
+        """Return the calls made after `first` or more, and fewer than `end`, steps."""
         chunks = self.chunks(schema.CALLS, first, end)
         read = [columns.calls(chunk, self.path) for chunk in chunks]
         return Log(read, self.sites, self.raised, self.appearances).between(first, end)
 
 
 def _joined(parts: list[tuple[Int64, Float64]], first: int, end: int) -> tuple[Int64, Float64]:
-    """Return steps from `first` to before `end`, in order, and their values."""
+    """Concatenate steps from `first` to before `end`, sorted, with their values."""
     if not parts:
         return np.empty(0, np.int64), np.empty((0, 0))
     steps = np.concatenate([steps for steps, _ in parts])

@@ -1,4 +1,4 @@
-"""The scene of a script's recording, to redraw it: shapes, and the poses of their parts."""
+"""Redraw the scene of a script's recording: its shapes, and the poses of their parts."""
 
 from __future__ import annotations
 
@@ -24,38 +24,38 @@ Float32 = NDArray[np.float32]
 
 
 ORIGIN = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]], np.float32)
-"""The origin as a pose."""
+"""Pose of the origin."""
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A drawn link with constant looks, and its poses."""
+    """A link as it is drawn, with an unchanging appearance, and its poses."""
 
     number: int
-    """The body's."""
+    """Id of the body."""
     models: tuple[Model, ...]
     radius_m: float
-    """Radius of a ball around it; infinite for a plane."""
+    """Radius of a ball around the part; infinite for a plane."""
     times_s: Float64
-    """Ascending, shape (n,)."""
+    """Times of the poses, ascending, shape (n,)."""
     poses: Float32
-    """Position and orientation, shape (n, 7); nan where its body is gone or looks different."""
+    """Position and orientation, shape (n, 7); nan while the body is absent or looks different."""
 
     def at(self, times_s: Float64) -> Float64:
-        """Return its poses at times, shape (n, 7); nan where it does not exist."""
+        """Return the part's poses at given times, shape (n, 7); nan while it does not exist."""
         rows = np.searchsorted(self.times_s, times_s + 1e-9, side="right") - 1
         found = np.full((len(times_s), 7), np.nan)
         found[rows >= 0] = self.poses[rows[rows >= 0]]
         return found
 
     def on(self, parent: Part) -> Part:
-        """Return the same link with poses in the world, from poses in the frame of another."""
+        """Return the part with world poses, if its own are relative to another part."""
         times_s = np.unique(np.concatenate([parent.times_s, self.times_s]))
         poses = placed(parent.at(times_s), self.at(times_s))
         return replace(self, times_s=times_s, poses=poses.astype(np.float32))
 
     def in_looks(self, looks: Sequence[tuple[float, tuple[Model, ...]]]) -> Iterator[Part]:
-        """Yield the same link once for each look, drawn while that look lasts.
+        """Yield the part once for each appearance, limited to the time of that appearance.
 
         `looks` are in order, with the times at which they begin [s]; none while it is gone.
         """
@@ -70,7 +70,7 @@ class Part:
 
 
 def parts_of(path: Path, seen: Seen) -> list[Part]:
-    """Return the links that can be drawn.
+    """Return the parts of a recording that can be drawn.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def parts_of(path: Path, seen: Seen) -> list[Part]:
 
 
 def reach_of(parts: Sequence[Part]) -> tuple[Float64, Float64]:
-    """Return the corners of a box in which bodies move, without what flies off."""
+    """Return the corners of the bounding box of all motion, without bodies that fly away."""
     boxes = [(part, np.fmin.reduce(part.poses), np.fmax.reduce(part.poses)) for part in parts]
     moves = {part.number for part, low, high in boxes if (high - low > 1e-4).any()}
     shown = [
@@ -149,7 +149,7 @@ def _radius_m(body: Body, link: int) -> float:
 
 
 def _size_m(shape: Shape, half_m: float) -> float:
-    """Return the radius of a ball around a shape's centre [m], at most that of its link's box."""
+    """Return the radius of a ball around a shape's centre [m], at most that of the link's box."""
     match shape.kind:
         case "mesh":
             return half_m
@@ -164,7 +164,7 @@ def _size_m(shape: Shape, half_m: float) -> float:
 
 
 def _models(body: Body, link: int, meshes: Mapping[str, bytes]) -> tuple[Model, ...]:
-    """Return the drawn shapes of a link, without the meshes that were not recorded."""
+    """Return a link's drawn shapes, without meshes that were not recorded."""
     shapes = [shape for shape in body.shapes if shape.link == link]
     found = [meshes.get(f"{part_path(body, link)}/{number}", b"") for number in range(len(shapes))]
     return tuple(
@@ -175,7 +175,7 @@ def _models(body: Body, link: int, meshes: Mapping[str, bytes]) -> tuple[Model, 
 
 
 def _poses(chunk: Chunk, path: Path) -> Iterator[tuple[Float64, Float32]]:
-    """Yield times and poses, if a chunk has any; nan where a number is not finite."""
+    """Yield a chunk's times and poses, if it has any; nan for non-finite numbers."""
     names = "Transform3D:translation", "Transform3D:quaternion"
     if all(chunk.batch.schema.get_field_index(name) >= 0 for name in names):
         poses = np.hstack(

@@ -1,4 +1,4 @@
-"""Sealing of a recording: it grows as `.part`, gets its layout, is verified and renamed."""
+"""Finish a recording: it grows as `.part`, gets its layout, is verified and renamed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from drop_physics.recording.viewer import binary
 from drop_physics.temporary import is_temporary
 
 PANIC = re.compile(r"panicked at '?(.+?)'?$", re.MULTILINE)
-"""What Rerun's command line prints where it fails by no fault of the file."""
+"""Text that Rerun's command line prints if it fails for reasons other than the file."""
 
 
 @contextlib.contextmanager
@@ -84,7 +84,7 @@ def _make_way(sealed: Path, *, force: bool) -> None:
 
 
 def _holds_something(part: Path) -> bool:
-    """Return whether at least one chunk of a simulation was written whole."""
+    """Return whether at least one chunk of a simulation was written completely."""
     try:
         chunks = rrd.chunks(part, unfinished=True)
         return any(chunk.entity.startswith(schema.HAPPENED) for chunk in chunks)
@@ -93,7 +93,7 @@ def _holds_something(part: Path) -> bool:
 
 
 def pack(recording: Path, path: Path) -> None:
-    """Rewrite a recording in as few bytes as Rerun can, by merging small chunks.
+    """Rewrite a recording as small as Rerun can, by merging its chunks.
 
     Needs memory for the whole recording.
 
@@ -109,11 +109,11 @@ def pack(recording: Path, path: Path) -> None:
 def seal(
     part: Path, path: Path, *, blueprint: Path | None, rows: Mapping[str, int] | None, force: bool
 ) -> None:
-    """Give a finished recording its name: add the viewer's layout, verify, rename.
+    """Give a finished recording its final name: add the viewer's layout, verify, rename.
 
-    It is verified by reading all of it back in this process, which takes less time and memory than
-    Rerun's own verifier and index. A recording without a layout is one of many: it is not flushed
-    to the disk here; `onto_disk` does that for all of them.
+    The file is verified by reading all of it back in this process, which takes less time and memory
+    than Rerun's own verifier and index. A recording without a layout is one of many: it is not
+    flushed to the disk here; `onto_disk` does that for all of them.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def _check_end(written: Path, path: Path) -> None:
 
 
 def _check(written: Path, path: Path, part: Path, rows: Mapping[str, int] | None) -> None:
-    """Check that a file is whole, that each chunk can be decoded, and that no row is missing."""
+    """Check that a file is complete, that each chunk can be decoded, and that no row is missing."""
     _check_end(written, path)
     if rows is None:
         return
@@ -190,7 +190,7 @@ def _check(written: Path, path: Path, part: Path, rows: Mapping[str, int] | None
 
 
 def _rerun(*arguments: str | Path, stdout: BinaryIO | int = subprocess.PIPE) -> str:
-    """Run Rerun's command line, and return its output; paths are never parsed as options."""
+    """Run Rerun's command line and return its output; paths are never parsed as options."""
     done = subprocess.run(
         [
             binary(),

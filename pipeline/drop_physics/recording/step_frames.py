@@ -1,4 +1,4 @@
-"""The frames of a piece of steps as a row of a recording: one list of numbers, and their names.
+"""Store the frames of a batch of steps as a row of a recording: a list of numbers, and names.
 
 Parts of the state that the samples of joints have, too, are not repeated; nor is the clock if it is
 a timestep later.
@@ -29,29 +29,29 @@ from drop_physics.trace.frames import (
 T = TypeVar("T", bound=np.generic)
 
 SPARSE = ("before", "inputs", "posed")
-"""The groups of columns that have rows at some steps only."""
+"""Groups of columns that have rows only at some steps."""
 
 MOST_PART_BYTES = 1 << 24
-"""Most bytes that a part of a model is inflated to."""
+"""Most unpacked bytes of a part of a model."""
 
 Series = Callable[[str, str], Float64]
-"""Returns a series of a body's joints in the samples that the steps led to, by its label and what
-the series is of, shape (n, places)."""
+"""Function that returns a series of a body's joints in the samples that steps led to, by the body's
+label and the series' name, shape (n, places)."""
 
 
 class PackedFrames(NamedTuple):
-    """A row of a recording."""
+    """A row that stores the frames of a batch of steps."""
 
     layout: str
-    """Meaning of the numbers, as JSON."""
+    """Structure of the numbers, as JSON."""
     numbers: Float64
     at: Int64
-    """The steps of sparse columns, and the indices of edits."""
+    """Steps of sparse columns, and indices of model edits."""
     answers: bytes
 
 
 def packed(frames: Frames, bodies: Mapping[int, Body]) -> PackedFrames:
-    """Return frames as a row; `bodies` are by number."""
+    """Pack frames into a row; `bodies` are given by id."""
     other = np.flatnonzero(frames.clock_s != _starts_s(frames) + frames.timestep_s)
     numbers: list[Float64] = [frames.clock_s[other], frames.functions.astype(np.float64)]
     at: list[Int64] = [other]
@@ -97,12 +97,12 @@ def packed(frames: Frames, bodies: Mapping[int, Body]) -> PackedFrames:
 
 
 def deflated(part: ModelPart) -> ModelPart:
-    """Return a part of a model compressed: its textures may be all of one colour."""
+    """Compress a part of a model, whose textures may be all of one colour."""
     return replace(part, data=zlib.compress(part.data, 1))
 
 
 def inflated(data: bytes) -> bytes:
-    """Return the bytes of a compressed part of a model.
+    """Decompress a part of a model.
 
     Raises
     ------
@@ -120,19 +120,19 @@ def inflated(data: bytes) -> bytes:
 
 
 class FrameSpan(NamedTuple):
-    """The steps of a row."""
+    """The range of steps stored in a row."""
 
     client: int
     model: int
     first: int
-    """The sample that the first of them starts from."""
+    """Index of the sample from which the first step starts."""
     steps: int
     edited: bool
-    """Whether the model was changed before any of them."""
+    """Whether the model was edited before any of the steps."""
 
 
 def span_of(row: PackedFrames) -> FrameSpan:
-    """Return the steps of a row.
+    """Return the range of steps stored in a row.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def span_of(row: PackedFrames) -> FrameSpan:
 
 
 def edits_of(row: PackedFrames) -> list[ModelEdit]:
-    """Return the edits of the model, without the rest of a row.
+    """Return the model edits stored in a row, without unpacking the rest.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def edits_of(row: PackedFrames) -> list[ModelEdit]:
 
 
 def unpacked(row: PackedFrames, numbers_of: Mapping[str, int], series: Series) -> Frames:
-    """Return the frames of a row.
+    """Unpack the frames stored in a row.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def unpacked(row: PackedFrames, numbers_of: Mapping[str, int], series: Series) -
 
 
 def _starts_s(frames: Frames) -> Float64:
-    """Return the clock before each step [s], shape (n,)."""
+    """Return the simulation's clock before each step [s], shape (n,)."""
     starts_s = np.concatenate(([0.0], frames.clock_s[:-1]))
     before = frames.before[CLOCK]
     starts_s[before.at] = before.rows[:, 0]
@@ -233,7 +233,7 @@ def _starts_s(frames: Frames) -> Float64:
 
 
 def _clock_s(n: int, timestep_s: float, other: FrameColumn, before: FrameColumn) -> Float64:
-    """Return the clock after each step [s], shape (n,), added up as the engine does."""
+    """Return the simulation's clock after each step [s], shape (n,), summed as the engine does."""
     told, starts = (
         dict(zip(each.at.tolist(), each.rows[:, 0].tolist(), strict=True))
         for each in (other, before)
@@ -245,13 +245,13 @@ def _clock_s(n: int, timestep_s: float, other: FrameColumn, before: FrameColumn)
 
 
 class _Taken(Generic[T]):
-    """An array that is consumed piece by piece."""
+    """A reader that consumes an array from front to back."""
 
     def __init__(self, values: NDArray[T]) -> None:
         self._values, self._done = values, 0
 
     def take(self, count: int) -> NDArray[T]:
-        """Return the next elements."""
+        """Return the next `count` elements."""
         begin, self._done = self._done, self._done + count
         if count < 0 or self._done > len(self._values):
             raise ValueError(f"{self._done} of {len(self._values)} elements")

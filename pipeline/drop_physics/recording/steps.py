@@ -1,4 +1,4 @@
-"""The models and frames of a recording, by which its engine can repeat its steps."""
+"""Read the recorded models and frames with which the engine can repeat its steps."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from drop_physics.trace.frames import Frames, ModelEdit, ModelPart
 
 
 class _Place(NamedTuple):
-    """The place of a piece's frames."""
+    """Where the frames of a batch of steps are stored."""
 
     first: int
-    """The sample that its first step starts from."""
+    """Index of the sample from which the first step starts."""
     end: int
-    """The sample that its last step leads to."""
+    """Index of the sample that the last step leads to."""
     model: int
     chunk: int
     row: int
@@ -31,34 +31,34 @@ class _Place(NamedTuple):
 
 
 class RecordedModel(NamedTuple):
-    """A compiled model."""
+    """A recorded compiled model."""
 
     engine: str
-    """The engine and its version: the only one that can load it."""
+    """Name and version of the engine; no other can load the model."""
     sha256: str
     size: int
-    """Bytes."""
+    """Size of the model [bytes]."""
 
 
 @dataclass
 class RecordedSteps:
-    """The models and frames in the chunks of a file, with their index in memory."""
+    """A file's models and frames: the chunks are on disk, an index is in memory."""
 
     samples: RecordedSamples
     models: dict[int, RecordedModel] = field(default_factory=dict)
     """The models that were stepped, by number."""
     _parts: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
-    """Starts of the parts of each model, and their chunks."""
+    """Offsets of the parts of each model, and their chunks."""
     _places: dict[int, list[_Place]] = field(default_factory=dict)
-    """Places of the frames of each simulation, in order."""
+    """Where each simulation's frames are stored, in order."""
 
     @property
     def clients(self) -> list[int]:
-        """The simulations that have frames."""
+        """Ids of the simulations that have frames."""
         return sorted(self._places)
 
     def ends(self, client: int) -> list[int]:
-        """Return the samples at which the pieces of a simulation end."""
+        """Return the samples at which the batches of a simulation end."""
         return [place.end for place in self._places.get(client, ())]
 
     def add_model(self, chunk: Chunk, part: ModelPart) -> None:
@@ -67,14 +67,14 @@ class RecordedSteps:
         self._parts.setdefault(part.number, []).append((part.at, chunk.position))
 
     def add_frames(self, chunk: Chunk, row: PackedFrames, number: int) -> None:
-        """Add a row of a chunk to the index."""
+        """Add a chunk's row of frames to the index."""
         its = span_of(row)
         end = its.first + its.steps
         place = _Place(its.first, end, its.model, chunk.position, number, its.edited)
         insort(self._places.setdefault(its.client, []), place)
 
     def model(self, number: int) -> bytes:
-        """Return a compiled model in its engine's binary form.
+        """Return a compiled model in its engine's binary format.
 
         Raises
         ------
@@ -94,15 +94,15 @@ class RecordedSteps:
             raise damaged(self.samples.path, what) from None
 
     def model_of(self, client: int) -> int:
-        """Return the number of the model of a simulation."""
+        """Return the number of a simulation's model."""
         return self._places[client][0].model
 
     def steps_of(self, client: int) -> int:
-        """Return the number of steps of a simulation."""
+        """Return the number of a simulation's steps."""
         return self._places[client][-1].end
 
     def edits(self, client: int, end: int) -> list[ModelEdit]:
-        """Return the edits of a simulation's model, piece by piece, in those before `end`.
+        """Return the edits of a simulation's model before sample `end`, batch by batch.
 
         Raises
         ------
@@ -120,7 +120,7 @@ class RecordedSteps:
         return [*columns.steps(chunk, self.samples.path)][place.row]
 
     def pieces(self, client: int, first: int, end: int) -> Iterator[Frames]:
-        """Yield the frames of each piece with a step that starts from sample `first` to `end` - 1.
+        """Yield the frames of each batch with a step that starts from sample `first` to `end` - 1.
 
         Raises
         ------

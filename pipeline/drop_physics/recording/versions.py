@@ -1,4 +1,4 @@
-"""Readable recordings: today's schema and earlier ones, with the contents that these lack.
+"""Supported schema versions of recordings, and what earlier ones lack.
 
 Users keep golden recordings, so a landed change of the format raises `schema.SCHEMA_VERSION` and
 adds to `ADDED` the contents that recordings of earlier schemas lack, and to `tests/recordings` some
@@ -21,17 +21,17 @@ from drop_physics.recording.damage import again
 
 
 class Addition(NamedTuple):
-    """Contents of a schema that earlier ones lack."""
+    """Contents that a schema version added."""
 
     what: Message
     of_drops: bool
-    """Whether recordings of drops hold it, or only those of scripts."""
+    """Whether recordings of drops contain it, or only those of scripts."""
     of_replayed: bool = False
-    """Whether only recordings hold it whose engine can take its steps again."""
+    """Whether only recordings contain it whose engine can repeat its steps."""
 
 
 OLDEST = 3
-"""The first schema that is read."""
+"""The earliest supported schema version."""
 ADDED: Mapping[int, Addition] = {
     4: Addition(Message("where the script read its simulation"), of_drops=False),
     6: Addition(
@@ -42,11 +42,11 @@ ADDED: Mapping[int, Addition] = {
     7: Addition(Message("the episodes of its environments"), of_drops=False),
     8: Addition(Message("what the script's readings gave"), of_drops=False),
 }
-"""Additions of each schema."""
+"""Additions of each schema version."""
 
 
 def check_version(version: object, path: Path) -> None:
-    """Check that recordings of a schema can be read.
+    """Check that a schema version is supported.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def check_version(version: object, path: Path) -> None:
 
 
 def lacking(version: int, *, of_drop: bool, replayed: bool) -> Message | None:
-    """Return the contents that recordings of a schema lack, in words; None if there are none.
+    """Describe the contents that recordings of a schema version lack; None if they lack none.
 
     `replayed` is whether their engine can take steps again.
     """

@@ -1,4 +1,4 @@
-"""Rerun's own programs: its command line, and its viewer, on loopback only.
+"""Start Rerun's viewer and command line, on the loopback interface only.
 
 Rerun's telemetry is off in what is started here. The page of the web viewer, however, sends its own
 requests from the browser, and Rerun has no option against that.
@@ -27,19 +27,19 @@ from drop_physics.workers import under_load
 LOOPBACK = "127.0.0.1"
 STARTS_WITHIN_S = 30.0
 LOOKS_EVERY_S = 0.1
-"""Interval of checks whether a viewer is closed."""
+"""Interval between checks whether a viewer is closed [s]."""
 VIEWER_PORT, PAGE_PORT = 9876, 9090
-"""Rerun's defaults, used if they are free."""
+"""Rerun's default ports, used if they are free."""
 PR_SET_PDEATHSIG = 1
-"""A number from Linux's `sys/prctl.h`."""
+"""Value of the option's constant in Linux's `sys/prctl.h`."""
 
 
 class ViewerError(DropError):
-    """A viewer that cannot be started or reached."""
+    """Raised if a viewer cannot be started or reached."""
 
 
 def binary() -> Path:
-    """Return Rerun's binary; the `rerun` on the PATH is a slower wrapper around it.
+    """Return the path of Rerun's binary; the `rerun` on the PATH is a slower wrapper.
 
     Raises
     ------
@@ -54,21 +54,21 @@ def binary() -> Path:
 
 @dataclass(frozen=True)
 class Viewer:
-    """The command that starts a viewer, and its addresses."""
+    """A viewer: the command that starts it, and its addresses."""
 
     command: list[str]
     port: int
     page: str | None
-    """The address to open in a browser, for the web viewer."""
+    """Address to open in a browser, for the web viewer."""
 
     @property
     def url(self) -> str:
-        """Address for recordings and commands."""
+        """Address to which recordings and commands are sent."""
         return f"rerun+http://{LOOPBACK}:{self.port}/proxy"
 
 
 def viewer(files: Sequence[Path] = (), *, web: bool = False) -> Viewer:
-    """Return a viewer of these files; the layout of the last one is used.
+    """Return a viewer for these files; the layout of the last one is used.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def viewer(files: Sequence[Path] = (), *, web: bool = False) -> Viewer:
 
 
 def start(viewer: Viewer, *, stays: bool) -> subprocess.Popen[bytes]:
-    """Start a viewer, and return its process as soon as it listens.
+    """Start a viewer, and return its process once it listens.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def _end_with_parent() -> None:
 
 
 def wait(process: subprocess.Popen[bytes]) -> None:
-    """Wait until a viewer is closed.
+    """Wait until the user closes a viewer.
 
     Raises
     ------
@@ -169,7 +169,7 @@ def wait(process: subprocess.Popen[bytes]) -> None:
 
 
 def in_notebook(files: Sequence[Path], height_px: int, at_s: float | None = None) -> Any:  # noqa: ANN401 - its own class
-    """Return a viewer of these files as a notebook's widget, its cursor at a time [s].
+    """Return a notebook widget that shows these files, with its cursor at a time [s].
 
     Raises
     ------
@@ -199,7 +199,7 @@ def put_cursor(
     *,
     step: int | None = None,
 ) -> None:
-    """Set a viewer's time cursor once it has loaded; a layout cannot set it.
+    """Move a viewer's time cursor once it has loaded, since a layout cannot set it.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def put_cursor(
 
 
 def check_listens(url: str) -> None:
-    """Make sure that a viewer's URL has a listener.
+    """Check that a viewer listens at its URL.
 
     Raises
     ------

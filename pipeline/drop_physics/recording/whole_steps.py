@@ -1,4 +1,4 @@
-"""The whole steps of an unfinished recording, which ends wherever its writer was stopped.
+"""Find the complete steps of an unfinished recording, which may end in the middle of one.
 
 Rows are written in groups. Within a group each body's series come before the states of bases, and
 these before the frames; calls come before all of them, and what a call refers to before the call.
@@ -18,9 +18,9 @@ from drop_physics.recording.steps import RecordedSteps
 from drop_physics.trace.events import Appearance, Body
 
 NONE, LAST = -1, 2**62
-"""Steps before the first one, and after all."""
+"""Step numbers that stand for before the first step, and after all steps."""
 BASE = -1
-"""The number of the base among the links of a body."""
+"""Link number of a body's base."""
 
 
 def last_whole_step(
@@ -60,11 +60,11 @@ def last_whole_step(
 
 
 Part = tuple[list[int], list[int]]
-"""The bodies that a part of a simulation is of, and the last steps of its groups."""
+"""Body ids that a part of a simulation concerns, and the last steps of its groups of rows."""
 
 
 def _joints(sampled: RecordedSamples, bodies: Sequence[Body], *, efforts: bool) -> Iterator[Part]:
-    """Yield the series of joints."""
+    """Yield the last steps of joint series."""
     moving = [body for body in bodies if any(any(joint.widths) for joint in body.joints)]
     for body, of in product(moving, schema.OF_JOINTS if efforts else schema.OF_JOINTS[:-1]):
         yield [body.number], _series(sampled, body, of)
@@ -73,7 +73,7 @@ def _joints(sampled: RecordedSamples, bodies: Sequence[Body], *, efforts: bool) 
 def _others(
     sampled: RecordedSamples, steps: RecordedSteps, client: int, bodies: Sequence[Body]
 ) -> Iterator[Part]:
-    """Yield the forces of constraints, the states of bases, and the frames."""
+    """Yield the last steps of constraint forces, base states, and frames."""
     all_of = [body.number for body in bodies]
     for entity, held in sampled.entities.items():
         if entity.startswith(f"{schema.CONSTRAINTS}/{client}_"):
@@ -98,7 +98,7 @@ def _states(sampled: RecordedSamples, bodies: Sequence[int]) -> Iterator[int]:
 
 
 def _unknown_calls(sampled: RecordedSamples) -> Iterator[int]:
-    """Yield the step of the first call whose place in the script is not known, if there is one."""
+    """Yield the step of the first call whose call site is unknown, if there is one."""
     for chunk in sampled.chunks(schema.CALLS, 0, sampled.last + 1):
         calls = columns.calls(chunk, sampled.path)
         unknown = ~np.isin(calls.sites, [*sampled.sites])

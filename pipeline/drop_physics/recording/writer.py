@@ -1,4 +1,4 @@
-"""Write recordings: our arrays as Rerun's chunks, and chunks to a file.
+"""Write recordings: convert arrays to Rerun's chunks, and write chunks to a file.
 
 A recording is a stream of chunks. `record` writes them one by one to `RUN.rrd.part`, adds the
 viewer's layout, verifies the file, and only then renames it.
@@ -40,13 +40,13 @@ from drop_physics.trace.states import Rows
 __all__ = ["Chunk"]  # for the stages, which pass chunks on and use nothing else of Rerun
 
 CURVE_WIDTH = 2.0
-"""Width of a curve in the viewer [points]."""
+"""Line width of a curve in the viewer [points]."""
 PICTURE_DISTANCE = {"standard": 0.225, "close": 0.6, "follow": 0.6}
-"""Distance of a camera's picture from it, as a share of the distance to its target."""
+"""Distance of a camera's image from the camera in the view, as a share of the target's distance."""
 
 ROOM_BYTES = 1 << 25
-"""Room that a recording needs beside twice its size: it is finished as a copy, and what is still in
-memory is less than what was written, or than this."""
+"""Free disk space needed besides twice the recording's size, as it is finished as a copy, and data
+still in memory is less than what was written, or than this [bytes]."""
 
 Value = float | int | str | bool | Sequence[float]
 _SAVING = threading.Lock()
@@ -66,7 +66,7 @@ def record(
     note: Callable[[str], None] = lambda _: None,
     full: Callable[[], None] | None = None,
 ) -> None:
-    """Write chunks to a recording that gets its name only when it is whole and verified.
+    """Write chunks to a recording, which gets its final name once it is complete and verified.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def _stream(
     recording_id: str,
     full: Callable[[], None] | None,
 ) -> None:
-    """Write chunks to a file one by one, and count their `rows` by entity."""
+    """Write chunks to a file one by one, and count the `rows` of each entity."""
     failures: list[BaseException] = []
 
     def counted() -> Iterator[Chunk]:
@@ -147,15 +147,15 @@ def _stream(
 
 
 def _is_short_of_room(part: Path) -> bool:
-    """Return whether the disk has too little room for what a growing file still needs."""
+    """Return whether the disk has too little space to finish a growing file."""
     return shutil.disk_usage(part.parent).free < 2 * part.stat().st_size + ROOM_BYTES
 
 
 @contextmanager
 def strict() -> Iterator[None]:
-    """Make bad calls raise, where Rerun would warn and lose the data; override `RERUN=off`.
+    """Make bad calls raise, where Rerun would only warn and lose data; override `RERUN=off`.
 
-    It acts on the whole process: recordings in several threads enter it around them.
+    This context acts on the whole process: recordings in several threads enter it around them.
     """
     strict, switch = rr.strict_mode(), os.environ.get("RERUN")
     rr.set_strict_mode(True)
@@ -174,10 +174,10 @@ def strict() -> Iterator[None]:
 
 
 def named(chunks: Iterable[Chunk], name: str) -> Iterator[Chunk]:
-    """Yield chunks, and after the first of them, which tells the kind, name and start time.
+    """Yield chunks; after the first, which states the kind, yield name and start time.
 
-    They stand where Rerun's own `send_recording_name` and `send_recording_start_time_nanos` put
-    them.
+    Name and start time are where Rerun's own `send_recording_name` and
+    `send_recording_start_time_nanos` put them.
     """
     info = rr.archetypes.RecordingInfo.columns(name=[name], start_time=[time.time_ns()])
     for number, chunk in enumerate(chunks):
@@ -187,7 +187,7 @@ def named(chunks: Iterable[Chunk], name: str) -> Iterator[Chunk]:
 
 
 def property_chunk(name: str, values: Mapping[str, Value | None]) -> Chunk:
-    """Return a property of the recording; a value of None is left out."""
+    """Return a chunk with a property of the recording; values of None are left out."""
     given: dict[str, Any] = {
         key: _typed(value) for key, value in values.items() if value is not None
     }
@@ -200,7 +200,7 @@ def _typed(value: Value) -> pa.Array:
 
 
 def lens_chunk(camera: Camera) -> Chunk:
-    """Return a camera's lens."""
+    """Return a chunk with a camera's lens."""
     width, height = camera.size_px
     focal = camera.focal_length_px
     image_from_camera = [[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]]
@@ -217,7 +217,7 @@ def lens_chunk(camera: Camera) -> Chunk:
 
 
 def camera_chunk(steps: Int64 | None, timestep_s: float, world_from_camera: Float64) -> Chunk:
-    """Return the camera's poses, shape (n, 4, 4), at these steps, or a constant one."""
+    """Return a chunk of camera poses, shape (n, 4, 4), at these steps, or of a constant one."""
     return Chunk.from_columns(
         schema.CAMERA,
         [] if steps is None else times(at(steps, timestep_s)),
@@ -228,32 +228,32 @@ def camera_chunk(steps: Int64 | None, timestep_s: float, world_from_camera: Floa
 
 
 def document_chunk(entity: str, markdown: str) -> Chunk:
-    """Return a text document."""
+    """Return a chunk with a text document."""
     return _static(entity, rr.TextDocument.columns(text=[markdown], media_type=["text/markdown"]))
 
 
 @functools.cache
 def curve_style_chunk(entity: str, name: str, colour: str, *, width: float = CURVE_WIDTH) -> Chunk:
-    """Return the style of a curve: its name with unit, its colour as `#rrggbb`, its width."""
+    """Return a chunk with a curve's style: name with unit, colour as `#rrggbb`, and width."""
     return _static(
         entity, rr.SeriesLines.columns(names=[name], colors=[rgba(colour)], widths=[width])
     )
 
 
 def rgba(colour: str) -> int:
-    """Return a colour given as `#rrggbb` as Rerun's number, opaque."""
+    """Convert a colour given as `#rrggbb` to Rerun's number, opaque."""
     return int(colour.removeprefix("#") + "ff", 16)
 
 
 class Times(NamedTuple):
-    """The times of a chunk's rows."""
+    """The steps and simulated times of a chunk's rows."""
 
     steps: Int64
-    """Shape (n,)."""
+    """Steps, shape (n,)."""
     times_s: Float64
-    """Shape (n,)."""
+    """Simulated times, shape (n,)."""
     calls: Int64 | None = None
-    """Number of calls of the script before, for the timeline of calls."""
+    """Number of calls that the script had made, for the timeline of calls."""
 
     def only(self, which: Flags | Int64) -> Times:
         """Return the times of the selected rows."""
@@ -262,7 +262,7 @@ class Times(NamedTuple):
 
 
 def times_of(at: At) -> Times:
-    """Return a moment as the times of a row."""
+    """Return a moment as the times of a single row."""
     return Times(np.array([at.step]), np.array([at.time_s]), np.array([at.call]))
 
 
@@ -282,7 +282,7 @@ def times(at: Times) -> list[rr.TimeColumn]:
 def scalars_chunk(
     entity: str, at: Times, values: Float64, beside: Mapping[str, NDArray[Any]] | None = None
 ) -> Chunk:
-    """Return values, shape (n, k), as k series; beside them numbers that are not drawn."""
+    """Return a chunk of values, shape (n, k), as k series, with further numbers `beside`."""
     count, width = values.shape
     columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values).reshape(-1))
     more = [_list_column(name, each, np.arange(count + 1)) for name, each in (beside or {}).items()]
@@ -290,7 +290,7 @@ def scalars_chunk(
 
 
 def series_chunk(entity: str, names: Sequence[str], *, stepped: bool = False) -> Chunk:
-    """Return the names of an entity's series; `stepped` where a value lasts until the next."""
+    """Return a chunk that names an entity's series; `stepped` if values last until the next."""
     named = rr.SeriesLines.columns(names=list(names)).partition([len(names)])
     if not stepped:
         return _static(entity, named)
@@ -301,7 +301,7 @@ def series_chunk(entity: str, names: Sequence[str], *, stepped: bool = False) ->
 
 
 def calls_chunk(seen: Calls, widths: Int64) -> Chunk:
-    """Return calls, a row per step: their sites, and all their numbers, one after the other.
+    """Return a chunk of calls, one row per step: call sites, and all numbers concatenated.
 
     `widths` has the number of numbers of each call.
     """
@@ -327,7 +327,7 @@ def calls_chunk(seen: Calls, widths: Int64) -> Chunk:
 
 
 def impulses_chunk(seen: Impulses) -> Chunk:
-    """Return the impulses in steps: a row per step, with causes and impulses."""
+    """Return a chunk of impulses, one row per step: causes and impulses."""
     ends = np.cumsum([0, *seen.counts.tolist()])
     widths = np.cumsum([0, *seen.widths.tolist()])
     one = np.arange(len(seen.steps) + 1)
@@ -350,7 +350,7 @@ def impulses_chunk(seen: Impulses) -> Chunk:
 
 
 def model_chunk(part: ModelPart) -> Chunk:
-    """Return a part of a compiled model."""
+    """Return a chunk with a part of a compiled model."""
     said = {name: value for name, value in vars(part).items() if name != "data"}
     columns = [
         _lists_column(schema.JSON, [[json.dumps(said)]]),
@@ -361,7 +361,7 @@ def model_chunk(part: ModelPart) -> Chunk:
 
 
 def steps_chunk(entity: str, at: Times, rows: Sequence[PackedFrames]) -> Chunk:
-    """Return the frames of pieces of steps, a row each."""
+    """Return a chunk with the frames of batches of steps, one row each."""
     columns = [
         _lists_column(schema.JSON, [[row.layout] for row in rows]),
         _lists_column("numbers", [row.numbers for row in rows]),
@@ -372,14 +372,14 @@ def steps_chunk(entity: str, at: Times, rows: Sequence[PackedFrames]) -> Chunk:
 
 
 def _lists_column(component: str, rows: Sequence[Any]) -> rr.ComponentColumn:
-    """Return a list of each row."""
+    """Return a column that has a list in each row."""
     offsets = np.cumsum([0, *map(len, rows)]).astype(np.int32)
     values = _Arrow(pa.array(np.concatenate(rows)))
     return rr.ComponentColumn(component, values, offsets=offsets)
 
 
 def texts_chunk(entity: str, at: Times, texts: Sequence[str]) -> Chunk:
-    """Return rows of JSON, one per time."""
+    """Return a chunk with rows of JSON, one per time."""
     offsets = np.arange(len(texts) + 1, dtype=np.int32)
     column = rr.ComponentColumn(schema.JSON, _Arrow(pa.array(texts)), offsets=offsets)
     return Chunk.from_columns(entity, times(at), [column])
@@ -391,20 +391,20 @@ def at(steps: Int64, timestep_s: float) -> Times:
 
 
 def rows_chunk(table: schema.Table, rows: Rows, at: Times) -> Chunk:
-    """Return rows as lists, one per step and component; `at` has each of their steps once."""
+    """Return a chunk of rows as lists, one per step and component; `at` has each step once."""
     bounds = np.append(first_of_steps(rows), len(rows))
     columns = [_list_column(name, rows[name], bounds) for name in table.components]
     return Chunk.from_columns(table.entity, times(at), columns)
 
 
 def first_of_steps(rows: Rows) -> Int64:
-    """Return the first row of each step among rows in step order."""
+    """Return the index of each step's first row, for rows sorted by step."""
     steps = rows["step"]
     return np.flatnonzero(np.concatenate(([True], steps[1:] != steps[:-1])))
 
 
 def _list_column(component: str, values: NDArray[Any], bounds: Int64) -> rr.ComponentColumn:
-    """Return values, shape (n,) or (n, k), as lists of the rows between `bounds`."""
+    """Return a column of values, shape (n,) or (n, k), as the lists between `bounds`."""
     # Arrow keeps the array alive, so it must not be part of a larger one.
     flat = pa.array(np.ascontiguousarray(values).reshape(-1))
     offsets = (bounds * (values.size // len(values))).astype(np.int32)
@@ -412,7 +412,7 @@ def _list_column(component: str, values: NDArray[Any], bounds: Int64) -> rr.Comp
 
 
 class _Arrow:
-    """A component of our own: Rerun's would have the same type in every entity."""
+    """A component of our own type, as Rerun's would have the same type in every entity."""
 
     def __init__(self, values: pa.Array) -> None:
         self._values = values
@@ -424,7 +424,7 @@ class _Arrow:
 def curve_chunk(
     entity: str, steps: Int64, timestep_s: float, values: Float64, *, resolution: float
 ) -> Chunk:
-    """Return the points of a curve, float64, from `values` of shape (n,).
+    """Return a chunk with a curve's points, float64, from `values` of shape (n,).
 
     Stretches that are level to within `resolution` keep only their ends, which the viewer connects
     with a straight line.
@@ -434,7 +434,7 @@ def curve_chunk(
 
 
 def noticed(values: Float64, resolution: float) -> Flags:
-    """Flag the values at the ends of changes, and the first and the last.
+    """Flag the values at the start and end of changes, and the first and the last value.
 
     `values` has the shape (n, k), or (m, n, k) for several at the same times.
     """

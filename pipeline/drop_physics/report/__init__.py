@@ -1,1 +1,1 @@
-"""Reports: the results of verbs as data, and its renderers."""
+"""Reports: results of verbs as data, and the renderers that display them."""

@@ -1,4 +1,4 @@
-"""The report of an account: a row each, with the terms towards and against below it."""
+"""The report of the account: one line per row, and its terms for and against below."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from drop_physics.rules.answer import Finding
 
 FEW, MANY = 6, 12
-"""Rows that are shown beside findings, and without any."""
+"""Number of rows shown if findings are shown, too, and if none are."""
 NEGLIGIBLE = 0.01
-"""Rows below this salience are in the JSON only: drives on their targets."""
+"""Rows below this salience appear only in the JSON, for example drives on their targets."""
 SHOWN_TERMS = 2
-"""Terms of each side."""
+"""Number of terms shown on each side, for and against."""
 COLUMN = 8
-"""Width of the kinds."""
+"""Width of the column that shows a row's kind."""
 WORDS = {
     "asked": Message("asked"),
     "given": Message("given"),
@@ -34,11 +34,11 @@ WORDS = {
     "reads": Message("reads"),
     "idle": Message("idle"),
 }
-"""The kinds of rows as readers see them."""
+"""Display names of the kinds of rows."""
 
 
 def rows_beside(rows: Sequence[AccountRow], findings: Sequence[Finding]) -> list[AccountRow]:
-    """Return the rows worth reading beside findings, which take the place of theirs."""
+    """Return the rows worth reading, except those that a shown finding already covers."""
     told = [finding.row for finding in findings if finding.row is not None]
     return [
         row for row in rows if row.salience >= NEGLIGIBLE and not any(row is each for each in told)
@@ -46,7 +46,7 @@ def rows_beside(rows: Sequence[AccountRow], findings: Sequence[Finding]) -> list
 
 
 def account_of(rows: Sequence[AccountRow], most: int) -> list[Section]:
-    """Return the account, at most so many rows; empty if there is none."""
+    """Return the account, with at most this many rows; empty if there are none."""
     if not rows:
         return []
     facts = [fact for row in rows[:most] for fact in facts_of(row)]
@@ -58,7 +58,7 @@ def account_of(rows: Sequence[AccountRow], most: int) -> list[Section]:
 
 
 def facts_of(row: AccountRow) -> list[Fact]:
-    """Return a row as facts: what was asked and came, and the terms for and against it."""
+    """Describe a row: the commanded and the reached value, and the terms for and against."""
     told = joined("  ", [who_of(row), row.told])
     facts = [Fact(WORDS[row.kind], told, "bold", at_s=row.time_s)]
     if row.terms:
@@ -67,14 +67,14 @@ def facts_of(row: AccountRow) -> list[Fact]:
 
 
 def who_of(row: AccountRow) -> str:
-    """Return the subject of a row, and the number of further subjects that it stands for."""
+    """Return the subject of a row, and how many similar subjects it stands for."""
     if row.alike:
         return Message("{who} and {alike} more", who=row.who, alike=row.alike)
     return row.who
 
 
 def sides_of(terms: Sequence[RowTerm]) -> Message:
-    """Return the terms of a row as one line: those towards the target, and those against."""
+    """Describe a row's terms in one line: those that push towards the target, and those against."""
     towards = _terms([term for term in terms if term.towards])
     against = _terms([term for term in terms if not term.towards])
     if terms[0].unit == "J":
@@ -83,7 +83,7 @@ def sides_of(terms: Sequence[RowTerm]) -> Message:
 
 
 def _terms(terms: Sequence[RowTerm]) -> str:
-    """Return the terms of one side, the unit behind the last."""
+    """Format the terms of one side, with the unit after the last."""
     shown = [
         Message("{cause} {value}", cause=term.words, value=number(term.value, "+"))
         for term in terms[:SHOWN_TERMS]

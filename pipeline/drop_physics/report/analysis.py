@@ -1,4 +1,4 @@
-"""The report of an analysis."""
+"""The report of `drop analyze`."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
     from drop_physics.drop.results import DropAnalysis
 
 MOST_AT_THE_END = 12
-"""Most bodies, and joints, whose final positions are listed."""
+"""Most bodies, and most joints, whose final positions are listed."""
 SURVIVES = "not terminated"
-"""Expectation of an episode that was terminated and did not reach its goal."""
+"""Expectation suggested for an episode that was terminated without reaching its goal."""
 TOO_GRAVE = 3
-"""Exit code of an analysis with a finding of the level of `--fail-on`, or a graver one."""
+"""Exit code of an analysis with a finding at or above the level of `--fail-on`."""
 
 
 def report_of(
@@ -49,7 +49,7 @@ def report_of(
     choice: Choice = EVERY,
     at_the_end: bool = False,
 ) -> Report:
-    """Report what happened; without `verbose`, on one screen, with `most_rows` of the account.
+    """Report what happened: on one screen without `verbose`, with `most_rows` of the account.
 
     With `at_the_end`, only the findings and the final state, as in a golden recording's page.
     """
@@ -81,7 +81,7 @@ def report_of(
 
 
 def _row_drawn(analysis: Analysis) -> Iterator[Graphs]:
-    """Yield the curve of the account's first row, or of the finding that took its place."""
+    """Yield the curve for the account's first row, or for the finding shown instead of it."""
     if analysis.kind == "script":
         screen = one_screen(analysis)
         found = [finding.row for finding in screen.findings[: screen.most_findings]]
@@ -90,7 +90,7 @@ def _row_drawn(analysis: Analysis) -> Iterator[Graphs]:
 
 
 def _not_said(analysis: Analysis) -> Iterator[Section]:
-    """Yield remarks on parts missing from the recording, about which nothing is said."""
+    """Yield remarks on data missing from the recording, about which the analysis says nothing."""
     if analysis.notes:
         titles = [Message("not said"), *[""] * (len(analysis.notes) - 1)]
         rows = map(Fact, titles, analysis.notes)
@@ -98,7 +98,7 @@ def _not_said(analysis: Analysis) -> Iterator[Section]:
 
 
 def next_commands(analysis: Analysis) -> Iterator[str]:
-    """Yield commands that say more: trials of the script, if it is found, and the viewer."""
+    """Yield commands to run next: trials of the script, if it is found, and the viewer."""
     if analysis.recording is None or not analysis.samples:
         return
     origin = analysis.origin
@@ -128,7 +128,7 @@ def _samples(analysis: Analysis) -> int:
 
 
 def report_of_end(analysis: Analysis) -> Report:
-    """Yield the findings, and the final positions, to the micrometre and microradian."""
+    """Report the findings, and the final positions to the micrometre and microradian."""
     most = len(analysis.findings)
     found = FindingList(analysis.findings, most, analysis.left_out, looked_at=looked_at(analysis))
     if analysis.kind == "drop":

@@ -1,4 +1,4 @@
-"""Findings for code review: as annotations of GitHub Actions, and as SARIF.
+"""Findings for code review: as GitHub Actions annotations, and as SARIF.
 
 Both are read by machines, and so always in English.
 """
@@ -25,14 +25,14 @@ SEVERITY: dict[Level, tuple[str, str]] = {
     "repeat": ("notice", "note"),
     "note": ("notice", "note"),
 }
-"""Levels as GitHub's commands and SARIF name them."""
+"""Severity of each level, in GitHub's workflow commands and in SARIF."""
 SCHEMA = (
     "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
 )
 
 
 def github_of(analysis: Analysis) -> str:
-    """Return a workflow command per finding, as GitHub Actions reads them from the output.
+    """Return the findings as GitHub Actions workflow commands, one per line.
 
     The form is that of "Workflow commands for GitHub Actions" in GitHub's documentation.
     """
@@ -74,7 +74,7 @@ def _from_here(path: Path) -> Path:
 
 
 def sarif_of(analysis: Analysis) -> str:
-    """Return the findings as a SARIF log of version 2.1.0, as code scanning services read it."""
+    """Return the findings as a SARIF 2.1.0 log, which code scanning services read."""
     codes = [*dict.fromkeys(finding.code for finding in analysis.findings)]
     driver = {
         "name": "drop",
@@ -91,7 +91,7 @@ def sarif_of(analysis: Analysis) -> str:
 
 
 def _rule(code: str) -> dict[str, Any]:
-    """Return the meaning of a code, as a service shows it beside a finding."""
+    """Return the SARIF rule for a finding's code, with its meaning."""
     told = reference_of(code)
     cures = [*told.advises, *(f"to try: {each}" for each in told.proposes)]
     rule: dict[str, Any] = {"id": code, "shortDescription": {"text": str(told.meaning)}}
@@ -128,4 +128,4 @@ def _results(
 
 
 FORMATS: dict[str, Callable[[Analysis], str]] = {"github": github_of, "sarif": sarif_of}
-"""The writer of each format."""
+"""Function that writes each output format."""

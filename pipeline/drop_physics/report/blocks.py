@@ -1,4 +1,4 @@
-"""A report: the result of a verb, as data that any renderer can show.
+"""The data model of a report: the result of a verb, as data that any renderer can show.
 
 A report is made by the builder of its verb, a pure function of the verb's result. It contains text
 in English (`Message`), numbers already written with their units, and the order in which a reader
@@ -22,35 +22,35 @@ Style = Literal["", "bold", "dim", "red", "yellow"]
 
 @dataclass(frozen=True)
 class Words:
-    """A paragraph."""
+    """A paragraph of text."""
 
     text: str
     style: Style = ""
     key: str = ""
-    """Part of the text to be emphasised."""
+    """Part of the text that is emphasized."""
     indent: str = ""
-    """Indent of each line but the first."""
+    """Indent of every line but the first."""
     margin: str = ""
-    """Indent of each line."""
+    """Indent of every line."""
 
 
 @dataclass(frozen=True)
 class Fact:
-    """A title, and words beside it."""
+    """A title, and the text beside it."""
 
     title: str
     words: str
     style: Style = ""
     """Style of the title."""
     is_command: bool = False
-    """Whether the words are a command to be pasted into a shell."""
+    """Whether the text is a command that can be pasted into a shell."""
     at_s: float | None = None
-    """Simulated time of the moment that it tells [s]; renderers link to it."""
+    """Simulated time of the moment that the text describes [s]; renderers link to it."""
 
 
 @dataclass(frozen=True)
 class File:
-    """A written file."""
+    """A file that was written."""
 
     title: str
     path: Path | str
@@ -59,81 +59,82 @@ class File:
 
 @dataclass(frozen=True)
 class Facts:
-    """Titles in a column, with words or files beside them."""
+    """Titles in a column, with texts or files beside them."""
 
     rows: Sequence[Fact | File]
     column: int = 0
-    """Width of the titles in characters; 0 for the longest title and a gap."""
+    """Width of the column of titles in characters; 0 for that of the longest title plus a gap."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table: its head, and a cell per row."""
+    """A column of a table: a heading, and a cell per row."""
 
     head: str
     cells: Sequence[str]
     right: bool = False
     """Whether cells are aligned to the right, as numbers are."""
     least: int = 0
-    """Least width in characters."""
+    """Minimum width in characters."""
     most: int = 0
-    """Width beyond which a cell is cut; 0 for none."""
+    """Width beyond which cells are truncated; 0 for no limit."""
     shrinks_to: int = 0
-    """Width to which it may be cut if there is no room; 0 for none."""
+    """Width to which cells may be truncated if room is short; 0 for none."""
     drop: int = 0
-    """Columns with a number are left out if there is no room, the largest number first."""
+    """Order of removal if room is short: columns with the largest number go first, 0 stays."""
     gap: int = 2
-    """Gap before it in characters, unless it is the first."""
+    """Gap before the column in characters, unless it is the first."""
     style: Style = ""
-    """Style of its cells."""
+    """Style of the column's cells."""
     wraps: bool = False
-    """Whether a long cell continues in further lines; only for the last column."""
+    """Whether long cells are wrapped onto further lines; only allowed for the last column."""
     fits: bool = False
-    """Whether a cell is left out if there is no room for it; only for the last columns."""
+    """Whether a cell is left out if there is no room for it; only allowed for the last columns."""
 
 
 def numbers(head: str, cells: Sequence[str], *, drop: int = 0) -> Column:
-    """Return a column of numbers."""
+    """Return a right-aligned column of numbers."""
     return Column(head, cells, right=True, least=8, drop=drop)
 
 
 @dataclass(frozen=True)
 class DataTable:
-    """Columns of equal length."""
+    """A table: columns of equal length."""
 
     columns: Sequence[Column]
     title: str = ""
-    """Replaces the first column's head."""
+    """Text shown in place of the first column's heading."""
     has_heads: bool = True
     has_total: bool = False
     """Whether the last row is the sum of the others."""
     failed: Sequence[bool] = ()
-    """Whether something failed in each row; rows beyond its end did not fail."""
+    """Whether each row represents a failure; missing entries mean no."""
     left_out: Callable[[str], Words] | None = None
-    """Returns a sentence about the columns left out for want of room, given their heads."""
+    """Function that returns a sentence about columns removed for lack of room, given their
+    headings."""
     margin: str = ""
     """Indent of each line."""
 
 
 @dataclass(frozen=True)
 class FindingList:
-    """Findings, the gravest first, with their sites and the calls that change them."""
+    """Findings, most severe first, with their call sites and the calls that would change them."""
 
     findings: Sequence[Finding]
     most: int
-    """Number of findings to show."""
+    """Maximum number of findings to show."""
     left_out: int = 0
-    """Number of further findings that were left out by choice."""
+    """Number of findings hidden by the user's choice."""
     sources: Mapping[str, Path] = field(default_factory=dict)
-    """The files that they cite, if they are found."""
+    """Paths of the source files that findings cite, where they are found."""
     first: int = 1
-    """Number of the first finding."""
+    """Number given to the first finding."""
     looked_at: Message | None = None
-    """Remark on what was examined, for a reader who sees no finding: silence is no verdict."""
+    """Remark on what was examined, shown if there are no findings: their absence is no verdict."""
 
 
 def lines_of(finding: Finding, sources: Mapping[str, Path], around: int = 0) -> dict[int, str]:
-    """Return the line of a script that a finding cites, and those around it, by number."""
+    """Return the source lines around the one that a finding cites, by line number."""
     name, _, line = (finding.site or "").rpartition(":")
     if name not in sources or not line.isdecimal():
         return {}
@@ -147,16 +148,16 @@ def lines_of(finding: Finding, sources: Mapping[str, Path], around: int = 0) -> 
 
 @dataclass(frozen=True)
 class Failure:
-    """The error that ended a script, and its line."""
+    """The error that ended a script, and the line that raised it."""
 
     finding: Finding
     sources: Mapping[str, Path]
-    """The files that it cites, if they are found."""
+    """Paths of the source files that the error cites, where they are found."""
 
 
 @dataclass(frozen=True)
 class Graphs:
-    """Curves over time, made when a renderer draws them."""
+    """Curves over time, which are drawn only when a renderer shows them."""
 
     plot: Callable[[], Plot]
 
@@ -166,29 +167,29 @@ Block = Words | Facts | DataTable | FindingList | Graphs
 
 @dataclass(frozen=True)
 class Section:
-    """Blocks that belong together."""
+    """A group of related blocks."""
 
     blocks: Sequence[Block]
     apart: bool = True
-    """Whether it is set apart from what precedes it."""
+    """Whether there is a gap before the section."""
 
 
 @dataclass(frozen=True)
 class Report:
-    """The report of a verb."""
+    """The report of a verb: title, verdict, sections and commands to run next."""
 
     title: str = ""
-    """Subject of the report among others: a command."""
+    """What the report is about, if it is listed among others: a command."""
     error: Failure | None = None
-    """The error that a script ended with: it precedes all else."""
+    """The error that ended the script, shown before everything else."""
     verdict: Words | Fact | None = None
-    """The first words."""
+    """The opening sentence: the main result."""
     sections: Sequence[Section] = ()
     notes: Sequence[str] = ()
-    """Remarks on the result as a whole, for example that it is incomplete."""
+    """Remarks on the whole result, for example that it is incomplete."""
     remarks: Sequence[str] = ()
-    """The reason why it is not a success, shown at the end."""
+    """Reasons why the result is not a success, shown at the end."""
     next: Sequence[str] = ()
-    """Commands to type next, shown at the end."""
+    """Suggested next commands, shown at the end."""
     code: int = 0
-    """The exit code of the command."""
+    """Exit code of the command."""

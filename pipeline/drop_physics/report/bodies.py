@@ -1,4 +1,4 @@
-"""The report of a script's bodies: the verdict first, then joints and bodies."""
+"""The report of a script's bodies: verdict first, then joints and bodies."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ if TYPE_CHECKING:
     from drop_physics.rules.answer import Finding
 
 MOST_FINDINGS = 3
-"""Findings that are listed without --verbose; all are in the JSON."""
+"""Most findings listed without --verbose; the JSON contains all."""
 MOST_BODIES, MOST_LACKS = 12, 3
-"""Most names of bodies in a line, and lines of what was not explained without --verbose."""
+"""Most body names in a line, and most lines about unexplained steps without --verbose."""
 LACKS = 10
-"""Width of the title beside these lines."""
+"""Width of the titles of lines about unexplained steps."""
 FAILED = "script-failed"
-"""Code of the error that a script ended with."""
+"""Code of the finding for the error that ended a script."""
 NAME = 8
-"""Least width of names in columns."""
+"""Minimum width of a column of names."""
 CELL, FORCE, CONTROL, LONGEST_JOINT = 8, 7, 8, 24
-"""Widths of a joint's positions, torques, drive and name in columns."""
+"""Widths of the columns of joint positions, torques, drives and names."""
 
 
 @dataclass(frozen=True)
@@ -54,21 +54,21 @@ class OneScreen:
     """The findings and rows of the account that fit on one screen."""
 
     failed: Finding | None
-    """The error that the script ended with."""
+    """The error that ended the script."""
     findings: list[Finding]
-    """The other findings: the surest first, those of little weight last."""
+    """Other findings, the most certain first, and those of little weight last."""
     most_findings: int
-    """The number of findings that are shown."""
+    """Number of findings shown."""
     rows: list[AccountRow]
-    """The rows of the account that no shown finding tells."""
+    """Rows of the account that no shown finding already covers."""
     most_rows: int
-    """The number of rows that are shown."""
+    """Number of rows shown."""
 
 
 def one_screen(
     analysis: Analysis, *, verbose: bool = False, most_rows: int | None = None
 ) -> OneScreen:
-    """Choose the shown parts of an analysis; `most_rows` overrides the rule for the account."""
+    """Choose what to show of an analysis; `most_rows` overrides the limit for the account."""
     failed = next((finding for finding in analysis.findings if finding.code == FAILED), None)
     findings = [finding for finding in analysis.findings if finding.code != FAILED]
     little = [] if verbose else minor(findings)
@@ -87,7 +87,7 @@ def one_screen(
 def report_of_bodies(
     analysis: Analysis, *, verbose: bool = False, most_rows: int | None = None
 ) -> Report:
-    """Report the motion of a script's bodies; `most_rows` limits the rows of the account."""
+    """Report how a script's bodies move; `most_rows` limits the rows of the account."""
     moving = [
         body for body in analysis.bodies if body.segments["still"] < sum(body.segments.values())
     ]
@@ -123,7 +123,7 @@ def report_of_bodies(
 
 
 def looked_at(analysis: Analysis) -> Message:
-    """Return a sentence on what was examined, for an analysis without findings."""
+    """Describe what was examined, for an analysis without findings."""
     joints = sum(len(body.joints) for body in analysis.bodies)
     return Message(
         "no finding in {bodies}, {joints}, {steps}; what no rule asks is not looked at",
@@ -137,7 +137,7 @@ def looked_at(analysis: Analysis) -> Message:
 
 
 def _headline(analysis: Analysis, *, verbose: bool) -> Words:
-    """Return the script, its ending, and its explained share."""
+    """Return the opening line: the script, how it ended, and the share of explained samples."""
     origin, there = analysis.origin or {}, len(analysis.by_body)
     ended = ENDED.get(str(origin["ended"]), Message("never finished"))
     bodies: Message = counted(there, "body", "bodies")
@@ -176,7 +176,7 @@ def _explained(analysis: Analysis, *, verbose: bool) -> Message:
 
 
 def _of_substeps(analysis: Analysis) -> Iterator[Section]:
-    """Yield the remark on the substep to which torques and forces belong."""
+    """Yield a remark on the substep for which torques and forces are reported."""
     if analysis.origin is not None and analysis.origin.get("kind") == "imported":
         return  # whose states are apart, and which has no forces then
     reported = analysis.engine.values() if isinstance(analysis.engine, dict) else ()
@@ -194,7 +194,7 @@ def _of_substeps(analysis: Analysis) -> Iterator[Section]:
 
 
 def _joints(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
-    """Yield the tables of the joints."""
+    """Yield the tables of joints."""
     for body in bodies:
         if body.joints:
             table = joint_table(body.label, sorted(body.joints, key=_place))
@@ -202,7 +202,7 @@ def _joints(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
 
 
 def joint_table(label: str, rows: Sequence[JointRow]) -> DataTable:
-    """Return the table of a body's joints; every number has the unit of its own row."""
+    """Return the table of a body's joints; the numbers of a row have that row's unit."""
     names = [*map(_name, rows)]
     column = min(max(map(columns_of, (label, *names))) + 2, LONGEST_JOINT)
     at_stop = [
@@ -228,7 +228,7 @@ def joint_table(label: str, rows: Sequence[JointRow]) -> DataTable:
 
 
 def _narrow(heads: str) -> Words:
-    """Return the heads of columns that do not fit."""
+    """Name the columns that were left out for lack of room."""
     return Words(Message("left out, for want of room: {heads}", heads=heads), "dim")
 
 
@@ -250,23 +250,23 @@ def _number(value: float | None, form: str) -> str:
 
 
 Cells = Mapping[Message, Callable[["JointRow"], str]]
-"""The value of a joint's row under a heading."""
+"""Function that returns a joint's value for a column."""
 POSITIONS: Cells = {
     Message("target"): lambda row: _number(row.target, ".3f"),
     Message("reached"): lambda row: _number(row.reached, ".3f"),
     Message("off"): lambda row: _number(row.off, "+.3f"),
 }
-"""Columns in the joint's unit: rad or m, for a velocity motor per second."""
+"""Columns in the joint's unit: rad or m, or per second for a velocity motor."""
 TORQUES: Cells = {
     Message("torque"): lambda row: _number(row.torque, ".1f"),
     Message("limit"): lambda row: _number(row.force_limit, ".4g"),
     Message("needs"): lambda row: _number(row.needs, ".1f"),
 }
-"""Columns in the unit of the joint's torque: N m or N."""
+"""Columns in the unit of the joint's torque or force: N m or N."""
 
 
 def _numbers(cells: Cells, rows: Sequence[JointRow], least: int, *, drop: int) -> Iterator[Column]:
-    """Yield columns; the last is left out first, and only those whose `drop` is above 0."""
+    """Yield columns; if room is short, the last with `drop` above 0 are removed first."""
     for place, (head, text) in enumerate(cells.items(), drop):
         yield Column(
             head, [*map(text, rows)], right=True, least=least - 1, gap=1, drop=max(0, place)
@@ -277,7 +277,7 @@ def _numbers(cells: Cells, rows: Sequence[JointRow], least: int, *, drop: int) -
 
 
 def _bodies(analysis: Analysis, moving: Sequence[BodyAnalysis]) -> Iterator[Block]:
-    """Yield a line per body: its mass, samples and energy; and the bodies that never moved."""
+    """Yield a line per body with mass, samples and energy, then the bodies that never moved."""
     column = min(max((columns_of(body.label) for body in moving), default=NAME) + 2, 30)
     yield Facts([Fact(body.label, _facts(body), "bold") for body in moving], column)
     moves = {body.id for body in moving}
@@ -287,7 +287,7 @@ def _bodies(analysis: Analysis, moving: Sequence[BodyAnalysis]) -> Iterator[Bloc
 
 
 def _not_said(moving: Sequence[BodyAnalysis], *, verbose: bool) -> Iterator[Block]:
-    """Yield what was not explained, and what is shown only on request."""
+    """Yield remarks on what was not explained, and on what is shown only on request."""
     lacks = [
         Message(
             "{body}: {samples} from step {step} on: {reason}",
@@ -332,7 +332,7 @@ def _facts(body: BodyAnalysis) -> Message:
 
 
 def sum_of(body: BodyAnalysis, each: StepSum) -> Section:
-    """Return a step as a sum: a row per degree of freedom."""
+    """Return a step as a sum of terms: one row per degree of freedom."""
     title = Message(
         "{body} at {time:.4g} s, step {step}: {segment}",
         body=body.label,

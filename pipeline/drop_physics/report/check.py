@@ -1,4 +1,4 @@
-"""Report whether a recording shows the same physics as a golden one, or the differences."""
+"""The report of `drop check`: whether a recording shows the golden physics, or how it differs."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ DIFFERS = 3
 GOLDEN, IDENTICAL, NOTHING = Message("golden"), Message("identical"), Message("nothing")
 GIVEN = {True: Message("given"), False: Message("not given")}
 MOST = 6
-"""Most inputs that are listed; all are in the JSON."""
+"""Most inputs listed; the JSON contains all."""
 UNSEEN = Message(
     "{bodies}: the motion of soft bodies, and of links that PyBullet does not show, is not "
     "recorded, so it was not compared"
@@ -39,9 +39,9 @@ UNSEEN = Message(
 UNPAIRED = Message("{bodies}: in one of the two only, or with other joints there, so not compared")
 SET = "engine.set_"
 COLUMN = 12
-"""Width of a title in columns."""
+"""Width of a title in characters."""
 LONGEST = 160
-"""Most characters of a call's arguments."""
+"""Longest text of a call's arguments [characters]."""
 
 
 def append_summary(check: Check, file: Path) -> None:
@@ -60,7 +60,7 @@ def append_summary(check: Check, file: Path) -> None:
 
 
 def json_of(check: Check) -> dict[str, Any]:
-    """Return the object of `--json`."""
+    """Return the JSON object that `--json` prints."""
     first, compared = check.first, check.comparison
     found: dict[str, Any] = {
         "same": check.same,
@@ -124,7 +124,7 @@ def _call_json(call: Call | None) -> dict[str, Any] | None:
 
 
 def report_of(check: Check) -> Report:
-    """Report whether both are the same, or place and size of the differences."""
+    """Report whether both recordings are the same, or where and by how much they differ."""
     verdict, *others = _facts(check)
     code = 0 if check.same or check.updated else DIFFERS
     return Report(
@@ -137,7 +137,7 @@ def report_of(check: Check) -> Report:
 
 
 def _next(check: Check) -> list[str]:
-    """Return the commands to type next: to show both if they differ, or to replace one."""
+    """Return the commands to run next: show both if they differ, or replace the golden one."""
     compared = ("check", check.recording, "--against", check.golden)
     if check.updated:
         return [shell_command("drop", *compared)]
@@ -148,7 +148,7 @@ def _next(check: Check) -> list[str]:
 
 
 def summary_of(check: Check) -> str:
-    """Return the report as Markdown, for example for a CI service to show beside a job."""
+    """Return the report as Markdown, for example for a CI job's summary."""
     report = markdown_of(check.report(), level=4)
     if check.same or check.updated:
         return f"{report}\n"
@@ -219,7 +219,7 @@ def _compared(check: Check, compared: Comparison) -> Iterator[Fact]:
 
 
 def _first(check: Check, compared: Comparison) -> Iterator[Fact]:
-    """Yield the first difference of a sample, and the calls around it."""
+    """Yield the first difference of a sample, and the calls near it."""
     if check.first is not None:
         yield Fact(Message("first"), _difference(check.first))
     if compared.call_before is not None:
@@ -231,7 +231,7 @@ def _first(check: Check, compared: Comparison) -> Iterator[Fact]:
 
 
 def _left_out(compared: Comparison) -> Message | None:
-    """Return the bodies that were not compared, with the reason; None if there are none."""
+    """Name the bodies that were not compared, and why; None if all were."""
     unseen = [each for each in compared.not_compared if each not in compared.unpaired]
     words = [
         Message(template, bodies=", ".join(bodies[:MOST]) + (" …" if len(bodies) > MOST else ""))
@@ -242,7 +242,7 @@ def _left_out(compared: Comparison) -> Message | None:
 
 
 def _distances(check: Check, compared: Comparison) -> Iterator[Fact]:
-    """Yield the distances between positions, and between joints."""
+    """Yield the largest distances between positions, and between joint positions."""
     if compared.largest_difference_m is None:
         if not compared.of_drop:  # of which a setting says why
             yield Fact(Message("positions"), Message("nothing compared"))
@@ -279,7 +279,7 @@ def _distances(check: Check, compared: Comparison) -> Iterator[Fact]:
 
 
 def _where(place: Largest | Difference) -> Message:
-    """Return the time of a difference, and its part of a body."""
+    """Describe when a difference occurs, and in which part of a body."""
     words: list[str] = [Message("step {step}", step=place.step)]
     if isinstance(place, Difference) and place.time_s is not None:
         words.append(f"{place.time_s:.6g} s")
@@ -300,7 +300,7 @@ def _allowed(tolerance_m: float, *, of_drop: bool) -> str:
 
 
 def _option(setting: Difference) -> Message:
-    """Return a setting's value in both recordings, named by its option."""
+    """Describe a setting that differs, by the name of its option."""
     option = Scenario.options()[setting.column]
     value, golden = (
         GIVEN[not given] if option.is_flag else option.written(given)
@@ -312,12 +312,12 @@ def _option(setting: Difference) -> Message:
 
 
 def _beside(name: str, value: object, golden: object) -> Message:
-    """Return a value of the recording, and that of the golden one."""
+    """Format a value of the checked recording beside that of the golden one."""
     return Message("{name} {value}, golden {golden}", name=name, value=value, golden=golden)
 
 
 def _difference(difference: Difference) -> Message:
-    """Return the place of a difference, and both values, to their last digit."""
+    """Describe where a difference occurs, and both values to the last digit."""
     at = _where(difference)
     if difference.column == "frame":
         return Message("{where}: a picture", where=at)
@@ -338,7 +338,7 @@ def _difference(difference: Difference) -> Message:
 
 
 def first_words(check: Check) -> Message:
-    """Return the first difference in a few words."""
+    """Describe the first difference in a few words."""
     first = check.first
     if first is None:
         compared = check.comparison
@@ -376,7 +376,7 @@ def _call(call: Call | None) -> Message:
 
 
 def _frames(frames: FrameComparison) -> Message:
-    """Return the comparison of pictures."""
+    """Describe the comparison of the images."""
     if not frames.compared:
         return Message("none compared: {why}", why=frames.why)
     differ: Message = IDENTICAL
@@ -387,11 +387,11 @@ def _frames(frames: FrameComparison) -> Message:
 
 
 OF_BITS = frozenset(("mujoco",))
-"""Versions that may change the last bits of a run."""
+"""Libraries whose version may change the last bits of a run."""
 
 
 def _besides(compared: Comparison) -> Iterator[Fact]:
-    """Yield differences besides the physics, and sources of differences between runs."""
+    """Yield differences that are not physical, and causes of differences between runs."""
     for setting in compared.script:
         if setting.name == "script_sha256":
             yield Fact(Message("script"), Message("its text differs"))

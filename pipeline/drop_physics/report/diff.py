@@ -1,4 +1,4 @@
-"""Report the common part of two runs, their difference, and its proof."""
+"""The report of `drop diff`: what two runs have in common, how they differ, and the proof."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from drop_physics.stages.diff import Diff
 
 LATE = ("a", "b")
-"""Details of a number that one run changes later."""
+"""Values of a cause's `detail` that name the run in which a value changes later."""
 APART = 3
-"""Exit code of two runs that are not the same."""
+"""Exit code if two runs are not the same."""
 COLUMN = 12
-"""Width of a title in columns."""
+"""Width of a title in characters."""
 LINES, WIDTH = 12, 80
-"""Most lines of an answer, in a terminal so wide."""
+"""Most lines of the report, in a terminal of this width."""
 MOST = 6
-"""Most names that are listed; all are in the JSON."""
+"""Most names listed; the JSON contains all."""
 HIDDEN = ("detail", "bodies", "others", "steps", "follows")
-"""Fields of a cause that only words are made of."""
+"""Fields of a cause that are used only to word the report."""
 HOST = {
     "hash_seed": Message("PYTHONHASHSEED"),
     "numpy": Message("numpy"),
@@ -43,7 +43,7 @@ HOST = {
 
 
 def json_of(diff: Diff) -> dict[str, Any]:
-    """Return the object of `--json`."""
+    """Return the JSON object that `--json` prints."""
     answer = diff.answer
     proved, first = answer.proved, answer.first
     return dict(
@@ -82,13 +82,13 @@ def _json_of_cause(cause: DifferenceCause) -> dict[str, Any]:
 
 
 def report_of(diff: Diff) -> Report:
-    """Report the common part of two runs, the cause of their difference, and its proof."""
+    """Report what two runs have in common, why they differ, and the proof."""
     code = 0 if diff.answer.cls == "none" else APART
     return Report(sections=[Section([Facts(facts_of(diff), COLUMN)])], code=code)
 
 
 def facts_of(diff: Diff) -> list[Fact]:
-    """Return the lines of an answer."""
+    """Return the lines of the report."""
     because, also = [*_because(diff)], [*_also(diff)]
     rows = [
         *_same(diff),
@@ -111,7 +111,7 @@ def facts_of(diff: Diff) -> list[Fact]:
 
 
 def _height(fact: Fact) -> int:
-    """Return the number of lines of a fact in a terminal of usual width."""
+    """Return the height of a fact in lines, in a terminal of the usual width."""
     return len(wrapped(fact.words, WIDTH - COLUMN))
 
 
@@ -155,7 +155,7 @@ def _same(diff: Diff) -> Iterator[Fact]:
 
 
 def _cut_short(diff: Diff) -> Iterator[Fact]:
-    """Yield a remark on a script that was stopped: both are compared up to there."""
+    """Yield a remark if a script was stopped: the runs are compared up to that point."""
     cut = [
         Message("{side} {ended}", side=side, ended=ENDED[ended])
         for side, ended in zip((diff.a, diff.b), diff.ended, strict=True)
@@ -236,7 +236,7 @@ def _cause(diff: Diff, cause: DifferenceCause) -> Message:
 
 
 def _where(words: Message, cause: DifferenceCause) -> Message:
-    """Return words with step and lines of a cause."""
+    """Append the step and source lines of a cause to a text."""
     if cause.step is not None and cause.steps is None:
         words = joined("", [words, Message(" before step {step}", step=cause.step)])
     sites = _sites(cause)
@@ -244,7 +244,7 @@ def _where(words: Message, cause: DifferenceCause) -> Message:
 
 
 def _known(cause: DifferenceCause) -> Message:
-    """Return a known difference between two engines."""
+    """Describe a known difference between two engines."""
     if cause.step is not None:
         return Message(
             "contacts: both touch by step {step}, and none of the known differences takes it away",
@@ -257,7 +257,7 @@ def _known(cause: DifferenceCause) -> Message:
 
 
 def _called(cause: DifferenceCause, value: Value) -> str:
-    """Return a call, with the value of the differing argument, or with all of them."""
+    """Describe a call, with the value of the differing argument, or with all arguments."""
     call = str(cause.field)
     call = f"{call[:-1]}={value})" if call.endswith(")") else str(value)
     return _named(replace(cause, field=call)) if cause.element else call
@@ -289,7 +289,7 @@ def _step(diff: Diff, cause: DifferenceCause) -> Message:
 
 
 def values(a: Value, b: Value) -> tuple[str, str]:
-    """Return two values with enough digits to tell them apart."""
+    """Format two values with enough digits to tell them apart."""
     if isinstance(a, tuple) or isinstance(b, tuple):
         both = [each if isinstance(each, tuple) else (each,) for each in (a, b)]
         few = len(both[0]) == len(both[1]) <= 4
@@ -375,7 +375,7 @@ SWAPPED = {
         "{a} with these calls of {b} alone is {b} in the first {n:,} of {of:,} steps, {exact}"
     ),
 }
-"""Proofs of a cause, by the quantity that was swapped."""
+"""Sentences that state the proof of a cause, by what was swapped between the runs."""
 
 
 def _host(diff: Diff) -> Iterator[Fact]:

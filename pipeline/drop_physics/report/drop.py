@@ -1,4 +1,4 @@
-"""The report of a drop: from release to rest, the sources of its error, the findings."""
+"""The report of a drop: from release to rest, the error's terms, the findings."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def report_of_drop(analysis: DropAnalysis, *, verbose: bool = False) -> Report:
-    """Report a drop from its release to its rest."""
+    """Report a drop, from its release until it rests."""
     last = analysis.table.row(-1, named=True)
     body = Path(analysis.scenario["body"]).name
     centre = Message(
@@ -57,7 +57,7 @@ def report_of_drop(analysis: DropAnalysis, *, verbose: bool = False) -> Report:
 
 
 def _dropped(analysis: DropAnalysis, body: str) -> Message:
-    """Return the body, its height, and its engine unless that is PyBullet."""
+    """Describe the dropped body, its height, and its engine unless that is PyBullet."""
     scenario = analysis.scenario
     values = {
         "body": body,
@@ -264,7 +264,7 @@ def _bounce(analysis: DropAnalysis, bounce: Bounce) -> Message:
 
 
 def _positive_mm(length_m: float) -> str:
-    """Return a length in millimetres; one that rounds to zero has no sign."""
+    """Format a length in millimetres; one that rounds to zero has no sign."""
     return decimals(round(length_m * 1e3, 1) + 0.0, 1)
 
 
@@ -284,7 +284,7 @@ def _rest(analysis: DropAnalysis) -> list[Fact]:
 
 
 def _off(rest: Rest) -> Message:
-    """Return the distance of a body from its expected rest, and the reasons."""
+    """Describe how far a body is from its expected resting position, and why."""
     if rest.expected_m is None or rest.error_m is None:
         return Message("no theory gives the height at rest in this orientation")
     error = Message(
@@ -355,7 +355,7 @@ def _explained(analysis: DropAnalysis) -> Message:
 
 
 _TITLE = 12
-"""Width of a title in columns."""
+"""Width of a title in characters."""
 _MOST_BOUNCES = 3
 MOST_FINDINGS = 2
-"""Most findings that are listed without --verbose."""
+"""Most findings listed without --verbose."""

@@ -1,4 +1,4 @@
-"""The report of a run's episodes: the line of the examined one, or all in short."""
+"""The report of a run's episodes: the examined one in a line, and a summary of all."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ if TYPE_CHECKING:
     from drop_physics.account.episodes import AtEnd, EpisodeRow
 
 COLUMN = 9
-"""Width of the headings."""
+"""Width of the column of headings."""
 MOST, MOST_JOINTS = 20, 3
-"""Most episodes that --verbose lists, and most joints in a line."""
+"""Most episodes listed with --verbose, and most joints in a line."""
 ENDED = {
     "terminated": Message("terminated"),
     "truncated": Message("truncated"),
     "reset": Message("reset"),
     "run": Message("the run ended"),
 }
-"""Endings of an episode, in words."""
+"""Descriptions of how an episode can end."""
 
 
 def episode_lines(
     rows: Sequence[EpisodeRow], looked_at: int | None, *, verbose: bool
 ) -> Iterator[Section]:
-    """Yield the line of the account's episode, and a summary of the others; or all lines."""
+    """Yield a line for the account's episode and a summary of the rest; or a line for each."""
     if len(rows) < 2 and all(row.length is None for row in rows):
         return  # a run without environments is no episode
     heading, facts = Message("episode"), list[Fact]()
@@ -48,13 +48,13 @@ def episode_lines(
 
 
 def ended_well(rows: Sequence[EpisodeRow]) -> bool:
-    """Return whether environments have ended all episodes without failure: no question remains."""
+    """Return whether all episodes ended without failure, so that nothing needs explaining."""
     ways = [row.ended in ("terminated", "truncated") and not row.failed for row in rows]
     return bool(ways) and all(ways)
 
 
 def line_of(row: EpisodeRow, count: int) -> Message:
-    """Return an episode in a line: its time and end, and the joints at their limits."""
+    """Describe an episode in a line: its time, how it ended, and joints at their limits."""
     how: Message = ENDED[row.ended]
     if row.why:
         how = Message("{how}: {why}", how=how, why=row.why)
@@ -108,7 +108,7 @@ def line_of(row: EpisodeRow, count: int) -> Message:
 
 
 def _at_end(held: Sequence[AtEnd]) -> Iterator[Message]:
-    """Yield the joints that stay at limits and stops to the end, the earliest first."""
+    """Describe the joints that are at their limits until the end, the earliest first."""
     ordered = sorted(held, key=lambda each: (each.at_stop, each.limit or 0.0, each.since_s))
     for (at_stop, limit), alike in groupby(ordered, key=lambda each: (each.at_stop, each.limit)):
         its = [*alike]
@@ -130,7 +130,7 @@ def _at_end(held: Sequence[AtEnd]) -> Iterator[Message]:
 
 
 def _together(rows: Sequence[EpisodeRow]) -> Message:
-    """Return the numbers of episodes by their ends, and their returns."""
+    """Summarize episodes: how many ended in which way, and their returns."""
     ways = Counter(row.ended for row in rows)
     ended = joined(
         ", ",

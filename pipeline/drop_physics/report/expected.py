@@ -1,4 +1,4 @@
-"""Report of an expectation, and of the single changes that make it true."""
+"""The report of an expectation: its outcome, and the single changes that would meet it."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from drop_physics.stages.why.expect import Expected
 
 FAILS = 3
-"""Exit code if what was expected did not come."""
+"""Exit code if the expectation failed."""
 SHOWN = 3
-"""Outcomes that are shown without `--all`."""
+"""Number of changes shown without `--all`."""
 ROUNDING = 1e-6
-"""A quantity is told as 0 where it is smaller than this share of what came."""
+"""A quantity is shown as 0 if it is below this share of the reached value."""
 MOST_COMMANDS = 2
-"""Commands that are named of those that are followed worse."""
+"""Most commands listed that are followed worse with a change."""
 
 
 # -- as JSON --------------------------------------------------------------------------------------
@@ -35,11 +35,11 @@ NOTHING: dict[str, Any] = {
     "makes_true": [],
     "moves": [],
 }
-"""JSON keys of a run without an expectation."""
+"""JSON values of a run without an expectation."""
 
 
 def json_of(found: Expected) -> dict[str, Any]:
-    """Return the object of `--json` about an expectation."""
+    """Return the part of the JSON object that describes an expectation."""
     base = found.base
     least = [*found.least, *[None] * len(found.makes_true)]
     recordings = [*found.recordings, *[None] * len(found.makes_true)]
@@ -112,7 +112,7 @@ def _named(tried: TriedChange) -> dict[str, Any]:
 
 
 def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
-    """Yield the expectation, its outcome, and the changes that make it true; with `every`, all."""
+    """Yield the expectation, its outcome, and changes that meet it; all of them with `every`."""
     expected, value = _asked(found), _value(found, found.base)
     words = (
         Message("{expected}: yes, {value}", expected=expected, value=value)
@@ -182,7 +182,7 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
 
 
 def _value(found: Expected, outcome: ChangeOutcome) -> str:
-    """Return the compared quantity, with its unit if known.
+    """Format the compared quantity, with its unit if known.
 
     Rounding, compared with the quantity in the script's own run, is 0.
     """
@@ -192,7 +192,7 @@ def _value(found: Expected, outcome: ChangeOutcome) -> str:
 
 
 def _asked(found: Expected) -> str:
-    """Return the expectation, with its origin."""
+    """Describe the expectation, and where it comes from."""
     if found.row is not None:
         return f"{found.row.words}: {found.text}"
     return found.text if found.site is None else f"{found.site}: assert {found.text}"
@@ -207,7 +207,7 @@ def _how_many(outcomes: int) -> str:
 
 
 def _places(found: Expected) -> list[int]:
-    """Return the number of each outcome: equal ones have the same number."""
+    """Return the rank of each change; equally good ones share a rank."""
     places: list[int] = []
     for number_, each in enumerate(found.makes_true, 1):
         before = found.makes_true[number_ - 2] if number_ > 1 else None
@@ -226,7 +226,7 @@ def _told(
     line: tuple[str, str] | None,
     latest: int | None,
 ) -> str:
-    """Return a change in words, with the remarks about it."""
+    """Describe a change, with remarks on its effects."""
     parts = [found.words(each.tried.change)]
     if line is not None and each.tried.change.site is None:
         parts.append(" ".join(line).rstrip())

@@ -1,4 +1,4 @@
-"""The meanings of codes: one in full, or all in a line each."""
+"""The report of `drop explain`: the meaning of one code in full, or of all in a line each."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from drop_physics.stages.explain import CodeManual
 
 COLUMN, CODE_COLUMN = 12, 24
-"""Widths of titles, and of codes."""
+"""Widths of the columns of titles, and of codes."""
 
 
 def report_of(manual: CodeManual) -> Report:
@@ -28,7 +28,7 @@ def report_of(manual: CodeManual) -> Report:
 
 
 def _rows(one: CodeReference) -> list[Fact]:
-    """Return the parts of a meaning, each with its title."""
+    """Return the parts of a code's meaning, each with a title."""
     rows = [Fact(Message("code"), one.code), Fact(Message("means"), one.meaning)]
     if one.reason_of is not None:
         rows.append(Fact(Message("reason of"), one.reason_of))

@@ -1,4 +1,4 @@
-"""The report of an export."""
+"""The report of `drop export`."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from drop_physics.stages.export import Export
 
 COLUMN = 12
-"""Width of titles."""
+"""Width of the column of titles."""
 
 
 def report_of(export: Export) -> Report:
-    """Report the written files, and the amounts in them."""
+    """Report the files written, and how much they contain."""
     files = []
     for path, count in export.files.items():
         held = counted(count, "message") if path.endswith(".mcap") else counted(count, "row")

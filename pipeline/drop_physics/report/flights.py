@@ -1,4 +1,4 @@
-"""The flights, contacts and momentum of bodies: the longest and greatest, a row each."""
+"""The report of flights, contacts and momentum of bodies: the largest ones, a row each."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ if TYPE_CHECKING:
     from drop_physics.explain.decomposition import VectorTerms
 
 MOST_ROWS = 6
-"""Most flights and contacts that are listed; all are in the JSON."""
+"""Most flights and contacts listed; the JSON contains all."""
 LONGEST_NAME, LEAST_NAME = 30, 10
-"""Width of a name in a row, and the width to which it may be cut."""
+"""Width of a name in a row, and the least width to which it may be truncated."""
 MOST_FALLS = 3
 """Most bodies whose first flight is broken down without --verbose."""
 LEAST_FALL_M = 1e-4
-"""Least distance from free fall [m] at which a first flight is shown without being asked for."""
+"""Least deviation from free fall at which a first flight is shown unasked [m]."""
 MOST_BODIES = 3
-"""Most bodies whose momentum is shown; all are in the JSON."""
+"""Most bodies whose momentum is shown; the JSON contains all."""
 
 
 def falls(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
-    """Yield the error of the first flights of bodies that begin in the air."""
+    """Yield the error of the first flight of each body that starts in the air."""
     begun = [flight for body in bodies for flight in _begins_in_the_air(body)][:MOST_FALLS]
     if not begun:
         return
@@ -60,7 +60,7 @@ def falls(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
 
 
 def _begins_in_the_air(body: BodyAnalysis) -> Iterator[tuple[str, float, Vector, VectorTerms]]:
-    """Yield the sample of a body's first flight at 0.3 s, or at its end if that comes first."""
+    """Yield the sample of a body's first flight at 0.3 s, or at the flight's end if earlier."""
     if not body.flights:
         return
     first = body.flights[0]
@@ -77,7 +77,7 @@ def _begins_in_the_air(body: BodyAnalysis) -> Iterator[tuple[str, float, Vector,
 
 
 def flights(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
-    """Yield the errors at the ends of the longest flights; for one body also their terms."""
+    """Yield the errors at the ends of the longest flights; for a single body also the terms."""
     all_of_them = [(body, flight) for body in bodies for flight in body.flights]
     if not all_of_them:
         return
@@ -99,7 +99,7 @@ def flights(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
 
 
 def _terms(flight: BodyFlight) -> Section:
-    """Return the errors of a flight at some times, and their terms."""
+    """Return a flight's errors at several times, with their terms."""
     title = Message(
         "Flight from {start:.4f} s to {end:.4f} s, off free fall by",
         start=flight.start_s,
@@ -125,7 +125,7 @@ def _terms(flight: BodyFlight) -> Section:
 
 
 def contacts(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
-    """Return the contacts with the greatest impulses, a row each."""
+    """Yield the contacts with the largest impulses, a row each."""
     all_of_them = [(body, contact) for body in bodies for contact in body.contacts]
     if not all_of_them:
         return
@@ -151,7 +151,7 @@ def contacts(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
 
 
 def momentum(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
-    """Yield the momentum of the first bodies at the start and the end, and by cause."""
+    """Yield the momentum of the first bodies: at the start, at the end, and changes by cause."""
     for body in [body for body in bodies if body.momentum is not None][:MOST_BODIES]:
         assert body.momentum is not None
         rows = {
@@ -180,7 +180,7 @@ def momentum(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
 
 
 def contact_by(pushers: Sequence[Pusher]) -> Message:
-    """Return the impulses that other bodies gave in a contact."""
+    """List the impulses in a contact by the body that exerts them."""
     gave = [
         Message(
             "{body} {impulse}",
@@ -201,7 +201,7 @@ def _more(number: int, what: str) -> list[Words]:
 
 
 def _span(ends_s: Sequence[tuple[float, float]], drop: int = 0) -> Iterator[Column]:
-    """Return the columns of start and end; the end may be left out."""
+    """Yield the columns of start and end times; the end may be removed if room is short."""
     for head, values in zip(
         (Message("from"), Message("to")), zip(*ends_s, strict=True), strict=True
     ):

@@ -1,4 +1,4 @@
-"""A report as HTML, the part of a page below its title. Texts from a recording are escaped."""
+"""Render a report as HTML, without the page's title; texts from a recording are escaped."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from drop_physics.report.words import beneath, besides
 from drop_physics.rules.answer import Finding
 
 CURVES = "<!-- curves -->"
-"""Placeholder of curves; recorded texts cannot contain it, as they are escaped."""
+"""Placeholder for curves; recorded texts cannot contain it, as they are escaped."""
 AROUND = 2
-"""Number of lines of a script shown before and after that of a finding."""
+"""Number of source lines shown before and after the one that a finding cites."""
 Moment = Callable[[float], str]
-"""Returns the HTML of a simulated time [s], linked to its frame where one is shown."""
+"""Function that returns a simulated time [s] as HTML, linked to its frame if one is shown."""
 
 
 def time_html(at_s: float) -> str:
-    """Return the HTML of a time without a link."""
+    """Format a time as HTML, without a link."""
     return f"{number(at_s)} s"
 
 
 def html_of(report: Report, heading: str = "h1", moment: Moment = time_html) -> Iterator[str]:
-    """Yield a report's verdict, as a heading, and its sections, in the reader's language."""
+    """Yield a report's verdict as a heading, then its sections, in the user's language."""
     verdict = report.verdict
     if report.error is not None:
         yield from _listed([report.error.finding], 1, report.error.sources)
@@ -61,7 +61,7 @@ def _said(text: str) -> str:
 
 @singledispatch
 def block_html(block: object, moment: Moment) -> Iterator[str]:
-    """Yield the HTML of a block."""
+    """Render a block as HTML."""
     raise TypeError(block, moment)
 
 
@@ -141,7 +141,7 @@ def _site(finding: Finding) -> str:
 
 
 def _source(finding: Finding, sources: Mapping[str, Path]) -> Iterator[str]:
-    """Yield the line that a finding cites, with those around it."""
+    """Yield the source line that a finding cites, and those around it."""
     lines = lines_of(finding, sources, AROUND)
     if lines:
         cited = int(str(finding.site).rpartition(":")[2])
@@ -154,5 +154,5 @@ def _source(finding: Finding, sources: Mapping[str, Path]) -> Iterator[str]:
 
 @block_html.register
 def _(_: Graphs, moment: Moment) -> Iterator[str]:  # noqa: ARG001
-    """Yield the places where a page draws curves, with what it loads for them."""
+    """Yield the placeholders for curves, and the files that the page loads for them."""
     yield CURVES

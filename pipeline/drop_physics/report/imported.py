@@ -1,4 +1,4 @@
-"""The report of imported states: their file, the engine of their steps, the next commands."""
+"""The report of imported states: their file, the engine compared with, the next commands."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def report_of(imported: Imported) -> Report:
-    """Report the contents of a file, and whether its steps are MuJoCo's."""
+    """Report the contents of a file of states, and whether MuJoCo's steps agree with them."""
     facts = Message(
         "{states}, {bodies}, {megabytes:.2f} MB, {wall_s:.1f} s",
         states=counted(imported.states, "state"),
@@ -34,7 +34,7 @@ def report_of(imported: Imported) -> Report:
 
 
 def _read(imported: Imported) -> Iterator[Message]:
-    """Yield the arrays that were read, and their world."""
+    """Describe the arrays that were read, and the world that they belong to."""
     named = (
         what if key.rpartition("/")[2] == what else f"{what} ({key})"
         for what, key in imported.arrays.items()
@@ -54,6 +54,6 @@ def _read(imported: Imported) -> Iterator[Message]:
 
 
 def _listed(title: Message, sentences: Any) -> Iterator[Fact]:  # noqa: ANN401 - any iterable
-    """Yield sentences, the first with a title."""
+    """Yield sentences, the first of them with a title."""
     for number, sentence in enumerate(sentences):
         yield Fact(title if not number else "", sentence, "dim")

@@ -1,4 +1,4 @@
-"""The description of a recording, in about ten lines."""
+"""The report of `drop info`: a recording in about ten lines."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ if TYPE_CHECKING:
 
 COLUMN = 12
 MOST_BODIES, MOST_READINGS = 6, 4
-"""Most bodies, and lines that read, that are listed; all are in the JSON."""
+"""Most bodies, and most source lines with readings, listed; the JSON contains all."""
 
 
 def _readings(info: Info) -> Message:
-    """Return the line of the script that reads most often, its reading, and their number."""
+    """Describe the script's line with the most readings: what it reads, and how often."""
     most = sorted(info.readings, key=lambda reading: -reading.count)
     return _first_of([_reading(each) for each in most], MOST_READINGS)
 
 
 def _first_of(parts: Sequence[str], most: int) -> Message:
-    """Return the first of several texts as a list, with the number of further ones."""
+    """List the first of several texts, and say how many more there are."""
     shown, more = [*parts[:most]], len(parts) - most
     if more > 0:
         shown.append(Message("and {more:,} more: see --json", more=more))

@@ -1,4 +1,4 @@
-"""A report as Markdown: for a recording's layer, a golden recording, a CI's summary."""
+"""Render a report as Markdown: for a recording's layer, a golden recording, a CI job's summary."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ from drop_physics.report.words import beneath, besides
 from drop_physics.rules.answer import Finding
 
 MOMENTS = ("| | | drop analyze |", "| --- | --- | --- |")
-"""Heads of facts that tell moments: with this option the command shows the sum at each."""
+"""Head of a table of facts about moments; its last column has the options that show the sum
+there."""
 Say = Callable[[str], str]
-"""Gives a text in the language of the page: `translated`, or `str` for English."""
+"""Function that translates a text, or `str` for English."""
 
 
 def markdown_of(report: Report, *, level: int = 2, say: Say = translated) -> str:
-    """Return a report as Markdown, with headings of this level."""
+    """Render a report as Markdown, with headings of this level."""
     lines = [*_verdict(report, level, say)]
     for section in report.sections:
         for block in section.blocks:
@@ -52,7 +53,7 @@ def _escaped(text: str) -> str:
 
 @singledispatch
 def block_markdown(block: object, say: Say) -> Iterator[str]:
-    """Yield the lines of a block, the last of them empty."""
+    """Yield a block's lines as Markdown, with an empty line at the end."""
     raise TypeError(block, say)
 
 
@@ -88,7 +89,7 @@ def _(table: DataTable, say: Say) -> Iterator[str]:
 
 @block_markdown.register
 def _(_: Graphs, say: Say) -> Iterator[str]:  # noqa: ARG001
-    """Yield nothing: curves are in the viewer, or in a file of their own."""
+    """Yield nothing: curves are shown in the viewer, or in files of their own."""
     yield from ()
 
 

@@ -1,4 +1,4 @@
-"""Results in Python: as text, and as HTML for notebooks, with tables and pictures inline."""
+"""Show results in Python: as text, and in notebooks as HTML with tables and images."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from drop_physics.printable import Printable
 
 PICTURES = {".gif": "gif", ".png": "png", ".webp": "webp", ".apng": "apng", ".svg": "svg+xml"}
-"""Media types that a browser shows, by file suffix."""
+"""Media types of images that browsers show, by file suffix."""
 HIDDEN = """<div id="{name}">{film}<p>{note}</p></div><script>{{
 const film = document.getElementById("{name}")
 const cell = film.closest(".jp-OutputArea, .output, .cell-output, body")
@@ -35,28 +35,29 @@ const seen = setInterval(() => {{
 }}, 500)
 setTimeout(() => clearInterval(seen), 60000)
 }}</script>"""
-"""A film that hides once a viewer is beside it, but not in a page without scripts or widgets."""
+"""HTML of a video that hides once a viewer is shown, but stays in a page without scripts or
+widgets."""
 HEADING = "h4"
-"""Style of a result's first line."""
+"""CSS style of a result's first line."""
 
 
 MORE = re.compile(r": (?:see )?--(?:verbose|json|account)\b[^\n<]*")
-"""Hint that the command line shows more; in Python the result's JSON does."""
+"""Pattern of a hint that the command line shows more, which is removed in Python."""
 
 
 def text_of(result: Printable) -> str:
-    """Return the terminal's text for a result, without colours."""
+    """Return a result's report as the terminal shows it, without colours."""
     lines = (Text.from_markup(harmless(line), emoji=False) for line in lines_of(result.report()))
     return "\n".join(line.plain.rstrip() for line in lines)
 
 
 def in_python(text: str) -> str:
-    """Return a text that names options of the command line with Python's own names."""
+    """Replace names of command-line options in a text by Python's parameter names."""
     return in_parameters(MORE.sub(": as_json()", text))
 
 
 def _without_commands(report: Report) -> Report:
-    """Return a report without the command to type next."""
+    """Remove the commands to run next from a report."""
     sections = [
         replace(
             section,
@@ -73,12 +74,12 @@ def _without_commands(report: Report) -> Report:
 
 
 def moment_in_python(at_s: float) -> str:
-    """Return the HTML of the method that opens the viewer at a time."""
+    """Return the HTML of the Python call that opens the viewer at a time."""
     return f"<code>.view(at_s={at_s:g})</code>"
 
 
 def html_of(result: Printable) -> str:
-    """Return a result's report as HTML, followed by its tables and pictures."""
+    """Return a result's report as HTML, followed by tables and images."""
     report = _without_commands(result.report())
     shown = html.html_of(report, HEADING, moment_in_python)
     told = in_python("\n".join(shown).replace(html.CURVES, ""))
@@ -87,7 +88,7 @@ def html_of(result: Printable) -> str:
 
 
 def _tables(result: Any) -> Iterator[str]:  # noqa: ANN401 - of any kind
-    """Yield the rows of a sweep; the text shows only the first, and only differing columns."""
+    """Yield the table of all rows and columns of a sweep, of which the text shows only a part."""
     from drop_physics.stages.sweep import Sweep
 
     if isinstance(result, Sweep):
@@ -95,7 +96,7 @@ def _tables(result: Any) -> Iterator[str]:  # noqa: ANN401 - of any kind
 
 
 def _pictures(report: Report) -> list[str]:
-    """Return the pictures among the files of a report; if there are none, its curves, drawn now."""
+    """Return the images among a report's files, or else its curves, which are then drawn."""
     blocks = [block for section in report.sections for block in section.blocks]
     rows = [row for block in blocks if isinstance(block, Facts) for row in block.rows]
     paths = [Path(row.path) for row in rows if isinstance(row, File)]
@@ -117,7 +118,7 @@ def _drawn(plot: Plot) -> str:
 
 
 class Viewed:
-    """Rerun's viewer in a notebook; if that cannot be shown, a film, or the result's plot."""
+    """A viewer in a notebook, with a video or the result's plot where it cannot be shown."""
 
     def __init__(self, result: Any, height_px: int, at_s: float | None) -> None:  # noqa: ANN401
         from drop_physics.stages.render import film_of

@@ -1,4 +1,4 @@
-"""A report as a page of its own: one file, with curves and film, without any request.
+"""Write a report as an HTML page in one file, with curves and video, and no web requests.
 
 A user attaches it to an issue or to a CI run. Its policy forbids every request.
 """
@@ -66,13 +66,13 @@ img { max-width: 100% } .strip { display: none }
 }
 """
 MOMENTS = 4
-"""Number of pictures of a film that are printed."""
+"""Number of video frames that are printed."""
 LANGUAGE = Message("en")
-"""Language of a page, as HTML names it."""
+"""HTML language code of the page."""
 
 
 def check_page(page: Path, *, inputs: Sequence[Path], force: bool) -> None:
-    """Make sure that a page can be written, before any work is done for it.
+    """Check that a page can be written, before any work is done for it.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def write_page(
     film_of: Path | None = None,
     **how: object,
 ) -> None:
-    """Write a result's report as a page, with its curves; `how` goes to its builder.
+    """Write a result's report as a page with its curves; `how` are options of the report.
 
     The recording `film_of` is filmed, where it has anything to show.
 
@@ -129,7 +129,7 @@ def write_page(
 
 
 def _films(recording: Path | None) -> list[ShortFilm]:
-    """Return a recording's film for a light and a dark page; none if nothing can be drawn."""
+    """Return a recording's video for a light and a dark page; empty if nothing can be drawn."""
     if recording is not None:
         with contextlib.suppress(DropError):
             return [drawn_film(recording, dark=dark) for dark in (False, True)]
@@ -137,7 +137,7 @@ def _films(recording: Path | None) -> list[ShortFilm]:
 
 
 class FilmFrames:
-    """The frames of a recording's films at the moments that a page tells.
+    """The video frames at the moments that a page mentions.
 
     Parameters
     ----------
@@ -148,20 +148,20 @@ class FilmFrames:
     def __init__(self, films: Sequence[ShortFilm]) -> None:
         self._films = films
         self._shown: set[int] = set()
-        """The frames that the page links to."""
+        """Frames that the page links to."""
 
     def link(self, at_s: float) -> str:
-        """Return a link to the frame nearest to a time."""
+        """Return an HTML link to the frame nearest to a time."""
         place = self._nearest(at_s)
         self._shown.add(place)
         return f'<a href="#frame-{place}">{time_html(at_s)}</a>'
 
     def picture(self, at_s: float) -> str | None:
-        """Return the picture nearest to a time; None without films."""
+        """Return the image nearest to a time as HTML; None without a video."""
         return self._picture(self._nearest(at_s)) if self._films else None
 
     def figures(self) -> Iterator[str]:
-        """Yield the frames that links lead to, each with its time."""
+        """Yield the linked frames, each with its time."""
         if self._shown:
             yield '<section class="moments">'
             for place in sorted(self._shown):
@@ -180,7 +180,7 @@ class FilmFrames:
 
 
 def _curves(report: Report, frames: FilmFrames) -> Iterator[str]:
-    """Yield the plots of a report, for a light or dark page, and the picture of a moment."""
+    """Yield a report's plots, for a light or dark page, and the image of a moment."""
     for section in report.sections:
         for block in section.blocks:
             if isinstance(block, Graphs) and (plot := block.plot()).panels:
@@ -196,7 +196,7 @@ def _curves(report: Report, frames: FilmFrames) -> Iterator[str]:
 
 
 def _film(films: Sequence[ShortFilm]) -> Iterator[str]:
-    """Yield the film for a light or dark page, and the pictures that are printed in its place."""
+    """Yield the video for a light or dark page, and the images printed in its place."""
     if films:
         light, dark = films
         yield _picture("film", _data(light.gif, "gif"), _data(dark.gif, "gif"))
@@ -204,7 +204,7 @@ def _film(films: Sequence[ShortFilm]) -> Iterator[str]:
 
 
 def _frame(film: ShortFilm, place: int) -> bytes:
-    """Return one picture of a film."""
+    """Return one frame of a video as an encoded image."""
     with Image.open(io.BytesIO(film.gif)) as frames:
         frames.seek(min(place, getattr(frames, "n_frames", 1) - 1))
         stream = io.BytesIO()
@@ -224,7 +224,7 @@ def _data(picture: bytes, kind: str) -> str:
 
 
 def _strip(film: bytes) -> bytes:
-    """Return moments of a film side by side, including the first and the last."""
+    """Return several frames of a video side by side, including the first and the last."""
     with Image.open(io.BytesIO(film)) as frames:
         width, height = frames.size
         strip = Image.new("RGB", (MOMENTS * width, height))

@@ -1,4 +1,4 @@
-"""The report of a recorded script, and the commands to type next."""
+"""The report of a recorded script, and the commands to run next."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def json_of(recorded: Recorded) -> dict[str, Any]:
-    """Return the object of `--json`."""
+    """Return the JSON object that `--json` prints."""
     left_out = {"failure", "twice", "reached", "never_began", "is_elsewhere"} | (
         {"engine", "answer"} | (set() if recorded.twice else {"first_difference"})
     )
@@ -29,7 +29,7 @@ def json_of(recorded: Recorded) -> dict[str, Any]:
 
 
 def report_of(recorded: Recorded, *, analyzed: bool = False) -> Report:
-    """Report the ending of the script, and the contents of its recording.
+    """Report how the script ended, and what its recording contains.
 
     A following analysis says the script's error itself, and then there is no command to type.
     """
@@ -52,7 +52,7 @@ def report_of(recorded: Recorded, *, analyzed: bool = False) -> Report:
 
 
 def _written(recorded: Recorded) -> Iterator[Fact | File]:
-    """Yield the file that was written, and its content."""
+    """Yield the file that was written, and what it contains."""
     facts = Message(
         "{samples}, {bodies}, {frames}, {megabytes:.2f} MB, {wall_s:.1f} s",
         samples=counted(recorded.samples, "sample"),
@@ -67,7 +67,7 @@ def _written(recorded: Recorded) -> Iterator[Fact | File]:
 
 
 def _replayed(replay: ReplayedSteps) -> Message:
-    """Return the outcome of replaying the steps of MuJoCo."""
+    """Describe the result of replaying MuJoCo's steps."""
     if replay.replayed and replay.explained == replay.replayed:
         return Message(
             "{replayed:,} of {steps:,} steps replayed to the bit, "

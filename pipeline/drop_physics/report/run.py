@@ -1,4 +1,4 @@
-"""The report of files made of a drop or a script: recording, animation, plot."""
+"""The report of the files made from a drop or a script: recording, animation, plot."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from drop_physics.stages.simulate import Simulation
 
 COLUMN = 17
-"""Width of the titles."""
+"""Width of the column of titles."""
 
 
 def report_of(made: Simulation | Rendering | Run, *, recording: Path | None = None) -> Report:
-    """Report the files made of a recording; a whole run begins with its story."""
+    """Report the files made from a recording, after what happened in a whole run."""
     notes = []
     if recording is not None and recording.suffix == ".part":
         notes.append(
@@ -58,7 +58,7 @@ def _simulation(simulation: Simulation) -> File:
 
 
 def _rendering(rendering: Rendering) -> Iterator[File]:
-    """Yield the rendered files, and the playback of the animation."""
+    """Yield the rendered files, and the playback speed of the animation."""
     if rendering.gif is not None:
         frames = counted(rendering.frames, "frame")
         facts = [frames, f"{rendering.frames / rendering.fps:.2f} s"]
@@ -70,7 +70,7 @@ def _rendering(rendering: Rendering) -> Iterator[File]:
 
 
 def _speed(speed: float) -> Message:
-    """Return a speed in words: real time, or a part or multiple of it."""
+    """Describe a playback speed: real time, or a fraction or multiple of it."""
     if abs(speed - 1) < 5e-4:
         return Message("in real time")
     if speed < 1:

@@ -1,4 +1,4 @@
-"""The answer about a script in some two kilobytes of JSON: the contents of a terminal's screen."""
+"""A summary of a script's analysis in about two kilobytes of JSON: what a terminal shows."""
 
 from __future__ import annotations
 
@@ -22,77 +22,78 @@ class ShortFinding:
     """A finding, without its numbers."""
 
     code: str
-    """A stable name: `drop explain CODE`."""
+    """Stable identifier of the kind of finding, for `drop explain CODE`."""
     reason: str | None
-    """The cause, in a word; None where the code has one cause only."""
+    """Short identifier of the cause; None if the code has only one cause."""
     level: str
     """Level: `broken`, `asked`, `model`, `repeat` or `note`."""
     message: str
-    """Sentence on what was seen, with numbers, and why."""
+    """Sentence on what was observed, with numbers, and why."""
     advice: str | None
-    """The call that changes it."""
+    """The call that would change it."""
     proof: str
-    """`sum`, `call` or `trial`; `none` of advice that is only to be tried: `drop why`."""
+    """How the finding is proved: `sum`, `call` or `trial`; `none` if the advice is yet to be tried:
+    `drop why`."""
     site: str | None
-    """File and line of the call."""
+    """File and line of the call that the finding concerns."""
     terms: str | None
-    """The terms of the sum behind it."""
+    """Terms of the sum from which the finding follows."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShortRow:
-    """A row of the account."""
+    """A row of the account, shortened."""
 
     kind: str
     """The kind of row, as in `drop analyze --json`."""
     who: str
-    """The joint, body, pair or reading that it is about."""
+    """The joint, body, pair or reading that the row describes."""
     told: str
-    """Sentence on what was asked, what came, and when."""
+    """Sentence on the commanded and the reached value, and when."""
     terms: str | None
-    """The terms that act towards it, and against."""
+    """Terms that act for and against the command."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """The answer about a script."""
+    """A summary of a script's analysis."""
 
     script: str
-    """The script, without its folder; `-m NAME` of a module."""
+    """Name of the script, without its folder; `-m NAME` for a module."""
     ended: str
-    """Ending of the script: `finished`, `error`, …"""
+    """How the script ended: `finished`, `error`, …"""
     error: str | None
-    """The error that it ended with."""
+    """The error that ended the script."""
     error_site: str | None
-    """File and line of that error."""
+    """File and line that raised the error."""
     recording: Path | None
-    """The recording: `drop analyze --json RECORDING` tells everything."""
+    """Path of the recording; `drop analyze --json RECORDING` prints the complete analysis."""
     steps: int
     """Number of steps of the longest simulation."""
     explained: float
-    """Share of the samples whose sum closes: nothing is said of the others."""
+    """Share of the samples whose sum is complete; nothing is said about the others."""
     episodes: int
     """Number of episodes."""
     episode: int | None
-    """The episode that the account tells; None if the whole run."""
+    """Number of the episode that the account describes; None for the whole run."""
     findings: list[ShortFinding]
-    """The findings that are shown, the surest first."""
+    """The findings shown, the most certain first."""
     further_findings: int
     """Number of findings that are not shown here."""
     account: list[ShortRow]
-    """The rows that are shown, the most salient first."""
+    """The rows of the account shown, the most salient first."""
     further_rows: int
     """Number of rows that are not shown here."""
     left_out: int
-    """Number of findings left out by the command, the script or the project."""
+    """Number of findings suppressed by options, by comments in the script or by the project."""
     not_said: list[str]
-    """Gaps of the recording, about which nothing is said."""
+    """Sentences on gaps in the recording, about which nothing is said."""
     next: list[str]
-    """Commands that tell more."""
+    """Suggested next commands."""
 
 
 def summary_of(analysis: Analysis) -> Summary:
-    """Return the answer in short."""
+    """Summarize an analysis."""
     assert analysis.origin is not None
     origin, screen, of = analysis.origin, one_screen(analysis), analysis.explained
     findings, rows = screen.findings[: screen.most_findings], screen.rows[: screen.most_rows]
@@ -117,7 +118,7 @@ def summary_of(analysis: Analysis) -> Summary:
 
 
 def json_of_summary(analysis: Analysis) -> dict[str, Any]:
-    """Return the answer in short, as `drop --json SCRIPT.py` prints it."""
+    """Return the summary as the JSON object that `drop --json SCRIPT.py` prints."""
     return dict(jsonable(summary_of(analysis)))
 
 

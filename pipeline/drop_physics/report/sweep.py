@@ -1,4 +1,4 @@
-"""The report of a sweep of scenarios: a row per run, and the spread of the errors."""
+"""The report of a sweep of scenarios: one row per run, and how the errors are spread."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from drop_physics.sweeping.rows import Row
 
 MOST_ROWS = 30
-"""Most runs that are shown."""
+"""Most runs shown."""
 LONGEST = 20
-"""Most characters of a value in the table."""
+"""Longest value in the table [characters]."""
 COLUMNS = {"error_m": "total"} | {f"{name}_m": name for name in TERMS if name != "total"}
-"""Columns of the results, and the terms that they hold."""
+"""Columns of the results that contain terms of the error."""
 QUANTILES = {"5%": 0.05, "50%": 0.5, "95%": 0.95}
 
 
@@ -79,7 +79,7 @@ def report_of(sweep: Sweep) -> Report:
 
 
 def _next(sweep: Sweep) -> Iterator[str]:
-    """Yield the command that explains the first run that has a recording."""
+    """Yield the command that explains the first run that was recorded."""
     recordings = (row.get("recording") for row in sweep.rows)
     first = next(filter(None, recordings), None)
     if first is not None:
@@ -87,7 +87,7 @@ def _next(sweep: Sweep) -> Iterator[str]:
 
 
 def json_of(sweep: Sweep) -> dict[str, Any]:
-    """Return the object of `--json`."""
+    """Return the JSON object that `--json` prints."""
     return {
         "runs": sweep.runs,
         "failed": sweep.failed,
@@ -98,7 +98,7 @@ def json_of(sweep: Sweep) -> dict[str, Any]:
 
 
 def _rows(sweep: Sweep) -> Iterator[Block]:
-    """Yield a table of the runs: the values that differ between them, and their errors.
+    """Yield a table of the runs: the values that vary between them, and the errors.
 
     Columns that do not fit in a line are left out, from the right, but never the total.
     """
@@ -126,12 +126,12 @@ def _rows(sweep: Sweep) -> Iterator[Block]:
 
 
 def _cut(text: str) -> str:
-    """Return a value shortened to its share of a line; for a path, the end is kept."""
+    """Truncate a value to its share of a line; the end of a path is kept."""
     return text if len(text) <= LONGEST else f"…{text[1 - LONGEST :]}"
 
 
 def _spread(sweep: Sweep, rows: Sequence[Row]) -> Iterator[Block]:
-    """Yield the spread of a scenario's errors, over the samples in the air if there are any."""
+    """Yield the spread of the errors of each scenario, over samples in the air if there are any."""
     if label := sweep.label(rows[0]):
         yield Words(label, "bold")
     in_the_air = [row for row in rows if row["rounding_m"] is not None]

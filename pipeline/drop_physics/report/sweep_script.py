@@ -1,4 +1,4 @@
-"""The report of a sweep of a script: a row for each run."""
+"""The report of a sweep of a script: one row per run."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from drop_physics.sweeping.rows import Row
 
 MOST_ROWS = 30
-"""Most runs that are shown."""
+"""Most runs shown."""
 
 
 def json_of(sweep: ScriptSweep) -> dict[str, Any]:
-    """Return the object of `--json`."""
+    """Return the JSON object that `--json` prints."""
     return dict(
         jsonable(
             {
@@ -35,7 +35,7 @@ def json_of(sweep: ScriptSweep) -> dict[str, Any]:
 
 
 def report_of(sweep: ScriptSweep) -> Report:
-    """Report the ends of the runs, and their distances from the script's own."""
+    """Report where the runs end, and how far from the script's own run."""
     runs = counted(len(sweep.rows), "run")
     head = Message("{script}: {runs}, beside its own", script=sweep.script, runs=runs)
     rows = sweep.rows[:MOST_ROWS]
@@ -57,7 +57,7 @@ def _value(value: object) -> str:
 
 
 def _moved(row: Row) -> str:
-    """Return the distance between the ends of a run and of the script's own."""
+    """Describe how far a run ends from the script's own run."""
     if row["ended"] == "failed":
         return Message("fails")
     if row["same"]:

@@ -1,4 +1,4 @@
-"""A report in lines as wide as the terminal, with Rich's markup, in the reader's language."""
+"""Render a report for the terminal: lines that fit, with Rich's markup, in the user's language."""
 
 from __future__ import annotations
 
@@ -45,15 +45,15 @@ if TYPE_CHECKING:
     from drop_physics.rules.answer import Finding
 
 VERDICT = 12
-"""Width of a verdict's title."""
+"""Width of the title beside a verdict."""
 ERROR = 7
-"""Width of the title of an error."""
+"""Width of the title beside an error."""
 NUMBER = 3
-"""Width of a finding's number."""
+"""Width of the number of a finding."""
 GAP = 3
-"""Least gap before a finding's code, which ends its last line if there is room."""
+"""Least gap before a finding's code, which is put at the end of its last line if it fits."""
 NARROW = 24
-"""Columns below which a cell that wraps goes below its row."""
+"""Width below which a wrapping cell is put below its row."""
 
 
 def show(
@@ -64,7 +64,7 @@ def show(
     stream: TextIO | None = None,
     **how: object,
 ) -> int:
-    """Print a result, and return the exit code of its report; `how` goes to its builder.
+    """Print a result's report, and return its exit code; `how` are options of the report.
 
     `text` is printed in place of the report, if another renderer has made it; nothing if it is
     empty.
@@ -85,7 +85,7 @@ def show(
 
 
 def lines_of(report: Report) -> list[str]:
-    """Return a report in lines."""
+    """Render a report as lines."""
     first = report.verdict
     verdict = Facts([first], VERDICT) if isinstance(first, Fact) else first
     lines = [] if report.error is None else [*_failure(report.error), ""]
@@ -99,7 +99,7 @@ def lines_of(report: Report) -> list[str]:
 
 
 def _next(commands: Sequence[str]) -> Iterator[str]:
-    """Yield the commands to type next, in the form that a shell reads."""
+    """Yield the commands to run next, quoted for a shell."""
     if commands:
         titles = [NEXT, *[""] * (len(commands) - 1)]
         rows = [
@@ -116,7 +116,7 @@ def _styled(text: str, style: str) -> str:
 
 @singledispatch
 def block_lines(block: object) -> Iterator[str]:
-    """Yield the lines of a block."""
+    """Render a block as lines."""
     raise TypeError(block)
 
 
@@ -133,7 +133,7 @@ def _(words: Words) -> Iterator[str]:
 
 @block_lines.register
 def _(_: Graphs) -> Iterator[str]:
-    """Yield nothing: a terminal shows no curves."""
+    """Yield nothing: a terminal does not show curves."""
     yield from ()
 
 
@@ -154,7 +154,7 @@ def _(facts: Facts) -> Iterator[str]:
 
 
 def _fact(fact: Fact, column: int) -> Iterator[str]:
-    """Yield words in a column beside a title; below it if the title is too long."""
+    """Yield a text in a column beside its title, or below it if the title is too long."""
     title = translated(fact.title)
     lines = wrapped(translated(fact.words), width() - column)
     if not lines or (title and columns_of(title) > column - 2):
@@ -168,7 +168,7 @@ _SHELL_WORD = re.compile(r"""(?:\$'(?:\\.|[^'\\])*'|'[^']*'|"[^"]*"|\S)+""")
 
 
 def _command(fact: Fact, column: int) -> Iterator[str]:
-    """Yield lines that a shell reads as one; no line ends inside a quoted word."""
+    """Yield a command as several lines that a shell reads as one; quoted words stay whole."""
     lines, room = [""], width() - column - len(" \\")
     for word in _SHELL_WORD.findall(translated(fact.words)):
         if lines[-1] and columns_of(f"{lines[-1]} {word}") > room:
@@ -183,7 +183,7 @@ def _command(fact: Fact, column: int) -> Iterator[str]:
 
 
 def _file(file: File, column: int) -> Iterator[str]:
-    """Yield the line of a written file; the facts go below a long name."""
+    """Yield the line for a written file, and the facts about it below if its name is long."""
     title, facts, path = translated(file.title), translated(file.facts), str(file.path)
     head = f"[dim]{title}[/]{left('', column - columns_of(title))}{escape(path)}"
     if facts and column + columns_of(path) + 3 + columns_of(facts) <= width():
@@ -223,7 +223,7 @@ def _(table: DataTable) -> Iterator[str]:
 
 
 def _and(columns: Sequence[Column], widths: Sequence[int]) -> Iterator[tuple[Column, int]]:
-    """Yield columns with their widths; the first has no gap."""
+    """Yield columns with their widths; the first has no gap before it."""
     for number, (column, wide) in enumerate(zip(columns, widths, strict=True)):
         yield (column if number else replace(column, gap=0)), wide
 
@@ -235,7 +235,7 @@ def _padded(text: str, column: Column, wide: int) -> str:
 def _row(
     columns: Sequence[Column], widths: Sequence[int], number: int, *, margin: int, total: bool
 ) -> Iterator[str]:
-    """Yield the line of a row, and those on which its last cell continues."""
+    """Yield the line of a row, and those onto which its last cell is wrapped."""
     line, plain, more = "", "", list[str]()
     for column, wide in _and(columns, widths):
         text = translated(column.cells[number])
@@ -277,7 +277,7 @@ def _longest(column: Column) -> int:
 
 
 def _fitted(table: DataTable) -> tuple[list[Column], list[str]]:
-    """Return the columns that fit, and the heads of the others.
+    """Return the columns that fit, and the headings of those removed.
 
     Columns that may be left out go first; then those that may be cut are cut.
     """

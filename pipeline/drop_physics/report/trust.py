@@ -1,4 +1,4 @@
-"""The report of `drop trust`: the parts of a script's result that hold."""
+"""The report of `drop trust`: which parts of a script's result hold under variations."""
 
 from __future__ import annotations
 
@@ -41,15 +41,15 @@ if TYPE_CHECKING:
     Again = Callable[[str], str]
 
 Part = Callable[[str, str | None, str], str]
-"""Returns the name of a position, from its body, joint and unit."""
+"""Function that returns the display name of a position, from body, joint and unit."""
 COLUMN = 12
-"""Width of the titles of files."""
+"""Width of the titles beside files."""
 MOST_PARTS = 6
-"""Most positions that are listed; all are in the JSON."""
+"""Most positions listed; the JSON contains all."""
 APART = 3
-"""Exit code if a variation ends farther away than is allowed."""
+"""Exit code if a variation ends farther away than allowed."""
 LEAST = 1e-6
-"""Distance [m] below which orientations are shown instead, if these differ by more [rad]."""
+"""Distance [m] below which orientations are shown instead, if they differ by more [rad]."""
 VARIATIONS = (
     "",
     Message("at the end"),
@@ -74,7 +74,7 @@ CONVERGENCE = ("converges", "does-not-converge", "no-order")
 
 
 def json_of(trust: Trust) -> dict[str, Any]:
-    """Return the object of `--json`."""
+    """Return the JSON object that `--json` prints."""
     return dict(
         jsonable(
             {
@@ -113,7 +113,7 @@ def report_of(
     outputs: Sequence[Path] = (),
     again: Again | None = None,
 ) -> Report:
-    """Report the results that hold; the code is 3 if a variation ends beyond `within`."""
+    """Report which results hold; the exit code is 3 if a variation ends beyond `within`."""
     part = _namer(trust)
     rows = [[variation.name, *_distances(variation, trust, part)] for variation in trust.variations]
     curves = Graphs(partial(distances_of, trust))
@@ -173,7 +173,7 @@ def _verdict(trust: Trust) -> Message:
 
 
 def _namer(trust: Trust) -> Part:
-    """Return a function that names positions: a joint by its name alone, if that is unique."""
+    """Return a function that names positions: by the joint alone, if its name is unique."""
     tracks = {
         (track.body, track.joint)
         for variation in trust.variations
@@ -199,7 +199,7 @@ def _distances(each: Varied, trust: Trust, part: Part) -> list[str]:
 
 
 def _farthest(found: Sequence[Distance], part: Part) -> tuple[str, str]:
-    """Return the largest of distances in several units, and its position."""
+    """Return the largest distance, of several units, and which position it is of."""
     if not any(each.value for each in found):
         return "0", ""
     worst = max(found, key=lambda each: (each.unit == "m" and each.value > LEAST, each.value))
@@ -228,7 +228,7 @@ def _digits(digits: int | None, off: float, unit: str) -> str:
 def _table(
     heads: Sequence[str], rows: Sequence[Sequence[str]], drop: Mapping[int, int]
 ) -> DataTable:
-    """Return a table, without the columns that have no room."""
+    """Return a table without the columns for which there is no room."""
     cells = zip(*rows, strict=True)
     return DataTable(
         [
@@ -239,12 +239,12 @@ def _table(
 
 
 def _term(term: str) -> Message:
-    """Return the name of a term of the sum."""
+    """Return the display name of a term of the sum."""
     return TERMS[term] if term in TERMS else cause_in_words(term)
 
 
 def _sentences(trust: Trust) -> Iterator[str]:
-    """Yield sentences beside the tables: terms in words, growth, convergence, ends of runs."""
+    """Yield sentences about the tables: terms, growth, convergence, endings of runs."""
     terms = dict.fromkeys(
         variation.term or "" for variation in trust.variations if "/" in variation.name
     )

@@ -1,4 +1,4 @@
-"""The report of the viewer's contents, before it opens."""
+"""The report of `drop view`, printed before the viewer opens."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ if TYPE_CHECKING:
     from drop_physics.stages.view import View
 
 COLUMN = 19
-"""Width of titles."""
+"""Width of the column of titles."""
 
 
 def json_of(view: View) -> dict[str, Any]:
-    """Return the object of `--json`."""
+    """Return the JSON object that `--json` prints."""
     names = ("recordings", "layers", "golden", "same", "first_difference")
     viewer = {name: getattr(view.viewer, name) for name in ("command", "url", "page")}
     return dict(jsonable({name: getattr(view, name) for name in names} | viewer))
 
 
 def report_of(view: View) -> Report:
-    """Report the contents and the address of the viewer."""
+    """Report what the viewer shows, and its address."""
     shown = " ".join(map(str, [*view.recordings, *view.layers]))
     rows = [Fact(Message("showing"), shown)]
     if view.golden is not None:
@@ -48,7 +48,7 @@ def report_of(view: View) -> Report:
 
 
 def _next(view: View) -> Iterator[str]:
-    """Yield the command that describes the contents in words, for our own recordings."""
+    """Yield the command that describes the recording as text, if `drop` made it."""
     (recording, *_), golden = view.recordings, view.golden
     if golden is not None:
         yield shell_command("drop", "check", recording, "--against", golden)

@@ -1,4 +1,4 @@
-"""Report of the trials of a script, and of their verdicts.
+"""The report of a script's trials, and of their verdicts.
 
 A trial has one of three sentences: tried X: cured; no effect; the outcome hangs on X by so much.
 """
@@ -42,9 +42,9 @@ if TYPE_CHECKING:
 
 MARGIN = "   "
 LONGEST = 52
-"""Most characters of a call, if there is no room for more."""
+"""Longest call [characters], if there is no room for more."""
 LISTED = 4
-"""Most lines of what an outcome hangs on, without `--all`."""
+"""Most lines about changes that an outcome depends on, without `--all`."""
 SHOWN = {
     "cured": Message("cured"),
     "part": Message("in part"),
@@ -55,14 +55,14 @@ SHOWN = {
 }
 HANGS = Message("the outcome hangs on it")
 FREE = ("name", "target", "value", "call", "site", "moved")
-"""Fields of a trial that belongs to no finding."""
+"""Fields of a trial that is not about a finding."""
 
 
 # -- as JSON --------------------------------------------------------------------------------------
 
 
 def json_of(why: Why) -> dict[str, Any]:
-    """Return the object of `--json`."""
+    """Return the JSON object that `--json` prints."""
     return dict(
         jsonable(
             {
@@ -96,7 +96,7 @@ def json_of(why: Why) -> dict[str, Any]:
 
 
 def _noise(why: Why) -> dict[str, Any] | None:
-    """Return the effect of a nudge on the outcome; without trials, on the expectation."""
+    """Return how far a nudge moves the outcome, or the expected quantity if there are no trials."""
     if why.noise is not None:
         return {"value": why.noise.value, "unit": why.noise.unit}
     if why.expected is None or why.expected.noise is None:
@@ -128,7 +128,7 @@ def _json_of_trial(tried: Tried) -> dict[str, Any]:
 
 
 def report_of(why: Why, *, every: bool = False, again: Again | None = None) -> Report:
-    """Report the trials, cures first; with `every`, everything that the outcome hangs on."""
+    """Report the trials, cures first; with `every`, all changes that the outcome depends on."""
     head = Message(
         "{script} {ended}: {steps}; {trials}",
         script=why.script,
@@ -157,7 +157,7 @@ def report_of(why: Why, *, every: bool = False, again: Again | None = None) -> R
 
 
 def _look(why: Why) -> str:
-    """Return the command that shows the script's own run, beside a trial that cures it."""
+    """Return the command that shows the script's own run beside a trial that cures it."""
     filmed = why.filmed()
     if filmed is None or not _cures(why):
         return shell_command("drop", "view", why.recording)
@@ -165,7 +165,7 @@ def _look(why: Why) -> str:
 
 
 def _cures(why: Why) -> bool:
-    """Return whether a trial makes true what was expected, or cures a finding."""
+    """Return whether a trial meets the expectation, or cures a finding."""
     makes_true = why.expected is not None and why.expected.filmed is not None
     return makes_true or any(finding.verdict == "cured" for finding in why.findings)
 
@@ -199,7 +199,7 @@ def _word(tried: Tried) -> str:
 
 
 def _shows(tried: Tried, finding: Finding) -> str:
-    """Return the verdict of a trial, and the numbers behind it.
+    """Describe a trial's verdict, and the numbers behind it.
 
     A finding that names a cause itself is never cured: the outcome hangs on that cause, or does
     not.
@@ -231,7 +231,7 @@ def _shows(tried: Tried, finding: Finding) -> str:
 
 
 def _hangs(why: Why, *, every: bool) -> Iterator[Section]:
-    """Yield the changes on which the outcome hangs."""
+    """Yield the changes that the outcome depends on."""
     moving = [(each, each.moved) for each in why.hangs_on if each.moved is not None]
     listed = moving if every else moving[:LISTED]
     rows = [(_named(each), readable(far.value, far.unit), _of(far)) for each, far in listed]
@@ -267,7 +267,7 @@ def _named(tried: Tried) -> str:
 
 
 def _shares(why: Why) -> Iterator[Section]:
-    """Yield one number of the outcome as a sum: -1.82 mm = -6.13 timestep +4.31 damping."""
+    """Describe one number of the outcome as a sum: -1.82 mm = -6.13 timestep +4.31 damping."""
     shares = why.shares
     if shares is None:
         return
@@ -294,7 +294,7 @@ def _signed(value: float) -> str:
 
 
 def _idle(why: Why) -> Iterator[Section]:
-    """Yield the lines of a script that have no effect on the run."""
+    """Yield the script's lines that have no effect on the run."""
     sites: dict[str, list[str]] = {}
     for each in why.no_effect:
         sites.setdefault(each.site or "", []).append(each.call.removeprefix("without "))

@@ -1,4 +1,4 @@
-"""Words and sentences that several reports share."""
+"""Texts that several reports share."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 CONTACTS, EXPLAINED = Message("Contacts"), Message("Explained")
 NEXT = Message("next")
-"""The title of what to type next."""
+"""Title of the commands to run next."""
 NONE, PLOT = Message("none"), Message("plot")
 MISSING = "–"
-"""Replaces a number that does not exist."""
+"""Shown in place of a number that does not exist."""
 RECORDING, SCRIPT = Message("recording"), Message("script")
 TERMS = {
     "total": Message("total"),
@@ -27,7 +27,7 @@ TERMS = {
     "interaction": Message("interaction"),
     "rounding": Message("rounding"),
 }
-"""An error and its terms."""
+"""Display names of an error and its terms."""
 SEGMENTS = {
     "flight": Message("flight"),
     "contact": Message("contact"),
@@ -38,11 +38,11 @@ SEGMENTS = {
     "still": Message("still"),
     "unexplained": Message("unexplained"),
 }
-"""The kinds of samples."""
+"""Display names of the kinds of samples."""
 
 
 def kinds_of_samples(counts: Mapping[str, int]) -> Message:
-    """Return the number of samples of each kind, in words."""
+    """Describe how many samples there are of each kind."""
     return joined(
         ", ",
         [
@@ -54,7 +54,7 @@ def kinds_of_samples(counts: Mapping[str, int]) -> Message:
 
 
 def unfinished(recording: object, samples: int) -> Message:
-    """Return a remark that the recording is unfinished."""
+    """Return the remark that a recording is unfinished."""
     return Message(
         "{recording} was never finished: this is the analysis of the {samples} that it holds, "
         "unverified",
@@ -64,7 +64,7 @@ def unfinished(recording: object, samples: int) -> Message:
 
 
 def millimetres(value_m: float | None) -> str:
-    """Return a length in mm; in powers of ten if four decimals would show nothing."""
+    """Format a length in mm; in powers of ten if four decimals would show only zeros."""
     if value_m is None:
         return MISSING
     value = value_m * 1e3 + 0.0  # no minus before a zero
@@ -73,7 +73,7 @@ def millimetres(value_m: float | None) -> str:
 
 
 def besides(found: FindingList) -> Message | None:
-    """Return the remark beside findings: the number left out, or what was examined."""
+    """Return a remark below findings: how many are suppressed, or what was examined."""
     if found.left_out:
         return Message(
             "{findings} left out: --select all", findings=counted(found.left_out, "finding")
@@ -86,13 +86,13 @@ TRIED = {
     "part": Message("tried {call}: cured in part"),
     "refuted": Message("tried {call}: no effect"),
 }
-"""The words for a trial's verdict."""
+"""Descriptions of a trial's verdict."""
 HANGS_ON = Message("the outcome hangs on {call}")
-"""The words for findings that name a cause themselves."""
+"""Descriptions of verdicts on findings that are causes themselves."""
 
 
 def beneath(finding: Finding) -> Iterator[Message]:
-    """Yield the terms of the row that a finding replaces, and the results of trials."""
+    """Yield the lines below a finding: the terms of its account row, and results of trials."""
     if finding.terms:
         yield sides_of(finding.terms)
     elif finding.row is not None:

@@ -1,1 +1,1 @@
-"""The verbs: functions from paths to a typed result."""
+"""The verbs of `drop`: functions that take paths and return a typed result."""

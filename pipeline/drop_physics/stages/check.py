@@ -1,4 +1,4 @@
-"""Check whether a recording shows the same physics as a golden one, or make it the golden one."""
+"""Check whether a recording shows the same physics as a golden one, or replace the golden one."""
 
 from __future__ import annotations
 
@@ -35,54 +35,54 @@ from drop_physics.stages import verbs
 from drop_physics.stages.verbs.taken import takes_those_of
 
 Image = tuple[int, int, int]
-"""Step, camera, and the number of earlier images of this camera in this step."""
+"""An image's step, camera, and its index among the camera's images in that step."""
 WRITTEN = "Written by drop with this golden recording: what it holds."
-"""The line that marks the description of a golden recording as ours."""
+"""A marker line by which we recognize our own descriptions of golden recordings."""
 NEITHER = Message("neither has images")
 DIGEST = b"digest "
-"""The first bytes of what stands for a picture of which no more is kept."""
+"""First bytes of an image's placeholder, where only a digest of the image is kept."""
 
 
 @dataclass(frozen=True)
 class FrameComparison:
-    """Comparison of the pictures of two recordings."""
+    """Comparison of the images of two recordings."""
 
     compared: int
-    """Number of pictures compared: those taken before a state differs."""
+    """Number of images compared: those taken before any state differs."""
     differing: int
-    """Number of these that differ, or are in one recording only."""
+    """Number of compared images that differ, or that only one recording has."""
     first_step: int | None
-    """Step of the first that differ; None if none do, or if pictures do not count."""
+    """Step of the first image that differs; None if none do, or if images do not count."""
     why: str | None
-    """Reason why no more were compared; None if all were."""
+    """Reason why no further images were compared; None if all were."""
 
 
 @dataclass(frozen=True)
 class Check(Printable, reported_by="drop_physics.report.check"):
-    """Comparison of a recording with a golden one: the same or not, and the differences."""
+    """Result of comparing a recording with a golden one: same or not, and the differences."""
 
     recording: Path
-    """The recording that was checked."""
+    """The checked recording."""
     golden: Path
-    """The recording it was compared with."""
+    """The golden recording."""
     tolerance_m: float
-    """Largest difference that passes."""
+    """Largest difference that is accepted."""
     comparison: Comparison | None
-    """Differences in numbers; None if there was no golden recording yet."""
+    """Differences in numbers; None if there was no golden recording before."""
     frames: FrameComparison | None
-    """Comparison of the pictures; None if there was no golden recording yet."""
+    """Comparison of the images; None if there was no golden recording before."""
     engines: str | None = None
-    """Place and reason of the engines' difference, if the drops differ in nothing else."""
+    """Where and why the engines differ, if the two drops differ in nothing else."""
     updated: bool = False
-    """Whether the recording has been made the golden one."""
+    """Whether the checked recording has become the golden one."""
     why: Printable | None = None
-    """A `Diff`: why they are not the same; None if nothing told it, or of a drop."""
+    """A `Diff` that explains why they differ; None if the cause is unknown, or for a drop."""
     lacks: tuple[str, ...] = ()
-    """Contents missing from one of them because of an earlier schema, and so not compared."""
+    """Contents that one of them lacks because of its earlier schema, and so were not compared."""
 
     @property
     def first(self) -> Difference | None:
-        """The first difference: of a number, else of a picture."""
+        """The first difference, of a number or else of an image."""
         if self.comparison is not None and self.comparison.first is not None:
             return self.comparison.first
         if self.frames is not None and self.frames.first_step is not None:
@@ -91,18 +91,18 @@ class Check(Printable, reported_by="drop_physics.report.check"):
 
     @property
     def not_compared(self) -> list[str]:
-        """The bodies whose motion is not recorded."""
+        """Bodies whose motion is not recorded, and so not compared."""
         return [] if self.comparison is None else self.comparison.not_compared
 
     @property
     def same(self) -> bool:
-        """True if no difference exceeds the tolerance, and nothing was left out."""
+        """True if no difference exceeds the tolerance and everything was compared."""
         return self.first is None and (self.comparison is None or self.comparison.same)
 
 
 @takes_those_of(verbs.CheckArguments)
 def check(asked: verbs.CheckArguments) -> Check:
-    """Compare a recording with a golden one: inputs, then samples, then pictures.
+    """Compare a recording with a golden one: inputs, then samples, then images.
 
     Raises
     ------
@@ -195,7 +195,7 @@ def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
 def _why(
     run: Recording, golden: Recording, comparison: Comparison, tolerance_m: float
 ) -> Diff | None:
-    """Return the reason for a difference between two runs of scripts."""
+    """Return the cause of a difference between two runs of scripts."""
     if run.drop is not None or (comparison.first is None and comparison.same):
         return None
     from drop_physics.stages.diff import why_apart
@@ -218,7 +218,7 @@ def _side(recording: Recording) -> Side:
 
 
 def _check_replaceable(golden: Path, run: Recording) -> None:
-    """Check that a recording can become the golden one."""
+    """Check that a recording may replace the golden one."""
     check_target(golden, force=True)
     check_apart([golden], inputs=[run.path])
     check_suffix("--against", golden, (".rrd",))
@@ -232,7 +232,7 @@ def _check_replaceable(golden: Path, run: Recording) -> None:
 
 
 def _make_golden(run: Recording, golden: Path) -> None:
-    """Write a recording under the golden name; a drop's is packed, and read back to check."""
+    """Save a recording as the golden one; a drop's is compacted, and read back to check it."""
     with replaced(golden, force=False, ours=True) as part:
         if run.drop is None:
             shutil.copyfile(run.path, part)
@@ -249,7 +249,7 @@ def _make_golden(run: Recording, golden: Path) -> None:
 
 
 def _describe(golden: Path) -> None:
-    """Write a description of a golden recording beside it, a few lines of Markdown.
+    """Write a short Markdown description next to a golden recording.
 
     It shows a reviewer the changes of a golden recording. Another file of that name is left alone.
     """
@@ -271,7 +271,7 @@ def _describe(golden: Path) -> None:
 
 
 def _compare_frames(run: Recording, golden: Recording, *, until: int | None) -> FrameComparison:
-    """Compare the pictures taken until a state differs; later ones show other poses."""
+    """Compare the images taken before a state differs; later images show other poses."""
     mine, theirs = _images(run), _images(golden)  # raises an error if damaged
     if (why := _incomparable(run, golden)) is not None:
         return FrameComparison(0, 0, None, why)
@@ -288,7 +288,7 @@ def _compare_frames(run: Recording, golden: Recording, *, until: int | None) -> 
 
 
 def _incomparable(run: Recording, golden: Recording) -> Message | None:
-    """Return the reason why the pictures of two drops cannot be compared; None if they can."""
+    """Return why the images of two drops cannot be compared; None if they can."""
     if run.drop is None or golden.drop is None:
         return None
     without = [each.path for each in (run, golden) if each.camera is None]
@@ -302,7 +302,7 @@ def _incomparable(run: Recording, golden: Recording) -> Message | None:
 
 
 def _images(recording: Recording) -> dict[Image, bytes]:
-    """Return the pictures of a recording as PNG."""
+    """Return the images of a recording as PNG."""
     if recording.drop is not None and recording.camera is None:
         return {}
     if recording.drop is not None:
@@ -315,7 +315,7 @@ def _images(recording: Recording) -> dict[Image, bytes]:
 
 
 def _digests(recording: Recording) -> dict[Image, bytes]:
-    """Return the digests of pictures drawn by a script's engine, which are all that is kept.
+    """Return the digests of images drawn by a script's engine, of which nothing else is kept.
 
     The simulation stands in the place of a camera.
     """
@@ -339,7 +339,7 @@ def _same_pixels(
 
 
 def _pixels(png: bytes, path: Path) -> NDArray[np.uint8]:
-    """Return a recorded picture's pixels, or raise a RecordingError."""
+    """Decode a recorded image to pixels, or raise a RecordingError."""
     try:
         return np.asarray(next(decoded([png])))
     except ValueError as error:

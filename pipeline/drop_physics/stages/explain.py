@@ -1,4 +1,4 @@
-"""Explain the codes of findings."""
+"""Explain the codes of findings: what each means."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ class CodeManual(Printable, reported_by="drop_physics.report.explain"):
     """The meanings of codes and reasons of findings."""
 
     codes: list[CodeReference]
-    """The code that was asked for, or all codes."""
+    """The requested code, or all codes."""
 
 
 @takes_those_of(verbs.ExplainArguments)
 def explain(asked: verbs.ExplainArguments) -> CodeManual:
-    """Return the meaning of a code or a reason, or of all codes.
+    """Return the meaning of a finding's code or of a reason, or of all codes.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def explain(asked: verbs.ExplainArguments) -> CodeManual:
 
 
 def _with_calls(code: CodeReference) -> CodeReference:
-    """Return the meaning of a code, with the calls of its cures."""
+    """Return the meaning of a code, with the calls that can cure it."""
     said = {False: [*code.advises], True: [*code.proposes]}
     for engine, cure, proposed in code.cures:
         said[proposed].append(_blanked(call_of(engine)(cure)))
@@ -46,7 +46,7 @@ def _with_calls(code: CodeReference) -> CodeReference:
 
 
 def _blanked(call: str) -> str:
-    """Return a call with … in place of arguments that depend on the script."""
+    """Replace the arguments of a call that depend on the script by `…`."""
     if not isinstance(call, Message):
         return call.replace("nan", "…")
     blanks = {name: Blank("…") if each != each else each for name, each in call.values.items()}

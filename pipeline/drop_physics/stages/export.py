@@ -32,17 +32,17 @@ TABLES = ("states", "joints", "contacts")
 SUFFIXES = (".mcap", ".csv", ".parquet")
 MEASURED = ("position", "velocity", "effort")
 TimesOf = Callable[[int, Int64], Float64]
-"""Returns the times [s] of a body's steps."""
+"""Function that returns the times [s] of a body's steps."""
 
 
 @dataclass(frozen=True)
 class Export(Printable, reported_by="drop_physics.report.export"):
-    """The files that were exported."""
+    """Result of an export: the files written."""
 
     recording: Path
-    """The recording."""
+    """The exported recording."""
     files: dict[str, int]
-    """Files, with their numbers of rows or messages."""
+    """Paths of the files, with their numbers of rows or messages."""
 
 
 @takes_those_of(verbs.ExportArguments)
@@ -96,7 +96,7 @@ def _times_of(recording: Recording) -> TimesOf:
 
 
 def _named(recording: Recording, table: pl.DataFrame, body: str = "body") -> pl.DataFrame:
-    """Return a table with the time of each row, and the labels and links of its parts."""
+    """Return a table with each row's time, and with labels and links of bodies."""
     import polars as pl
 
     times, bodies = _times_of(recording), recording.seen.bodies
@@ -128,7 +128,7 @@ def _contacts(recording: Recording) -> pl.DataFrame:
 
 
 def _joints(recording: Recording) -> pl.DataFrame:
-    """Return a row per step and coordinate of a joint; a spherical joint has four positions.
+    """Return a table with a row per step and joint coordinate; spherical joints have four.
 
     Positions are in [rad] or [m], efforts in [N m] or [N].
     """
@@ -175,11 +175,11 @@ def _driven(
 
 
 Coordinate = tuple[Float64 | None, Float64 | None, Float64 | None]
-"""Positions, velocities and efforts at all samples; None if a joint has fewer of them."""
+"""Positions, velocities and efforts of a coordinate in all samples; None where missing."""
 
 
 def _coordinates(body: Body, joints: Joints) -> Iterator[tuple[Joint, list[Coordinate]]]:
-    """Yield the coordinates of each joint that moves."""
+    """Yield each movable joint with its coordinates."""
     numbers = joints.position, joints.velocity, joints.effort
     widths = zip(*(joint.widths for joint in body.joints), strict=True)
     for joint, *its in zip(body.joints, *map(places, widths), strict=True):
@@ -192,7 +192,7 @@ def _coordinates(body: Body, joints: Joints) -> Iterator[tuple[Joint, list[Coord
 
 
 def _messages(recording: Recording, write: Write) -> int:
-    """Write poses, joints and contact points in the order of their times; return their number."""
+    """Write poses, joints and contact points in time order; return the number of messages."""
     times, seen, count = _times_of(recording), recording.seen, 0
     for piece in seen.pieces():
         found = [
@@ -207,11 +207,11 @@ def _messages(recording: Recording, write: Write) -> int:
 
 
 Timed = tuple[float, str, Any]
-"""Time [s], topic and content of a message."""
+"""A message: its time [s], topic and content."""
 
 
 def _transforms(piece: Piece, seen: Seen, times: TimesOf) -> Iterator[Timed]:
-    """Yield the poses of all parts at each time: centres of mass, with the axes of inertia."""
+    """Yield the poses of all links at each time: centres of mass and principal axes of inertia."""
     at: dict[float, list[Any]] = defaultdict(list)
     for (number, link), rows in seen.parts_of(piece).items():
         body = seen.bodies[number]
@@ -232,7 +232,7 @@ def _transforms(piece: Piece, seen: Seen, times: TimesOf) -> Iterator[Timed]:
 
 
 def _joint_states(piece: Piece, seen: Seen, times: TimesOf) -> Iterator[Timed]:
-    """Yield the joints with one coordinate at each time; of several robots by their labels."""
+    """Yield the states of single-coordinate joints at each time; with several robots, by label."""
     at: dict[float, list[Any]] = defaultdict(list)
     several = len(seen.joints) > 1
     for body, joints in _driven(seen.bodies, piece.joints):

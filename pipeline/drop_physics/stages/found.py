@@ -1,4 +1,4 @@
-"""Lookup of a recording: the one named, one of a script, or the newest."""
+"""Find a recording: the one named, the newest of a script, or the newest of all."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from drop_physics.recording.first_look import check_file, recordings_in
 from drop_physics.stages.program import encodable
 
 FOLDER = Path("recordings")
-"""Folder in the working directory for recordings without a given name."""
+"""Folder in the working directory for recordings that get a default name."""
 SCRIPT_SUFFIX = ".py"
 NAMED_WITHOUT = (SCRIPT_SUFFIX, ".npz", ".hdf5", ".h5")
-"""Suffixes that the names of recordings do not have."""
+"""Suffixes that are removed to make a recording's name."""
 _GOLDEN = re.compile(r"(?<![^\W_])golden(?![^\W_])", re.IGNORECASE)
 
 Origin = dict[str, Any]
-"""The properties of the script that a recording was made of; empty for a drop."""
+"""Properties of the script that a recording was made from; empty for a drop."""
 
 
 def recording_of(given: Path | None, note: Callable[[str], None] = lambda _: None) -> Path:
-    """Return the recording that the arguments mean.
+    """Return the path of the recording that the arguments refer to.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def _of_script(script: Path, note: Callable[[str], None]) -> Path:
 
 
 def is_of(origin: Origin, target: str, *, is_module: bool, where_unknown: bool = False) -> bool:
-    """Return whether a recording was made of a script (by its resolved path) or module (its name).
+    """Return whether a recording is of this script (by resolved path) or module (by name).
 
     `where_unknown` is returned if the recording does not hold the script's path.
     """
@@ -95,17 +95,17 @@ def is_of(origin: Origin, target: str, *, is_module: bool, where_unknown: bool =
 
 
 def name_of(target: str, *, is_module: bool) -> str:
-    """Return the name of a script, or of a module, in recordings."""
+    """Return the name of a script or module as stored in recordings."""
     return encodable(f"-m {target}" if is_module else Path(target).name)
 
 
 def stem_of(target: str) -> str:
-    """Return the name of a script's recordings, without suffix and number."""
+    """Return the base name of a script's recordings, without suffix and number."""
     return Path(target).stem if target.endswith(NAMED_WITHOUT) else Path(target).name
 
 
 def path_digest(target: str) -> str:
-    """Return a digest of a script's resolved path, which does not disclose its folders."""
+    """Return a digest of a script's resolved path, so that its folders are not disclosed."""
     return hashlib.sha256(bytes(Path(target).resolve())).hexdigest()
 
 
@@ -118,7 +118,7 @@ def text_digest(script: Path) -> str | None:
 
 
 def _recordings() -> Iterator[tuple[Path, Origin]]:
-    """Yield the recordings in the folder with their origins, the newest first.
+    """Yield the recordings in the folder with their origins, newest first.
 
     Layers, golden recordings and files of other programs are left out. A damaged one is not:
     otherwise an older one would silently be taken for the newest.
@@ -131,7 +131,7 @@ def _recordings() -> Iterator[tuple[Path, Origin]]:
 
 
 def origin_of(path: Path) -> Origin | None:
-    """Return a recording's origin, empty for a drop; None if a file is not a recording of ours."""
+    """Return a recording's origin, empty for a drop; None if the file is no recording of ours."""
     from drop_physics.recording import schema  # which take half a second to load
     from drop_physics.recording.contents import ForeignError, beginning_of
 
@@ -148,6 +148,6 @@ def origin_of(path: Path) -> Origin | None:
 
 
 def _named_after(path: Path, origin: Origin) -> bool:
-    """Return whether a recording has the name derived from its script."""
+    """Return whether a recording has the default name for its script."""
     stem = stem_of(str(origin.get("script", "")).removeprefix("-m "))
     return re.fullmatch(rf"{re.escape(stem)}(-\d+)?", path.stem) is not None

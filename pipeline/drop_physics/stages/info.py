@@ -1,4 +1,4 @@
-"""Describe a recording: what made it, its length, its bodies, and whether it is complete."""
+"""Describe a recording: its origin, its length, its bodies, and whether it is complete."""
 
 from __future__ import annotations
 
@@ -33,9 +33,10 @@ from drop_physics.trace.readings import Reading
 from drop_physics.trace.states import BODY_LABEL, FLOOR_LABEL, by_body
 
 OPTIONS = ("steps", "duration_s", "seed", "python")
-"""Properties of a recorded script that are options of the verb that ran it."""
+"""Recorded properties of a script that are command-line options of its verb."""
 REPLACED = "\ufffd"
-"""Recorded for each byte that is not UTF-8; see `drop_physics.stages.program.encodable`."""
+"""Character recorded for each byte that is not UTF-8; see
+`drop_physics.stages.program.encodable`."""
 
 
 @dataclass(frozen=True)
@@ -43,44 +44,45 @@ class Info(Printable, reported_by="drop_physics.report.info"):
     """Kind and contents of a recording."""
 
     recording: Path
-    """The file."""
+    """Path of the recording."""
     recording_id: str
-    """Id, which its layer shares."""
+    """Id of the recording, which its layer shares."""
     kind: Literal["drop", "script"]
-    """Whether a drop or a script was recorded."""
+    """`drop` or `script`."""
     what: str
-    """The body that was dropped, or the script and how it ended."""
+    """Description of what was recorded: the dropped body, or the script and how it ended."""
     complete: bool
-    """Whether it was finished; then everything that numbers and images are computed from has passed
-    its checksum."""
+    """Whether the recording was finished; then all data that numbers and images are computed from
+    has passed its checksum."""
     samples: int
-    """Number of states of the simulation, in all."""
+    """Total number of states of the simulation."""
     duration_s: float
-    """Simulated time from its first sample to its last [s]; for a script, of its longest
+    """Simulated time from the first sample to the last [s]; for a script, of its longest
     simulation."""
     bodies: list[str]
     """The bodies, each with its mass."""
     contact_samples: int
-    """Samples in which something touches."""
+    """Number of samples in which bodies touch."""
     frames: int
-    """Number of camera frames."""
+    """Number of camera frames in the recording."""
     bytes: int
-    """The file's size."""
+    """Size of the file [bytes]."""
     engine: str
-    """The engine that made it."""
+    """Name and version of the engine."""
     command: str | None
-    """The command that repeats its physics; for a script in its folder, which is not recorded. None
-    for a block of Python, and where a name or an argument is not UTF-8."""
+    """Command that repeats the recorded physics; for a script, to be run in the script's folder,
+    which is not recorded. None for a block of Python, and where a name or an argument is not
+    UTF-8."""
     layer: Path | None
-    """The analysis beside it; None if there is none, or it is of another recording."""
+    """Path of the analysis layer; None if there is none, or it belongs to another recording."""
     notes: list[str]
-    """Gaps of the recording, and where they begin, in sentences."""
+    """Sentences on gaps in the recording, and where they begin."""
     readings: list[Reading]
-    """Call sites of readings, in the order of their first use."""
+    """Call sites that read from the engine, in the order of their first use."""
 
 
 def versions() -> str:
-    """Return the versions of drop, of the engine, and of the recordings that it writes."""
+    """Return the versions of `drop`, of the engine, and of the recording schema."""
     drop, *engines = (
         f"{name} {metadata.version(package)}"
         for name, package in (
@@ -95,7 +97,7 @@ def versions() -> str:
 
 @takes_those_of(verbs.InfoArguments)
 def info(asked: verbs.InfoArguments) -> Info:
-    """Describe a recording, which is read and checked completely.
+    """Read and check a recording completely, and describe it.
 
     Raises
     ------
@@ -129,7 +131,7 @@ def info(asked: verbs.InfoArguments) -> Info:
 
 
 def _of_drop(drop: Drop) -> tuple[str, str | None, str]:
-    """Return the body of a drop, the command that repeats it, and its engine."""
+    """Describe a drop: its body, the command that repeats it, and its engine."""
     scenario, standard = drop.scenario, Scenario()
     given = {
         name: getattr(scenario, name)
@@ -146,7 +148,7 @@ def _of_drop(drop: Drop) -> tuple[str, str | None, str]:
 
 
 def _of_script(held: Recording) -> tuple[str, str | None, str]:
-    """Return a recorded script and its ending, the command that repeats it, and its engine."""
+    """Describe a recorded script: name and ending, the command that repeats it, its engine."""
     origin, ended = held.origin, held.ended
     script = str(origin["script"])
     program = [*script.split(" ", 1)] if script.startswith("-m ") else [script]
@@ -163,7 +165,7 @@ def _of_script(held: Recording) -> tuple[str, str | None, str]:
 
 
 def engine_of(held: Recording) -> str:
-    """Return the name and version of a script's engine, perhaps without a step."""
+    """Return the name and version of a script's engine, even if the script made no step."""
     ended = held.ended or {}
     mujoco, bullet = (ended.get(f"made_with_{name}") for name in ("mujoco", "pybullet"))
     if mujoco and not held.seen.settings:
@@ -181,7 +183,7 @@ def repeated(
     script: Path | None = None,
     **more: str | None,
 ) -> str | None:
-    """Return the command that repeats a recorded script with a verb and further options.
+    """Return the command that runs a recorded script again, with a verb and its options.
 
     None for a block of Python, and where a name or an argument is not UTF-8. The script is named by
     its path, if that is known.
@@ -198,7 +200,7 @@ def repeated(
 
 
 def _duration_s(seen: Seen) -> float:
-    """Return the time of the last sample [s], of the longest simulation."""
+    """Return the time of the last sample of the longest simulation [s]."""
     last = {client: samples - 1 for client, samples in seen.samples.items()}
     if not last:
         ends = ((number, int(rows["step"][-1])) for number, rows in by_body(seen.bases).items())
@@ -214,7 +216,7 @@ def _duration_s(seen: Seen) -> float:
 
 
 def _bodies(seen: Seen) -> list[str]:
-    """Return bodies with mass and joints, except for the floor of a drop."""
+    """Describe each body's mass and joints, except for the floor of a drop."""
     last = {dynamics.body.number: dynamics for dynamics in seen.dynamics}
     # Where a call adds a body is reported as a move, too.
     came = {(one.body.number, one.at.step, one.at.call) for one in seen.appearances if one.came}

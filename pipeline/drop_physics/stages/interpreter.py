@@ -1,4 +1,4 @@
-"""The interpreter that runs a script: its user's, wherever `drop` itself is installed.
+"""Find the Python interpreter for a script: the user's own, wherever `drop` is installed.
 
 As with `uv run`, that is the one of an active virtual environment, else of a `.venv` in the
 script's folder or above it, else the one that runs `drop`.
@@ -14,15 +14,15 @@ from pathlib import Path
 from drop_physics.messages import Message
 
 ACTIVE = "VIRTUAL_ENV", "CONDA_PREFIX"
-"""Variables that name the active environment."""
+"""Environment variables that name the active Python environment."""
 BESIDE = ".venv"
-"""Name of a project's environment."""
+"""Folder name of a project's Python environment."""
 
 
 def interpreter_of(
     target: str, *, is_module: bool, given: str | None, note: Callable[[str], None]
 ) -> str:
-    """Return the interpreter that runs a script.
+    """Return the path of the interpreter that runs a script.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def interpreter_of(
 
 
 def _environments(folder: Path) -> Iterator[Path]:
-    """Yield the environments that a script in a folder may use, the nearest first."""
+    """Yield the Python environments that a script in a folder may use, nearest first."""
     yield from (Path(named) for name in ACTIVE if (named := os.environ.get(name)))
     folder = folder.absolute()
     for each in (folder, *folder.parents):

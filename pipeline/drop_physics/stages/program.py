@@ -1,4 +1,4 @@
-"""Check a script's path, its arguments, and its limits."""
+"""Check a script's path, its arguments, and its limits before it runs."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from drop_physics.fields import outside, shown
 from drop_physics.messages import Message, shell_command
 
 STOPPED = ("steps", "duration", "disk", "interrupted")
-"""Endings of a script that would have gone on."""
+"""Endings of a script that was stopped and would have continued."""
 RERUN = b"RRF"
-"""The first bytes of a recording."""
+"""The first bytes of a recording file."""
 LARGEST_INT = 2**63 - 1
-"""The largest whole number in a recording."""
+"""The largest integer that a recording can hold."""
 SEEDED_CLOCK_S = 1e9
-"""The time at which the clock of a seeded script starts [s]: a morning in September 2001."""
+"""Start time of the clock of a seeded script [s]: a morning in September 2001."""
 
 
 def checked_limits(
     steps: int | None, duration_s: float | None, seed: int | None
 ) -> tuple[int | None, float | None, int | None]:
-    """Return the limits of a recording and its seed as Python's own numbers.
+    """Check a recording's limits and seed, and return them as plain Python numbers.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def checked_limits(
 
 
 def _integer(option: str, value: object) -> int | None:
-    """Convert a whole number of any library to Python's."""
+    """Convert an integer of any library's type to a Python int."""
     if value is None:
         return None
     try:
@@ -64,7 +64,7 @@ def _integer(option: str, value: object) -> int | None:
 
 
 def digest_of_script(target: str, *, is_module: bool) -> str | None:
-    """Return the digest of a script's text; None for a module, whose file is not looked up here."""
+    """Return the digest of a script's text; None for a module, whose file is unknown here."""
     if not isinstance(target, str | os.PathLike):
         raise ScenarioError(
             "the script must be the name of a file, got {value}; its arguments are a list of their "
@@ -128,13 +128,13 @@ def command_of(
 
 
 def _digits(value: float) -> str:
-    """Return a number in the shortest form that reads back the same; 2, not 2.0."""
+    """Format a number in the shortest form that reads back the same; 2, not 2.0."""
     short = f"{value:.9g}"
     return short if isinstance(value, float) and float(short) == value else str(value)
 
 
 def texts_of(arguments: Sequence[str]) -> list[str]:
-    """Return a script's arguments as texts that a process can be given."""
+    """Return a script's arguments as strings that can be passed to a process."""
     try:
         if isinstance(arguments, str | bytes):
             raise TypeError
@@ -158,5 +158,5 @@ def texts_of(arguments: Sequence[str]) -> list[str]:
 
 
 def encodable(text: str) -> str:
-    """Return a text with bytes that are not UTF-8 replaced by U+FFFD."""
+    """Replace the bytes of a text that are not UTF-8 by U+FFFD."""
     return text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")

@@ -1,4 +1,4 @@
-"""Render a recording: its frames or poses as a gif, and its plot."""
+"""Render a recording as an animation of its frames or poses, and as a plot."""
 
 from __future__ import annotations
 
@@ -44,29 +44,29 @@ if TYPE_CHECKING:
 
 
 SHORT, SHORT_FPS = 32, 10.0
-"""Most pictures of a short film, and its pictures per second."""
+"""Most frames of a short video, and its frames per second."""
 DRAW_PLOT = "drop_physics.figures.panel_plot:render"
 
 
 @dataclass(frozen=True)
 class Rendering(Printable, reported_by="drop_physics.report.run"):
-    """Rendered files; a path is None if there was nothing to render."""
+    """The rendered files; a path is None if there was nothing to render."""
 
     gif: Path | None
-    """The gif; None without frames."""
+    """Path of the animation; None without frames."""
     frames: int
-    """Number of frames that it shows; WebP and APNG merge equal frames in a row."""
+    """Number of frames in the animation; WebP and APNG merge equal consecutive frames."""
     fps: float
     """Frames per second."""
     plot: Path | None
-    """The plot."""
+    """Path of the plot."""
     speed: float | None = field(metadata={"json": False})
-    """Simulated seconds per second of the animation."""
+    """Playback speed: simulated seconds per second."""
 
 
 @takes_those_of(verbs.RenderArguments)
 def render(asked: verbs.RenderArguments) -> Rendering:
-    """Make a gif of a recording's frames, and a plot.
+    """Write an animation of a recording's frames, and a plot.
 
     A drop's plot shows heights and errors, a script's the subjects of its findings.
 
@@ -155,7 +155,7 @@ def _targets(
     *,
     force: bool,
 ) -> tuple[Path, Path]:
-    """Return the files of animation and plot, after checking that they can be written."""
+    """Return the paths of animation and plot, after checking that they are writable."""
     gif = path.with_suffix(".gif") if out is None else Path(out)
     plotted = path.with_suffix(".png") if plot is None else Path(plot)
     written = [(gif, out, b"GIF8"), (plotted, plot, b"\x89PNG")]
@@ -170,7 +170,7 @@ def _targets(
 
 
 def _of_drop(held: Recording, *, whole: bool) -> tuple[Analysis | FallAnalysis, Plot]:
-    """Return the fall of a drop, and its plot; with `whole`, its table has all samples."""
+    """Return a drop's analysis, with all samples in its table if `whole`, and its plot."""
     from drop_physics.stages.panels.of_drop import plot_of_drop
 
     case = Case(held.scenario, held.engine, held.seen)
@@ -199,7 +199,7 @@ def _of_script(
 
 
 def _hiring(running: ExitStack, assistant: Worker | None) -> Callable[[int], list[Worker]]:
-    """Return a function that provides workers: a running one, and new ones up to all cores."""
+    """Return a function that provides worker processes: a running one and new ones."""
 
     def hire(count: int) -> list[Worker]:
         workers = [] if assistant is None else [assistant]
@@ -222,9 +222,9 @@ def _film(
     *,
     asked: bool,
 ) -> Film | None:
-    """Return the recorded frames; with a named camera, or without frames, the poses.
+    """Return a video of the recorded frames; of the poses if a camera is named or there are none.
 
-    None for a drop without frames, and for films that nobody has asked for and that cannot be drawn
+    None for a drop without frames, and for videos that were not requested and that cannot be drawn
     here.
     """
     if view is None and (taken := frames_film(held, animation, most_fps)) is not None:
@@ -263,7 +263,7 @@ def _composed(
     progress: Progress,
     gif: Path,
 ) -> Iterator[Image.Image]:
-    """Yield the pictures with additions beside and below them, and report progress."""
+    """Yield the images with caption and plot added, and report progress."""
     composition: Composition | None = None
     words, count = Message("writing {suffix}", suffix=gif.suffix[1:]), len(film.times_s)
     moments = zip(film.pictures, film.times_s, strict=True)
@@ -280,15 +280,15 @@ def _composed(
 
 @dataclass(frozen=True)
 class ShortFilm:
-    """A film of a few seconds."""
+    """A video of a few seconds."""
 
     gif: bytes
     times_s: Sequence[float]
-    """Simulated time of each picture."""
+    """Simulated time of each frame."""
 
 
 def film_of(recording: Path, *, dark: bool = False) -> ShortFilm:
-    """Return a short film of a recording, drawn from its poses, for a light or dark page.
+    """Return a short video of a recording, drawn from its poses, for a light or dark page.
 
     Raises
     ------
@@ -314,7 +314,7 @@ def film_of(recording: Path, *, dark: bool = False) -> ShortFilm:
 
 
 def check_film(film: Path, *, inputs: Sequence[Path], force: bool) -> None:
-    """Check that a film can be written, before any work is done for it.
+    """Check that a video can be written, before any work is done for it.
 
     Raises
     ------
@@ -340,7 +340,7 @@ def film_beside(
     force: bool = False,
     progress: Progress = lambda *_: None,
 ) -> int:
-    """Make a film of two runs of a script side by side; return the number of pictures.
+    """Write a video of two runs of a script side by side; return the number of frames.
 
     Parameters
     ----------
@@ -385,7 +385,7 @@ def _drawn(plot: Plot, format: str, dark: bool) -> bytes:  # noqa: A002
 
 @contextmanager
 def _refused(path: Path) -> Iterator[None]:
-    """Report frames that are not pictures as damage of the recording."""
+    """Convert errors of undecodable frames into an error for a damaged recording."""
     try:
         yield
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""The three stages in a row, with the recording passed from one to the next."""
+"""Run the three stages in a row: simulate, analyze and render a drop."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from drop_physics.stages.simulate import Simulation
 
 _DERIVED = (".analysis.rrd", ".gif", ".png")
-"""The endings of the files that analyze and render write beside a recording."""
+"""Suffixes of the files that analyze and render write next to a recording."""
 
 
 @dataclass(frozen=True)
@@ -32,14 +32,14 @@ class Run(Printable, reported_by="drop_physics.report.run"):
     rendering: Rendering
 
     def as_json(self) -> dict[str, Any]:
-        """Return the JSON object of `--json`: the objects of the three verbs."""
+        """Return the JSON object of `--json`, which contains those of the three verbs."""
         parts = {"simulate": self.simulation, "analyze": self.analysis, "render": self.rendering}
         return {verb: made.as_json() for verb, made in parts.items()}
 
 
 @takes_those_of(verbs.RunArguments)
 def run(asked: verbs.RunArguments) -> Run:
-    """Simulate, analyze and render into a folder; more runs there, even concurrent, are numbered.
+    """Simulate, analyze and render into a folder; further runs there get numbered names.
 
     Another process draws the frames and the plot, while the stages load and run.
 

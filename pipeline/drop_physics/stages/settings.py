@@ -1,4 +1,4 @@
-"""The settings of a project in `[tool.drop]` of its pyproject.toml."""
+"""A project's settings: the table `[tool.drop]` in its pyproject.toml."""
 
 from __future__ import annotations
 
@@ -32,25 +32,25 @@ KINDS: dict[str, tuple[Callable[[object], bool], Message]] = {
     "fail-on": (lambda value: isinstance(value, str), Message("a level")),
     "tolerance": (_is_number, Message("a number of metres")),
 }
-"""The type of each key's value, and its name."""
+"""Type of each key's value, and the type's name."""
 
 
 @dataclass(frozen=True)
 class ProjectSettings:
-    """The table of a project; empty if there is none."""
+    """The settings table of a project; empty if there is none."""
 
     path: Path
     table: dict[str, Any]
 
     @property
     def tolerance_m(self) -> float:
-        """Largest difference from a golden recording that passes [m]."""
+        """Largest accepted difference from a golden recording [m]."""
         return float(self.table.get("tolerance", 0.0))
 
     def choice(
         self, select: str | None = None, ignore: str | None = None, fail_on: str | None = None
     ) -> Choice:
-        """Return the choice of reported findings; options of a command outrank the project.
+        """Return which findings to report; command-line options override the project's settings.
 
         Raises
         ------
@@ -72,7 +72,7 @@ def _listed(text: str | None) -> list[str] | None:
 
 
 def settings(folder: Path | None = None) -> ProjectSettings:
-    """Return the settings in the nearest pyproject.toml at or above a folder or the working one.
+    """Return the settings in the nearest pyproject.toml, in a folder or above it.
 
     Raises
     ------

@@ -33,31 +33,31 @@ from drop_physics.trace.history import Seen
 
 @dataclass(frozen=True)
 class View(Printable, reported_by="drop_physics.report.view"):
-    """Contents of the viewer, and the command that starts it."""
+    """The contents of the viewer, and the command that starts it."""
 
     recordings: list[Path]
     layers: list[Path]
     stale: list[Path]
-    """Layers of another recording of the same name, which are not shown."""
+    """Layers of the same name that belong to another recording, and are not shown."""
     viewer: Viewer
     golden: Path | None = None
-    """The golden recording, shown in grey."""
+    """Path of the golden recording, which is shown in grey."""
     same: bool | None = None
-    """Whether the two are the same physics; None without a golden recording."""
+    """Whether both recordings show the same physics; None without a golden recording."""
     first_difference: int | None = None
-    """The first step at which a number or a picture differs; None if none does."""
+    """First step at which a number or an image differs; None if none does."""
     settings_differ: bool = False
-    """Whether inputs of the two differ."""
+    """Whether the inputs of the two recordings differ."""
     not_compared: tuple[str, ...] = ()
-    """Bodies whose motion is not recorded; if there are any, the two do not count as the same."""
+    """Bodies whose motion is not recorded; with any, the recordings do not count as the same."""
     is_foreign: bool = False
-    """Whether another program made any of them: they are shown as they are."""
+    """Whether another program made any of the recordings; those are shown unchanged."""
 
 
 @takes_those_of(verbs.ViewArguments)
 @contextmanager
 def view(asked: verbs.ViewArguments) -> Iterator[View]:
-    """Yield the viewer's contents for recordings; its files exist until the block ends.
+    """Yield what the viewer shows of recordings; temporary files exist until the block ends.
 
     Recordings of the same drop in different engines are shown as one, with a colour per engine; of
     two of one script the second is shown in grey.
@@ -100,7 +100,7 @@ def _is_foreign(path: Path) -> bool:
 
 
 def _view(paths: Sequence[Path], *, web: bool, more: Sequence[Path] = ()) -> View:
-    """Find the layers of recordings, and the viewer to show them in, with `more` layers."""
+    """Return the viewer's contents: recordings with their layers, and the layers in `more`."""
     ids = {path: recording_id(path) for path in paths}
     beside = {layer_of(path): path for path in paths if layer_of(path).is_file()}
     beside = {layer: path for layer, path in beside.items() if layer not in paths}
@@ -131,7 +131,7 @@ def _with_golden(path: Path, golden: Path, folder: Path, *, web: bool) -> View:
 
 
 def _poses(seen: Seen) -> Iterator[Chunk]:
-    """Yield poses and heights for a recording that has none."""
+    """Yield poses and heights for a recording that was made without display data."""
     for number, body in seen.bodies.items():
         times = StepTimes(seen, body.client)
         for piece in seen.pieces():
@@ -149,7 +149,7 @@ def _poses(seen: Seen) -> Iterator[Chunk]:
 
 
 def _of_one_script(paths: Sequence[Path]) -> bool:
-    """Return whether two recordings are of one script."""
+    """Return whether two recordings are of the same script."""
     if len(paths) != 2 or not all(map(is_script, paths)):
         return False
     first, other = (Path(str(read(path).origin.get("script", path))).name for path in paths)
@@ -157,7 +157,7 @@ def _of_one_script(paths: Sequence[Path]) -> bool:
 
 
 def _moving(golden: Path) -> Collection[str] | None:
-    """Return the labels of the bodies that can move: the others would hide their counterparts."""
+    """Return the labels of movable bodies; static ones would hide their golden counterparts."""
     recording = read(golden)
     if recording.drop is not None:
         return None
@@ -184,7 +184,7 @@ def _of_engines(scenarios: dict[Path, Scenario], folder: Path, *, web: bool) -> 
 
 
 def _of_one_drop(paths: Sequence[Path]) -> dict[Path, Scenario] | None:
-    """Return the scenarios of recordings that differ only in the engine; None for others."""
+    """Return the scenarios of drops that differ only in the engine; None for others."""
     if len(paths) < 2 or any(map(is_script, paths)):
         return None
     scenarios = {path: read(path).scenario for path in paths}
@@ -201,7 +201,7 @@ def _of_one_drop(paths: Sequence[Path]) -> dict[Path, Scenario] | None:
 
 
 def show(shown: View) -> None:
-    """Open the viewer, and wait until it is closed.
+    """Open the viewer, and wait until the user closes it.
 
     Raises
     ------
@@ -221,7 +221,7 @@ def show(shown: View) -> None:
 
 
 def recording_of(result: Any) -> Path:  # noqa: ANN401
-    """Return the recording of a result.
+    """Return the path of a result's recording.
 
     Raises
     ------
@@ -241,7 +241,7 @@ def in_notebook(
     height_px: int,
     at_s: float | None = None,
 ) -> Any:  # noqa: ANN401
-    """Return Rerun's viewer of a result's recording, for a notebook, at a time [s].
+    """Return a notebook widget of Rerun's viewer, with a result's recording at a time [s].
 
     Raises
     ------
@@ -256,7 +256,7 @@ def in_notebook(
 
 
 def spawn() -> str:
-    """Open a viewer that waits for data and stays open, and return its URL.
+    """Open a viewer that stays open and waits for data, and return its URL.
 
     Raises
     ------
@@ -269,7 +269,7 @@ def spawn() -> str:
 
 
 def connection(url: str) -> Callable[[], str]:
-    """Return a function that checks that a viewer listens at a URL, and then returns the URL."""
+    """Return a function that checks that a viewer listens at a URL, and returns the URL."""
 
     def connected() -> str:
         viewer.check_listens(url)

@@ -1,4 +1,4 @@
-"""Recording of gymnasium's environments during training or trials: `watch`."""
+"""`watch`: record environments of gymnasium during training or evaluation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from drop_physics.stages.block import Block, record
 
 
 def watch(env: Any, out: Path | str | None = None, *, force: bool = False) -> Any:  # noqa: ANN401
-    """Record an environment of gymnasium's from its first reset until it is closed.
+    """Record a gymnasium environment from its first reset until it is closed.
 
     If it never is, it is recorded until the program ends. The recording is that of the process:
     environments that are watched while it is open are in it, too. In a worker of `AsyncVectorEnv`,
@@ -66,7 +66,7 @@ def watch(env: Any, out: Path | str | None = None, *, force: bool = False) -> An
     base: Any = VectorWrapper if isinstance(env, VectorEnv) else Wrapper
 
     class Watched(base):  # type: ignore[misc]
-        """An environment with recorded steps."""
+        """An environment whose steps are recorded."""
 
         recorded = None
         recording: _Recording | None = None
@@ -86,7 +86,7 @@ def watch(env: Any, out: Path | str | None = None, *, force: bool = False) -> An
 
 
 class _Recording:
-    """The recording of a process, which ends with the last watched environment."""
+    """The recording of a process, which ends with the last of its watched environments."""
 
     opened: _Recording | None = None
 
@@ -99,7 +99,7 @@ class _Recording:
 
     @classmethod
     def of_process(cls, path: Path, *, force: bool) -> _Recording:
-        """Return the open recording of this process, or a new one."""
+        """Return this process's open recording, or begin a new one."""
         found = cls.opened
         if found is None or found._process != os.getpid():
             found = cls.opened = cls(path, force=force)
@@ -107,14 +107,14 @@ class _Recording:
         return found
 
     def leave(self) -> Any:  # noqa: ANN401 - a `Recorded`, or None while others are watched
-        """Note a closed environment; return the result of the last one."""
+        """Note that an environment was closed; after the last one, return the result."""
         self._watched -= 1
         if self._watched <= 0:
             self.end()
         return self._block.recorded
 
     def end(self) -> None:
-        """End the recording, in the process that began it."""
+        """End the recording, but only in the process that began it."""
         if self._process == os.getpid() and _Recording.opened is self:
             _Recording.opened = None
             atexit.unregister(self.end)
@@ -122,7 +122,7 @@ class _Recording:
 
 
 def _named_for_worker(path: Path) -> Path:
-    """Return the name of a recording, with the worker's number in a worker process."""
+    """Add a worker's number to the name of a recording, in a worker process."""
     if multiprocessing.parent_process() is None:
         return path
     number = re.search(r"\d+$", multiprocessing.current_process().name)

@@ -1,1 +1,1 @@
-"""Many scenarios: their plan, their runs, and the table of their rows."""
+"""Sweeps over many scenarios: plan the runs, execute them, and store a table of their results."""

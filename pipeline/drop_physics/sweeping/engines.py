@@ -1,7 +1,7 @@
-"""Engines that run concurrently: threads, worker processes, or Ray.
+"""Execute runs concurrently: in threads, worker processes, or on a Ray cluster.
 
-They take a function of a run's number, request runs only as they have room, and yield results as
-they arrive, in any order. If a worker dies nothing is lost: its run is repeated.
+The functions here take a function of a run's number, request runs only as they have room, and yield
+results as they arrive, in any order. If a worker dies nothing is lost: its run is repeated.
 """
 
 from __future__ import annotations
@@ -23,29 +23,31 @@ from drop_physics.workers import Worker, WorkerDiedError
 R = TypeVar("R")
 T = TypeVar("T")
 Answering = tuple[Callable[[int], T], Callable[[], None], int]
-"""Makes a run, stops all that are under way, and how many may be at once."""
+"""Function that makes a run, function that stops all runs in progress, and the number of concurrent
+runs."""
 
 QUEUED = 2
-"""Runs per processor of a cluster that are submitted: one at work, one waiting."""
+"""Number of runs submitted per processor of a cluster: one in progress, one waiting."""
 HEARTBEAT_S = 0.2
-"""Waiting is interrupted this often, because a signal to another thread does not interrupt it."""
+"""Interval at which waiting is interrupted [s], because a signal to another thread does not
+interrupt it."""
 MOST_DEATHS = 10
-"""A run on which this many workers have died is considered the cause."""
+"""Number of workers that die on a run before the run is considered the cause."""
 
 HOME = Path(__file__).parents[2]
-"""The folder of this package, which is on the module path wherever this runs."""
+"""Folder of this package, which is put on the module path of every machine."""
 ANSWERS_WITHIN_S = 5.0
-"""A cluster that does not answer within this time counts as not running."""
+"""Time within which a cluster must respond to count as running [s]."""
 HTTP2_SETTINGS = b"\x04"
 HTTP2_HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + HTTP2_SETTINGS + bytes(5)
-"""The first bytes of a client of HTTP/2, which Ray uses: the preface and empty settings (RFC
-9113, 3.4). The server answers with its own settings, a frame whose fourth byte is its type."""
+"""First bytes sent by a client of HTTP/2, which Ray uses: the preface and empty settings (RFC 9113,
+3.4). The server responds with its own settings, a frame whose fourth byte is its type."""
 
 
 def in_threads(
     work: Callable[[R], T], runs: Iterable[R], *, jobs: int, stop: Callable[[], None]
 ) -> Generator[tuple[R, T]]:
-    """Make runs in threads of this process, which wait for processes of their own.
+    """Execute runs in threads of this process, each of which waits for a process.
 
     Parameters
     ----------
@@ -75,7 +77,7 @@ def in_threads(
 
 @contextlib.contextmanager
 def in_workers(work: Callable[[int], T], *, jobs: int) -> Iterator[Answering[T]]:
-    """Yield a function that lets processes of this machine do work, and one that stops them.
+    """Yield a function that executes work in worker processes, and one that stops them.
 
     Parameters
     ----------
@@ -92,7 +94,7 @@ def in_workers(work: Callable[[int], T], *, jobs: int) -> Iterator[Answering[T]]
     stopped = threading.Event()
 
     def answer(run: int) -> T:
-        """Return the answer of a worker, or of another if it dies."""
+        """Return the result of a run from a worker, or from another one if it dies."""
         for _ in range(MOST_DEATHS):
             worker = free.pop()
             try:
@@ -130,7 +132,7 @@ def in_workers(work: Callable[[int], T], *, jobs: int) -> Iterator[Answering[T]]
 def on_ray(
     work: Callable[[int], T], runs: Iterable[int], *, address: str
 ) -> Generator[tuple[int, T]]:
-    """Make runs on a Ray cluster, whose nodes must share a file system.
+    """Execute runs on a Ray cluster, whose nodes must share a file system.
 
     Ray reruns a task whose worker or node died. If this process is already connected to a cluster,
     that one is used, and the connection is kept.

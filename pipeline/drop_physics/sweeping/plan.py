@@ -1,4 +1,4 @@
-"""The scenarios of a sweep: lists of values and samples, each run derived from its number.
+"""Plan a sweep: from value lists and samples, derive each run from its number.
 
 The runs are the product of all lists, in the order of `drop simulate --help`: the last option that
 has a list changes fastest, and the samples of a scenario are adjacent. Nothing is computed in
@@ -19,18 +19,18 @@ from drop_physics.scenario import Engine, Scenario
 from drop_physics.sweeping.sampling import RandomField, drawn, variations_of
 
 MOST_RUNS = 100_000
-"""Most runs: each has a row in memory."""
+"""Most runs of a sweep, as each has a row in memory."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The runs of a sweep, numbered from 0."""
+    """The runs of a sweep of scenarios, numbered from 0."""
 
     lists: tuple[tuple[str, tuple[Any, ...]], ...] = ()
-    """Field and its values, in the order of the scenario's options."""
+    """Values of each field, in the order of the scenario's options."""
     variations: tuple[RandomField, ...] = ()
     samples: int | None = None
-    """Number of runs of each scenario; None for one run, with nothing drawn."""
+    """Number of sampled runs per scenario; None for one run each, with no random values."""
     seed: int = 0
 
     @property
@@ -40,12 +40,12 @@ class Plan:
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Fields that have more than one value."""
+        """Fields that have several values."""
         return tuple(name for name, values in self.lists if len(values) > 1)
 
     @property
     def bodies(self) -> list[str]:
-        """Return every body that a run may have."""
+        """Return all bodies that occur in the runs."""
         listed = dict(self.lists).get("body", ())
         choices = [
             value
@@ -57,22 +57,22 @@ class Plan:
 
     @property
     def engines(self) -> list[Engine]:
-        """Return every engine that a run may have."""
+        """Return all engines that occur in the runs."""
         return sorted(set(dict(self.lists).get("engine", ())) or {Scenario().engine})
 
     def sample_of(self, run: int) -> int | None:
-        """Return the number of a run's sample; None without sampling."""
+        """Return the sample number of a run; None without sampling."""
         return None if self.samples is None else run % self.samples
 
     def values(self, run: int) -> dict[str, Any]:
-        """Return the fields of one run that are not at their defaults."""
+        """Return the fields of one run that differ from their defaults."""
         given, sample = self.listed(run // (self.samples or 1)), self.sample_of(run)
         if sample is None:
             return given
         return drawn(self.variations, given, seed=self.seed, sample=sample)
 
     def listed(self, combination: int) -> dict[str, Any]:
-        """Return the listed fields of one combination of the lists, before anything is drawn."""
+        """Return the values in one combination of the lists, before random values are drawn."""
         given = {}
         for name, values in reversed(self.lists):
             combination, index = divmod(combination, len(values))
@@ -129,7 +129,7 @@ def plan_of(
 
 
 def _lists_of(given: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
-    """Return the values of each field, in the order of the scenario's options."""
+    """Parse the lists of values by field, in the order of the scenario's options."""
     for name in given.keys() - Scenario.options().keys():
         raise ScenarioError(
             "a sweep takes fields of Scenario, got {name!r}; they are: {fields}",
@@ -166,7 +166,7 @@ def _check_sampling(samples: int | None, seed: int, variations: Sequence[RandomF
 def _check_variations(
     lists: Mapping[str, tuple[Any, ...]], variations: Sequence[RandomField]
 ) -> None:
-    """Check that no field is both listed and drawn, and that angles are drawn as angles."""
+    """Check that no field is both listed and random, and that angles are given as angles."""
     for variation in variations:
         if variation.axis is None and variation.field in lists:
             option = Scenario.options()[variation.field].name
@@ -183,7 +183,7 @@ def _check_variations(
 
 
 def label_of(values: Mapping[str, Any]) -> str:
-    """Return a name for scenarios by their values: `linear damping default, height 2, no floor`."""
+    """Name a scenario by its values: `linear damping default, height 2, no floor`."""
     options = Scenario.options()
     return ", ".join(
         name_of(field)
@@ -194,12 +194,12 @@ def label_of(values: Mapping[str, Any]) -> str:
 
 
 def name_of(field: str) -> str:
-    """Return the name of a field: its option in words."""
+    """Return a field's display name: its option in words."""
     return Scenario.options()[field].name.removeprefix("--").replace("-", " ")
 
 
 def replay_command(values: Mapping[str, Any], *, out: str) -> str:
-    """Return the command that repeats a run, to the last bit.
+    """Return the command that repeats a run, bit for bit.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The table of a sweep, with a row per run, kept at once, so that a sweep resumes."""
+"""The results table of a sweep: each row is stored at once, so that a sweep can resume."""
 
 from __future__ import annotations
 
@@ -47,16 +47,16 @@ SCHEMA: dict[str, Any] = {
     "command": pl.String,
     "error": pl.String,
 }
-"""Columns of a sweep of scenarios. `step` to `rounding_m` are those of the sample nearest to
-`--at`, `end_m` is the height in the last sample; `command` repeats the run; `error` says why it
-failed."""
+"""Columns of the results of a sweep of scenarios. `step` to `rounding_m` are those of the sample
+nearest to `--at`, `end_m` is the height in the last sample; `command` repeats the run; `error` says
+why it failed."""
 
 TERMS = ("error_m", "timestep_m", "damping_m", "interaction_m", "rounding_m")
 
 
 @contextlib.contextmanager
 def kept_rows(path: Path, sweep_id: str) -> Iterator[tuple[dict[int, Row], Callable[[Row], None]]]:
-    """Yield the rows left by an interrupted sweep, by run, and a function that adds one.
+    """Yield the rows left by an interrupted sweep, by run, and a function that stores a row.
 
     Rows of another sweep, and a row that was cut off, are dropped.
     """
@@ -89,7 +89,7 @@ def _left(path: Path, sweep_id: str) -> dict[int, Row]:
 
 
 def write_rows(path: Path, rows: Sequence[Row], schema: Mapping[str, Any] | None = None) -> None:
-    """Write the rows of a sweep as one Parquet file; without a schema, in their own types."""
+    """Write the rows of a sweep as one Parquet file; without a schema, types are inferred."""
     if schema is None:
         columns = dict.fromkeys(name for row in rows for name in row)
         table = pl.DataFrame(

@@ -1,4 +1,4 @@
-"""Fields drawn at random: `height=uniform:0.5:2`, with a separate stream for every sample."""
+"""Draw fields at random: `height=uniform:0.5:2`, with a separate random stream per sample."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Numbers = Sequence[float]
 
 @dataclass(frozen=True)
 class Distribution:
-    """A family of distributions: its parameters, how to draw, and a rule for the parameters."""
+    """A family of distributions: parameter names, how to draw, and a check of the parameters."""
 
     parameters: tuple[str, ...]
     draw: Callable[[Stream, Numbers], float]
@@ -85,7 +85,7 @@ DISTRIBUTIONS = {
         Message("LOW < HIGH, both whole numbers and both included"),
     ),
 }
-"""Distributions by name; all but `choice`, which takes any values that the option takes."""
+"""Distributions by name; in addition, `choice` chooses from any values of the option."""
 
 FORMS = ", ".join(
     [*(":".join((name, *kind.parameters)) for name, kind in DISTRIBUTIONS.items()), "choice:A:B:…"]
@@ -94,24 +94,25 @@ FORMS = ", ".join(
 
 @dataclass(frozen=True)
 class RandomField:
-    """One field, or one component of a vector, and the distribution it is drawn from."""
+    """A field, or one component of a vector, and the distribution that it is drawn from."""
 
     field: str
     axis: int | None
-    """0, 1 or 2 for x, y or z of a vector, or for roll, pitch or yaw; None for a whole field."""
+    """Index of the component: 0, 1 or 2 for x, y or z, or for roll, pitch or yaw; None for a whole
+    field."""
     kind: str
     values: tuple[Any, ...]
-    """The distribution's parameters, or what `choice` chooses from."""
+    """Parameters of the distribution, or the values that `choice` chooses from."""
 
     def draw(self, stream: Stream) -> Any:  # noqa: ANN401
-        """Return one value."""
+        """Draw one value."""
         if self.kind == "choice":
             return self.values[int(stream.integers(len(self.values)))]
         return DISTRIBUTIONS[self.kind].draw(stream, self.values)
 
 
 def stream_of(seed: int, sample: int) -> Stream:
-    """Return a sample's random numbers, which depend only on seed and sample.
+    """Return a sample's random stream, which depends only on seed and sample.
 
     Source: numpy, "Parallel random number generation", `SeedSequence` with a spawn key.
     """
@@ -121,7 +122,7 @@ def stream_of(seed: int, sample: int) -> Stream:
 def drawn(
     variations: Sequence[RandomField], given: dict[str, Any], *, seed: int, sample: int
 ) -> dict[str, Any]:
-    """Return the given fields with the values drawn for one sample.
+    """Add the values drawn for one sample to the given fields.
 
     Parameters
     ----------
@@ -151,7 +152,7 @@ def drawn(
 
 
 def variations_of(texts: Sequence[str]) -> tuple[RandomField, ...]:
-    """Read `--vary` options; they are drawn in the order of the scenario's options.
+    """Parse `--vary` options; values are drawn in the order of the scenario's options.
 
     Raises
     ------
@@ -182,7 +183,7 @@ def _variation(text: str) -> RandomField:
 
 
 def _read(text: str) -> RandomField:
-    """Read NAME=DISTRIBUTION, and draw once; an error states the expected form."""
+    """Parse NAME=DISTRIBUTION, and test it by drawing once; an error states the expected form."""
     target, equals, form = text.partition("=")
     kind, *parameters = form.strip().split(":")
     if not equals:
@@ -212,7 +213,7 @@ def _read(text: str) -> RandomField:
 
 
 def _target(name: str) -> tuple[str, int | None]:
-    """Return the field, and its component, of a name such as `height` or `velocity_z`."""
+    """Split a name such as `height` or `velocity_z` into the field and its component."""
     targets: dict[str, tuple[str, int | None]] = {}
     for field, option in Scenario.options().items():
         short = option.name.removeprefix("--").replace("-", "_")

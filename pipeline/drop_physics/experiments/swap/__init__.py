@@ -1,1 +1,1 @@
-"""The reason why one run is not another: one thing is swapped, and one step is made."""
+"""Find why two runs differ: swap one thing between them, and repeat a single step."""

@@ -1,4 +1,4 @@
-"""The answer to why one run is not another: its claims, and their proof."""
+"""The data model of why two runs differ: causes, and their proof."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from dataclasses import dataclass
 from typing import Literal
 
 Class = Literal["none", "length", "start", "input", "host", "model", "settings", "step", "engines"]
-"""Nothing; one of them ends early; the state at the start or as the script set it; what acts from
-outside; the same, as the same text gave another number; the compiled model; the engine's options;
-the engine's step; two engines."""
+"""Kind of difference: none; one run ends early; the state at the start or as the script set it;
+external inputs; the same, but from equal script text; the compiled model; the engine's options; the
+engine's step; two engines."""
 Value = float | tuple[float, ...] | str | None
 What = Literal["state", "input", "field", "element", "order", "step", "call", "known"]
 
 
 @dataclass(frozen=True)
 class DifferenceCause:
-    """One difference between two runs, and the bodies or elements that it acts on."""
+    """One difference due to which two runs diverge, and the bodies or elements that it acts on."""
 
     what: What
-    """`state`, `input`: a number that was given before a step; `field`: of the compiled model, or
-    an option; `element`: only one run has it; `order`: the same elements in another order; `step`:
-    the engine makes another step of the same state; `call`: a call of the script; `known`: a known
-    difference between two engines."""
+    """Kind of cause: `state`, `input`: a number that was given before a step; `field`: of the
+    compiled model, or an option; `element`: only one run has it; `order`: the same elements in
+    another order; `step`: the engine makes another step from the same state; `call`: a call of the
+    script; `known`: a known difference between two engines."""
     field: str | None = None
-    """Name in the engine's own words; for a call the function, and an argument."""
+    """Name as the engine has it; for a call, the function and an argument."""
     element: str | None = None
-    """The thing that it is of."""
+    """Name of the element, such as a joint or geom, that the value belongs to."""
     a: Value = None
     """Value in the first run."""
     b: Value = None
@@ -37,92 +37,94 @@ class DifferenceCause:
     site_b: str | None = None
     """File and line that set it in the second run."""
     step: int | None = None
-    """The first step that it acts in."""
+    """First step in which it acts."""
     stage: str | None = None
     """Stage of the step: `kinematics`, `collision`, `constraint`, `passive`, `actuator`, `bias`,
     `solver` or `integrator`."""
     pair: tuple[str, str] | None = None
-    """The shapes that touch."""
+    """The pair of touching shapes."""
     feature: str | None = None
-    """Features of the engine without any one of which both make the same step."""
+    """Engine features: without any one of them, both engines make the same step."""
     detail: str = dataclasses.field(default="", metadata={"json": False})
-    """The number that differs in a stage; how a value comes late; another's body."""
+    """Further detail: the number that differs in a stage; which run sets a value later; another
+    element's body."""
     bodies: tuple[str, ...] = dataclasses.field(default=(), metadata={"json": False})
     others: int = dataclasses.field(default=0, metadata={"json": False})
-    """Number of further elements with the same field."""
+    """Number of further elements whose same field differs."""
     steps: int | None = dataclasses.field(default=None, metadata={"json": False})
-    """Number of steps that it acts in, of a second cause."""
+    """Number of steps in which it acts, for a second cause."""
     follows: tuple[str, ...] = dataclasses.field(default=(), metadata={"json": False})
-    """Fields that the engine derives from it, and that act, too."""
+    """Fields that the engine derives from it, and that also act."""
 
 
 @dataclass(frozen=True)
 class First:
-    """The first difference."""
+    """The first difference between two runs."""
 
     step: int
-    """The step after which states are apart; 0 is the first."""
+    """The step after which the states differ; 0 is the first step."""
     time_s: float
-    """The clock of the first run after it."""
+    """Clock of the first run after this step."""
     bodies: list[str]
-    """The bodies and joints that are apart."""
+    """Bodies and joints that differ."""
     size: float
-    """The largest difference of one number."""
+    """Largest difference of a single number."""
     unit: str
-    """Unit of the size: `m`, `rad`, `m/s` or `rad/s`."""
+    """Unit of that difference: `m`, `rad`, `m/s` or `rad/s`."""
 
 
 @dataclass(frozen=True)
 class SwapProof:
-    """Proof of a cause."""
+    """The proof of a cause, by swapping it between the runs."""
 
     by: str
-    """Kind of swap: `inputs`, `state`, `fields`, `written`, `engine`, `calls` or `known`."""
+    """What is swapped: `inputs`, `state`, `fields`, `written`, `engine`, `calls` or `known`."""
     steps: int
-    """Number of single steps that are then the first run's, or that differ, if by `engine`."""
+    """Number of single steps that equal the first run's after the swap; for `engine`, that
+    differ."""
     of: int
-    """Number of steps that were judged."""
+    """Number of steps that were tested."""
     exact: bool
-    """Whether they are the same to the bit, rather than within the tolerance."""
+    """Whether these steps are equal bit for bit, rather than within the tolerance."""
     beyond_rounding: int | None = dataclasses.field(default=None, metadata={"json": False})
-    """Number of steps that differ by more than rounding, if by `engine`."""
+    """Number of steps that differ by more than rounding, for `engine`."""
     term: str | None = dataclasses.field(default=None, metadata={"json": False})
-    """The term that makes up for the difference, applied as a force."""
+    """The term of the sum that compensates the difference if applied as a force."""
 
 
 @dataclass(frozen=True)
 class End:
-    """Distance of the two runs at the end."""
+    """Distance between the two runs at the end."""
 
     value: float
-    """The largest distance of a body or joint."""
+    """Largest distance of a body or joint."""
     unit: str
-    """`m`, of positions; `rad`, of orientations and joints that turn."""
+    """`m` for positions; `rad` for orientations and revolute joints."""
     body: str
-    """The body or joint."""
+    """Name of that body or joint."""
 
 
 @dataclass(frozen=True)
 class Nudges:
-    """The dependence of the end on the first difference: the effect of other nudges of its size."""
+    """How the end depends on the first difference: the effect of random nudges of the same size."""
 
     size: float
-    """Size of a nudge of the velocities."""
+    """Size of each nudge of the velocities."""
     ends: list[float]
     """Final distances from the first run, ascending."""
 
 
 @dataclass(frozen=True)
 class ProvedDifference:
-    """The proved reason why one run is not another."""
+    """The proved reason why two runs differ."""
 
     steps: tuple[int, int]
     same_until: int
-    """The last step after which all positions and velocities are the same; -1: none."""
+    """Last step after which all positions and velocities are still the same; -1 if none is."""
     same_until_s: float
     first: First | None
     cls: Class | None
-    """None where nothing is proved."""
+    """Kind of difference; None if nothing is proved."""
     because: Sequence[DifferenceCause] = ()
     also: Sequence[DifferenceCause] = ()
     proved: SwapProof | None = None
@@ -130,7 +132,6 @@ class ProvedDifference:
     nudges: Nudges | None = None
     no_effect: Sequence[str] = ()
     undone: int = 0
-    """Number of steps that the first run's own engine does not make again, and that are left
-    out."""
+    """Number of steps left out because the first run's own engine does not reproduce them."""
     is_halted: bool = False
-    """Whether the user did not wait for the rest."""
+    """Whether the user stopped the search early."""

@@ -1,4 +1,4 @@
-"""The reason why one run is not another, if an engine hides its state: calls are swapped.
+"""Find why two runs differ by swapping calls, for an engine whose state cannot be read.
 
 The log of the first run's calls is repeated, unwatched, with some of the second's calls in place of
 its own. Calls that turn it into the second run to the bit, until both are apart and beyond, are the
@@ -32,47 +32,47 @@ from drop_physics.trace.swaps import Common
 
 MOST_CAUSES = 3
 MOST_UNITS = 2000
-"""Differences of two logs beyond which they are no longer told one by one."""
+"""Most differences between two logs that are examined one by one."""
 LONGEST = 40
-"""Most characters of a value."""
+"""Longest value shown [characters]."""
 SHOWN = 3
-"""Most arguments of a call that are shown."""
+"""Most arguments shown of a call."""
 
 States = Callable[[Sequence[LoggedCall], int], dict[int, Float64] | None]
-"""Makes calls again; returns the states of bodies after each step, by number."""
+"""Function that replays calls, and returns the states of bodies after each step, by body id."""
 
 
 @dataclass(frozen=True, eq=False)
 class CallUnit:
-    """One difference of two logs."""
+    """One difference between two call logs."""
 
     at: int
-    """Place in the first log."""
+    """Index in the first log."""
     removed: Sequence[LoggedCall] = ()
     added: Sequence[LoggedCall] = ()
     argument: str = ""
-    """The argument that differs, of one call in place of another."""
+    """The argument that differs, if a call differs only in that."""
 
     @property
     def step(self) -> int:
-        """The step that it precedes."""
+        """The step before which the calls are made."""
         return min(each.step for each in (*self.removed, *self.added))
 
     @property
     def sets(self) -> set[Sets]:
-        """Quantities that the unit's calls set."""
+        """Quantities that the calls of this difference set."""
         return {each.sets for each in (*self.removed, *self.added)}
 
     @property
     def kind(self) -> object:
-        """A key shared by differences of the same calls of the script, at whatever step."""
+        """A key that equals for differences in the same calls of the script, at any step."""
         calls = [[(e.function, e.site) for e in s] for s in (self.removed, self.added)]
         return str(calls), self.argument
 
 
 @dataclass
 class WhyCalls:
-    """Answers why one run is not another by their logs.
+    """Finds why two runs differ, from their call logs.
 
     Parameters
     ----------
@@ -96,11 +96,11 @@ class WhyCalls:
     states: States
     tolerance: float = 0.0
     moves_alone: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    """The bodies that move in one run only: `a` and `b`."""
+    """Names of bodies that move in one run only, by run: `a` and `b`."""
     _units: list[CallUnit] = field(default_factory=list)
 
     def answer(self) -> ProvedDifference:
-        """Return the answer."""
+        """Find the reason, and return it."""
         paired, count = [body for _, body in self.bodies], min(self.lengths)
         common = Common(("", ""), self.lengths, (self.times_s, self.times_s), columns_of(paired))
         first = first_apart(common, self.tolerance)
@@ -138,7 +138,7 @@ class WhyCalls:
         )
 
     def _with_later(self, least: Sequence[CallUnit], count: int) -> tuple[list[CallUnit], int]:
-        """Return a cause with later differences of the same calls, and the steps it explains."""
+        """Extend a cause by later differences of its calls; also return the steps it explains."""
         kinds = {each.kind for each in least}
         swapped = [unit for unit in self._units if unit.kind in kinds]
         until = self._same_until(self.states(with_units(self.a, swapped), count), count)
@@ -148,7 +148,7 @@ class WhyCalls:
         return [*least], self._same_until(states, count)
 
     def _second(self, swapped: Sequence[CallUnit], until: int) -> list[CallUnit]:
-        """Return the calls that part both runs again after the first cause is swapped."""
+        """Return the calls due to which the runs diverge again after the first cause is swapped."""
         first = {*map(id, swapped)}
         others = [unit for unit in self._units if id(unit) not in first and unit.step <= until]
         if not others or len(others) > MOST_UNITS:
@@ -161,7 +161,7 @@ class WhyCalls:
         return minimal(others, holds) if holds(others) else []
 
     def _without_effect(self, before: Sequence[CallUnit], acting: Sequence[CallUnit]) -> list[str]:
-        """Return the names of differences that are of other calls than those that act."""
+        """Return the names of differences in calls other than those that act."""
         kinds = {each.kind for each in acting}
         names = self._names([each for each in before if each.kind not in kinds])
         return [name for name in names if name not in self._names(acting)]
@@ -173,13 +173,13 @@ class WhyCalls:
         return self._is(self.states(with_units(self.a, units), steps), steps, second=True)
 
     def _is(self, states: dict[int, Float64] | None, steps: int, *, second: bool) -> bool:
-        """Return whether states are those recorded of one of the runs."""
+        """Return whether states equal those recorded in one of the runs."""
         return states is not None and self._same_until(states, steps, second=second) == steps
 
     def _same_until(
         self, states: dict[int, Float64] | None, steps: int, *, second: bool = True
     ) -> int:
-        """Return the number of steps after which states leave those of a run."""
+        """Return the number of steps for which states equal those of a run."""
         same = steps
         for number, body in self.bodies:
             rows = None if states is None else states.get(number)
@@ -196,7 +196,7 @@ class WhyCalls:
 
 
 def units_of(a: Sequence[LoggedCall], b: Sequence[LoggedCall]) -> Iterator[CallUnit]:
-    """Yield the differences of two logs, step by step."""
+    """Yield the differences between two logs, step by step."""
     groups: dict[int, tuple[list[int], list[LoggedCall]]] = {}
     for number, call in enumerate(a):
         groups.setdefault(call.step, ([], []))[0].append(number)
@@ -217,7 +217,7 @@ def units_of(a: Sequence[LoggedCall], b: Sequence[LoggedCall]) -> Iterator[CallU
 
 
 def _split(at: int, mine: Sequence[LoggedCall], theirs: Sequence[LoggedCall]) -> Iterator[CallUnit]:
-    """Yield differences one by one: an argument each, where calls correspond."""
+    """Yield differences one by one: by argument where calls correspond."""
     functions = [[each.function for each in calls] for calls in (mine, theirs)]
     if functions[0] == functions[1]:
         for number, (x, y) in enumerate(zip(mine, theirs, strict=True)):
@@ -236,7 +236,7 @@ def _split(at: int, mine: Sequence[LoggedCall], theirs: Sequence[LoggedCall]) ->
 
 
 def _added(at: int, call: LoggedCall) -> Iterator[CallUnit]:
-    """Yield a call that only the second log has, one part per option of the engine."""
+    """Yield a call that only the second log has, in one part per engine option."""
     if call.sets != "setting" or len(call.given) < 2 or not call.function.endswith("Parameter"):
         yield CallUnit(at, (), [call])
         return
@@ -265,7 +265,7 @@ def with_units(log: Sequence[LoggedCall], units: Sequence[CallUnit]) -> list[Log
 
 
 def _with_argument(call: LoggedCall, other: LoggedCall, name: str) -> LoggedCall:
-    """Return a call with an argument of another one, or without it if that has none."""
+    """Return a call with an argument taken from another call, or removed if that lacks it."""
     given = {each: value for each, value in call.given.items() if each != name}
     if name in other.given:
         given[name] = other.given[name]
@@ -286,7 +286,7 @@ def _class_of(units: Sequence[CallUnit]) -> Class:
 
 
 def _told(units: Sequence[CallUnit], acting: Sequence[CallUnit] = ()) -> Iterator[DifferenceCause]:
-    """Yield causes: units of one difference are one, with the elements of all that act with it."""
+    """Yield causes, merging equal differences; their elements include those of `acting` units."""
     removed, added = (
         [call for unit in units for call in (unit.added if which else unit.removed)]
         for which in (0, 1)
@@ -336,7 +336,7 @@ def _told_unit(unit: CallUnit) -> DifferenceCause:
 def _apart(
     unit: CallUnit, x: LoggedCall | None, y: LoggedCall | None, one: LoggedCall
 ) -> tuple[str, Value, Value]:
-    """Return the name of a difference, and its value in each run."""
+    """Return the name of a difference, and the value in each run."""
     if not unit.argument:
         a, b = (
             ", ".join(dict.fromkeys(call.function for call in calls)) or None
@@ -357,7 +357,7 @@ def _apart(
 
 
 def _call(call: LoggedCall) -> str:
-    """Return a call as the script has it, without its bodies."""
+    """Format a call as in the script, without its bodies."""
     given = [
         f"{name}={_shown(value)}"
         for name, value in call.given.items()
@@ -380,7 +380,7 @@ def _shown(value: Any) -> float | str | None:  # noqa: ANN401 - an argument
 
 
 def _number(text: str | None) -> float | str | None:
-    """Return a text of a file as a number, if it is one."""
+    """Return a text from a file as a number, if it is one."""
     try:
         return text if text is None else float(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""The reason why one run is not another: values are swapped, and a step is made from states.
+"""Find why two runs differ by swapping values, and repeating single steps from recorded states.
 
 In one step there is no chaos: its result is the first run's to the bit, or not. Tried in order are
 inputs before the first difference, the compiled models, and the engine's step. Steps that the first
@@ -36,41 +36,41 @@ from drop_physics.experiments.swap.minimal import minimal
 from drop_physics.trace.swaps import FieldApart, OneStep, StageApart
 
 SAMPLED = 60
-"""Most steps in which a set of fields is tried."""
+"""Most steps on which a set of fields is tested."""
 ROUNDING, TINY = 3e-7, 1e-15
-"""A number that differs by this share of itself at most, or by this much, differs by rounding: of
-float32, or of a sum in another order."""
+"""Relative and absolute differences up to which a number differs by rounding: of float32, or of a
+sum in another order."""
 SMALL = 1e-7
-"""A first difference up to this size may have grown by chaos alone."""
+"""Largest first difference that may grow by chaos alone."""
 REAL = 1e-9
-"""Velocities that differ by more do not differ by rounding alone."""
+"""Differences in velocity above this are not rounding alone."""
 NUDGES = 3
 MOST_CAUSES = 3
-"""Fields of a cause that are told each in its own words."""
+"""Most fields of a cause that are described individually."""
 
 PRESENT: Mapping[str, tuple[Value, Value]] = {"a": ("present", None), "b": (None, "present")}
-"""The values of an element that only one run has."""
+"""Values shown for an element that only one run has."""
 
 Site = Callable[[str, int], tuple[str | None, str | None]]
-"""Returns the lines of both scripts that set something before a step."""
+"""Function that returns the line in each script that set a value before a step."""
 
 
 @dataclass(frozen=True)
 class Alike:
-    """Common settings of two runs, besides their recorded steps."""
+    """What two runs have in common besides their recorded steps."""
 
     script: bool
-    """Whether text and arguments are the same."""
+    """Whether both have the same script text and arguments."""
     engine: bool
-    """Whether engine and version are the same."""
+    """Whether both have the same engine and version."""
 
 
 class HaltedError(Exception):
-    """A request of the user for the results so far."""
+    """Raised if the user asks for the results so far."""
 
 
 class CauseSearch:
-    """Answers why one run is not another.
+    """Finds why two runs differ, by repeating single steps.
 
     Parameters
     ----------
@@ -100,11 +100,11 @@ class CauseSearch:
         self._whole = False
 
     def answer(self) -> ProvedDifference:
-        """Return the answer."""
+        """Find the reason, and return it."""
         return self._numbered(self._found())
 
     def _numbered(self, answer: ProvedDifference) -> ProvedDifference:
-        """Return an answer whose steps have the first run's numbers."""
+        """Convert step numbers in the result to those of the first run."""
         number, first = self._common.number, answer.first
 
         def told(causes: Sequence[DifferenceCause]) -> list[DifferenceCause]:
@@ -122,7 +122,7 @@ class CauseSearch:
         )
 
     def _found(self) -> ProvedDifference:
-        """Return the answer, with steps numbered as they are compared."""
+        """Find the reason; its steps are numbered as they are compared."""
         common, first = self._common, first_apart(self._common, self._tolerance)
         if first is None and any(common.moves_alone.values()):
             told = alone(common.moves_alone)
@@ -147,13 +147,13 @@ class CauseSearch:
             return replace(answer, is_halted=True)
 
     def _idle(self) -> list[str]:
-        """Return the differences between runs that are the same."""
+        """Return the names of what differs between runs with the same motion."""
         given = [column for column in self._common.columns if column.kind in ("input", "edit")]
         differ = [each.name for each in given if first_given([each], self._common.steps - 1)]
         return [*dict.fromkeys([*self._others(()), *differ, *self._common.other_fields])]
 
     def _others(self, named: Collection[str | None]) -> list[str]:
-        """Return the fields that differ besides those named; not those derived from others."""
+        """Return the differing fields besides the named ones, leaving out derived fields."""
         others = (each for each in self._fields if not each.is_derived and not each.is_structure)
         return [*dict.fromkeys(each.field for each in others if each.field not in named)]
 
@@ -182,7 +182,7 @@ class CauseSearch:
         return self._by_model(answer, given, step, crossed, redone)
 
     def _judged(self, first: int) -> Flags:
-        """Flag the steps that can be judged: those that the first run's engine repeats.
+        """Flag the steps that can be tested: those that the first run's engine reproduces.
 
         Where something falls asleep or wakes, only the first difference itself is judged.
         """
@@ -196,7 +196,7 @@ class CauseSearch:
     def _by_given(
         self, answer: ProvedDifference, given: FirstInput, step: int, crossed: Flags, redone: Flags
     ) -> ProvedDifference:
-        """Return the answer if states and inputs of the first run produce its step."""
+        """Return the reason if states and inputs of the first run reproduce its step."""
         cause = [self._told(each) for each in self._needed(given, step)]
         wrong = np.flatnonzero(~crossed & redone)
         by = {"input": "inputs", "edit": "written"}.get(given.paired.kind, "state")
@@ -228,7 +228,7 @@ class CauseSearch:
         return "input"
 
     def _needed(self, given: FirstInput, step: int) -> list[FirstInput]:
-        """Return those numbers before a step whose differences change the step."""
+        """Return the differing numbers before a step that actually change the step."""
         units = [*given_at(self._common.columns, step)]
         of_first = [unit for unit in units if unit.paired is given.paired]
         if len(units) < 2 or not of_first:
@@ -270,7 +270,7 @@ class CauseSearch:
         )
 
     def _second(self, wrong: Int64) -> list[DifferenceCause]:
-        """Return further causes in steps that states and inputs do not mend."""
+        """Return further causes, in steps that swapped states and inputs do not explain."""
         if not len(wrong):
             return []
         sample = _sample(wrong)
@@ -344,12 +344,12 @@ class CauseSearch:
         )
 
     def _matters(self, given: FirstInput, step: int, fields: list[int]) -> bool:
-        """Return whether inputs also act in a step, besides fields."""
+        """Return whether differing inputs also affect a step, in addition to fields."""
         kept = {given.paired.name: given.columns}
         return not self._one.crossed(np.array([step]), fields, kept, whole=self._whole)[0]
 
     def _in_words(self, least: list[int]) -> list[int]:
-        """Return the fields to be named: the sources of derived ones, with an element of each."""
+        """Return the fields to report: those that others are derived from, if possible."""
         order = sorted(least, key=lambda n: (self._fields[n].is_derived, _rank(self._fields[n])))
         sources = [n for n in order if not self._fields[n].is_derived]
         return (sources or order)[:MOST_CAUSES]
@@ -364,7 +364,7 @@ class CauseSearch:
     def _by_step(
         self, answer: ProvedDifference, crossed: Flags, fixed: Flags, redone: Flags
     ) -> ProvedDifference:
-        """Return the answer if neither inputs nor the model account for the step."""
+        """Return the reason if neither inputs nor the model explain the step."""
         every = [*range(len(self._fields))]
         differ = np.flatnonzero(redone & ~fixed)
         sizes = self._one.sizes(differ, every)
@@ -416,7 +416,7 @@ class CauseSearch:
     def _by_structure(
         self, answer: ProvedDifference, differ: Int64, sizes: object, of: int
     ) -> ProvedDifference:
-        """Return the answer if one engine made both runs, so that only the models can differ."""
+        """Return the reason if one engine made both runs, so that only the models can differ."""
         only = self._common.only
         beyond = int((np.asarray(sizes) > REAL).sum())
         told = alone(only)
@@ -436,7 +436,7 @@ class CauseSearch:
     # -- the end ----------------------------------------------------------------------------------
 
     def _nudged(self, answer: ProvedDifference) -> ProvedDifference:
-        """Return the answer with the effect of other nudges of the first difference's size."""
+        """Add the effect of random nudges that have the first difference's size."""
         first = answer.first
         if first is None or not 0 < first.size <= SMALL or len({*answer.steps}) > 1:
             return answer
@@ -446,7 +446,7 @@ class CauseSearch:
 
 
 def alone(only: Mapping[str, Sequence[str]]) -> list[DifferenceCause]:
-    """Return the elements of only one run, `a` or `b`, as causes."""
+    """Return the elements that only one run has, `a` or `b`, as causes."""
     return [
         DifferenceCause(
             "element", None, ", ".join([*dict.fromkeys(names)][:MOST_CAUSES]), *PRESENT[side]
@@ -462,7 +462,7 @@ def _is_apart(given: FirstInput, step: int, column: int) -> bool:
 
 
 def _rank(told: FieldApart) -> float:
-    """Return a sort key by which the field that changed most comes first."""
+    """Return a sort key by which the field with the largest relative change comes first."""
     a, b = np.array(told.a), np.array(told.b)
     if a.shape != b.shape or not a.size:
         return 0.0
@@ -471,7 +471,7 @@ def _rank(told: FieldApart) -> float:
 
 
 def _changed(told: FieldApart) -> tuple[float | tuple[float, ...], float | tuple[float, ...]]:
-    """Return the differing numbers of an element, in both models."""
+    """Return the numbers of an element that differ, in both models."""
     if len(told.a) != len(told.b):
         return told.a, told.b
     which = [n for n, (x, y) in enumerate(zip(told.a, told.b, strict=True)) if x != y]
@@ -480,5 +480,5 @@ def _changed(told: FieldApart) -> tuple[float | tuple[float, ...], float | tuple
 
 
 def _sample(steps: Int64) -> Int64:
-    """Return some of many steps, evenly spaced; the first is among them."""
+    """Return evenly spaced steps, including the first."""
     return steps[:: max(1, len(steps) // SAMPLED)]

@@ -1,4 +1,4 @@
-"""The reason why a run of one engine is not that of another: known differences are removed.
+"""Find why runs of two engines differ, by removing known differences between the engines.
 
 Nothing is the same to the bit there, but without contact both agree to rounding if nothing in the
 table differs. Known differences are removed alone, then all together and as few as possible; those
@@ -26,16 +26,16 @@ from drop_physics.trace.logs import KnownDifference
 from drop_physics.trace.swaps import EndApart
 
 BEYOND = 40
-"""Steps beyond the first difference in which both must be the same, too."""
+"""Number of steps after the first difference in which both runs must be equal, too."""
 
 Trails = Callable[[Sequence[int], int], tuple[Float64, Float64] | None]
-"""Returns the numbers of both runs after each step, in columns that correspond, with some known
-differences taken away, shapes (n, k); None where that cannot be done."""
+"""Function that returns both runs' numbers after each step, in corresponding columns, shapes (n,
+k), with some known differences removed; None where that is impossible."""
 
 
 @dataclass(frozen=True, eq=False)
 class WhyEngines:
-    """Answers why a run of one engine is not that of another.
+    """Finds why runs of two engines differ.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class WhyEngines:
     apart: Callable[[], EndApart]
 
     def answer(self) -> ProvedDifference:
-        """Return the answer."""
+        """Find the reason, and return it."""
         count = min(self.lengths)
         first = self._first(self.trails((), count))
         if first is None:
@@ -112,7 +112,7 @@ class WhyEngines:
         return trails is not None and self._first(trails) is None
 
     def _first(self, trails: tuple[Float64, Float64] | None) -> First | None:
-        """Return the first difference of two trails."""
+        """Return the first difference between the two runs' numbers."""
         if trails is None:
             return First(0, 0.0, [], float("nan"), "")
         a, b = trails

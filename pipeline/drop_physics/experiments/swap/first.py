@@ -1,4 +1,4 @@
-"""The first difference of two runs, and the first earlier difference that no step made."""
+"""Find the first difference between two runs, and the first differing number that was given."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ORDER = ("motion", "hidden", "input", "edit")
 
 @dataclass(frozen=True, eq=False)
 class FirstInput:
-    """Numbers given to both runs before a step, with differences."""
+    """Numbers given to both runs before a step, some of which differ."""
 
     paired: Paired
     step: int
@@ -24,7 +24,7 @@ class FirstInput:
 
     @property
     def values(self) -> tuple[float, float]:
-        """The first number that differs, in each run."""
+        """The first differing number, in each run."""
         row, column = self.step, self.columns[0]
         return float(self.paired.before_a[row, column]), float(self.paired.before_b[row, column])
 
@@ -36,14 +36,14 @@ class FirstInput:
 
     @property
     def share(self) -> float:
-        """The largest difference, as a share of the number."""
+        """The largest difference, relative to the number."""
         a, b = (each[self.step, self.columns] for each in _both(self.paired))
         off = np.abs(a - b)
         return float(off.max() / max(float(np.abs(a[off.argmax()])), 1e-300))
 
     @property
     def elements(self) -> list[str]:
-        """The elements that own the numbers."""
+        """The elements that the differing numbers belong to."""
         return [*dict.fromkeys(self.paired.elements[column] for column in self.columns)]
 
 
@@ -52,7 +52,7 @@ def _both(paired: Paired) -> tuple[Float64, Float64]:
 
 
 def differs(a: Float64, b: Float64, tolerance: float = 0.0) -> Flags:
-    """Flag the numbers that differ: to the bit, or by more than a tolerance."""
+    """Flag the numbers that differ: bitwise, or by more than a tolerance."""
     if tolerance:
         return np.asarray(~(np.abs(a - b) <= tolerance) & ~(np.isnan(a) & np.isnan(b)))
     both = [np.ascontiguousarray(each, np.float64).view(np.uint64) for each in (a, b)]
@@ -60,7 +60,7 @@ def differs(a: Float64, b: Float64, tolerance: float = 0.0) -> Flags:
 
 
 def first_apart(common: Common, tolerance: float) -> First | None:
-    """Return the first difference of positions or velocities after a step; None without one."""
+    """Return the first difference in positions or velocities after a step; None without one."""
     found: list[tuple[int, Paired, Flags]] = []
     for each in common.columns:
         if each.kind == "motion" and each.after_a is not None and each.after_b is not None:
@@ -104,7 +104,7 @@ def _given(paired: Paired, until: int) -> FirstInput | None:
 
 
 def first_hidden(common: Common, until: int) -> int | None:
-    """Return the first step with another resulting state, hidden parts included; else None."""
+    """Return the first step after which states differ, hidden parts included; None if none does."""
     steps = [
         int(rows[0])
         for column in common.columns
@@ -116,7 +116,7 @@ def first_hidden(common: Common, until: int) -> int | None:
 
 
 def given_at(columns: Iterable[Paired], step: int) -> Iterator[FirstInput]:
-    """Yield the numbers that differ before a step, one element at a time."""
+    """Yield the numbers that differ before a step, grouped by element."""
     for paired in columns:
         apart = np.flatnonzero(differs(paired.before_a[step], paired.before_b[step]))
         by_element: dict[str, list[int]] = {}
@@ -127,7 +127,7 @@ def given_at(columns: Iterable[Paired], step: int) -> Iterator[FirstInput]:
 
 
 def lateness(given: FirstInput) -> str:
-    """Return the run, `a` or `b`, that changes a number one step later; empty if none."""
+    """Return which run, `a` or `b`, changes a number one step later; empty for neither."""
     row, column = given.step, given.columns[0]
     a, b = (each[:, column] for each in _both(given.paired))
     if not row or a[row - 1] != b[row - 1]:

@@ -1,4 +1,4 @@
-"""The smallest set of changes that still has an effect, by delta debugging.
+"""Find a minimal set of changes that still has an effect, by delta debugging.
 
 A. Zeller and R. Hildebrandt, Simplifying and Isolating Failure-Inducing Input, IEEE Transactions on
 Software Engineering 28 (2002): halves are left out first, then ever smaller parts.
@@ -12,11 +12,11 @@ from typing import TypeVar
 T = TypeVar("T")
 
 MOST_TRIALS = 300
-"""Trials after which what is left is taken for the smallest set."""
+"""Most trials; then the set found so far counts as minimal."""
 
 
 def minimal(units: Sequence[T], holds: Callable[[list[T]], bool]) -> list[T]:
-    """Return the smallest set found for which `holds`; it holds for all units together.
+    """Return a minimal set for which `holds` is true, given that it is for all units together.
 
     Units that come first are left out first.
     """

@@ -45,17 +45,16 @@ if TYPE_CHECKING:
 
 ANALYZING = Message("analyzing")
 _PARTS = 3
-"""Number of parts for the progress bar: reading the recording, explaining it, writing the
-results."""
+"""Number of stages in the progress bar: reading the recording, explaining it, writing results."""
 MOST_NAMES = 12
-"""Most names that an error lists."""
+"""Most names listed in an error message."""
 DEFAULT_AT_S = (0.3,)
-"""Times at which flights are broken down, besides at their ends, unless other times are given."""
+"""Default times at which a flight's error is broken down, besides its end."""
 
 
 @takes_those_of(verbs.AnalyzeArguments)
 def analyze(asked: verbs.AnalyzeArguments) -> Analysis:
-    """Analyze a recording, and write the layer that shows the analysis beside it.
+    """Analyze a recording, and write a layer file beside it that shows the analysis.
 
     Raises
     ------
@@ -144,7 +143,7 @@ def analyze(asked: verbs.AnalyzeArguments) -> Analysis:
 
 
 def _episode(read_back: Recording, number: int | None, *, every: bool) -> Episode | None:
-    """Return the episode of the account; None for the whole run."""
+    """Return the episode that the account describes; None for the whole run."""
     if read_back.drop is not None:
         if number is not None:
             raise ScenarioError(
@@ -157,7 +156,7 @@ def _episode(read_back: Recording, number: int | None, *, every: bool) -> Episod
 
 
 def _check_about(about: str | None, read_back: Recording) -> None:
-    """Raise an error if nothing has the name with which the account is to begin."""
+    """Raise an error if no body or joint has the name that the account is to begin with."""
     if about is None:
         return
     if read_back.drop is not None:
@@ -177,7 +176,7 @@ def _check_about(about: str | None, read_back: Recording) -> None:
 
 
 def _give_memory_back() -> None:
-    """Return freed memory to the system, since the next stage uses other allocators."""
+    """Return freed memory to the operating system: the next stage uses other allocators."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's
     if trim is not None:
         trim(0)
@@ -198,7 +197,7 @@ def analysis_of(
     about: str | None = None,
     reports: Callable[[Finding], bool] = lambda _: True,
 ) -> Analysis:
-    """Return the analysis of a recording, as `analyze`, but without the files around it."""
+    """Analyze a recording that was read, without writing files."""
     seen = explained(read_back).recording.seen
     if read_back.drop is not None:
         from drop_physics.drop.story import drop_analysis_of  # of drops alone
@@ -223,12 +222,12 @@ def analysis_of(
 
 
 def plot_of_recording(recording: Path) -> Plot:
-    """Return the plot of a recording, which is read and analyzed for it."""
+    """Read and analyze a recording, and return its plot."""
     return plot_of(analysis_of(read(recording)))
 
 
 def _shown(analysis: Analysis, seen: Seen) -> LayerShown:
-    """Return the contents of the viewer for a script; it cannot draw dashed lines."""
+    """Return what the viewer shows of a script's analysis; it cannot draw dashed lines."""
     if analysis.kind == "drop":
         return LayerShown()
     widths = {"line": 2.0, "broad": 3.0, "wide": 4.0, "dashed": 1.0}
@@ -269,7 +268,7 @@ def outputs_of(
     force: bool,
     read_only: bool = False,
 ) -> tuple[Path | None, list[Path]]:
-    """Return the layer and the tables to write, after checking that they can be written.
+    """Return the paths of the layer and of the tables, after checking that they are writable.
 
     There is no layer if the recording's folder is read-only.
 
@@ -294,7 +293,7 @@ def outputs_of(
 
 
 def _check_times(at_s: Sequence[float], seen: Seen) -> None:
-    """Raise an error if a given time is outside all simulations."""
+    """Raise an error if a given time is outside the range of every simulation."""
     clients = {setting.client for setting in seen.settings}
     ends_s = [StepTimes(seen, client).of(seen.samples.get(client, 1) - 1) for client in clients]
     # Time may go back, where a timestep is below 0.

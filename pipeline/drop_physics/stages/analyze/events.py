@@ -1,4 +1,4 @@
-"""The events of an analysis, a line each, for the viewer. They are recorded, so in English."""
+"""The viewer's list of events of an analysis, one line each, in English as they are recorded."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from drop_physics.drop.results import DropAnalysis, Moment
 
 WIDTH = 44
-"""Characters of a line in the viewer's list of events."""
+"""Longest line in the viewer's event list [characters]."""
 MOST_ROWS = 12
-"""Most rows of the account whose moments are events."""
+"""Most rows of the account that are listed as events."""
 
 
 def events(analysis: Analysis) -> list[tuple[int, float, str]]:
-    """Return the events in order: step, time [s] and a line each."""
+    """Return the events in order, each with its step, its time [s] and one line of text."""
     if analysis.kind == "script":
         return sorted(_of_bodies(analysis))
     from drop_physics.drop.results import DropAnalysis
@@ -61,7 +61,7 @@ def _time_s(analysis: Analysis, step: int) -> float | None:
 
 
 def _of_drop(analysis: DropAnalysis) -> list[tuple[int, str]]:
-    """Return release, error breakdowns, impact and rest of a drop, with their steps."""
+    """Return the events of a drop with their steps: release, error breakdowns, impact and rest."""
     height_m = analysis.table["simulated_m"][0]
     lines = [(0, f"release at {height_m:g} m")]
     lines += [(moment.step, _sum(moment)) for moment in analysis.at]
@@ -85,7 +85,7 @@ def _of_drop(analysis: DropAnalysis) -> list[tuple[int, str]]:
 
 
 def _sum(moment: Moment) -> str:
-    """Write an error as a sum on one line; terms that round to zero are left out."""
+    """Format an error as a sum of terms on one line, leaving out terms that round to zero."""
     terms = moment.terms_m
     total = f"{decimals(moment.error_m * 1e3, 2, '+')} mm off"
     if terms is None:

@@ -1,4 +1,4 @@
-"""Explain steps of a recording on demand: the choice of steps, and of an interpreter."""
+"""Explain further steps of a recording on request: choose the steps, and an interpreter."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ from drop_physics.trace.sums import LaterSums, Window, WithSums
 from drop_physics.workers import users_environment
 
 AROUND = 25
-"""Steps before and after a time that is asked for."""
+"""Number of steps explained before and after a requested time."""
 VERSION = "from importlib.metadata import version; print(version('mujoco'))"
-"""Program that prints an interpreter's version of MuJoCo."""
+"""Program that prints the version of MuJoCo in an interpreter."""
 
 
 @dataclass(frozen=True)
 class WhatToExplain:
-    """The steps of a recording to be explained, besides those that already are."""
+    """The steps of a recording to explain, in addition to those explained already."""
 
     steps: Sequence[tuple[int, int]] = ()
-    """Samples, from the first to before the last of each window, of all simulations."""
+    """Windows of samples, of all simulations; a step starts from each sample but the last."""
     at_s: Sequence[float] = ()
     """Times around which steps are explained [s]."""
     window: Window | None = None
-    """The steps that the account is of, explained with those that states name."""
+    """The steps that the account describes, which are explained together with those it cites."""
     whole: bool = False
-    """Whether all are."""
+    """Whether to explain all steps."""
 
 
 BY_DEFAULT = WhatToExplain()
@@ -50,13 +50,13 @@ BY_DEFAULT = WhatToExplain()
 
 @dataclass(frozen=True)
 class LaterExplained:
-    """A recording with its explained steps."""
+    """A recording, and the steps explained after it was made."""
 
     recording: Recording
     sums: LaterSums | None
     """Sums explained after the recording was made; None if there are none."""
     note: Message | None
-    """The steps that are not explained, and the command that explains them."""
+    """Remark on steps that are not explained, with the command that explains them."""
 
 
 def explained(
@@ -67,7 +67,7 @@ def explained(
     python: str | None = None,
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> LaterExplained:
-    """Explain steps of a recording whose engine can take them again.
+    """Explain steps of a recording whose engine can replay its steps.
 
     Earlier explanations stay as they are. A run of few steps is explained whole; of a longer one
     the windows that are asked for, or those that its states suggest (`explain.moments`).
@@ -126,7 +126,7 @@ def _explain(
     version: str,
     progress: Callable[[int, int], None],
 ) -> None:
-    """Explain windows in an interpreter."""
+    """Explain windows of steps in an interpreter that has the engine."""
     seen = recording.seen
     times = {each.client: StepTimes(seen, each.client) for each in seen.settings}
     firsts: dict[int, int] = {}
@@ -150,7 +150,7 @@ def _explain(
 
 
 def _windows(seen: Seen, count: Mapping[int, int], what: WhatToExplain) -> list[Window]:
-    """Return the steps that are asked for, or that states suggest."""
+    """Return the windows of steps that are requested, or that the recorded states suggest."""
     whole = [(client, 0, n) for client, n in count.items() if n]
     if what.whole or sum(count.values()) < FEW_STEPS:
         return whole
@@ -175,7 +175,7 @@ def _windows(seen: Seen, count: Mapping[int, int], what: WhatToExplain) -> list[
 def _interpreter(
     version: str, python: str | None, recorded: str | None
 ) -> tuple[str | None, Message | None]:
-    """Return an interpreter with a version of MuJoCo, or the reason why there is none."""
+    """Return an interpreter that has this version of MuJoCo, or the reason why none was found."""
     found: list[str] = []
     candidates = [python] if python else [*([recorded] if recorded else []), sys.executable]
     for each in candidates:
@@ -193,7 +193,7 @@ def _interpreter(
 
 
 def version_in(python: str) -> str:
-    """Return an interpreter's version of MuJoCo; empty if it has none, or cannot be run."""
+    """Return the version of MuJoCo in an interpreter; empty if it has none or cannot be run."""
     if python == sys.executable:
         try:
             return metadata.version("mujoco")

@@ -1,4 +1,4 @@
-"""Find the files of a recorded script, if their text is still the recorded one.
+"""Find the source files of a recorded script, if their text has not changed since.
 
 A comment `# drop: ignore[CODE]` on the first line of a call leaves a finding out.
 """
@@ -18,11 +18,11 @@ from drop_physics.recording.reader import Recording
 COMMENT = re.compile(r"#\s*drop:\s*ignore\[([^\]]*)\]")
 
 Lines = Mapping[int, frozenset[str]]
-"""The codes in such comments, by line."""
+"""The finding codes named in `ignore` comments, by line number."""
 
 
 class Sources:
-    """The files of a script, verified by the digest of its recorded text.
+    """The source files of a script, each verified by the digest of its recorded text.
 
     Parameters
     ----------
@@ -38,18 +38,18 @@ class Sources:
 
     @classmethod
     def of(cls, held: Recording, script: Path | None) -> Sources:
-        """Return the sources of a recording; `script` is the script's path, if known."""
+        """Return the sources for a recording; `script` is the script's path, if known."""
         path = held.path
         folders = [Path(), path.parent, path.parent.parent, (script or Path()).parent]
         return cls(held.origin_and_end.get("script_sha256"), folders)
 
     def files(self, names: Iterable[str]) -> dict[str, Path]:
-        """Return the paths of the files that are found, by their names as in sites."""
+        """Return the paths of the files that were found, by the names used in call sites."""
         found = {name: self._file(name) for name in names}
         return {name: path for name, path in found.items() if path is not None}
 
     def ignored_at(self, site: str | None) -> frozenset[str]:
-        """Return the codes that comments leave out at a site, given as file:line."""
+        """Return the finding codes that a comment suppresses at a call site, given as file:line."""
         name, _, line = (site or "").rpartition(":")
         if not line.isdecimal():
             return frozenset()
@@ -59,7 +59,7 @@ class Sources:
         return self._lines[name].get(int(line), frozenset())
 
     def _file(self, name: str) -> Path | None:
-        """Return a file of that name with the recorded text.
+        """Return the path of a source file whose text is still the recorded one; None without one.
 
         A recording may name anything: no name leads out of a folder, and a pipe or a device there
         is not opened.
@@ -74,7 +74,7 @@ class Sources:
 
 
 def comments_in(text: bytes) -> Lines:
-    """Return the codes in the comments of a Python file, by line."""
+    """Return the finding codes in the comments of a Python file, by line."""
     lines: dict[int, frozenset[str]] = {}
     with contextlib.suppress(tokenize.TokenError, SyntaxError):
         for token in tokenize.tokenize(io.BytesIO(text).readline):

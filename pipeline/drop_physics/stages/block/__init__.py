@@ -40,22 +40,22 @@ NO_STEP = (
 
 
 class Block:
-    """A recorded block; after its end, it prints like its recording."""
+    """A recorded block of Python; after its end, it prints like its recording."""
 
     watch: ScriptWatch
     written: dict[str, Any] | None = None
-    """The values of the result, once the block has ended."""
+    """Values of the recording's result, once the block has ended."""
 
     @property
     def recorded(self) -> Recorded | None:
-        """The result; None until the block has ended."""
+        """The recording's result; None until the block has ended."""
         from drop_physics.stages.record import Recorded
 
         return None if self.written is None else Recorded(**self.written)
 
     @property
     def steps(self) -> int:
-        """Number of steps so far."""
+        """Number of steps recorded so far."""
         return self.watch.steps_made
 
     def __repr__(self) -> str:
@@ -69,7 +69,7 @@ class Block:
 
 
 class BlockWriter(Worker):
-    """A process that writes the recordings of blocks, even if this process crashes."""
+    """A process that writes recordings of blocks, and finishes even if this process crashes."""
 
     def __init__(self) -> None:
         self._handing, taking = _socket.socketpair()
@@ -78,12 +78,12 @@ class BlockWriter(Worker):
         taking.close()
 
     def close(self) -> None:
-        """Let the process end once it has finished writing."""
+        """End the process once it has finished writing."""
         super().close()
         self._handing.close()
 
     def begin(self, reading: int, memory: int, *how: object) -> None:
-        """Let it write a pipe's stream; both file descriptors become its own, too."""
+        """Start writing a stream read from a pipe; the process gets both file descriptors."""
         self.ask("drop_physics.stages.block.writer:write", self._place, *how)
         both = array("i", [reading, memory])
         self._handing.sendmsg([b"\0"], [(_socket.SOL_SOCKET, _socket.SCM_RIGHTS, both)])

@@ -1,4 +1,4 @@
-"""The process that writes the recordings of blocks: of one block, or of all in a run of pytest."""
+"""The process that writes the recordings of blocks: of one block, or of all in a pytest run."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from drop_physics.stages.record.target import target_of
 def write(
     place: int, path: Path, process: int, drawn: bool, verified: bool, force: bool
 ) -> dict[str, Any]:
-    """Record a pipe's stream, and return the values of the result.
+    """Write the recording of a stream from a pipe, and return the values of the result.
 
     `place` is the file descriptor of a socket, through which come those of the pipe and of the
     memory that both processes see; `process` is the block's.

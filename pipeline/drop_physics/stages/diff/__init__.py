@@ -1,4 +1,4 @@
-"""Compare two runs, and explain their difference: a differing value is swapped, a step is made."""
+"""Compare two runs, and find why they differ, by swapping values and repeating single steps."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ from drop_physics.temporary import temporary_folder
 from drop_physics.trace.history import DEFAULT_ENGINE
 
 MOST_SIMULATIONS = 32
-"""Simulations of a script that are looked at for the one that is apart first."""
+"""Most simulations of a script that are searched for the one that differs first."""
 
 
 @dataclass(frozen=True)
 class Diff(Printable, reported_by="drop_physics.report.diff"):
-    """The reason why one run is not another."""
+    """Result of `drop diff`: why two runs differ."""
 
     a: str
     b: str
@@ -45,22 +45,22 @@ class Diff(Printable, reported_by="drop_physics.report.diff"):
     tolerance: float
     engines: tuple[str, str]
     runs: int
-    """Number of times that steps were made again, one at a time or to the end."""
+    """Number of repetitions: single steps, or whole runs."""
     recordings: tuple[Path, Path] | None
-    """The recordings of both, where they are kept."""
+    """Paths of both recordings, if they are kept."""
     host: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """Differences between the machines or environments, by name."""
+    """Differences between the machines or environments of the runs, by name."""
     ended: tuple[str, str] = ("finished", "finished")
-    """Endings of the two runs."""
+    """How each run ended."""
     unseeded: Sequence[str] = ()
-    """The lines of the scripts that drew unseeded random numbers."""
+    """Lines of the scripts that draw unseeded random numbers."""
     pictures: PicturesApart | None = None
-    """The pictures that differ though states are the same, of an engine that draws them itself."""
+    """Number of differing images whose states are the same, if the engine draws images itself."""
 
 
 @takes_those_of(verbs.DiffArguments)
 def diff(asked: verbs.DiffArguments) -> Diff:
-    """Run two scripts, or one in two ways, or take recordings, and explain their difference.
+    """Run two scripts, or one script in two ways, or read recordings, and explain how they differ.
 
     Raises
     ------
@@ -101,9 +101,9 @@ def diff(asked: verbs.DiffArguments) -> Diff:
 
 
 def why_apart(a: Recording, b: Recording, names: tuple[str, str], tolerance: float) -> Diff | None:
-    """Return the difference between two recordings; None if it cannot be determined.
+    """Return why two recordings differ; None if that cannot be determined.
 
-    It takes an interpreter with the engine of each, and nothing is fetched.
+    This needs an interpreter with the engine of each, and nothing is fetched.
     """
     try:
         sides = [side_of(each, name) for each, name in zip((a, b), names, strict=True)]
@@ -142,7 +142,7 @@ def _ending(held: Recording) -> str:
 
 
 HOST = ("hash_seed", "numpy", "blas", "blas_threads", "machine", "version")
-"""Dependences of numbers besides the script, as a recording's closing property names them."""
+"""Properties of a recording, besides the script, on which its numbers may depend."""
 
 
 def _host(a: Recording, b: Recording) -> dict[str, tuple[str, str]]:
@@ -160,7 +160,7 @@ def _host(a: Recording, b: Recording) -> dict[str, tuple[str, str]]:
 def _answered(
     a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None], *, by_time: bool
 ) -> tuple[ProvedDifference, int]:
-    """Return the answer, and the number of repeated steps."""
+    """Return the explained difference, and the number of steps repeated to find it."""
     engines = a.recording.seen.engine, b.recording.seen.engine
     for side in (a, b):
         steps_of(side)  # if there are any
@@ -187,7 +187,7 @@ def _answered(
 def _earliest(
     stack: ExitStack, a: RunSide, b: RunSide, tolerance: float, *, by_time: bool
 ) -> tuple[CrossedRuns, Sequence[Swapper]]:
-    """Return the simulations that differ first, with the processes that take single steps."""
+    """Return the simulations that differ first, and the processes that repeat single steps."""
     both = [*zip(a.recording.steps.clients, b.recording.steps.clients, strict=False)]
     firsts = []
     for number, clients in enumerate(both[:MOST_SIMULATIONS] if len(both) > 1 else ()):
@@ -208,7 +208,7 @@ def _crossed(
     *,
     by_time: bool,
 ) -> tuple[CrossedRuns, Sequence[Swapper]]:
-    """Return the steppers of one simulation of each run; `stack` ends their processes."""
+    """Return one simulation of each run with its stepping process; `stack` ends the processes."""
     folder = stack.enter_context(temporary_folder())
     sides: list[CrossedSide] = []
     swappers: list[Swapper] = []
@@ -234,14 +234,14 @@ def _crossed(
 
 
 def _is_same_script(a: Recording, b: Recording) -> bool:
-    """Return whether both ran the same text with the same arguments."""
+    """Return whether both runs had the same script text and arguments."""
     names = ("script_sha256", "arguments", "seed")
     mine, theirs = ([each.origin_and_end.get(name) for name in names] for each in (a, b))
     return mine == theirs and mine[0] is not None
 
 
 def _sites(a: Recording, b: Recording) -> Callable[[str, int], tuple[str | None, str | None]]:
-    """Return a function that finds the lines of both scripts that set a value before a step."""
+    """Return a function that finds, in both scripts, the line that set a value before a step."""
 
     def site(name: str, step: int) -> tuple[str | None, str | None]:
         found: list[str | None] = []

@@ -1,4 +1,4 @@
-"""Compare two runs of an engine that hides its state: by the logs of their calls."""
+"""Compare two runs by their call logs, for an engine whose state cannot be read completely."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from drop_physics.trace.logs import LoggedCall, Made
 def answered_by_calls(
     a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None]
 ) -> tuple[ProvedDifference, int]:
-    """Return the reason for a difference of two runs, and the number of repeated calls.
+    """Explain how two runs differ by replaying calls; also return the number of replayed calls.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def answered_by_calls(
 
 
 def logged(side: RunSide) -> tuple[list[LoggedCall], LogOf]:
-    """Return the log of a run, and its source.
+    """Return the call log of a run, and where it comes from.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def steps_of(side: RunSide) -> int:
 def _bodies(
     a: RunSide, b: RunSide, mine: LogOf, theirs: LogOf, twin: dict[Made, Made]
 ) -> tuple[list[tuple[int, PairedBody]], dict[int, tuple[Body, Body]]]:
-    """Return the bodies of both runs, with their numbers in the logs, and as pairs."""
+    """Pair the bodies of both runs; also return their numbers in the call logs."""
     of_a, of_b = (
         {made: _body_of(side, call) for made, call in log.made if made[0] == BODY}
         for side, log in ((a, mine), (b, theirs))
@@ -123,7 +123,7 @@ def _body_of(side: RunSide, call: Call) -> Body | None:
 
 
 def placed(log: Sequence[LoggedCall], folder: Path) -> list[LoggedCall]:
-    """Return a log whose files exist: missing ones are written again."""
+    """Return a call log whose referenced files exist; missing ones are written again."""
     found = []
     for each in log:
         if each.content is None:
@@ -144,7 +144,7 @@ def placed(log: Sequence[LoggedCall], folder: Path) -> list[LoggedCall]:
 def _told(
     log: Sequence[LoggedCall], names: Mapping[int, str], joints: Mapping[int, Sequence[str]]
 ) -> list[LoggedCall]:
-    """Return a log whose calls say in words which body or joint they are about."""
+    """Return a call log that names the body and joint of each call."""
     found = []
     for each in log:
         made = each.makes or next(

@@ -1,4 +1,4 @@
-"""Compare two runs by their samples alone, when no step can be repeated: nothing is proved."""
+"""Compare two runs by their samples alone, when no step can be repeated; no cause is proved."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from drop_physics.trace.swaps import Common
 
 
 def answered_by_samples(a: RunSide, b: RunSide, tolerance: float) -> ProvedDifference:
-    """Return the last common step of two runs, and the first difference.
+    """Return the last step up to which two runs agree, and their first difference.
 
     Raises
     ------

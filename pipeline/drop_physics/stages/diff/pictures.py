@@ -1,4 +1,4 @@
-"""Pictures of two runs, recorded only as digests: the number of those that differ."""
+"""Compare the images of two runs that were recorded only as digests: count those that differ."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from drop_physics.trace.acts import PICTURE
 
 
 class PicturesApart(NamedTuple):
-    """Number of pictures that differ."""
+    """Number of images that differ."""
 
     differing: int
     of: int
     first_step: int
-    """The number of steps before the first that differs."""
+    """Number of steps before the first image that differs."""
     site: str
-    """The line that drew it."""
+    """The script's line that drew this image."""
 
 
 def pictures_apart(a: Recording, b: Recording, until: int | None) -> PicturesApart | None:
-    """Return the number of differing pictures drawn before states part; None without any.
+    """Count the differing images drawn before the states differ; None if no image differs.
 
     Parameters
     ----------

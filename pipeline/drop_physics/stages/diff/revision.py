@@ -1,4 +1,4 @@
-"""A script as committed in Git, beside its data: files unknown to Git are there, too."""
+"""A script as of a Git revision, in a folder that also has its data and untracked files."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from drop_physics.temporary import temporary_folder
 from drop_physics.workers import users_environment
 
 NOT_DATA = (".git", ".venv", "recordings")
-"""Parts of a repository that no script needs."""
+"""Parts of a repository that no script needs as data."""
 
 
 @contextlib.contextmanager
 def exported(script: Path, revision: str | None) -> Iterator[Path]:
-    """Yield the path of a script as of a revision; unchanged for None.
+    """Yield the path of a script as of a Git revision; for None, the unchanged path.
 
     All files of the repository are as they were then. Files that Git does not know are there, too.
 

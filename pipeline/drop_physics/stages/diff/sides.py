@@ -30,22 +30,22 @@ RECORDING = ".rrd"
 
 @dataclass(frozen=True)
 class Asked:
-    """One side as requested."""
+    """One side of a comparison, as requested on the command line."""
 
     target: str
     arguments: Sequence[str] = ()
     packages: Sequence[str] = ()
-    """Versions of packages, as `mujoco==3.3.7`."""
+    """Package versions for this side, such as `mujoco==3.3.7`."""
     variables: Mapping[str, str] = field(default_factory=dict)
     python: str | None = None
     revision: str | None = None
-    """The revision of Git whose text of the script is run; None for the file as it is."""
+    """Git revision of the script to run; None for the file as it is."""
     is_second: bool = False
-    """Whether it has other leftovers in fresh memory than the other side."""
+    """Whether fresh memory gets other leftover contents than for the first side."""
 
     @property
     def is_recording(self) -> bool:
-        """True if it has been recorded already."""
+        """True if this side is an existing recording."""
         return self.target.endswith(RECORDING)
 
     def named(self, other: Asked) -> str:
@@ -70,7 +70,7 @@ def sides_of(
     twice: bool = False,
     revision: str | None = None,
 ) -> tuple[Asked, Asked]:
-    """Return both sides of a command line.
+    """Build both sides from the arguments of a command line.
 
     A list of values is for both sides: what follows the first repeated name is the second's; where
     no name is repeated, all of it is.
@@ -136,14 +136,14 @@ def sides_of(
 
 
 def _is_one(words: Sequence[str]) -> bool:
-    """Return whether the words after a script are its arguments rather than another script."""
+    """Return whether the words after a script are its arguments rather than a second script."""
     return not any(Path(word).is_file() for word in words[1:] if word.endswith(".py"))
 
 
 def _divided(
     values: Sequence[str], name_of: Callable[[str], str]
 ) -> tuple[Sequence[str], Sequence[str]]:
-    """Return the values of each side."""
+    """Split values between the two sides."""
     names = [name_of(each) for each in values]
     for n, name in enumerate(names):
         if name in names[:n]:
@@ -153,23 +153,23 @@ def _divided(
 
 @dataclass(frozen=True)
 class RunSide:
-    """One side, recorded."""
+    """One side of a comparison, recorded."""
 
     name: str
-    """Label that tells the side from the other."""
+    """Label that distinguishes this side from the other."""
     recording: Recording
     python: str
-    """The interpreter that has its engine."""
+    """Python interpreter that has the engine of this side."""
     environment: Mapping[str, str]
-    """Variables with which that has it."""
+    """Environment variables with which the interpreter finds the engine."""
     target: str = ""
-    """The script, or the recording."""
+    """Path of the script or recording."""
     files: Mapping[str, Sequence[tuple[str, bytes]]] = field(default_factory=dict)
-    """Paths and contents of files that the engine loaded, by the names that calls gave."""
+    """Paths and contents of the files that the engine loaded, by the names used in calls."""
 
 
 def side_of(held: Recording, name: str) -> RunSide:
-    """Return a recording as a side, with an interpreter that has its engine, if one is found.
+    """Return a recording as a side, with an interpreter that has its engine if one is found.
 
     It is the script's, or ours, perhaps with a version that was fetched before.
     """
@@ -186,7 +186,7 @@ def side_of(held: Recording, name: str) -> RunSide:
 
 
 def recorded_side(asked: Asked, path: Path, how: verbs.DiffArguments, *, name: str) -> RunSide:
-    """Record a side, or read it if it is a recording.
+    """Record a side, or read it if it is a recording already.
 
     Parameters
     ----------

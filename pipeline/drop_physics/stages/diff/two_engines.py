@@ -1,4 +1,4 @@
-"""Compare a run of PyBullet with one of MuJoCo: by their known differences."""
+"""Compare a PyBullet run with a MuJoCo run, by removing known differences of the engines."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from drop_physics.trace.history import Seen
 from drop_physics.trace.logs import KnownDifference, LoggedCall
 
 AGREES = 1e-9
-"""Two engines that do the same agree to this, without contact, whatever tolerance is given."""
+"""Largest difference without contact between engines that agree, whatever tolerance is given."""
 
 
 def answered_by_engines(
     a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None]
 ) -> tuple[ProvedDifference, int]:
-    """Return the difference between runs of two engines, and the number of repetitions.
+    """Explain how runs of two engines differ; also return the number of repeated runs.
 
     Raises
     ------
@@ -100,7 +100,7 @@ class _Runs:
         return self._replayer.jobs + self._swapper.jobs
 
     def why(self, tolerance: float, *, is_swapped: bool) -> WhyEngines:
-        """Return the answer."""
+        """Return which known differences explain how the runs differ."""
         paired = [each for _, _, each in self._pairs]
         labels = [label for each in paired for label in np.array(each.labels)[_compared(each)]]
         units = [unit for each in paired for unit in np.array(each.units)[_compared(each)]]
@@ -153,7 +153,7 @@ class _Runs:
     def _trails(
         self, known: Sequence[KnownDifference], steps: int
     ) -> tuple[Float64, Float64] | None:
-        """Return the numbers of both after each step: the first is PyBullet's."""
+        """Return both runs' numbers after each step; the first array is PyBullet's."""
         calls = [call for each in known for call in each.calls]
         edits = [edit for each in known for edit in each.edits]
         mine = [each.a[1 : steps + 1][:, _compared(each)] for _, _, each in self._pairs]
@@ -186,7 +186,7 @@ def _timestep_s(side: RunSide) -> float:
 
 
 def _with(found: list[KnownDifference], each: KnownDifference) -> list[KnownDifference]:
-    """Return known differences with those of a further body: one of each kind."""
+    """Add the known differences of a further body, one of each kind."""
     same = next((other for other in found if other.name == each.name), None)
     if same is None:
         return [*found, each]
@@ -196,7 +196,7 @@ def _with(found: list[KnownDifference], each: KnownDifference) -> list[KnownDiff
 
 
 def _pairs(bullet: RunSide, other: RunSide, steps: int) -> list[tuple[Body, Body, PairedBody]]:
-    """Return the bodies that move in both runs: by name, else in order."""
+    """Pair the bodies that move in both runs: by name, or else in order."""
     a, b = bullet.recording.seen, other.recording.seen
     mine, theirs = (_moving(seen) for seen in (a, b))
     named = {body.name: body for body in theirs}
@@ -211,12 +211,12 @@ def _pairs(bullet: RunSide, other: RunSide, steps: int) -> list[tuple[Body, Body
 
 
 def _moving(seen: Seen) -> list[Body]:
-    """Return the bodies of a recording that move."""
+    """Return the bodies that move in a recording."""
     piece = seen.sampled.piece(0, 1)
     moving = {*np.unique(piece.bases["body"]).tolist(), *piece.joints}
     return [body for number, body in sorted(seen.bodies.items()) if number in moving]
 
 
 def _compared(body: PairedBody) -> list[int]:
-    """Return the columns that two engines share: axes of inertia may differ."""
+    """Return the columns that both engines share; their inertia axes may differ."""
     return [n for n, place in enumerate(body.places) if not 3 <= place < 7]

@@ -1,4 +1,4 @@
-"""Versions of packages that only one run has, each unpacked into a folder of ours.
+"""Install package versions that only one run uses, each into a cache folder of ours.
 
 A script finds them there before its own (`PYTHONPATH`). No other module downloads.
 """
@@ -22,11 +22,11 @@ from drop_physics.workers import users_environment
 
 REQUIREMENT = re.compile(r"([A-Za-z0-9][A-Za-z0-9._-]*)==([A-Za-z0-9][A-Za-z0-9.!+_-]*)")
 TAG = "import sys; print(f'{sys.implementation.cache_tag}')"
-"""Wheels that a Python interpreter accepts."""
+"""Matches the wheel tags that a Python interpreter accepts."""
 
 
 def cache() -> Path:
-    """Return the folder of unpacked versions."""
+    """Return the cache folder of downloaded package versions."""
     if sys.platform == "darwin":
         above = Path.home() / "Library/Caches"
     else:
@@ -35,7 +35,7 @@ def cache() -> Path:
 
 
 def kept(engine: str, python: str) -> dict[str, str]:
-    """Return the variables by which an interpreter finds an engine's version, if it was fetched.
+    """Return the environment variables that point Python at a downloaded engine version, if any.
 
     `engine` is its name and version, as in a recording.
     """
@@ -45,7 +45,7 @@ def kept(engine: str, python: str) -> dict[str, str]:
 
 
 def forget() -> int:
-    """Empty that folder, and return the number of versions in it."""
+    """Empty the cache folder, and return the number of versions it held."""
     folder = cache()
     with output_errors(folder):
         count = sum(1 for _ in folder.iterdir()) if folder.is_dir() else 0
@@ -54,7 +54,7 @@ def forget() -> int:
 
 
 def checked(requirement: str) -> tuple[str, str]:
-    """Return name and version of a requirement.
+    """Return the name and version of a package requirement.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def checked(requirement: str) -> tuple[str, str]:
 def unpacked(
     requirements: Sequence[str], python: str, note: Callable[[str], None]
 ) -> dict[str, str]:
-    """Return the variables by which an interpreter finds some versions of packages.
+    """Download package versions; return the environment variables that point Python at them.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def _tag(python: str) -> str:
 
 
 def _install(requirement: str, folder: Path, python: str) -> None:
-    """Unpack the wheel of a package into a folder."""
+    """Download a package's wheel and unpack it into a folder."""
     where = ["--no-deps", "--target", str(folder), requirement]
     uv = shutil.which("uv")
     if uv is not None:

@@ -1,4 +1,4 @@
-"""The pictures of an animation: recorded frames, or drawings of recorded poses."""
+"""The frames of a video: recorded camera frames, or drawings of recorded poses."""
 
 from __future__ import annotations
 
@@ -34,32 +34,32 @@ if TYPE_CHECKING:
 
 
 DRAWN_PER_S = 20.0
-"""Pictures drawn from poses per second of simulated time."""
+"""Frames drawn per second of simulated time."""
 DRAW = "drop_physics.engines.pybullet.scene_pictures:drawn"
 PER_WORKER = 32
-"""Number of pictures per worker, about as many as one draws while another starts."""
+"""Frames per worker process, about as many as one draws while another process starts."""
 MOST_DRAWN = 600
-"""Most pictures in an animation; a longer one shows every second, third … of them."""
+"""Most frames in an animation; a longer one keeps every second, third … of them."""
 SHARE_OF_HEIGHT = 1 / 4
-"""Share of a picture's height that a body takes up in a close view."""
+"""Share of the image's height that a body fills in a close view."""
 FAR_M = 10.0
-"""Distance from the middle beyond which bodies may be out of view."""
+"""Distance from the centre beyond which bodies may be out of view."""
 LEAST_M = 0.1
-"""Least distance of a camera."""
+"""Least distance of the camera."""
 ROOM = 1.06
-"""Factor by which a camera is farther away than it needs to be."""
+"""Factor by which the camera is farther away than necessary."""
 LEAVES, FOLLOWED = 4.5, 3.0
-"""A camera that would have to be LEAVES times farther away to see the whole way moves along
-instead, FOLLOWED times farther away than it needs to be."""
+"""The camera moves along if it would have to be LEAVES times farther away to see the whole path;
+then it is FOLLOWED times farther away than necessary."""
 BETWEEN = 1.1
-"""Distance of simulations that are drawn side by side, as a multiple of their size."""
+"""Distance between simulations drawn side by side, as a multiple of their size."""
 SHARES, INNER = np.linspace(0, 1, 101), 0.9
-"""Shares of the way that a camera may move along; within INNER of the picture, bodies are still
-seen to move."""
+"""Shares of the path over which the camera may move along; within INNER of the image, bodies still
+visibly move."""
 
 
 def _axes() -> Float64:
-    """Return the directions right, up and back of the standard camera, shape (3, 3)."""
+    """Return the axes right, up and back of the standard camera, shape (3, 3)."""
     yaw, pitch = (math.radians(a) for a in (STANDARD_CAMERA.yaw_deg, STANDARD_CAMERA.pitch_deg))
     right = np.array([math.cos(yaw), math.sin(yaw), 0.0])
     back = np.array([math.sin(yaw), -math.cos(yaw), -math.tan(pitch)]) * math.cos(pitch)
@@ -71,16 +71,16 @@ AXES = _axes()
 
 @dataclass(frozen=True)
 class Film:
-    """Pictures to be made, in order."""
+    """The frames of a video, in order."""
 
     pictures: Iterator[Image.Image]
     times_s: Sequence[float]
-    """The time of each picture."""
+    """Simulated time of each frame."""
     played: Playback
 
 
 def frames_film(held: Recording, animation: Animation, most_fps: float) -> Film | None:
-    """Return a film of the recorded frames, by the busiest camera; None without any.
+    """Return a video of the recorded frames, from the camera with most; None without frames.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def poses_film(
     clock: bool,
     hire: Callable[[int], Sequence[Worker]],
 ) -> Film:
-    """Return a film of the recorded poses; other processes begin to draw it at once.
+    """Return a video of the recorded poses; worker processes begin to draw it at once.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def beside_film(
     dark: bool,
     hire: Callable[[int], Sequence[Worker]],
 ) -> Film:
-    """Return a film of two runs of a script side by side, looked at by one camera.
+    """Return a video of two runs of a script side by side, seen by one camera.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def beside_film(
 
 
 def _parts(held: Recording) -> list[Part]:
-    """Return the visible parts of a recording, or raise an error if there are none."""
+    """Return the visible parts of a recording (links as drawn); raise an error without any."""
     parts = parts_of(held.path, held.seen)
     if not parts:
         raise RecordingError(
@@ -238,12 +238,12 @@ def _parts(held: Recording) -> list[Part]:
 
 
 def _poses(parts: Sequence[Part], times_s: Float64) -> Float64:
-    """Return the poses of all parts, shape (times, parts, 7)."""
+    """Return the poses of all drawn parts, shape (times, parts, 7)."""
     return np.stack([part.at(times_s) for part in parts], axis=1)
 
 
 def _places(seen: Seen, parts: Sequence[Part], poses: Float64) -> dict[int, Float64]:
-    """Return the displacement of each drawn body, by number, shape (3,).
+    """Return the displacement by which each body is drawn, by body id, shape (3,).
 
     Each simulation has a world of its own: several are drawn side by side, in rows.
     """
@@ -266,7 +266,7 @@ def _places(seen: Seen, parts: Sequence[Part], poses: Float64) -> dict[int, Floa
 
 
 def _side_by_side(parts: Sequence[Part], poses: Float64, places: Mapping[int, Float64]) -> Float64:
-    """Return poses with the bodies of each simulation at its place."""
+    """Displace the poses so that simulations are drawn side by side."""
     moved = poses.copy()
     for at, part in enumerate(parts):
         moved[:, at, :3] += places.get(part.number, 0.0)
@@ -280,7 +280,7 @@ def _drawn(
     theme: Theme,
     hire: Callable[[int], Sequence[Worker]],
 ) -> Iterator[Image.Image]:
-    """Yield pictures of poses, shape (pictures, parts, 7); the workers begin to draw at once."""
+    """Yield images of poses, shape (images, parts, 7); the workers begin to draw at once."""
     if not is_installed(PYBULLET):
         raise needs_pybullet(Message("a film of poses"))
     workers = hire(max(1, len(poses) // PER_WORKER))
@@ -291,7 +291,7 @@ def _drawn(
 
 
 def _end_s(seen: Seen, parts: Sequence[Part]) -> float:
-    """Return the time of the last sample, or of the last call that moved a drawn body [s]."""
+    """Return the time of the last sample, or of the last call that placed a drawn body [s]."""
     sampled_s = [StepTimes(seen, client).of(count - 1) for client, count in seen.samples.items()]
     return max(*sampled_s, *(float(part.times_s[-1]) for part in parts), 0.0)
 
@@ -299,7 +299,7 @@ def _end_s(seen: Seen, parts: Sequence[Part]) -> float:
 def _played(
     animation: Animation, most_fps: float, end_s: float, interval_s: float, most: int
 ) -> tuple[Playback, Float64]:
-    """Return a film's playback, and the time of each picture: evenly spaced, at most `most`."""
+    """Return a video's playback, and the time of each frame: evenly spaced, at most `most`."""
     count = int(end_s / interval_s + 1e-9) + 1
     times_s = interval_s * np.arange(0, count, -(-count // most), dtype=np.float64)
     apart_s = float(times_s[1]) if len(times_s) > 1 else 1 / DRAWN_PER_S
@@ -310,7 +310,7 @@ def _played(
 def _cameras(
     seen: Seen, parts: Sequence[Part], poses: Float64, view: View, body: str | None
 ) -> list[Camera]:
-    """Return the camera of each picture; `poses` has shape (pictures, parts, 7)."""
+    """Return the camera of each frame; `poses` has shape (frames, parts, 7)."""
     numbers = np.array([part.number for part in parts])
     number = _body_of(seen, numbers, poses, body)
     if view == "standard" or number is None:
@@ -337,7 +337,7 @@ def _cameras(
 
 
 def _framed(parts: Sequence[Part], numbers: Int64, poses: Float64) -> tuple[Float64, float]:
-    """Return the target of a standard camera in each picture, shape (n, 3), and its distance.
+    """Return where a standard camera is aimed in each frame, shape (n, 3), and its distance.
 
     The camera stands still. If bodies leave the view, it moves along, but no more than it must, so
     that bodies are seen to move.
@@ -371,7 +371,7 @@ def _framed(parts: Sequence[Part], numbers: Int64, poses: Float64) -> tuple[Floa
 
 
 def _distance_m(places_m: Float64, around_m: Float64) -> float:
-    """Return the distance from which the standard camera sees balls around places, in its axes.
+    """Return the distance at which the standard camera sees balls at positions in its axes.
 
     A ball is in the picture if its centre is a radius or more from the planes that bound what the
     camera sees: for a slope s of such a plane, and a depth z, |x| + r √(1 + s²) ≤ s (distance − z).
@@ -384,7 +384,7 @@ def _distance_m(places_m: Float64, around_m: Float64) -> float:
 
 
 def _held(places_m: Float64) -> Float64:
-    """Return places, shape (pictures, parts, 3), with earlier ones in place of missing ones."""
+    """Fill gaps in positions, shape (frames, parts, 3), with the last known position."""
     there = np.any(np.isfinite(places_m[..., 0]), axis=1)
     if not there.any():
         return np.zeros_like(places_m)
@@ -403,7 +403,7 @@ def _looking(target_m: Float64, distance_m: float, view: View) -> Camera:
 
 
 def _body_of(seen: Seen, numbers: Int64, poses: Float64, which: str | None) -> int | None:
-    """Return the number of the given body, or of the one that moves farthest."""
+    """Return the id of the given body, or of the body that moves farthest."""
     if which is None:
         reach_m = np.fmax.reduce(poses) - np.fmin.reduce(poses)
         way_m = np.linalg.norm(reach_m[:, :3], axis=1)
@@ -428,7 +428,7 @@ def _marked(
     *,
     clock: bool,
 ) -> Image.Image:
-    """Return a picture with marks and clock drawn over it."""
+    """Draw marks and the clock over an image."""
     if scene is not None:
         draw_marks(picture, [*scene.marks(camera, time_s)], theme)
     if clock:

@@ -1,4 +1,4 @@
-"""Additions to the film of a drop: the body in free fall, and a ruler."""
+"""Additions to a drop's video: the body in free fall, and a ruler."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
 
 
 BESIDE = 2.5
-"""Distance of the free fall to the right of the body, and of the ruler to the left, in radii."""
+"""Distances of the free-falling body (right) and of the ruler (left) from the body, in radii."""
 TICKS = 6
-"""Approximate number of ticks of a ruler in a picture."""
+"""Approximate number of ticks of the ruler in an image."""
 TICK_PX = 6
 """Length of a tick [px]."""
 NAMES, BELOW = ("simulated", "free fall"), 1.15
-"""Names of the body and of its free fall, and how many radii below it they are written."""
+"""Captions of the body and of its free fall, and how many radii below it they are written."""
 
 
 class FallScene:
-    """A dropped body, the same body in free fall, and the place of a ruler.
+    """The dropped body, the same body in free fall, and the position of a ruler.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class FallScene:
         self._top_m = float(np.nanmax(body[0].poses[:, 2]))
         self._radius_m = max(part.radius_m for part in body)
         self.in_free_fall = [*self._in_free_fall(body, table)]
-        """The body in free fall, to the right of it, for as long as theory applies."""
+        """The same body in free fall, to its right, for as long as the theory applies."""
         self._named = [body[0], *self.in_free_fall[:1]]
 
     def _in_free_fall(self, body: Sequence[Part], table: pl.DataFrame) -> Iterator[Part]:
@@ -76,7 +76,7 @@ class FallScene:
             yield replace(part, models=models, times_s=times_s[:landed], poses=poses[:landed])
 
     def marks(self, camera: Camera, time_s: float) -> Iterator[Mark]:
-        """Yield the marks of a picture: the ruler, and the names of the bodies."""
+        """Yield the marks in an image: the ruler, and the captions of the bodies."""
 
         def seen(at_m: ArrayLike) -> Point:
             x, y, z = self._axes @ np.subtract(at_m, camera.target_m)
@@ -100,7 +100,7 @@ class FallScene:
 
 
 def _step(about_m: float) -> tuple[float, int]:
-    """Return a round distance of ticks, at least `about_m`, and the decimals of their labels."""
+    """Return a round tick spacing of at least `about_m`, and the decimals of the labels."""
     exponent = math.floor(math.log10(about_m))
     step = next(step for step in (1, 2, 5, 10) if step * 10.0**exponent >= about_m)
     return step * 10.0**exponent, max(0, -exponent - (step == 10))

@@ -46,62 +46,62 @@ from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.trace.events import Ending, Event
 
 LAST = 100
-"""Steps before the end of which is looked for why states grow."""
+"""Number of last steps that are examined for the cause if states grow without bound."""
 TOLD_EVERY = 512
-"""Steps after which progress is told."""
+"""Steps between two progress reports."""
 ENGINE = f"MuJoCo {mujoco.__version__}"
 DUMP, MODEL = "nan_dump_", "model_"
-"""Beginnings of the names of a dump of mjlab's, and of its model."""
+"""File name prefixes of an mjlab dump, and of its model."""
 
 
 @dataclass(frozen=True)
 class Imported(Printable, reported_by="drop_physics.report.imported"):
-    """The recording of another program's states."""
+    """A recording made of another program's states."""
 
     recording: Path
-    """The recording."""
+    """Path of the recording."""
     recording_id: str
-    """Id in Rerun."""
+    """Id of the recording in Rerun."""
     file: Path
-    """The file of the other program."""
+    """The other program's file."""
     model: str
-    """The model's file; empty where the file has it."""
+    """Path of the model; empty if the states' own file contains the model."""
     engine: str
-    """The engine whose steps the states are held against, and its version."""
+    """Engine and version whose steps are compared with the states."""
     world: int | None
-    """The world, or demonstration, that was taken; None where there is one."""
+    """Index of the imported world or demonstration; None if the file has only one."""
     worlds: int
-    """Number of worlds, or demonstrations."""
+    """Number of worlds or demonstrations in the file."""
     states: int
-    """Number of states that were recorded."""
+    """Number of recorded states."""
     steps: int
-    """Number of steps from one to the next."""
+    """Number of steps between the states."""
     explained: int
-    """Number of steps that are the engine's within rounding."""
+    """Number of steps that agree with the engine's own within rounding."""
     step_s: float
-    """Time from a state to the next [s]."""
+    """Time between two states [s]."""
     timestep_s: float
     """The model's timestep [s]."""
     rounding: float
-    """Relative rounding of the stored numbers."""
+    """Relative rounding error of the stored numbers."""
     arrays: dict[str, str]
-    """The keys of what was read, by its name."""
+    """Key in the file of each quantity that was read, by the quantity's name."""
     gaps: Sequence[Gap]
-    """Deviations of other steps, the most frequent first."""
+    """Deviations of the steps that do not agree, the most frequent first."""
     looked_at: int
-    """Number of steps that are off whose term was looked for."""
+    """Number of deviating steps whose responsible term was searched for."""
     ended: str
-    """End of the finite states, with the reason; empty if all are finite."""
+    """How the finite states end, and why; empty if all states are finite."""
     said: Sequence[str]
-    """Number of explained steps, and deviations of the others."""
+    """Sentences on the number of explained steps, and on how the others deviate."""
     notes: Sequence[str]
-    """Missing parts, and the consequences."""
+    """Sentences on missing data, and what follows from that."""
     bodies: int
     """Number of bodies."""
     bytes: int
-    """Size of the recording."""
+    """Size of the recording [bytes]."""
     wall_s: float
-    """Time that it took [s]."""
+    """Wall-clock time of the import [s]."""
 
 
 @takes_those_of(verbs.ImportArguments)
@@ -178,7 +178,7 @@ def import_states(asked: verbs.ImportArguments) -> Imported:
 
 
 class HeldAgainst:
-    """A comparison of states with MuJoCo's steps, while they are recorded.
+    """Compares states with MuJoCo's own steps, while the states are recorded.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ class HeldAgainst:
         self._found, self._steps, self._progress = found, steps, progress
         self.timestep_s = float(steps.m.opt.timestep)
         self.stepped = abs(found.states.step_s / self.timestep_s - 1.0) <= TOLERATED
-        """Whether the states are a timestep of the model apart."""
+        """Whether the interval between states is one timestep of the model."""
         self.gaps, self.explained = Gaps(steps), 0
         self._last: deque[ImportedStep] = deque(maxlen=LAST)
         self.ended = ""
@@ -212,7 +212,7 @@ class HeldAgainst:
             yield from decoder.explained(sys.executable)
 
     def ending(self) -> Ending:
-        """Return the end of the states, after all events."""
+        """Return how the states end; call it after all events."""
         ending = Ending("finished", made_with={"mujoco": mujoco.__version__})
         if self._found.ended is not None:
             growth = growth_of(self._steps, [*self._last])
@@ -241,7 +241,7 @@ class HeldAgainst:
         return self._found.states.rounding
 
     def _tell(self, step: ImportedStep) -> None:
-        """Count a step."""
+        """Count a step, and report progress."""
         self.explained += step.near
         if not self._steps.infers:
             self.gaps.add(step)
@@ -250,7 +250,7 @@ class HeldAgainst:
             self._progress(step.number, len(self._found.states) - 1)
 
     def _of_steps(self) -> Iterator[Message]:
-        """Yield remarks on the way in which steps are taken."""
+        """Yield remarks on how the steps are computed."""
         step_s = self._found.states.step_s
         if not self.stepped:
             yield Message(
@@ -266,7 +266,7 @@ class HeldAgainst:
 
 
 def _model_of(archive: Archive, given: Path | str | None) -> Path | None:
-    """Return the file of the states' model; None if the states' own file has it.
+    """Return the path of the model file; None if the states' own file contains the model.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Deviations of another engine's steps, in one sentence per kind."""
+"""Describe how another engine's steps deviate, in one sentence per kind of deviation."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from drop_physics.fields import counted
 from drop_physics.messages import Message
 
 MOST = 4
-"""Most kinds that are said."""
+"""Most kinds of deviation that are described."""
 STIFF = 1.0
-"""Stiffness times h², or damping times h, over an inertia: less than this makes nothing grow."""
+"""Threshold of stiffness times h², or damping times h, over inertia: below it, nothing grows."""
 
 
 def said_of_gaps(
     explained: int, steps: int, gaps: Gaps, *, engine: str, rounding: float
 ) -> Iterator[Message]:
-    """Yield sentences on the number of explained steps, and on the deviations of the others.
+    """Yield sentences on how many steps are explained, and on how the others deviate.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def said_of_gaps(
 
 
 def _said(gap: Gap) -> Message:
-    """Describe a deviation of steps."""
+    """Describe one kind of deviation."""
     of = {"steps": counted(gap.steps, "step"), "first": gap.first, "apart": gap.apart}
     kind, names = gap.kind, gap.names
     what = " ".join([kind, *names])
@@ -92,7 +92,7 @@ def _said(gap: Gap) -> Message:
 
 
 def said_of_growth(growth: GrowingStates) -> Message:
-    """Describe the cause of states that grow without bound."""
+    """Describe why the states grow without bound."""
     kind, names = growth.term
     of = {"state": growth.state, "factor": growth.factor, "joint": growth.joint}
     term = " ".join([kind, "/".join(names)]).strip()

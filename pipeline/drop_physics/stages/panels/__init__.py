@@ -1,4 +1,4 @@
-"""The panels that show a recording, the same for plot, film and viewer."""
+"""Choose the panels that show a recording, the same for plot, video and viewer."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from drop_physics.drop.results import FallAnalysis
 
 MOST_PANELS = 4
-"""Most panels of a plot."""
+"""Most panels in a plot."""
 MOST_BODIES = 3
 """Most bodies whose energy the viewer shows."""
 
@@ -71,7 +71,7 @@ def _verdict(analysis: Analysis) -> Iterator[str]:
 
 
 def _panels(analysis: Analysis) -> Iterator[Panel]:
-    """Yield the panels of findings, the gravest first, then those of general interest."""
+    """Yield the panels of findings, most severe first, then those of general interest."""
     subject, done = Drawable(analysis), frozenset[Kind]()
     for number, finding in enumerate(analysis.findings, 1):
         kind, panels = of_finding(subject, finding, str(number), done)
@@ -85,7 +85,7 @@ def _panels(analysis: Analysis) -> Iterator[Panel]:
 
 
 def plot_of_row(analysis: Analysis, rows: Sequence[AccountRow]) -> Plot:
-    """Return the curve of the first row of an account that has one, with its moment marked.
+    """Return the curve for the account's first row that has one, with its moment marked.
 
     The plot has no panels and no title where none has.
     """
@@ -97,7 +97,7 @@ def plot_of_row(analysis: Analysis, rows: Sequence[AccountRow]) -> Plot:
 
 
 def viewed(analysis: Analysis, bodies: Mapping[int, Body]) -> tuple[list[Panel], list[str]]:
-    """Return the panels of the viewer, and the labels of the bodies that matter, in order.
+    """Return the panels for the viewer, and the labels of the relevant bodies, in order.
 
     The panels show joints, friction, flights and energy.
     """

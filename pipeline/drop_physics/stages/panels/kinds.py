@@ -1,4 +1,4 @@
-"""The kinds of panels that show the motion of bodies: a function each, listed in `KINDS`.
+"""Kinds of panels for the motion of bodies: one function each, listed in `KINDS`.
 
 A kind is asked with a finding, whether it shows what that says, or with None, whether it is worth a
 look in any case; it yields nothing where it has nothing to show. The plot, the film and the viewer
@@ -26,31 +26,31 @@ from drop_physics.trace.events import Body
 
 MOST_CAUSES = 4
 TARGETS = {"rate": "target_rate", "position": "target"}
-"""Column of a motor's target -> column of the value that is to reach it."""
+"""Column of a motor's target, by the column of the controlled quantity."""
 OF_FILES = ("no-inertial", "inertia-from-shape", "impossible-inertia", "inertia-without-mass")
-"""Findings that no curve of a joint can show."""
+"""Findings that no curve of a joint can illustrate."""
 NOISY, JUMPS, WINDOWS = 0.4, 0.05, 60
-"""A torque that reverses in more than this share of its samples, and jumps by more than this share
-of its range, is averaged over this share of the time."""
+"""A torque is smoothed if it reverses in more than the first share of its samples, and jumps by
+more than the second share of its range; the window is 1/WINDOWS of the time."""
 LEAST_SHARE = 0.02
-"""Causes that gave less than this share of the energy are left out."""
+"""Least share of the total energy at which a cause is drawn."""
 FLIES = 0.1
-"""A body counts as flying if a flight has at least this share of its samples."""
+"""Least share of the samples in one flight at which a body counts as flying."""
 WHOLE = 0.9
-"""A finding that covers more than this share of the time is not marked."""
+"""A finding that covers more than this share of the time is not marked in the panel."""
 MOST_JOINTS = 4
 """Most joints side by side in the viewer."""
 JOINT = 24
-"""Characters of a joint's name that fit in the viewer's legends."""
+"""Characters of a joint's name that fit into the viewer's legend."""
 NEAR = 0.02
-"""A limit is shown if a joint came closer to it than this share of the joint's range."""
+"""Distance from a limit, as a share of the joint's range, below which the limit is drawn."""
 FAR, REACHED = 3.0, 1.05
-"""A limit more than this many times the largest torque is not drawn; the second number is for
-joints side by side."""
+"""Multiple of the largest torque up to which a limit is drawn; the second is for joints side by
+side."""
 
 
 class Drawable:
-    """The source of panels: an analysis, its curves, and the bodies that matter."""
+    """The data that panels are drawn from: an analysis, its curves, and the relevant bodies."""
 
     def __init__(self, analysis: Analysis) -> None:
         self.analysis = analysis
@@ -69,10 +69,10 @@ class Drawable:
         moving = sorted(analysis.bodies, key=lambda body: -moves[body.label])
         moving = [body for body in moving if moves[body.label]]
         self.about = [*{body.label: body for body in (*found, *moving)}.values()]
-        """The bodies that findings are about, the gravest first, and those that move."""
+        """Labels of the bodies that findings concern, most severe first, then those that move."""
 
     def span_s(self, finding: Finding, body: BodyAnalysis) -> tuple[float, float] | None:
-        """Return the time that a finding covers; None if that is nearly all of it."""
+        """Return the time span of a finding; None if it covers nearly all of the time."""
         steps = finding.steps
         if steps is None or steps.last - steps.first > WHOLE * self.analysis.samples:
             return None
@@ -104,11 +104,11 @@ class Drawable:
 
 
 Kind = Callable[[Drawable, BodyAnalysis, Finding | None], Iterator[Panel]]
-"""Draws the panels of a body, and of a finding about it."""
+"""Function that yields the panels for a body, or for a finding about it."""
 
 
 def joint(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:
-    """Yield the panels of a joint and its motor: a finding's, else the farthest off target."""
+    """Yield the panels of a joint and its motor: the finding's, or that farthest off target."""
     rows = [row for row in body.joints if row.off is not None]
     if finding is not None:
         rows = [row for row in body.joints if row.name == finding.joint][:1]
@@ -148,7 +148,7 @@ def joint(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Ite
 
 
 def of_row(subject: Drawable, row: AccountRow) -> Panel | None:
-    """Return the curve of a row: a joint's position, a body's energy, or its displacement."""
+    """Return the curve for a row of the account: joint position, body energy or displacement."""
     body = subject.bodies.get(row.body or "")
     if body is None or row.time_s is None:
         return None
@@ -180,7 +180,7 @@ def of_row(subject: Drawable, row: AccountRow) -> Panel | None:
 
 
 def friction(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:
-    """Yield the friction between the two bodies of a finding, and its limit."""
+    """Yield a panel of the friction force between a finding's two bodies, and its limit."""
     other = subject.bodies.get((finding and finding.other) or "")
     its = None if other is None else subject.curves.friction(body.id, other.id)
     if other is None or its is None or len(its.steps) < 2:
@@ -198,7 +198,7 @@ def friction(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> 
 
 
 def heights(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:  # noqa: ARG001
-    """Yield the height of a flying body, beside free fall."""
+    """Yield a panel of a flying body's height, compared with free fall."""
     longest = max((flight.last_step - flight.first_step for flight in body.flights), default=0)
     if longest <= FLIES * sum(body.segments.values()):
         return
@@ -216,7 +216,7 @@ def heights(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> I
 
 
 def energy(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:
-    """Yield the causes of changes of a body's energy, whatever the finding."""
+    """Yield a panel of the causes that change a body's energy, whatever the finding."""
     its = subject.curves.energy(body.id)
     if its is None or finding is not None or body.energy is None:
         return
@@ -236,13 +236,13 @@ def energy(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> It
 
 
 KINDS: tuple[Kind, ...] = (joint, friction, heights, energy)
-"""All kinds; the first that shows a finding is used."""
+"""All kinds of panels, in order; the first one that can show a finding is used."""
 
 
 def of_finding(
     subject: Drawable, finding: Finding, mark: str = "", done: frozenset[Kind] = frozenset()
 ) -> tuple[Kind | None, list[Panel]]:
-    """Return the first kind that shows a finding and is not used yet, and its panels."""
+    """Return the first unused kind of panel that can show a finding, and the panels."""
     body = subject.bodies.get(finding.body or "")
     if body is None:
         return None, []
@@ -257,7 +257,7 @@ def of_finding(
 
 
 def side_by_side(subject: Drawable, bodies: Mapping[int, Body]) -> Iterator[Panel]:
-    """Yield positions, rates, torques of joints with findings, or farthest off their targets.
+    """Yield positions, rates and torques of joints with findings, or farthest off target.
 
     At most `MOST_JOINTS` of all bodies.
     """
@@ -313,12 +313,12 @@ def side_by_side(subject: Drawable, bodies: Mapping[int, Body]) -> Iterator[Pane
 
 
 def _joint_of(curves: Curves, place: int) -> Curves:
-    """Return the curves of one joint of a body."""
+    """Return the curves of the joint at this index of a body."""
     return Curves(curves.steps, {name: column[:, place] for name, column in curves.columns.items()})
 
 
 def _window(torque: Float64) -> int:
-    """Return the number of samples over which a torque is averaged: 1 if it is smooth."""
+    """Return the smoothing window of a torque in samples; 1 if the torque is smooth already."""
     jumps = np.diff(torque)
     if len(torque) < 4 * WINDOWS or not np.isfinite(jumps).all():
         return 1
@@ -328,7 +328,7 @@ def _window(torque: Float64) -> int:
 
 
 def _limits(its: Curves, far: float = FAR) -> list[str]:
-    """Return the limits that a torque approaches; the lower one is added to the curves."""
+    """Return the limits that a torque comes close to; the lower one is added to the curves."""
     torque, limit = its.columns["torque"], its.columns["limit"]
     most = float(np.nanmax(np.abs(torque), initial=0.0))
     if np.nanmin(limit, initial=np.inf) > far * most:
@@ -339,7 +339,7 @@ def _limits(its: Curves, far: float = FAR) -> list[str]:
 
 
 def _stops(its: Curves, body: Body, row: JointRow) -> list[str]:
-    """Return the ends of its range that a joint approaches; they are added to the curves."""
+    """Return the range limits that a joint comes close to; they are added to the curves."""
     low, high = body.joints[row.index].limits
     at = its.columns["position"]
     its.columns.update(lowest=np.full(at.shape, low), highest=np.full(at.shape, high))

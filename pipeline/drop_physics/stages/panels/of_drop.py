@@ -1,4 +1,4 @@
-"""The plot of a drop: the fall beside theory, where that applies, and the terms of its error."""
+"""The plot of a drop: the fall compared with theory, where it applies, and the error's terms."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from drop_physics.scenario import Scenario
 from drop_physics.sweeping.plan import label_of
 
 BEFORE, AFTER = 4, 10
-"""Number of steps before and after an impact that are drawn enlarged."""
+"""Number of steps before and after an impact that the inset enlarges."""
 FREE = 0.55, 0.3
-"""The inset needs room: from this share of the time on, the drop must stay below this share of its
-height."""
+"""The inset has room if from the first share of the time on, the drop stays below the second share
+of its height."""
 NOTHING_MM = 1e-9
-"""Errors below this [mm] are rounding, and get no panel."""
+"""Errors below this size are rounding, and get no panel [mm]."""
 
 
 def plot_of_drop(analysis: FallAnalysis) -> Plot:
@@ -72,7 +72,7 @@ def plot_of_drop(analysis: FallAnalysis) -> Plot:
 
 
 def _impact(analysis: FallAnalysis, timestep_s: float) -> Inset | None:
-    """Return the inset with the steps around the impact; None if it would hide later curves."""
+    """Return the inset with the steps around the impact; None if it would cover curves."""
     impact, heights_m = analysis.impact, analysis.table["simulated_m"].to_numpy()
     if impact is None or impact.time_simulated_s is None or impact.step is None:
         return None
@@ -92,7 +92,7 @@ def _dropped(analysis: FallAnalysis) -> Message:
 
 
 def _said_of_drop(analysis: FallAnalysis, timestep_s: float) -> Iterator[Message]:
-    """Yield settings other than the defaults, one moment of the error, and the end."""
+    """Yield the non-default settings, one breakdown of the error, and how the drop ends."""
     standard, own = asdict(Scenario()), analysis.scenario
     shown = {"linear_damping": own["linear_damping"]}
     shown |= {name: value for name, value in own.items() if value != standard[name]}

@@ -58,70 +58,71 @@ if TYPE_CHECKING:
     from drop_physics.recording.recorder import Recorder
 
 NAMED_AFTER_S = 60.0
-"""A script without a limit that runs longer than this [s] may never end."""
+"""Run time after which a script without a limit may never end [s]; a note then says how to stop
+it."""
 CANNOT_LOAD = "pybullet.error: Cannot load"
 NOT_INSTALLED = re.compile(r"ModuleNotFoundError: No module named '(pybullet|mujoco)")
 
 
 @dataclass(frozen=True)
 class ReplayedSteps:
-    """The outcome of replaying steps in the script's interpreter."""
+    """Result of replaying recorded steps in the script's interpreter."""
 
     steps: int
-    """Number of steps that were replayed."""
+    """Number of replayed steps."""
     replayed: int
-    """Number of these that led to the recorded state, to the last bit."""
+    """Number of replayed steps that led to the recorded state, bit for bit."""
     explained: int
-    """Number of these whose named impulses close the sum."""
+    """Number of replayed steps that named impulses explain completely."""
     remainder: float
-    """Their largest remainder, over the largest impulse."""
+    """Largest unexplained remainder of a step, over the largest impulse."""
 
 
 @dataclass(frozen=True)
 class Recorded(Printable, reported_by="drop_physics.report.record"):
-    """The recording of a script."""
+    """The recording of a script, and how the script ended."""
 
     recording: Path
     recording_id: str
     script: str
-    """The script's path, or the module's name."""
+    """Path of the script, or name of the module."""
     ended: str
     """`finished`, `steps`, `duration`, `idle` (it waited for a user), `disk` (no room left),
     `interrupted` or `failed`."""
     error: str
-    """The script's error in one line; empty if there was none."""
+    """The script's error in one line; empty if none occurred."""
     failure: str
-    """The call that raised the error and its reason, in a sentence; for other errors, the part that
-    the script has not printed itself."""
+    """Sentence on the call that raised the error, and why; for other errors, what the script did
+    not print itself."""
     samples: int
-    """Number of states: one more than the steps of each simulation."""
+    """Number of states: one more than the number of steps of each simulation."""
     bodies: int
     frames: int
     """Number of images that the script took."""
     bytes: int
     wall_s: float
     twice: bool
-    """Whether the script was run a second time and compared."""
+    """Whether the script was run a second time to compare the states."""
     first_difference: int | None
-    """The first step whose state differed in the second run; None if none did."""
+    """The first step whose state differs in the second run; None if none does."""
     replay: ReplayedSteps | None = None
-    """The outcome of replaying the steps of MuJoCo; None for other engines."""
+    """Result of replaying MuJoCo's steps; None for other engines."""
     beside: Recorded | None = None
-    """The recording of the other engine, if the script steps two."""
+    """Recording of the other engine, if the script uses two."""
     engine: str = ""
     """The engine whose steps are recorded."""
     answer: tuple[Any, str] | None = None
-    """Result of the evaluation in the run, or its error; None if nothing was asked."""
+    """Result of the expression evaluated in the run, or its error; None if none was requested."""
     reached: Reached = Reached()
-    """Resources that the script reached beside its simulation, if that was observed."""
+    """Resources beside the simulation that the script accessed, if that was observed."""
     never_began: bool = False
     """Whether the script failed before it imported an engine."""
     is_elsewhere: bool = False
-    """Whether other processes of the script use the engine, whose steps are not recorded."""
+    """Whether child processes of the script also use the engine; their steps are not recorded."""
 
 
 def forget(recorded: Recorded) -> None:
-    """Delete an empty recording, and its layer."""
+    """Delete an empty recording and its layer."""
     for path in (recorded.recording, layer_of(recorded.recording)):
         path.unlink(missing_ok=True)
 
@@ -245,7 +246,7 @@ def record_script(asked: verbs.RecordArguments) -> Recorded:
 
 
 class Beside(NamedTuple):
-    """The recording of the other engine of a script that steps two."""
+    """The recording of the second engine of a script that uses two."""
 
     engine: str
     recorded: Recorded
@@ -259,7 +260,7 @@ def recorded_beside(
     name: str,
     placed: Callable[..., contextlib.AbstractContextManager[Target]],
 ) -> Beside | None:
-    """Record the other engine of a script that steps two; return None for other scripts.
+    """Record the second engine of a script that uses two; return None for other scripts.
 
     Parameters
     ----------
@@ -294,7 +295,7 @@ def recorded_beside(
 
 
 def _replay(decoder: Decoder) -> ReplayedSteps | None:
-    """Return the outcome of replaying the steps of MuJoCo."""
+    """Return the result of replaying MuJoCo's steps."""
     mujoco = decoder.mujoco
     if not mujoco.kept_steps or not mujoco.samples or mujoco.is_long:
         return None
@@ -302,7 +303,7 @@ def _replay(decoder: Decoder) -> ReplayedSteps | None:
 
 
 def origin_of(program: Program, digest: str | None) -> dict[str, Any]:
-    """Return the properties of a recording that name the script and its arguments."""
+    """Return the recording properties that identify the script and its arguments."""
     target = program.target
     return {
         "kind": "script",
@@ -321,7 +322,7 @@ def origin_of(program: Program, digest: str | None) -> dict[str, Any]:
 def _worth_knowing(
     process: running.Script, recorder: Recorder, ended: Ending, *, keep_sleeping: bool
 ) -> Iterator[str]:
-    """Yield remarks on an ended script."""
+    """Yield remarks for the user after a script has ended."""
     decoder = process.decoder
     if not recorder.samples and not decoder.cut_off and not decoder.mujoco.version:
         nothing = Message(
@@ -378,7 +379,7 @@ def written(
     recording_id: str,
     **how: Any,  # noqa: ANN401 - as `writer.record` takes it
 ) -> Ending:
-    """Write a running script or block, and return its ending.
+    """Write the recording of a running script or block, and return how it ended.
 
     The recording is called `name` in Rerun's lists; by default as its file.
     """
@@ -413,7 +414,7 @@ def written(
 
 
 def _how_to_install(module: str, process: running.Listener) -> str:
-    """Return the command that installs an engine in a script's interpreter."""
+    """Return the command that installs an engine into a script's interpreter."""
     how = shell_command(process.python, "-m", "pip", "install", module)
     if module == "mujoco":
         return Message("try: {how}", how=how)
@@ -427,7 +428,7 @@ def _how_to_install(module: str, process: running.Listener) -> str:
 def recorded_of(
     recorder: Recorder, ended: Ending, path: Path, *, recording_id: str, name: str
 ) -> Recorded:
-    """Return the result of one run of a script; the caller adds how long it took."""
+    """Return the result of one run of a script, without its duration."""
     return Recorded(
         recording=path,
         recording_id=recording_id,
@@ -446,7 +447,7 @@ def recorded_of(
 
 
 def _failure(path: Path, printed: str) -> str:
-    """Return a script's error as the analysis shows it, without the script's output."""
+    """Return a script's error as the analysis shows it, without what the script printed."""
     from drop_physics.recording.reader import read
     from drop_physics.rules.script_failed import failure
 
@@ -463,7 +464,7 @@ def _silent(*_: object) -> None:
 
 
 def _named_later(note: Callable[[str], None]) -> Callable[[float, int], None]:
-    """Return a progress function that explains once, after a minute, how to stop a script."""
+    """Return a progress function that explains after a minute, once, how to stop a script."""
     at = time.monotonic() + NAMED_AFTER_S
 
     def tell(_: float, steps: int) -> None:
@@ -491,7 +492,7 @@ def _again(
     note: Callable[[str], None],
     tell: Callable[[float, int], None],
 ) -> tuple[bool, int | None]:
-    """Run a program again; return whether it was compared, and the first step that differs.
+    """Repeat a program's run; return whether it was compared, and the first differing step.
 
     `last` holds the number of steps of the first run, and its end; `recorders` have its events, by
     engine.
@@ -563,7 +564,7 @@ def _again(
 
 @contextlib.contextmanager
 def interrupts(then: Callable[[], None]) -> Iterator[None]:
-    """Let Ctrl-C end the script but not this process, which completes the recording.
+    """Let Ctrl-C end the script, but not this process, which completes the recording.
 
     If Ctrl-C is ignored, as under `nohup` and `&`, it stays ignored: the script inherits that.
     """

@@ -1,4 +1,4 @@
-"""Find the file that a script could not load."""
+"""Find a file that a script failed to load."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from drop_physics.messages import Message
 _FIRST = re.compile(r"^(?:fileName=)?'([^']+)'")
 _MESH = re.compile(r"filename=[\"']([^\"']+)[\"']")
 LARGEST_BYTES = 1 << 24
-"""A larger file is not searched."""
+"""Largest file that is searched for references [bytes]."""
 SEARCH = Message("p.setAdditionalSearchPath(pybullet_data.getDataPath())")
 
 
 def missing_file(arguments: str, target: str) -> Message | None:
-    """Return the place of a file that `p.load…` missed, or its missing parts; None if unknown.
+    """Return where a file that `p.load…` did not find is, or what it lacks; None if unknown.
 
     Parameters
     ----------
@@ -63,12 +63,12 @@ def missing_file(arguments: str, target: str) -> Message | None:
 
 
 def _complete(file: Path) -> bool:
-    """Return whether all meshes that a file names exist."""
+    """Return whether all meshes that a file refers to exist."""
     return next(_lost_meshes(file), None) is None
 
 
 def _lost_meshes(file: Path) -> Iterator[str]:
-    """Yield meshes named by a file that are neither there nor near the file."""
+    """Yield the meshes that a file refers to, and that are found neither there nor nearby."""
     if file.stat().st_size > LARGEST_BYTES:
         return
     for mesh in _MESH.findall(file.read_text(errors="replace")):
@@ -79,7 +79,7 @@ def _lost_meshes(file: Path) -> Iterator[str]:
 
 
 def _near(path: Path) -> Path | None:
-    """Return the file of a folder whose name is most similar; None if none is."""
+    """Return the file in the same folder with the most similar name; None if none is similar."""
     if not path.parent.is_dir():
         return None
     names = [each.name for each in path.parent.iterdir() if each.suffix == path.suffix]

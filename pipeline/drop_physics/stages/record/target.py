@@ -1,4 +1,4 @@
-"""Path of a script's recording, and the earlier one of the same script that it replaces.
+"""Choose the path of a script's recording, and which earlier recording it replaces.
 
 It is written under a free name, and takes the earlier one's only once it is whole: until then, and
 if it has no step, the earlier one stays.
@@ -23,13 +23,13 @@ from drop_physics.stages.found import FOLDER, is_of, origin_of, stem_of
 
 @dataclass(frozen=True)
 class Earlier:
-    """A recording that may be replaced, in its state before the script ran."""
+    """A recording that may be replaced, as it was before the script ran."""
 
     path: Path
     status: os.stat_result
 
     def is_unchanged(self) -> bool:
-        """Return whether the file is unchanged: another process may have replaced it."""
+        """Return whether the file is still the same: another process may have replaced it."""
         try:
             now = self.path.stat()
         except OSError:
@@ -39,12 +39,12 @@ class Earlier:
 
 @dataclass(frozen=True)
 class Target:
-    """Path of a recording, and the one that it replaces."""
+    """Path of a new recording, and the earlier recordings that it may replace."""
 
     path: Path
-    """Path under which it is written."""
+    """Path under which the recording is written."""
     earlier: list[Earlier] = field(default_factory=list)
-    """Recordings that it may replace, first the one whose name it will have."""
+    """Recordings that may be replaced, first the one whose name the new one gets."""
 
     @property
     def name(self) -> str:
@@ -52,7 +52,7 @@ class Target:
         return (self.earlier[0].path if self.earlier else self.path).stem
 
     def settled(self, *, stepped: bool) -> Path:
-        """Give the complete recording its name, and return that; files beside a replaced one go.
+        """Give the finished recording its final name, perhaps a replaced one's; return the path.
 
         A recording without a step replaces only one without.
         """
@@ -74,7 +74,7 @@ def target_of(
     force: bool,
     engine: str = "",
 ) -> Iterator[Target]:
-    """Yield the recording to write.
+    """Yield the path of the recording to write.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def target_of(
 def _earlier(
     stem: str, free: Path, script: str, *, is_module: bool, force: bool
 ) -> Iterator[Earlier]:
-    """Yield the recordings of the same script under the names before the free one."""
+    """Yield a script's recordings with numbered names before the first free name."""
     for path in numbered(FOLDER, stem):
         if path == free:
             return
@@ -135,7 +135,7 @@ def _earlier(
 
 
 def _has_step(path: Path) -> bool:
-    """Return whether a recording has a step; one that cannot be read counts as having one."""
+    """Return whether a recording has at least one step; True if it cannot be read."""
     try:
         closing = properties_of(path).get(RECORDING_PROPERTY, {})
     except RecordingError:
@@ -145,7 +145,7 @@ def _has_step(path: Path) -> bool:
 
 
 def _replace(earlier: Path, path: Path) -> None:
-    """Give a recording the name of an earlier one, whose layer and trials are deleted."""
+    """Replace an earlier recording by a new one; its layer and trials are deleted."""
     layer, theirs = layer_of(earlier), None
     with contextlib.suppress(RecordingError):
         theirs = recording_id(earlier)

@@ -1,1 +1,1 @@
-"""Runs of a script with changes: the possible changes, and the ways of running."""
+"""Repeat a script's run with changes: which changes are possible, and how runs are made."""

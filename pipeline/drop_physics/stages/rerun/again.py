@@ -1,4 +1,4 @@
-"""Protection of a script's further runs, according to the resources that the first run reached.
+"""Isolate repeated runs of a script, according to the resources that its first run accessed.
 
 If the kernel offers private mounts, each run has a view of the file system of its own
 (`engines.watching.private`): files made by the first run are absent, and its writes are discarded.
@@ -30,9 +30,9 @@ from drop_physics.temporary import temporary_folder
 from drop_physics.workers import under_load
 
 LONGEST = 10.0
-"""A run is stopped after this many times the duration of the script's own run."""
+"""Time limit of a run, as a multiple of the duration of the script's own run."""
 LEAST_S = 2.0
-"""No run is stopped earlier [s]."""
+"""Least time limit of a run [s]."""
 SHARED_MEMORY = "/dev/shm"
 WORDS = {
     "connects": Message("connects to {name}"),
@@ -41,14 +41,14 @@ WORDS = {
     "writes": Message("writes {name}"),
     "removes": Message("removes {name}"),
 }
-"""Resources that a script may reach beside its simulation."""
+"""Descriptions of resources that a script may access beside its simulation."""
 BEYOND_FILES = ("connects", "opens")
-"""Resources that no view of the file system protects."""
+"""Resources that cannot be isolated by a private view of the file system."""
 
 
 @dataclass(frozen=True)
 class Again:
-    """Settings of a script's further runs.
+    """How a script is run again.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class Again:
 
     @contextmanager
     def ready(self, program: Program, *, finer: int = 1) -> Iterator[Program]:
-        """Yield a program in the form of a further run, and discard its writes afterwards.
+        """Yield a program prepared for a repeated run, and discard what it writes afterwards.
 
         Parameters
         ----------
@@ -106,11 +106,11 @@ class Again:
             yield limited
 
     def patience_s(self, finer: int = 1) -> float:
-        """Scale a run's time limit by the machine's current load [s]."""
+        """Return the time limit of a run, scaled by the machine's current load [s]."""
         return under_load(max(LEAST_S, LONGEST * self.took_s) * finer)
 
     def limits(self, finer: int = 1) -> dict[str, Any]:
-        """Return the limits of a run, in the form of `watching.limits`."""
+        """Return the limits of a run, as `watching.limits` expects them."""
         most_s = max(LEAST_S, LONGEST * self.processor_s) * finer
         return {
             "processor_s": None if most_s == float("inf") else most_s,
@@ -121,7 +121,7 @@ class Again:
 def again_of(
     target: str, reached: Reached, *, is_module: bool, took_s: float, anyway: bool
 ) -> Again:
-    """Return the settings of a script's further runs.
+    """Return how a script is to be run again.
 
     Parameters
     ----------
@@ -195,12 +195,12 @@ def _is_offered(folders: tuple[str, ...], here: str) -> bool:
 
 
 def is_offered(folders: Sequence[str]) -> bool:
-    """Return whether the kernel lets a process put layers of its own over folders."""
+    """Return whether the kernel lets a process mount private overlays over folders."""
     return _is_offered(tuple(folders), str(Path.cwd()))
 
 
 def _memory_bytes() -> int | None:
-    """Return the memory of this machine; None if unknown."""
+    """Return this machine's memory [bytes]; None if unknown."""
     try:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):
@@ -208,5 +208,5 @@ def _memory_bytes() -> int | None:
 
 
 def _from_home(program: Program) -> str:
-    """Return the path of a script, valid in any folder."""
+    """Return the path of a script in a form that is valid in any working directory."""
     return program.target if program.is_module else str(Path(program.target).absolute())

@@ -1,4 +1,4 @@
-"""Parse the interventions of `--try` and `--vary`, texts such as `force=35,70`."""
+"""Parse the interventions given by `--try` and `--vary`, such as `force=35,70`."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from drop_physics.trace.cures import Cure
 
 SIGNS = {"timestep": "/", "iterations": "*"}
 MOST_NEAR = 3
-"""Most names that are suggested for one that there is not."""
+"""Most similar names suggested for an unknown name."""
 MOST_TIMES = 1000
-"""The largest factor after a sign."""
+"""Largest factor allowed after a `/` or `*` sign."""
 UNNAMED = ("without", "parameter")
-"""Interventions that cannot be named here."""
+"""Interventions that cannot be given by name here."""
 
 
 def cures_of(texts: Sequence[str], option: str, *, whole: bool) -> list[Cure]:
-    """Return the interventions of texts, one for each value, with their text as their call.
+    """Parse interventions, one for each value; each keeps its text as its call.
 
     A single change is one named `SINGLE`, whatever it changes.
 

@@ -1,4 +1,4 @@
-"""Runs of a script with changes, each recorded and compared with the script's own."""
+"""Run a script with changes, record each run, and compare it with the script's own."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ T = TypeVar("T")
 
 
 def plain(name: str) -> str:
-    """Return the name of a run, limited to the characters of file names."""
+    """Return the name of a run, with only the characters that are safe in file names."""
     return "".join(each if each.isalnum() or each in "=.-+" else "_" for each in name)
 
 
 @dataclass(frozen=True)
 class RunChanged(ABC, Generic[T]):
-    """Runs one candidate, given its number; picklable while no run is under way."""
+    """Runs a candidate, called with its number; picklable while no run is in progress."""
 
     program: Program
     candidates: Sequence[Candidate]
     folder: Path
     recording: Path
-    """The recording of the script's own run."""
+    """Path of the script's own recording."""
     base: Recording | None
-    """The same recording, read; None if it is still to be read."""
+    """The same recording, read; None before it is read."""
     again: Again = Again()
-    """Settings of the script's further runs."""
+    """How the script is run again."""
     drawn: bool = False
-    """Whether to record what only the viewer needs, too."""
+    """Whether to record also what only the viewer needs."""
     runs: RunsUnderWay = field(default_factory=RunsUnderWay)
     reruns: Reruns | None = None
-    """The run of which runs may be forks; None if each is a run from the start."""
+    """The shared run from which others may be forked; None if each run starts anew."""
 
     def run_of(self, number: int) -> ChangedRun | None:
         """Return the changes of a run; None if the engine does not support them."""
@@ -61,11 +61,11 @@ class RunChanged(ABC, Generic[T]):
 
     @abstractmethod
     def not_made(self, number: int) -> T:
-        """Return the result of a run that was not made, or was stopped, or raise an error."""
+        """Return the result for a run that was not made or was stopped, or raise an error."""
 
     @abstractmethod
     def has_failed(self, made: T) -> bool:
-        """Return whether a run failed by itself."""
+        """Return whether a run failed on its own, rather than being stopped."""
 
     def __call__(self, number: int) -> T:
         """Run a candidate, record it, and compare it with the script's own run."""
@@ -77,23 +77,23 @@ class RunChanged(ABC, Generic[T]):
         return self.made(number, ended)
 
     def _run(self, reruns: Reruns, number: int) -> tuple[Ended, bool]:
-        """Run a candidate and record it; also return whether it was a fork and has died."""
+        """Run and record a candidate; also return whether it was a fork that died."""
         with reruns.begun(self.program_of(number), until=self.ends_by) as process:
             ended = self.recorded(process, number)
             return ended, isinstance(process, Fork) and process.has_died
 
     @property
     def ends_by(self) -> float | None:
-        """Time of day at which each run is stopped [s]; None for never."""
+        """Time of day at which each run is stopped [s]; None for no limit."""
         return None
 
     def is_late(self, number: int) -> bool:
-        """Return whether too little time is left to begin a candidate."""
+        """Return whether too little time is left to start a candidate."""
         del number
         return False
 
     def stop(self) -> None:
-        """Stop the run under way."""
+        """Stop the run in progress."""
         self.runs.stop()
 
     def program_of(self, number: int) -> Program:
@@ -118,18 +118,18 @@ class RunChanged(ABC, Generic[T]):
 
     @property
     def own(self) -> Recording:
-        """Return the script's own run."""
+        """Return the recording of the script's own run."""
         from drop_physics.recording.reader import read
 
         return self.base or read(self.recording)
 
     def recorded(self, process: Script | Fork, number: int) -> Ended:
-        """Record a run that has begun."""
+        """Record a run that has started."""
         path, name = self.path_of(number), self.name_of(number)
         return self.runs.varied(process, path, self.own, name, drawn=self.drawn)
 
     def finer(self, number: int) -> int:
-        """Return the number of engine steps per step of the script."""
+        """Return the number of engine steps for each of the script's steps."""
         run = self.run_of(number)
         return 1 if run is None else run.finer
 
@@ -143,7 +143,7 @@ def run_changed(
     progress: Progress,
     entered: Callable[[int, T], object] = lambda *_: None,
 ) -> dict[int, T]:
-    """Run candidates in this order, and return the result of each by its number.
+    """Run candidates in this order, and return each one's result by number.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Further runs of a script that evaluate an expectation, and record nothing."""
+"""Repeat runs of a script only to evaluate an expectation, without recording."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ if TYPE_CHECKING:
     from drop_physics.recording.reader import Recording
 
 NUDGES = 5
-"""Runs whose bodies are moved by 1e-9 before the first step: if one of them comes out as expected,
-chance does it."""
+"""Number of control runs whose bodies are moved by 1e-9 before the first step: if one of them meets
+the expectation, the outcome is chance."""
 CONFIRMS = 2
-"""The number of nudged runs in which a change has to make it true, where chance matters."""
+"""Number of nudged runs in which a change must meet the expectation, if chance matters."""
 FINISHED = "finished"
 
 QUARTERS = 4
-"""Parts of a run from whose beginnings changes are tried."""
+"""Number of parts of a run; changes are also tried from the beginning of each part."""
 
 Answer = Mapping[str, Any]
 
 
 def evaluator_of(text: str | None, **how: object) -> dict[str, Any]:
-    """Return the evaluator of an expectation in a run, as a program takes it.
+    """Return the program's parameters for evaluating an expectation in a run.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def evaluator_of(text: str | None, **how: object) -> dict[str, Any]:
 
 
 def outcome_of(answer: Answer, *, ended_well: bool) -> ChangeOutcome:
-    """Return the outcome of a run from its answer."""
+    """Return the outcome of a run, from its evaluated expectation."""
     margin, value = answer["margin"], answer["value"]
     return ChangeOutcome(
         holds=bool(answer["holds"] and answer["finite"] and ended_well),
@@ -70,24 +70,24 @@ def outcome_of(answer: Answer, *, ended_well: bool) -> ChangeOutcome:
 
 
 def expression_is_of_end(program: Program) -> bool:
-    """Return whether a run answers the same where it is evaluated from some step on alone."""
+    """Return whether evaluating only from some step on gives a run the same result."""
     text = None if program.evaluator is None else program.evaluator["arguments"]["text"]
     return text is not None and Expression(text).is_of_end
 
 
 def _may_begin_later(change: Change) -> bool:
-    """Return whether a change can begin at any step: it is not of the text, the start or time."""
+    """Return whether a change can start at any step: not one of the text, the start or time."""
     is_start = change.change.startswith("start.") or change.how[0] == "/"
     return change.engine != SOURCE and not is_start
 
 
 NOT_MADE = ChangeOutcome(holds=False, margin=-math.inf, value=math.nan)
-"""The outcome of a run that was stopped, or has died."""
+"""Outcome of a run that was stopped or died."""
 
 
 @dataclass
 class EvaluatedRuns:
-    """Runs of a script that evaluate an expectation, and record nothing.
+    """Repeated runs of a script that evaluate an expectation, without recording.
 
     Parameters
     ----------
@@ -112,11 +112,11 @@ class EvaluatedRuns:
     until: float
     jobs: int
     made: int = 0
-    """Number of runs made."""
+    """Number of runs made so far."""
     runs: RunsUnderWay = field(default_factory=RunsUnderWay)
 
     def answered(self, **changed: object) -> tuple[Answer | None, str]:
-        """Make a run with a change; return its answer, and its ending."""
+        """Run with a change; return the evaluated expectation, and how the run ended."""
         program = replace(self.program, **changed)  # type: ignore[arg-type]
         with self._begun(program) as process:
             self.runs.under_way.add(process)
@@ -138,7 +138,7 @@ class EvaluatedRuns:
         return self._outcome(**self._trial_of(change))
 
     def nudged(self, number: int, change: Change | None = None) -> ChangeOutcome | None:
-        """Return the outcome of a run, or one with a change, after a tiny nudge."""
+        """Return the outcome of a slightly nudged run, optionally with a change."""
         if time.time() > self.until:
             return None
         trial = {} if change is None else self._trial_of(change)
@@ -156,11 +156,11 @@ class EvaluatedRuns:
         return outcome_of(answer, ended_well=ended in self.ends)
 
     def all_of(self, changes: Iterator[Change]) -> Iterable[tuple[Change, ChangeOutcome | None]]:
-        """Make runs with changes, and yield their outcomes as they arrive."""
+        """Run with each of the changes, and yield the outcomes as they arrive."""
         return in_threads(self.changed, changes, jobs=self.jobs, stop=self.runs.stop)
 
     def nudges(self, change: Change | None = None, number: int = NUDGES) -> list[ChangeOutcome]:
-        """Return the outcomes of nudged runs, of the script or with a change."""
+        """Return the outcomes of several nudged runs, of the script itself or with a change."""
         work = partial(self.nudged, change=change)
         made = in_threads(work, range(number), jobs=self.jobs, stop=self.runs.stop)
         return [outcome for _, outcome in made if outcome is not None]
@@ -188,7 +188,7 @@ class EvaluatedRuns:
     def latest_of(
         self, changes: Sequence[Change], steps: int, besides: Iterable[int] = ()
     ) -> list[int | None]:
-        """Return the latest step from which on each change still makes it true.
+        """Return for each change the latest start from which it still meets the expectation.
 
         None where it has to be there from the beginning, or no run can begin with it later.
 
@@ -219,5 +219,5 @@ class EvaluatedRuns:
         return latest
 
     def stands(self, change: Change) -> bool:
-        """Return whether a change still makes it true if everything is nudged."""
+        """Return whether a change still meets the expectation in nudged runs."""
         return all(each.holds for each in self.nudges(change, CONFIRMS))

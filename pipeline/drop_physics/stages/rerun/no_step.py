@@ -1,4 +1,4 @@
-"""The error of a script that makes no step, so that nothing can be compared with it."""
+"""The error for a script that makes no step, so that no run can be compared with it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from drop_physics.errors import RecordingError
 
 
 def no_step(script: str, how: str) -> RecordingError:
-    """Return the error; `how` is the ending of the script, as `trace.events.ENDED` names it."""
+    """Return the error; `how` is the script's ending as named in `trace.events.ENDED`."""
     if how == "disk":
         return RecordingError(
             "{script} was stopped before its first step, as the disk is nearly full; make room "

@@ -1,4 +1,4 @@
-"""Proposals for trials: cures of findings, requested interventions, calls left out."""
+"""Propose trials: cures of findings, requested interventions, and calls to leave out."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from drop_physics.trace.history import Seen
 
 READING = "reading"
-"""The code of findings about a number that a script reads, which no run can show."""
+"""Code of the findings about a number that the script reads; no run can test these."""
 SETTERS = (
     *PUSHES,
     *FILTERS,
@@ -38,27 +38,27 @@ SETTERS = (
     Act.SET_REAL_TIME,
     Act.SET_VELOCITY,
 )
-"""The acts whose calls `--ablate` leaves out."""
+"""Kinds of calls that `--ablate` leaves out."""
 NEEDED = re.compile(
     r"^(body\w*|object\w*|link\w*|joint\w*|controlMode|physicsClientId|flags|"
     r"userConstraint\w*|\w*Obj|grav[XYZ]|timeStep|mass)$"
 )
-"""Arguments that a call cannot do without, or that name its target."""
+"""Arguments that a call requires, or that identify its target."""
 ARGUMENT = re.compile(r"(?:^|, )(\w+)=")
 
 
 @dataclass
 class Candidate:
-    """An intervention to be tried, and the indices of the findings that propose it."""
+    """An intervention to try, and the indices of the findings that propose it."""
 
     intervention: Intervention
     run: ChangedRun | None
-    """The changed run; None if the engine does not support the intervention."""
+    """The run with the intervention; None if the engine does not support it."""
     findings: list[int] = field(default_factory=list)
 
 
 class Proposals:
-    """Trials of a script, proposed from its own run.
+    """Proposes trials of a script, based on its own run.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class Proposals:
         self._commanded: frozenset[tuple[int, int]] | None = None
 
     def of_findings(self) -> list[Candidate]:
-        """Return the cures of the findings, in their order; duplicates are tried once."""
+        """Return the cures that findings propose, in order, each once."""
         found: dict[Any, Candidate] = {}
         for place, finding in enumerate(self._findings):
             if finding.cure is None or finding.code == READING:  # not about what the bodies do
@@ -98,9 +98,9 @@ class Proposals:
         return [*found.values()]
 
     def always(self, *, damped: bool) -> list[Candidate]:
-        """Return the interventions tried in any case, since every outcome may hang on them.
+        """Return the interventions that are always tried, as any outcome may depend on them.
 
-        Damping is among it if it acts on a body in free flight.
+        Damping is among them if it acts on a body in free flight.
         """
         cures = [Cure("timestep", value=2.0), Cure("solver", value=500.0)]
         if damped:
@@ -108,7 +108,7 @@ class Proposals:
         return [*map(self.whole, cures)]
 
     def asked(self, cures: Sequence[Cure], about: Sequence[int]) -> list[Candidate]:
-        """Return the requested interventions, applied to the subjects of the findings."""
+        """Return the requested interventions, applied to the bodies and joints of the findings."""
         found: list[Candidate] = []
         named = [self._findings[place] for place in about]
         for cure in cures:
@@ -129,7 +129,7 @@ class Proposals:
         return found
 
     def left_out(self) -> list[Candidate]:
-        """Yield calls of setters, and their optional arguments, to be left out one at a time."""
+        """Return setter calls, and their optional arguments, each to be left out in one trial."""
         found: dict[tuple[str, str, int, str | None], Candidate] = {}
         for piece in self._seen.pieces():
             for call in piece.calls.of(*(SETTERS if self._seen.engine == PYBULLET else Act)):
@@ -158,7 +158,7 @@ class Proposals:
         return self._made(cure, scope, whole=True)
 
     def _single(self, cure: Cure, findings: list[int], *, words: bool) -> Candidate:
-        """Return a single change that is asked for by its text, said in words or by that."""
+        """Return the candidate for a single change requested by its text."""
         change = named(cure.call, self._possible())
         operand, site = change.how[1], change.site
         asked = Cure(
@@ -199,7 +199,7 @@ class Proposals:
         return Candidate(what, self._cures.applied(cure, scope))
 
     def _motors(self) -> frozenset[tuple[int, int]]:
-        """Return body and link of each joint to which a call gives a motor, but no torque."""
+        """Return body and link of each joint that calls give a motor, but no torque."""
         if self._commanded is None:
             found = set()
             for piece in self._seen.pieces():

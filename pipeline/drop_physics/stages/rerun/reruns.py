@@ -1,4 +1,4 @@
-"""Concurrent further runs of a script with changes, shared by all verbs.
+"""Repeat a script's run with changes, several at once; shared by all verbs.
 
 Where a process can be forked without sharing anything, a run is a fork of one that stands before
 the script first uses its engine, or after some steps: imports, and what else comes before, are made
@@ -28,13 +28,13 @@ from drop_physics.engines.watching.forks import FIRST_LINE, FIRST_USE
 from drop_physics.stages.rerun.again import Again
 
 FORKS = sys.platform.startswith("linux")
-"""Whether a process can be forked that shares nothing: only Linux shows what it has open."""
+"""Whether a process can be forked that shares nothing: only Linux lists a process's open files."""
 
 
 class Reruns:
-    """Further runs of a script; use it in a `with` statement, in which runs may be forks.
+    """Repeats a script's run; use it in a `with` statement, within which runs may be forks.
 
-    Without it each is a run from the start. `begun` may be called by several threads at once.
+    Outside such a block each run starts anew. `begun` may be called by several threads at once.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Reruns:
         self._stack.__exit__(kind, error, trace)
 
     def go_on(self, steps: int) -> bool:
-        """Let the run go on from which others are forked; return whether it stands there.
+        """Advance the run that others are forked from; return whether it has stopped at that step.
 
         Parameters
         ----------
@@ -84,14 +84,14 @@ class Reruns:
 
     @property
     def parts(self) -> bool:
-        """True if runs are forks."""
+        """True if runs are forked."""
         return self._server is not None
 
     @contextmanager
     def begun(
         self, changed: Program, *, until: float | None = None, printed: int | None = None
     ) -> Iterator[Script | Fork]:
-        """Begin a run, and yield its reader; processes that it has started end with the block.
+        """Start a run and yield its reader; the run's child processes end with the block.
 
         Parameters
         ----------
@@ -120,7 +120,7 @@ class Reruns:
             yield process
 
     def _forked(self, stack: ExitStack, changed: Program, finer: int, printed: int) -> Fork | None:
-        """Return a run that is a fork; None if it cannot be one."""
+        """Return a forked run; None if the run cannot be forked."""
         alike = {name: getattr(self._program, name) for name in (*TRIES, "explain")}
         too_late = changed.edits and self._at != FIRST_LINE
         if self._server is None or too_late or replace(changed, **alike) != self._program:

@@ -1,4 +1,4 @@
-"""Concurrent recorded runs of a script: the common part of `trust` and `why`.
+"""Record several runs of a script at once: the common part of `trust` and `why`.
 
 Rerun and polars are imported where they are used: the script starts while they load.
 """
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 Progress = Callable[[int, int, int], None]
-"""Called with the number of runs that are done, of those that failed, and of all."""
+"""Progress callback: called with the numbers of finished, failed and all runs."""
 
 
 def only_of(engine: str) -> Message:
-    """Return the remark about a script that steps another engine, too; None if it does not."""
+    """Return a remark if a script uses a second engine; None if it does not."""
     return Message(
         "the script steps two engines: only {engine}'s steps are compared", engine=engine
     )
@@ -37,28 +37,28 @@ def only_of(engine: str) -> Message:
 
 @dataclass(frozen=True)
 class Ended:
-    """The end of a run."""
+    """How a run ended."""
 
     how: str
-    """Ending as in a recording; `interrupted` if it was stopped from here."""
+    """Ending as in a recording; `interrupted` if we stopped it."""
     steps: int
-    """Number of steps of all its simulations."""
+    """Total number of steps of the run's simulations."""
     intervened: frozenset[int]
-    """The numbers of the interventions that have changed something."""
+    """Numbers of the interventions that took effect."""
     also_steps: str
-    """The other engine, if the script steps two; else empty."""
+    """The second engine, if the script uses two; else empty."""
     reached: Reached
-    """Resources that the script reached beside its simulation, if that was observed."""
+    """Resources beside the simulation that the script accessed, if that was observed."""
 
 
 def id_of(own: Recording, name: str) -> str:
-    """Return the id of the recording of a run that differs from the script's own by a name."""
+    """Return the recording id of a changed run, derived from the script's own and a name."""
     return hashlib.sha256(f"{own.recording_id} {name}".encode()).hexdigest()[:32]
 
 
 @dataclass(frozen=True)
 class RunsUnderWay:
-    """The runs of this process; picklable while there is none."""
+    """The runs of this process in progress; picklable while there are none."""
 
     under_way: set[running.Script | Fork] = field(default_factory=set, compare=False)
 
@@ -108,7 +108,7 @@ class RunsUnderWay:
         *,
         drawn: bool,
     ) -> Ended:
-        """Record a run that has begun, and differs from the script's own by what its name says."""
+        """Record a started run, which differs from the script's own as its name says."""
         return self.recorded(
             process,
             path,
@@ -126,7 +126,7 @@ class RunsUnderWay:
         recording_id: str,
         drawn: bool = False,
     ) -> Ended:
-        """Record a run that has begun."""
+        """Record a run that has started."""
         from drop_physics.recording import schema
         from drop_physics.recording.recorder import Recorder
         from drop_physics.stages.record import written
@@ -147,7 +147,7 @@ class RunsUnderWay:
         )
 
     def stop(self) -> None:
-        """Stop the runs under way."""
+        """Stop the runs in progress."""
         for process in [*self.under_way]:
             process.stop("interrupted")
 
@@ -163,7 +163,7 @@ def run_all(
     ray: tuple[Callable[[int], T], str] | None = None,
     entered: Callable[[int, T], object] = lambda *_: None,
 ) -> dict[int, T]:
-    """Run numbered work in this order, and return its results by number.
+    """Do numbered jobs in this order, several at once, and return the results by number.
 
     On this machine each runs in a process of its own, which a thread of this one records.
 

@@ -1,4 +1,4 @@
-"""A scratch copy of a working directory, for a script that writes files there.
+"""Copy a working directory for a repeated run, if the script writes files there.
 
 Folders are created, files are links to the script's own; written files are copies. So runs may go
 on beside each other, and their writes are discarded.
@@ -15,13 +15,13 @@ from pathlib import Path
 from drop_physics.temporary import temporary_folder
 
 MOST_ENTRIES = 5000
-"""A folder with more files and folders than this is not copied."""
+"""Most files and folders in a folder that is copied."""
 LEFT_OUT = (".git", "recordings", "__pycache__")
-"""Folders that no run needs."""
+"""Folders that are not copied, since no run needs them."""
 
 
 def can_be_copied(folder: Path) -> bool:
-    """Return whether a folder is small enough for a copy per run."""
+    """Return whether a folder is small enough to be copied for each run."""
     count = 0
     for _, folders, files in os.walk(folder):
         folders[:] = [each for each in folders if each not in LEFT_OUT]
@@ -33,7 +33,7 @@ def can_be_copied(folder: Path) -> bool:
 
 @contextmanager
 def scratch_copy(folder: Path, written: Collection[Path]) -> Iterator[Path]:
-    """Yield a copy of a folder, in which the files that a script writes are separate."""
+    """Yield a copy of a folder; files that a script writes are copied, others are links."""
     with temporary_folder() as copy:
         for at, folders, files in os.walk(folder):
             folders[:] = [each for each in folders if each not in LEFT_OUT]

@@ -1,4 +1,4 @@
-"""The single changes that a run could have, and their texts, as they are printed.
+"""The single changes that are possible in a run, and their text form.
 
 `--try` and `--vary` take these texts: `geom_friction *10 of left`.
 """
@@ -26,18 +26,18 @@ TEXT = re.compile(
     r"(?: of (?P<names>.+?))?(?: at (?P<site>\S+:\d+))?"
 )
 RESIDUAL_0 = "residual 0"
-"""An intervention that has the form of such a text."""
+"""Intervention whose text looks like that of a single change."""
 SINGLE = "change"
-"""The name of an intervention that is a single change."""
+"""Name of an intervention that stands for a single change."""
 
 
 def is_single(text: str) -> bool:
-    """Return whether a text has the form of a single change, not that of an intervention."""
+    """Return whether a text has the form of a single change rather than an intervention."""
     return text != RESIDUAL_0 and TEXT.fullmatch(text.strip()) is not None
 
 
 def text_of(change: Change) -> str:
-    """Return the text that repeats a change."""
+    """Return the text by which `--try` repeats a change."""
     if not change.op:  # an intervention, which has a name
         return change.change
     names = [each for each in change.of if each]
@@ -47,7 +47,7 @@ def text_of(change: Change) -> str:
 
 
 def seen_changes(trials: EvaluatedRuns, engine: str) -> tuple[Answer, list[Change], list[Change]]:
-    """Run a script to see which single changes it could have.
+    """Run a script to find out which single changes are possible.
 
     Return what is evaluated in that run, the changes of what the engine has, and those of the
     script's own text.
@@ -78,7 +78,7 @@ def seen_changes(trials: EvaluatedRuns, engine: str) -> tuple[Answer, list[Chang
 
 
 def possible(program: Program, again: Again, engine: str) -> list[Change]:
-    """Return the single changes that a run of a program could have.
+    """Return the single changes that are possible in a program's run.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def possible(program: Program, again: Again, engine: str) -> list[Change]:
 
 
 def named(text: str, changes: Sequence[Change]) -> Change:
-    """Return the change that a text names, of those that a run could have; a factor may be any.
+    """Return the possible change that a text names; any factor is allowed.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def named(text: str, changes: Sequence[Change]) -> Change:
 
 
 def _by(change: Change, op: str) -> Change | None:
-    """Return a change with an operator; None if it is of another kind."""
+    """Return a change with another operator; None if that operator does not apply."""
     if change.op == op:
         return change
     operator, operand = how_of(op)

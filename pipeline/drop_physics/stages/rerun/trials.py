@@ -1,4 +1,4 @@
-"""The trials of `drop why` beside a recording: their verdicts belong to its findings."""
+"""The stored results of `drop why` for a recording: verdicts of trials on its findings."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from drop_physics.recording.layer_file import VERDICTS, trials_of
 from drop_physics.rules.answer import Finding
 
 MOST_BYTES = 1 << 24
-"""Largest size of a file of verdicts; a longer one is not ours."""
+"""Largest file of verdicts that is read [bytes]; a larger one is not ours."""
 
 
 PROVEN = "cured", "part"
-"""Verdicts of trials that prove a finding."""
+"""Verdicts that count as proof of a finding."""
 
 
 class Trials:
-    """The verdicts of trials on the findings of a recording, if they are of this one.
+    """Verdicts of trials on a recording's findings, if the trials are of this recording.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Trials:
                 }
 
     def with_verdict(self, finding: Finding) -> Finding:
-        """Return a finding with the verdicts of its trials."""
+        """Return the finding together with its trials' verdicts."""
         shown = self._by_message.get(str(finding.message))
         if shown is None:
             return finding
@@ -51,7 +51,7 @@ class Trials:
 
 
 def _is_trial(value: object) -> bool:
-    """Return whether a value of the file is a trial, as far as its keys are used."""
+    """Return whether a JSON value has the keys of a trial that are used here."""
     return isinstance(value, dict) and all(
         isinstance(value.get(name), str) for name in ("name", "call", "verdict")
     )

@@ -24,27 +24,27 @@ from drop_physics.stages.simulate.recorded import BATCH, recorded
 from drop_physics.stages.verbs.taken import takes_those_of
 
 LIVE_EVERY_S = 1 / 30
-"""Simulated time between two pictures of a live view [s]."""
+"""Simulated time between two images of a live view [s]."""
 LARGE_BYTES = 1_000_000_000
-"""The size from which on a note before the start says what a recording takes."""
+"""Size from which a note announces how much space a recording takes [bytes]."""
 
 
 @dataclass(frozen=True)
 class Simulation(Printable, reported_by="drop_physics.report.run"):
-    """Recording of a drop."""
+    """The recording of a drop."""
 
     recording: Path
-    """The file."""
+    """Path of the recording."""
     recording_id: str
-    """Id, which its layer shares."""
+    """Id of the recording, which its layer shares."""
     samples: int
-    """Number of samples: one more than steps."""
+    """Number of samples: one more than the number of steps."""
     frames: int
     """Number of camera frames."""
     bytes: int
-    """Size of the recording."""
+    """Size of the recording [bytes]."""
     wall_s: float
-    """Time that it took [s]."""
+    """Wall-clock time of the simulation [s]."""
 
 
 @takes_those_of(verbs.SimulateArguments)
@@ -136,7 +136,7 @@ def _note_gravity(scenario: Scenario, note: Callable[[str], None]) -> None:
 
 
 def _check_size(path: Path, samples: int, note: Callable[[str], None]) -> None:
-    """Check that there is room for a recording, and note what a large one takes."""
+    """Check that the disk has room for a recording, and note the size if it is large."""
     size = samples * BYTES_PER_SAMPLE
     check_room(path, 2 * size)  # it is copied when it is sealed
     if size > LARGE_BYTES:

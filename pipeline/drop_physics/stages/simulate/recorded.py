@@ -1,4 +1,4 @@
-"""A world's fall as the chunks of a recording, for `simulate` and each run of a sweep."""
+"""Simulate a world's fall as the chunks of a recording, for `simulate` and sweeps."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ if TYPE_CHECKING:
     from drop_physics.engines.pybullet.world import World
 
 BATCH = 8192
-"""Samples in one chunk of a recording: the most that a killed run loses. Longer chunks take more
-memory while they are packed, shorter ones take more of the index at the end of the file."""
+"""Samples in one chunk of a recording, the most that a killed run loses. Larger chunks take more
+memory while they are packed; smaller ones enlarge the index at the end of the file."""
 FLOOR_M = (1.5, 1.5)
-"""Size of the part of the floor that the viewer draws."""
+"""Size of the drawn part of the floor [m]."""
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -59,7 +59,7 @@ def recorded(
     progress: Progress,
     watch: Callable[[Samples], object] = lambda _: None,
 ) -> Iterator[Chunk]:
-    """Let the body of a world fall, and yield the chunks of its recording.
+    """Simulate the fall of a world's body, and yield the chunks of its recording.
 
     `watch` is called with all samples, too.
     """
@@ -73,7 +73,7 @@ def recorded(
     floor_m = world.rest_height_m if scenario.floor else None
 
     def theory_m(time_s: Float64) -> tuple[Float64, Float64]:
-        """Return the heights of both theories, which stop at the floor."""
+        """Return the heights of both theories, free and damped fall, down to the floor."""
         return (
             theory.stopped_by_floor(theory.free_fall_height(fall, time_s), floor_m),
             theory.stopped_by_floor(theory.damped_fall_height(fall, time_s), floor_m),
@@ -106,13 +106,13 @@ def recorded(
 
 
 def case_of(world: World | OtherWorld, samples: Iterable[Samples]) -> Case:
-    """Return the drop of a world from its samples, without a recording."""
+    """Return the case to analyze from a world's samples, without a recording."""
     engine = made_with(world)
     return Case(world.scenario, engine, seen_in([*bodies_of(world, engine), *samples]))
 
 
 def bodies_of(world: World | OtherWorld, engine: EngineReport) -> Iterator[Event]:
-    """Yield the events of the beginning: body, floor, and the engine's settings."""
+    """Yield the initial events: the body, the floor, and the engine's settings."""
     at, scenario = At(0, 0.0, 0), world.scenario
     joints = world.joints
     rgb = bytes.fromhex(colours.ENGINES[scenario.engine].removeprefix("#"))
@@ -183,14 +183,14 @@ def bodies_of(world: World | OtherWorld, engine: EngineReport) -> Iterator[Event
 
 
 def made_with(world: World | OtherWorld, *, gl_renderer: str | None = None) -> EngineReport:
-    """Return an engine's report, with the versions of everything involved in a recording."""
+    """Return an engine's report, with the versions of all software involved."""
     versions: dict[str, Any] = engine_versions() | library_versions()
     return replace(world.report(), gl_renderer=gl_renderer or None, **versions)
 
 
 @functools.cache
 def library_versions() -> dict[str, str]:
-    """Return the versions of the libraries involved in a recording, and the machine's kind."""
+    """Return the versions of the libraries involved, and the processor type."""
     return {
         "drop_version": metadata.version("drop-physics"),
         "numpy_version": metadata.version("numpy"),

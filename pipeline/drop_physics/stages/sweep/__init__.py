@@ -1,4 +1,4 @@
-"""Run many scenarios, with a row for each: its error against free fall, and the error's terms."""
+"""Run many scenarios; each gives a row with its error against free fall, and the error's terms."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ from drop_physics.sweeping.rows import SCHEMA, Row, kept_rows, write_rows
 from drop_physics.workers import cores
 
 SHORT_STEPS = 200_000
-"""Least number of steps for which a second process pays off: it takes as long to start."""
+"""Least total number of steps at which worker processes save time: starting one takes as long."""
 LEAST_BYTES = 50_000
-"""Minimum size of a run's recording: one of 13 samples has 75 kB."""
+"""Least size of a run's recording [bytes]: one of 13 samples has 75 kB."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ class Sweep(Printable, reported_by="drop_physics.report.sweep"):
     plan: Plan
     at_s: float
     computed: int
-    """Number of runs of this call; the others were already there."""
+    """Number of runs computed by this call; the others existed already."""
     rows: list[Row]
-    """One row for each run."""
+    """One row per run."""
     results: Path
-    """The Parquet file with the same rows."""
+    """Path of the Parquet file that contains the rows."""
 
     @property
     def runs(self) -> int:
@@ -64,21 +64,21 @@ class Sweep(Printable, reported_by="drop_physics.report.sweep"):
 
     @property
     def at_samples(self) -> bool:
-        """True if every run has a sample at `at_s`; if not, the nearest one counts."""
+        """True if every run has a sample exactly at `at_s`; otherwise the nearest one is used."""
         times_s = [row["time_s"] for row in self.rows if row["time_s"] is not None]
         return all(abs(time_s - self.at_s) <= 1e-9 * self.at_s for time_s in times_s)
 
     @property
     def axes(self) -> list[tuple[str, str]]:
-        """Fields that have more than one value, with their names."""
+        """Fields that vary between scenarios, with their display names."""
         return [(field, name_of(field)) for field in self.plan.axes]
 
     def written(self, field: str, value: object) -> str:
-        """Return a field's value as it is displayed."""
+        """Format a field's value for display."""
         return Scenario.options()[field].written(value)
 
     def label(self, row: Row) -> str:
-        """Return the values that distinguish a row's scenario, in words."""
+        """Describe a row's scenario by the values that distinguish it."""
         return label_of({field: row[field] for field in self.plan.axes})
 
     def table(self) -> pl.DataFrame:
@@ -88,7 +88,7 @@ class Sweep(Printable, reported_by="drop_physics.report.sweep"):
 
 @takes_those_of(verbs.SweepArguments)
 def sweep(asked: verbs.SweepArguments) -> Sweep:
-    """Run the scenarios of a plan that are not yet in the folder.
+    """Run the scenarios of a plan whose results are not in the folder yet.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def _run(
     force: bool,
     progress: Progress,
 ) -> tuple[list[Row], int]:
-    """Return the rows of all runs, and the number of those that were made now."""
+    """Return the rows of all runs, and how many were computed now."""
     plan, kept = work.plan, folder.path / "rows.jsonl"
     if force:
         kept.unlink(missing_ok=True)
@@ -201,7 +201,7 @@ def _run(
 
 @contextlib.contextmanager
 def _answering(work: RunDrop, runs: int, jobs: int | None) -> Iterator[engines.Answering[Row]]:
-    """Yield the process that makes a row: a worker, or this one if that is as fast."""
+    """Yield the function that computes a row: in a worker, or here if that is as fast."""
     try:
         steps = runs * Scenario(**work.plan.values(0)).steps
     except ScenarioError:
@@ -218,7 +218,7 @@ def _has_failed(row: Row) -> bool:
 
 
 def _identity(plan: Plan, at_s: float, record: bool, camera: Camera | None) -> dict[str, Any]:
-    """Return everything that determines the rows: results of different sweeps must not mix."""
+    """Return all settings that determine the rows, lest results of different sweeps mix."""
     runs = json.dumps(asdict(plan), sort_keys=True).encode()
     packages = ["drop-physics", "numpy"]
     if "mujoco" in plan.engines and find_spec("mujoco"):

@@ -1,4 +1,4 @@
-"""A run of a sweep of scenarios, made by a worker: a drop, its row, and its recording."""
+"""One run of a sweep of scenarios, in a worker process: a drop, its row, and its recording."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from drop_physics.engines.pybullet.world import World
 
 _EMPTY: Row = dict.fromkeys(SCHEMA) | asdict(Scenario())
-"""The row of a run before it starts: the scenario's defaults."""
+"""Initial row of a run: the scenario's defaults."""
 
 
 def name_of_run(run: int) -> str:
@@ -42,7 +42,7 @@ def name_of_run(run: int) -> str:
 
 @dataclass(frozen=True)
 class RunDrop:
-    """Everything needed to make any row of one sweep; called with the run's number."""
+    """Computes rows of one sweep, called with the number of the run; picklable."""
 
     plan: Plan
     folder: Path
@@ -51,10 +51,10 @@ class RunDrop:
     recorded: bool
     camera: Camera | None
     tried: Verdicts = field(default_factory=dict)
-    """Verdicts on the plan's bodies, so that they are not tried in every process."""
+    """Results of loading the plan's bodies, so that each process need not try again."""
 
     def __call__(self, run: int) -> Row:
-        """Run one scenario, and return its row, even if it fails.
+        """Run one scenario, and return its row, even if the run fails.
 
         Raises
         ------
@@ -92,7 +92,7 @@ class RunDrop:
         }
 
     def _fall(self, scenario: Scenario, file: str) -> tuple[Moment, float]:
-        """Return the breakdown of the sample nearest to `at_s`, and the height at the end [m]."""
+        """Return the breakdown in the sample nearest to `at_s`, and the final height [m]."""
         fall: list[Samples] = []
         with world_of(scenario) as world:
             if self.recorded:
@@ -108,7 +108,7 @@ class RunDrop:
     def _record(
         self, world: World | OtherWorld, file: str, watch: Callable[[Samples], object]
     ) -> None:
-        """Record a fall as `drop simulate` does; the remains of a killed worker are replaced."""
+        """Record a fall like `drop simulate`; partial files of a killed worker are replaced."""
         with contextlib.ExitStack() as stack:
             photographer = None
             if self.camera is not None and is_installed(PYBULLET):

@@ -1,4 +1,4 @@
-"""Run a script with each combination of interventions, and keep a row for each run."""
+"""Run a script with every combination of interventions; each run gives a row."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ if TYPE_CHECKING:
     from drop_physics.recording.reader import Recording
 
 MOST_RUNS = 10_000
-"""Most runs: each is a process, and a recording."""
+"""Most runs of a sweep: each takes a process and a recording."""
 GIVEN = re.compile(r"([^=/*]+)(?:[=/*](.*))?")
-"""Matches the name and the value of an intervention, as it was typed."""
+"""Pattern of an intervention's name and value, as typed."""
 
 
 @dataclass(frozen=True)
 class ScriptSweep(Printable, reported_by="drop_physics.report.sweep_script"):
-    """The runs of a script over interventions."""
+    """The runs of a script with different interventions."""
 
     script: str
     recording: Path
-    """The recording of its own run."""
+    """Path of the recording of the script's own run."""
     tried: list[str]
-    """The interventions that differ between runs: the names of the table's first columns."""
+    """Names of the interventions that vary: the first columns of the table."""
     rows: list[Row]
-    """One row for each run: interventions, ending, and final positions of bodies and joints."""
+    """One row per run: interventions, ending, and final positions of bodies and joints."""
     results: Path
-    """The Parquet file with the same rows."""
+    """Path of the Parquet file that contains the rows."""
 
     @property
     def failed(self) -> int:
@@ -62,14 +62,14 @@ class ScriptSweep(Printable, reported_by="drop_physics.report.sweep_script"):
 
 @dataclass(frozen=True)
 class RunSwept(RunKept[Row]):
-    """Runs one combination of interventions."""
+    """Runs one combination of interventions, called with its number."""
 
     def has_failed(self, made: Row) -> bool:
-        """Return whether a run failed by itself."""
+        """Return whether a run failed on its own, rather than being stopped."""
         return bool(made["ended"] == "failed")
 
     def compared(self, number: int, other: Recording) -> Row:
-        """Return the row of a run from its recording."""
+        """Return a run's row, from its recording."""
         from drop_physics.analysis.story import Story
         from drop_physics.experiments.run_distance import apart
         from drop_physics.stages.analyze.explaining import explained
@@ -96,7 +96,7 @@ class RunSwept(RunKept[Row]):
 
 @takes_those_of(verbs.SweepScriptArguments)
 def sweep_script(asked: verbs.SweepScriptArguments) -> ScriptSweep:
-    """Run a script as it is, and with each combination of interventions.
+    """Run a script unchanged, and with every combination of interventions.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def _together(candidates: Sequence[Candidate]) -> Candidate:
 
 
 def _given(cure: Cure) -> tuple[str, float | str | bool]:
-    """Return the name and the value of an intervention; True if it has no value."""
+    """Return an intervention's name and value; True if it has no value."""
     found = None if is_single(cure.call) else GIVEN.fullmatch(cure.call)
     name, value = (cure.call, None) if found is None else found.groups()
     if value is None:
@@ -174,7 +174,7 @@ def _given(cure: Cure) -> tuple[str, float | str | bool]:
 
 
 def _ends(track: Track) -> list[tuple[str, float]]:
-    """Yield the final position of a body or a joint, by column; nothing for an orientation."""
+    """Yield the final position of a body or joint, by column; nothing for an orientation."""
     if track.joint is not None and len(track.theirs) == 1:
         return [(f"{track.body} {track.joint}_{track.unit}", float(track.theirs[0]))]
     if track.unit != "m":

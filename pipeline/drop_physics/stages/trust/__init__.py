@@ -1,4 +1,4 @@
-"""Run a script again with variations, and report the results that hold in all of them."""
+"""Run a script again with variations, and report which results hold in all of them."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ USUAL = (
     *("solver=CG", "solver=Newton", "cone=pyramidal", "cone=elliptic", "impratio=10"),
     *("nudge", "seed"),
 )
-"""The usual variations; an engine supports some, and its model may already have others."""
+"""Default variations; not every engine supports each, and a model may have some already."""
 UNITS = {
     "m": (1.0, "m"),
     "cm": (1e-2, "m"),
@@ -64,28 +64,27 @@ LENGTH = re.compile(r"([^\s]*?[\d.])\s*([^\d\s.]+)?")
 
 @dataclass(frozen=True)
 class Trust(Printable, reported_by="drop_physics.report.trust"):
-    """Trust in a script's result: the effect of variations."""
+    """How far a script's result can be trusted: the effects of variations."""
 
     script: str
     made: Made
-    """The script's own run."""
+    """The recording of the script's own run."""
     variations: list[Varied]
     standing: list[Standing]
-    """Dependence of the positions that matter on the variations, the most dependent first."""
+    """How each relevant position depends on the variations, the most dependent first."""
     growth: Growth | None
-    """Growth of the nudge; None if it does not grow, or was left out."""
+    """How the nudge grows; None if it does not grow, or was left out."""
     converging: list[Converging]
-    """Convergence of each final position that depends on the timestep, if three timesteps were run.
-    """
+    """How each timestep-dependent final position converges, if three timesteps were run."""
     findings: list[Finding]
 
     @property
     def recording(self) -> Path:
-        """The recording of its own run."""
+        """Path of the recording of the script's own run."""
         return self.made.recording
 
     def ends_within(self, lengths: Mapping[str, float]) -> bool:
-        """Return whether no variation fails, and all end within some lengths, by unit."""
+        """Return whether no variation fails and all end within these distances, given by unit."""
         if any(each.made.ended == "failed" != self.made.ended for each in self.variations):
             return False
         ends = [end for each in self.variations for end in each.apart.end]
@@ -152,21 +151,21 @@ def trust(asked: verbs.TrustArguments) -> Trust:
 
 @dataclass(frozen=True)
 class OwnRun:
-    """A script's own run, and how it is run again."""
+    """A script's own run, and how to run it again."""
 
     seen: Seen
     program: Program
     again: Again
 
     def possible(self) -> list[Change]:
-        """Return the single changes that it could have."""
+        """Return the single changes that are possible in this run."""
         return possible(self.program, self.again, self.seen.engine.partition(" ")[0])
 
 
 def candidates_of(
     known: OwnRun, asked: Sequence[Cure], option: str, *, usual: bool
 ) -> list[Candidate]:
-    """Return the requested interventions, as the engine supports them, on the whole run.
+    """Return the requested interventions on the whole run, as the engine supports them.
 
     Parameters
     ----------
@@ -227,7 +226,7 @@ def _trust(target: str, work: RunVariation, varied: Sequence[Varied]) -> Trust:
 
 
 def lengths_of(text: str | float | None) -> Mapping[str, float]:
-    """Return the largest distances by unit, m or rad, of a text such as `1mm` or `1mm,0.5deg`.
+    """Parse the largest distances by unit, m or rad, from a text such as `1mm` or `1mm,0.5deg`.
 
     Raises
     ------

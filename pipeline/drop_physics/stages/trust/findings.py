@@ -1,4 +1,4 @@
-"""The findings from variations of a script, as sentences."""
+"""Findings of `drop trust`: the effects of a script's variations, as sentences."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ BY_STEP = {
         "a step moves with the velocity that it ends with: that is off by half a step's change"
     ),
 }
-"""Reason why a term depends on the timestep."""
+"""Reasons why a term depends on the timestep."""
 SMALL = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
 
 def readable(value: float, unit: str) -> str:
-    """Return a distance with three digits: 3.12 mm, 0.00123 rad."""
+    """Format a distance with three digits: 3.12 mm, 0.00123 rad."""
     if not math.isfinite(value):
         return Message("no number")
     if not value:
@@ -52,7 +52,7 @@ def readable(value: float, unit: str) -> str:
 
 
 def part_of(body: str, joint: str | None, unit: str = "m") -> str:
-    """Return the name of a position."""
+    """Return the display name of a position: the body's, or a joint's."""
     if joint is not None:
         return f"{body} {joint}"
     return body if unit == "m" else Message("{body}, orientation", body=body)
@@ -61,13 +61,13 @@ def part_of(body: str, joint: str | None, unit: str = "m") -> str:
 def findings_of(
     varied: Sequence[Varied], grown: Growth | None, found: list[Converging], base: Made
 ) -> list[Finding]:
-    """Return the findings, the gravest first."""
+    """Return the findings, most severe first."""
     grows = [] if grown is None else [_grows(grown)]
     return sorted([*_ending(varied, base), *grows, *_converges(found)], key=lambda each: each.rank)
 
 
 def _ending(varied: Sequence[Varied], base: Made) -> Iterator[Finding]:
-    """Yield a finding for variations that end differently from the script, or fail."""
+    """Yield a finding for variations that fail, or end differently from the script itself."""
     for each in varied:
         if each.made.ended == "failed" != base.ended:
             yield Finding(

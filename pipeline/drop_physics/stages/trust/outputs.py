@@ -1,4 +1,4 @@
-"""The files of `drop trust` besides its recordings: a table and a plot."""
+"""Output files of `drop trust` besides the recordings: a table and a plot."""
 
 from __future__ import annotations
 
@@ -22,18 +22,19 @@ if TYPE_CHECKING:
 
 COLUMNS = ("variation", "body", "joint", "unit", "moved", "end", "end_s", "most", "most_s",
            "from_s", "term")  # fmt: skip
-"""Columns of the table: a row per variation and position, distances from its own run [m, rad]."""
+"""Columns of the table, a row per variation and position; distances from the script's own run [m,
+rad]."""
 TEXTS = {"variation", "body", "joint", "unit", "term"}
-"""Columns that are not numbers."""
+"""Columns that contain text."""
 COLOURS = (*colours.TERMS.values(), colours.SIMULATED, *colours.ENGINES.values())
 LEAST = 1e-17
-"""Smaller distances are drawn as 0."""
+"""Distances below this are drawn as 0."""
 
 
 def check_outputs(
     script: str, table: Path | None, plot: Path | None, *, is_module: bool, force: bool
 ) -> None:
-    """Make sure that a table and a plot can be written, before any work is done for them.
+    """Check that the table and the plot can be written, before any work is done for them.
 
     Raises
     ------
@@ -76,7 +77,7 @@ def distances_of(trust: Trust) -> Plot:
 
 
 def table_of(trust: Trust) -> pl.DataFrame:
-    """Return a row per variation and position."""
+    """Return a table with a row per variation and position."""
     import polars as pl  # slow to load, and few need it
 
     rows = [
@@ -99,7 +100,7 @@ def table_of(trust: Trust) -> pl.DataFrame:
 
 
 def _panels(trust: Trust) -> Iterator[Panel]:
-    """Yield the largest distances over time: between positions, and between angles."""
+    """Yield panels of the largest distances over time: of positions, and of angles."""
     titles = {
         "m": Message("largest distance of a position"),
         "rad": Message("largest distance of an angle"),

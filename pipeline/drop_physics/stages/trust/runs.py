@@ -1,4 +1,4 @@
-"""Runs of a script in a folder that resumes: its own, and those of `drop trust` and of a sweep.
+"""Runs of a script in a folder, which are resumed if interrupted, for `trust` and sweeps.
 
 Rerun and polars are imported where they are used: the script starts while they load.
 """
@@ -42,9 +42,9 @@ T = TypeVar("T")
 BASE = "base"
 """Name of the script's own run among the variations."""
 MOST_BYTES = 1 << 16
-"""Largest size of a description."""
+"""Largest file of notes that is read [bytes]."""
 MOST_EXPLAINED = 20_000
-"""Most steps before a difference that are explained to name its term."""
+"""Most steps before a difference that are explained to find the responsible term."""
 
 
 @dataclass(frozen=True)
@@ -63,12 +63,12 @@ class Made:
 
 @dataclass(frozen=True)
 class Varied:
-    """A run with a variation, and its distance from the script's own."""
+    """A run with a variation, and how far it is from the script's own."""
 
     made: Made
     apart: Apart
     term: str | None
-    """The term of the sum that first made them differ."""
+    """The term of the sum in which the runs first differ."""
 
     @property
     def name(self) -> str:
@@ -77,33 +77,33 @@ class Varied:
 
     @property
     def recording(self) -> Path:
-        """The recording of the run."""
+        """Path of the run's recording."""
         return self.made.recording
 
 
 @dataclass(frozen=True)
 class RunKept(RunChanged[T]):
-    """Runs one candidate, given its number; an existing recording is read instead."""
+    """Runs a candidate, called with its number, or reads its recording if that exists."""
 
     @abstractmethod
     def compared(self, number: int, other: Recording) -> T:
         """Return the result of a run, from its recording."""
 
     def not_made(self, number: int) -> T:
-        """Raise the error of a stopped run, which says how to continue."""
+        """Raise the error for a stopped run, which says how to resume."""
         raise DropError(
             "{name} was interrupted; run the same command again", name=self.name_of(number)
         )
 
     def __call__(self, number: int) -> T:
-        """Return the result of an existing run, or make it."""
+        """Return the result of a run, which is made unless its recording exists."""
         path, name = self.path_of(number), self.name_of(number)
         if not os.path.lexists(path):
             return super().__call__(number)
         return self.compared(number, whole(path, id_of(self.own, name)))
 
     def made(self, number: int, ended: Ended) -> T:
-        """Return the result of comparing a run's recording with the script's own run."""
+        """Compare a run's recording with the script's own run, and return the result."""
         from drop_physics.recording.reader import read
 
         if ended.how == "interrupted":
@@ -113,14 +113,14 @@ class RunKept(RunChanged[T]):
 
 @dataclass(frozen=True)
 class RunVariation(RunKept[Varied]):
-    """Runs one variation, and compares it with the script's own run."""
+    """Runs a variation, called with its number, and compares it with the script's own run."""
 
     def has_failed(self, made: Varied) -> bool:
-        """Return whether a run failed by itself."""
+        """Return whether a run failed on its own, rather than being stopped."""
         return made.made.ended == "failed"
 
     def compared(self, number: int, other: Recording) -> Varied:
-        """Return the comparison of a variation's recording with the script's own run."""
+        """Compare a variation's recording with the script's own run."""
         from drop_physics.experiments.first_term import first_term
         from drop_physics.experiments.run_distance import apart
         from drop_physics.stages.analyze.explaining import WhatToExplain, explained
@@ -141,7 +141,7 @@ class RunVariation(RunKept[Varied]):
 
 
 def made_of(name: str, recording: Recording, *, finer: int = 1) -> Made:
-    """Return a run by its recording, which has `finer` steps for each of the script's."""
+    """Describe a run by its recording, in which `finer` steps make one of the script's."""
     steps = sum(samples - 1 for samples in recording.seen.samples.values()) // finer
     ended = recording.ended or {}
     return Made(
@@ -155,7 +155,7 @@ def made_of(name: str, recording: Recording, *, finer: int = 1) -> Made:
 
 
 def run_kept(work: RunKept[T], *, jobs: int | None, ray: str | None, progress: Progress) -> list[T]:
-    """Run all candidates, those with the most steps first, and return them in order."""
+    """Make all runs, those with the most steps first, and return the results in order."""
     numbers = range(len(work.candidates))
     order = sorted(numbers, key=lambda number: -work.finer(number))
     try:
@@ -168,11 +168,11 @@ def run_kept(work: RunKept[T], *, jobs: int | None, ray: str | None, progress: P
 
 @dataclass(frozen=True)
 class FirstRun:
-    """Notes on the script's own run, beside its recording."""
+    """Notes on the script's own run, stored next to its recording."""
 
     reached: Reached
     took_s: float
-    """Duration [s]."""
+    """Duration of the run [s]."""
 
 
 # -- the folder -----------------------------------------------------------------------------------
@@ -180,7 +180,7 @@ class FirstRun:
 
 @dataclass(frozen=True)
 class RunFolder:
-    """The recordings of a script's runs: complete, with an id of their own, or absent.
+    """The recordings of a script's runs in one folder, each complete or absent.
 
     Parameters
     ----------
@@ -202,11 +202,11 @@ class RunFolder:
     described: str = "trust.json"
     reads: bool = False
     runs: RunsUnderWay = field(default_factory=RunsUnderWay, compare=False)
-    """The runs of this process under way."""
+    """The runs in progress in this process."""
 
     @contextlib.contextmanager
     def claimed(self, names: Iterable[str]) -> Iterator[None]:
-        """Claim the folder for runs of these names, and lock out others while the block runs.
+        """Lock the folder for runs with these names, while the block runs.
 
         Raises
         ------
@@ -247,7 +247,7 @@ class RunFolder:
             self._describe(finished=True)
 
     def recording(self, name: str) -> Path:
-        """Return the recording of a run."""
+        """Return the path of a run's recording."""
         return self.path / f"{plain(name)}.rrd"
 
     def begun(
@@ -258,7 +258,7 @@ class RunFolder:
         stdout: int,
         note: Callable[[str], None] = lambda _: None,
     ) -> tuple[Recording, Program, Again]:
-        """Run and record a program unchanged, or read its existing recording.
+        """Run and record a program unchanged, or read its recording if that exists.
 
         Also return it limited to the steps that it made, and how it is run again, `anyway` if it
         would not be.
@@ -306,7 +306,7 @@ class RunFolder:
 
     @property
     def id(self) -> str:
-        """Return the id of the script's own run, from which those of the others follow."""
+        """Return the recording id of the script's own run, from which the others' are derived."""
         text = json.dumps(self.identity, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
@@ -315,7 +315,7 @@ class RunFolder:
         return self.path / "first-run.json"
 
     def _read_first_run(self) -> FirstRun:
-        """Return the notes on the script's own run, which an earlier call may have made.
+        """Return the notes on the script's own run, perhaps written by an earlier call.
 
         Raises
         ------
@@ -348,7 +348,7 @@ class RunFolder:
 
 
 def whole(path: Path, recording_id: str) -> Recording:
-    """Return an existing recording.
+    """Read an existing recording of a run, and check it.
 
     Raises
     ------
@@ -365,7 +365,7 @@ def whole(path: Path, recording_id: str) -> Recording:
 
 
 def altered(path: Path) -> OutputError:
-    """Return the error for a file of a folder that is not the one written."""
+    """Return the error for a file in the folder that was modified."""
     return OutputError(
         "{path} was altered or replaced after it was written; run all again with --force",
         path=path,
@@ -373,7 +373,7 @@ def altered(path: Path) -> OutputError:
 
 
 def identity_of(program: Program) -> dict[str, Any]:
-    """Return everything that determines the runs of a program, as far as it is known beforehand."""
+    """Return all settings that determine a program's runs, as far as known beforehand."""
     target = program.target
     return {
         "kind": "script",

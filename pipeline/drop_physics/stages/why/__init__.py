@@ -1,4 +1,4 @@
-"""Run a script again with one change at a time: causes proved by trials."""
+"""Run a script again with one change at a time, to prove causes by trials."""
 
 from __future__ import annotations
 
@@ -50,69 +50,71 @@ if TYPE_CHECKING:
     from drop_physics.stages.record import Recorded
 
 MOST = 8
-"""Most things that are told of a script."""
+"""Most results reported for a script."""
 MOST_KEPT = 12
-"""Number of trials whose recordings are kept, the best: each is as large as the script's own."""
+"""Number of trials whose recordings are kept, the best ones: each is as large as the script's
+own."""
 LARGE_BYTES = 10_000_000
-"""Trials that take more room on disk are worth a word."""
+"""Total size of trials from which a note mentions it [bytes]."""
 TAKES = 2.0
-"""Time that a trial may take, its comparison included, in that of the script's own run."""
+"""Time limit of a trial and its comparison, as a multiple of the duration of the script's own
+run."""
 
 
 @dataclass(frozen=True)
 class Tried:
-    """One trial, of a finding or of an outcome."""
+    """One trial: a run with an intervention, and its effect."""
 
     intervention: Intervention
     shown: TrialVerdict | None
-    """Effect on the finding; None for a trial that belongs to none, or was not run."""
+    """Effect on the finding; None for a trial without a finding, or one that was not run."""
     verdict: Verdict
     moved: Distance | None
-    """Motion of the outcome; None where a nudge moves it as much, or nothing moved."""
+    """How far the trial moves the outcome; None if a nudge moves it as much, or nothing moved."""
     same: bool
-    """Whether no position differs, to the bit."""
+    """Whether all positions are the same, bit for bit."""
     recording: Path | None
 
 
 @dataclass(frozen=True)
 class Proved:
-    """A finding with its trials."""
+    """A finding, and the trials that test it."""
 
     finding: Finding
     verdict: Verdict
-    """The best of its trials; `untried` without any."""
+    """The best verdict of the trials; `untried` without trials."""
     tried: list[Tried]
 
 
 @dataclass(frozen=True)
 class Why(Printable, reported_by="drop_physics.report.why"):
-    """Results of the trials of a script."""
+    """Result of `drop why`: the trials of a script."""
 
     script: str
     recording: Path
-    """The recording of its own run."""
+    """Path of the recording of the script's own run."""
     ended: str
     steps: int
     runs: int
     """Number of runs made besides the script's own."""
     seconds: float
-    """Time that all of them took [s]."""
+    """Total duration of these runs [s]."""
     noise: Distance | None
-    """Distance that a nudge of 1e-9 moves the outcome; None where it was not run."""
+    """How far a nudge of 1e-9 moves the outcome; None if no nudged run was made."""
     findings: list[Proved]
     hangs_on: list[Tried]
-    """Trials by how far they move the outcome, whatever they show of findings."""
+    """Trials sorted by how far they move the outcome, whatever they show about findings."""
     no_effect: list[Intervention]
-    """Calls and arguments whose absence changes nothing, to the bit."""
+    """Calls and arguments that can be left out without any change, bit for bit."""
     shares: Shares | None
-    """One number of the outcome as a sum over its causes; None where there are not two."""
+    """One number of the outcome as a sum over its causes; None with fewer than two causes."""
     sources: Mapping[str, Path] = field(default_factory=dict)
-    """The files that its findings cite, where these are found."""
+    """Paths of the source files that findings cite, where they are found."""
     expected: Expected | None = None
-    """Expectation, with the changes that make it true; None without one."""
+    """The expectation, with the changes that meet it; None without an expectation."""
 
     def filmed(self) -> tuple[Path, str] | None:
-        """Return the recording to show beside the script's own run, and its title.
+        """Return the recording to show beside the script's own run, and its caption.
 
         It shows the cure that moves the outcome most, otherwise the trial that moves it most; None
         without any.
@@ -129,7 +131,7 @@ class Why(Printable, reported_by="drop_physics.report.why"):
 
 @takes_those_of(verbs.WhyArguments)
 def why(asked: verbs.WhyArguments) -> Why:
-    """Record a script, try the proposals of its findings, one run each, and compare.
+    """Record a script, try what its findings propose in one run each, and compare the runs.
 
     With an expectation, generic changes are tried in place of proposals.
 
@@ -273,7 +275,7 @@ def why(asked: verbs.WhyArguments) -> Why:
     )
 
     def run(which: RunTrial, numbers: Sequence[int]) -> dict[int, TrialRun]:
-        """Return the results of trials until Ctrl-C: later ones are missing."""
+        """Return the results of trials; after Ctrl-C the remaining ones are missing."""
         made: dict[int, TrialRun] = {}
         try:
             if not interrupted:
@@ -375,12 +377,12 @@ def why(asked: verbs.WhyArguments) -> Why:
 
 
 def _asks_else(asked: verbs.WhyArguments) -> bool:
-    """Return whether the question is another than why a script did not do what it was told."""
+    """Return whether specific trials were requested, by `--try`, `--ablate` or `--about`."""
     return bool(asked.tries or asked.ablate or asked.about)
 
 
 def _only(expected: Expected, recorded: Recorded, seconds: float) -> Why:
-    """Return the result without trials of findings."""
+    """Return a result that has an expectation, but no trials of findings."""
     return Why(
         expected=expected,
         script=recorded.script,
@@ -398,7 +400,7 @@ def _only(expected: Expected, recorded: Recorded, seconds: float) -> Why:
 
 
 def _about(findings: Sequence[Finding], about: str | None) -> list[int]:
-    """Return the places of the findings that match `about`.
+    """Return the indices of the findings that match `about`.
 
     Raises
     ------
@@ -494,7 +496,7 @@ def _why(
 
 
 def _bounded(proved: Sequence[Proved]) -> list[Proved]:
-    """Return findings of which only the best trials keep their recordings."""
+    """Drop the recordings of all but the best trials from the findings."""
     from drop_physics.experiments.verdicts import VERDICTS
 
     recorded = {each.recording: each for one in proved for each in one.tried if each.recording}
@@ -522,7 +524,7 @@ def _others_cured(
     own: Outcome,
     nudge: Outcome | None,
 ) -> Iterator[int]:
-    """Yield the places of other findings whose symptoms a trial removes."""
+    """Yield the indices of other findings that a trial cures, too."""
     from drop_physics.experiments.verdicts import CAUSES, judged
 
     for place, finding in enumerate(findings):
@@ -544,7 +546,7 @@ def _own(base: Recording, findings: Sequence[Finding]) -> Outcome:
 
 
 def _is_idle(outcome: Outcome, base: Outcome) -> bool:
-    """Return whether leaving something out changed nothing, to the bit."""
+    """Return whether leaving something out changed nothing, bit for bit."""
     same = outcome.is_same and (outcome.ended, outcome.steps) == (base.ended, base.steps)
     return outcome.fired and same
 
@@ -561,7 +563,7 @@ def _tried(
 
 
 def _keep(folder: Path, result: Why, recording_id: str) -> None:
-    """Write the results of trials beside them; recordings that no finding names are deleted."""
+    """Write the results next to the trials, and delete recordings that no result refers to."""
     named = {each.recording for proved in result.findings for each in proved.tried}
     named |= set() if result.expected is None else {*result.expected.recordings}
     for path in folder.glob("*.rrd"):

@@ -1,4 +1,4 @@
-"""Checks of the arguments of `drop why`, and the place of its recordings."""
+"""Check the arguments of `drop why`, and choose where it writes its recordings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drop_physics.stages.found import is_of, origin_of
 
 
 def checked_bounds(asked: verbs.WhyArguments) -> None:
-    """Check the numbers among the arguments.
+    """Check the numeric arguments.
 
     Raises
     ------
@@ -26,7 +26,7 @@ def checked_bounds(asked: verbs.WhyArguments) -> None:
 
 
 def place_of(asked: verbs.WhyArguments) -> tuple[Path | None, bool]:
-    """Return the recording to write, None for the usual one, and whether it may be replaced.
+    """Return where to write the recording (None: the default), and whether to overwrite it.
 
     A recording of the same script may be.
     """

@@ -1,4 +1,4 @@
-"""Search for single changes that make an expectation true: `drop why --expect`."""
+"""Search for single changes that meet an expectation: `drop why --expect`."""
 
 from __future__ import annotations
 
@@ -52,70 +52,72 @@ if TYPE_CHECKING:
     from drop_physics.trace.history import Seen
 
 SOON_S = 1.0
-"""Changes that make it true are tried from so long before a failure on, too [s]."""
+"""Changes that meet the expectation are also tried from this long before a failure on [s]."""
 CHANCE = 1e-3
-"""If nudges move the quantity by more than this share of its gap, a change has to make it true in
-nudged runs, too."""
+"""Share of the gap: if nudges move the quantity by more than that, a change must meet the
+expectation in nudged runs, too."""
 MOST_STEPS = 2
-"""A run may make so many times the steps of the script's own."""
+"""Most steps of a run, as a multiple of those of the script's own run."""
 AT_MOST_STEPS = "steps"
-"""The ending of a run that made them."""
+"""Ending of a run that was stopped by this limit."""
 PARTS = {"MuJoCo": 0}
-"""After how many steps runs part from one another, by engine: a model of MuJoCo is loaded once, and
-is changed before its first step. In PyBullet each run loads its own bodies."""
+"""Number of steps after which forked runs branch off, by engine: a model of MuJoCo is loaded once,
+and is changed before its first step. In PyBullet each run loads its own bodies."""
 MOST_MOVERS = 5
-"""Changes that are named where none makes it true."""
+"""Most changes listed if none meets the expectation."""
 
 Source = Literal["option", "assert", "row"]
-"""Where an expectation is from: `--expect`, an `assert` of the script that has failed, or the
-account: what was asked of a joint, or an episode that failed."""
+"""Origin of an expectation: `--expect`, a failed `assert` of the script, or the account: the
+command to a joint, or a failed episode."""
 MOST_ROWS = 6
-"""Rows of the account beside which a change is said: those that it shows first."""
+"""Number of rows of the account that changes are related to: those that are shown first."""
 SAME_GAP = 0.05
-"""A row is searched where a run again is short of it by the same gap, to this share."""
+"""Largest relative difference of a row's gap in a repeated run at which the search goes on."""
 
 
 @dataclass(frozen=True)
 class Expected:
-    """An expectation of a script, its outcome, and the changes that make it true."""
+    """An expectation of a script, its outcome, and the changes that meet it."""
 
     text: str
-    """Expectation, as an expression."""
+    """The expectation as an expression."""
     source: Source
-    """Origin of the expectation."""
+    """Where the expectation comes from."""
     base: ChangeOutcome
-    """The outcome of the script's own run."""
+    """Outcome of the script's own run."""
     site: str | None = None
-    """File and line, of an `assert`."""
+    """File and line of the `assert`."""
     row: RowExpectation | None = None
-    """The row of the account that it is from."""
+    """The row of the account that the expectation comes from."""
     runs: int = 0
     """Number of runs made."""
     seconds: float = 0.0
-    """Time that they took [s]."""
+    """Total duration of these runs [s]."""
     tried: int = 0
-    """The number of changes that were tried."""
+    """Number of changes tried."""
     noise: float | None = None
-    """Distance that nudges move the quantity; None where none was made."""
+    """How far nudges move the quantity; None if no nudged run was made."""
     chaotic: bool = False
-    """Whether a nudge makes it true."""
+    """Whether a nudge alone meets the expectation."""
     complete: bool = True
-    """Whether no change was left out for want of time."""
+    """Whether all changes were tried before the time was up."""
     makes_true: Sequence[SaidChange] = ()
     lines: Sequence[tuple[str, str] | None] = ()
-    """File and line of each that makes it true, and the attribute as it stands there; None where
-    that is not known."""
+    """File and line of each change that meets the expectation, and the attribute's current text
+    there; None if unknown."""
     least: Sequence[float | None] = ()
-    """The least factor of each of the first that makes it true; None where it is no factor."""
+    """Least factor that meets the expectation, for each of the first changes; None if a change is
+    not a factor."""
     recordings: Sequence[Path] = ()
-    """Those of the first that make it true."""
+    """Recordings of the first changes that meet the expectation."""
     latest: Sequence[int | None] = ()
-    """The latest step from which on each of the first still makes it true; None where it has to be
-    there from the beginning."""
+    """Latest start from which each of the first changes still meets the expectation [steps]; None
+    if it must begin with the run."""
     steps: int = 0
     """Number of steps of the script's own run."""
     moves: Sequence[TriedChange] = ()
-    """Changes that move the quantity most towards the expectation, if none makes it true."""
+    """Changes that move the quantity most in the expected direction, if none meets the
+    expectation."""
 
     @property
     def unit(self) -> str | None:
@@ -126,7 +128,7 @@ class Expected:
 
     @property
     def filmed(self) -> tuple[Path, str] | None:
-        """The recording of the first change that makes it true, in words; None without one."""
+        """The recording and description of the first change that meets the expectation, if any."""
         if not self.recordings:
             return None
         return self.recordings[0], self.words(self.makes_true[0].tried.change)
@@ -136,16 +138,16 @@ class Expected:
         return text_of(change)
 
     def does(self, change: Change) -> str:
-        """Return the operator of a change in words: ×10, left out."""
+        """Describe the operator of a change: ×10, left out."""
         return done(change.op)
 
     def words(self, change: Change) -> str:
-        """Return a change in its user's words: friction of left, right ×10."""
+        """Describe a change for the user: friction of left, right ×10."""
         return words_of(change)
 
 
 def parsed(text: str) -> Expression:
-    """Return an expectation as an expression.
+    """Parse an expectation into an expression.
 
     Raises
     ------
@@ -164,7 +166,7 @@ def parsed(text: str) -> Expression:
 
 
 def own_of(answer: Answer, asked: verbs.WhyArguments) -> Expected | None:
-    """Return a script's expectation with its outcome; None without one.
+    """Return a script's expectation with its outcome; None if there is none.
 
     Parameters
     ----------
@@ -190,7 +192,7 @@ def own_of(answer: Answer, asked: verbs.WhyArguments) -> Expected | None:
 
 
 def of_row(row: RowExpectation) -> Expected:
-    """Return a row of the account, in which a run fell short, as an expectation."""
+    """Return the expectation for a row of the account in which a run fell short."""
     gap = math.nan if row.gap is None else row.gap
     return Expected(row.text, "row", ChangeOutcome(False, -gap, gap), row=row)
 
@@ -225,7 +227,7 @@ def searched(
     account: Callable[[], Sequence[AccountRow]],
     cures: Sequence[Cure] = (),
 ) -> Expected:
-    """Return an unmet expectation with the changes that make it true.
+    """Search for changes that meet a failed expectation, and return it with them.
 
     Parameters
     ----------
@@ -287,7 +289,7 @@ def searched(
 
 
 def _second_before(seen: Seen) -> Iterator[int]:
-    """Yield the step a second before the end of the episode that failed, if there is such a one.
+    """Yield the step one second before the end of a failed episode, if there is one.
 
     Steps are counted over all simulations: where there are several, none is known.
     """
@@ -300,7 +302,7 @@ def _second_before(seen: Seen) -> Iterator[int]:
 
 
 def _ends(own: Expected, recorded: Recorded) -> frozenset[str]:
-    """Return the endings of a run whose outcome counts."""
+    """Return the ways in which a run may end for its outcome to count."""
     if own.source == "assert":  # where an assert fails, the script does: a change lets it end
         return frozenset({FINISHED})
     ends = frozenset({FINISHED, recorded.ended})
@@ -317,7 +319,7 @@ def _searched(
     asked_for: Callable[[Sequence[Change]], list[Change]] | None,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Return the results of a search; nothing if a repeated run does not fall short of a row."""
+    """Return a search's results; nothing if a repeated run does not reproduce the shortfall."""
     seen, of_engine, its_text = seen_changes(trials, engine)
     base = outcome_of(seen, ended_well=True)
     if row is not None:
@@ -358,7 +360,7 @@ def _searched(
 
 
 def _asked_for(cures: Sequence[Cure], base: Recording, changes: Sequence[Change]) -> list[Change]:
-    """Return the changes that `--try` names: those of the search, and interventions.
+    """Return the changes that `--try` names: single changes, and interventions.
 
     Raises
     ------
@@ -384,7 +386,7 @@ def _asked_for(cures: Sequence[Cure], base: Recording, changes: Sequence[Change]
 
 
 def _row_of(row: RowExpectation | None, rows: Sequence[AccountRow], change: Change) -> str | None:
-    """Return the row that names what a change acts on: that which is expected, or another."""
+    """Describe the row that a change acts on: the expected row if possible, else another."""
     if row is not None and row.names(change):
         return row.words
     found = row_of(change, rows[:MOST_ROWS])
@@ -392,7 +394,7 @@ def _row_of(row: RowExpectation | None, rows: Sequence[AccountRow], change: Chan
 
 
 def _line_of(said: SaidChange, texts: Mapping[Path, str]) -> tuple[str, str] | None:
-    """Return the place where a user would write a change, and its current text."""
+    """Return where a user would edit the source to make a change, and the current text there."""
     change = said.tried.change
     if change.site is not None:
         return f"{change.site[0]}:{change.site[1]}", ""
@@ -405,7 +407,7 @@ def _line_of(said: SaidChange, texts: Mapping[Path, str]) -> tuple[str, str] | N
 def _recorded(
     runs: EvaluatedRuns, said: Sequence[SaidChange], base: Recording, *, drawn: bool
 ) -> list[Path]:
-    """Record the first changes that make it true, and return the recordings."""
+    """Record the runs of the first changes that meet the expectation; return the paths."""
     folder, paths = trials_of(base.path), []
     for number, each in enumerate(said[:NARROWED], 1):
         change = each.tried.change
@@ -417,7 +419,7 @@ def _recorded(
 
 
 def _standing(trials: EvaluatedRuns, said: Sequence[SaidChange]) -> list[SaidChange]:
-    """Return outcomes without those, among the first ones, that a nudge undoes."""
+    """Leave out the changes, among the first ones, that fail in nudged runs."""
     standing: list[SaidChange] = []
     for number, each in enumerate(said):
         if len(standing) == NARROWED:
@@ -428,7 +430,7 @@ def _standing(trials: EvaluatedRuns, said: Sequence[SaidChange]) -> list[SaidCha
 
 
 def _coincidences_last(search: Search, said: Sequence[SaidChange]) -> list[SaidChange]:
-    """Return outcomes, the first of which stand with a factor close by; those that do not, last."""
+    """Sort changes to the end that fail with a slightly different factor, among the first ones."""
     standing: list[SaidChange] = []
     alone: list[SaidChange] = []
     for number, each in enumerate(said):
@@ -442,7 +444,7 @@ def _coincidences_last(search: Search, said: Sequence[SaidChange]) -> list[SaidC
 
 
 def _likely(change: Change) -> int:
-    """Order changes by how often their target is the cause: the likely ones first."""
+    """Return a sort key of changes: those whose target is most often the cause come first."""
     op = change.op
     if isinstance(change.how[1], Mapping):  # a call that is added, because it is often left out
         return 0

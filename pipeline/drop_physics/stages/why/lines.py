@@ -1,4 +1,4 @@
-"""Find the line in which a user would write a change of a model: the tag of a named element.
+"""Find the source line where a user would change a model: the tag of a named element.
 
 Models stand in files of XML, or in texts of the script.
 """
@@ -10,13 +10,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 MOST_BYTES = 1 << 24
-"""Larger files are not read."""
+"""Largest file that is read [bytes]."""
 XML = re.compile(r"""["']([^"'\n]+\.xml)["']""")
-"""The name of a file with a model, as a script has it."""
+"""Pattern of a model's file name in a script."""
 
 
 def texts_of(script: Path) -> dict[Path, str]:
-    """Return the text of a script, and of existing models that it names."""
+    """Return the texts of a script, and of the existing model files that it names."""
     text = _read(script)
     found = {script: text}
     for name in XML.findall(text):
@@ -30,7 +30,7 @@ def texts_of(script: Path) -> dict[Path, str]:
 def line_of(
     texts: Mapping[Path, str], names: Sequence[str], attribute: str, tags: str
 ) -> tuple[str, str] | None:
-    """Return file and line of the first tag with one of some names, and its attribute's text.
+    """Return file and line of the first tag with one of these names, and its attribute's text.
 
     The attribute is empty where the tag has none; None where there is no such tag.
 
@@ -54,7 +54,7 @@ def line_of(
 
 
 def _tags(texts: Mapping[Path, str], name: str, tags: str) -> Iterator[tuple[str, int, str]]:
-    """Yield the tags of a name: the file, the line, and the text."""
+    """Yield the tags with a name: the file, the line number, and the text."""
     named = re.compile(rf"""<(?:{tags})\s[^<>]*?\bname\s*=\s*(["']){re.escape(name)}\1[^<>]*>""")
     for path, text in texts.items():
         for found in named.finditer(text):

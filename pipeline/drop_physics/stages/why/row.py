@@ -1,4 +1,4 @@
-"""Expectations from rows of the account: a joint's target that was not reached."""
+"""Derive expectations from rows of the account: a joint's target that was not reached."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from drop_physics.account.rows import AccountRow
 
 LEFT = 0.2
-"""The share of a row's gap that may be left, as where a trial cures a finding."""
+"""Share of a row's gap that may remain, as for a finding that counts as cured."""
 FAR = 0.2
-"""The salience of a row from which on it is asked what would close its gap."""
+"""Least salience of a row for which changes that close its gap are searched."""
 CAME = 0.01
-"""What was asked for has come where the gap is a smaller share of it."""
+"""A command counts as reached if the gap is a smaller share of its value."""
 SERIES = {"rad": "joint", "m": "joint", "rad/s": "rate", "m/s": "rate"}
-"""The series of an expression by the unit of a joint's row."""
+"""The function of an expression that returns a joint's quantity, by the row's unit."""
 NAMED = (
     (r"dof_damping|flag\.DAMPER|\w+\.jointDamping", "joint damping"),
     (r"dof_frictionloss|flag\.FRICTIONLOSS", "friction loss"),
@@ -37,7 +37,7 @@ NAMED = (
     (r"input\.(xfrc|qfrc)_applied|applyExternal.*", "applied|push|force"),
     (r"input\.(qpos|qvel)|reset(Base|Joint)\w+.*", "set"),
 )
-"""Patterns of changes, and of the causes of a row's terms that each acts on."""
+"""Patterns of changes, each with the causes of terms that such changes act on."""
 OF_KIND = {
     "asked": ("motors",),
     "given": ("motors",),
@@ -45,7 +45,7 @@ OF_KIND = {
     "press": ("contact",),
     "set": ("set",),
 }
-"""What rows of a kind are about, besides their terms."""
+"""Causes that rows of a kind always concern, besides those of their terms."""
 
 
 @dataclass(frozen=True)
@@ -53,15 +53,15 @@ class RowExpectation:
     """An expectation derived from a row of the account, or from an episode that failed."""
 
     text: str
-    """An expression that its engine's names give a value."""
+    """An expression of the quantities that the engine knows by name."""
     words: str
     """The row as a sentence."""
     gap: float | None = None
-    """The distance of what came from what was asked; None of an episode."""
+    """Distance between the commanded and the reached value; None for an episode."""
     unit: str | None = None
-    """The unit of that distance."""
+    """Unit of the gap."""
     causes: tuple[str, ...] = ()
-    """The causes of its terms."""
+    """Causes of the row's terms."""
 
     def names(self, change: Change) -> bool:
         """Return whether a change acts on a term of the row."""
@@ -76,7 +76,7 @@ def _acts_on(change: Change, causes: Iterable[str]) -> bool:
 
 
 def row_of(change: Change, rows: Sequence[AccountRow]) -> AccountRow | None:
-    """Return the first row that names what a change acts on, on what it acts; None if none does."""
+    """Return the first row that concerns both cause and target of a change; None without one."""
     its = _names(change)
     for row in rows:
         if not row.at_limit and row.asked and abs(row.gap or row.asked) < CAME * abs(row.asked):
@@ -88,13 +88,13 @@ def row_of(change: Change, rows: Sequence[AccountRow]) -> AccountRow | None:
 
 
 def _names(change: Change) -> set[str]:
-    """Return the names of what a change acts on: of elements, and of the links that have them."""
+    """Return the names that a change concerns: its elements, and the links that have them."""
     named = {part for each in change.of for part in re.split(" x | of ", each)}
     return {*named, *change.on} - {""}
 
 
 def _names_of(row: AccountRow) -> set[str]:
-    """Return the names of what a row is about."""
+    """Return the names of the bodies, joints and links that a row concerns."""
     pair = row.pair or ()
     own = [row.joint, row.constraint, row.actuator, row.link, *row.joints, *pair]
     if not row.joint:
@@ -105,7 +105,7 @@ def _names_of(row: AccountRow) -> set[str]:
 def row_expectation(
     rows: Sequence[AccountRow], episodes: Sequence[EpisodeRow]
 ) -> RowExpectation | None:
-    """Return the first shortfall of a run: a failed episode, else the first row of a joint.
+    """Return a run's first shortfall: a failed episode, or else a row about a joint.
 
     None where no joint is far from its target, or has moved though told to stand.
     """

@@ -1,4 +1,4 @@
-"""The shares of `drop why`: effects of causes switched off alone and together."""
+"""Compute each cause's share of an outcome, by switching causes off alone and together."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from drop_physics.experiments.run_distance import Apart
 
 MOST_CAUSES = 4
-"""Causes that are switched off together: those that move the outcome most."""
+"""Most causes that are switched off together: those that move the outcome most."""
 
 Done = dict[int, TrialRun]
 
@@ -28,7 +28,7 @@ def shares(
     run: Callable[[RunTrial, Sequence[int]], Done],
     own: Outcome,
 ) -> Shares | None:
-    """Return the share of the outcome for each cause; None with fewer than two causes.
+    """Return each cause's share of the outcome; None with fewer than two causes.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def _causes(
 
 
 def _name(candidate: Candidate, causes: Sequence[tuple[int, Candidate]]) -> str:
-    """Return a cause's name; if several share it, with the object on which it is switched off."""
+    """Return a cause's name; if several share it, with the object that the cause acts on."""
     what = candidate.intervention
     if what.name == "without":
         return what.short

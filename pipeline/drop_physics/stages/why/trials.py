@@ -1,4 +1,4 @@
-"""The trials of `drop why`: a run with each intervention, and its effect."""
+"""The trials of `drop why`: one run per intervention, and its effect."""
 
 from __future__ import annotations
 
@@ -24,38 +24,38 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TrialRun:
-    """Results of a trial; all None if it was not run, or was stopped."""
+    """Result of a trial; all fields are None if it was not run, or was stopped."""
 
     outcome: Outcome | None
     recording: Path | None
     stopped: bool = False
-    """Whether it took too long."""
+    """Whether the trial was stopped because it took too long."""
 
 
 @dataclass(frozen=True)
 class RunTrial(RunChanged[TrialRun]):
-    """Runs one candidate, called with its number.
+    """Runs a candidate, called with its number.
 
     The nudge and an unchanged run follow the last candidate.
     """
 
     until: float = np.inf
-    """The budget ends then, by the time of day [s]."""
+    """Time of day at which the time budget ends [s]."""
     took_s: list[float] = field(default_factory=list)
     """Durations of the trials made so far [s]."""
 
     @property
     def nudge(self) -> int:
-        """The number of the nudge."""
+        """Number of the nudged run."""
         return len(self.candidates)
 
     @property
     def unchanged(self) -> int:
-        """The number of the unchanged run."""
+        """Number of the unchanged run."""
         return len(self.candidates) + 1
 
     def __call__(self, number: int) -> TrialRun:
-        """Run a candidate, and note its duration."""
+        """Run a candidate, and record its duration."""
         began = time.monotonic()
         made = super().__call__(number)
         if made.outcome is not None:
@@ -64,26 +64,26 @@ class RunTrial(RunChanged[TrialRun]):
 
     @property
     def ends_by(self) -> float:
-        """Time of day at which the budget ends."""
+        """Time of day at which the time budget ends [s]."""
         return self.until
 
     def is_late(self, number: int) -> bool:
-        """Return whether too little time is left for a candidate."""
+        """Return whether too little time is left to start a candidate."""
         del number
         return time.time() + max(self.took_s, default=0.0) > self.until
 
     def run_of(self, number: int) -> ChangedRun | None:
-        """Return the changes of a run; None if the engine has no such run."""
+        """Return the changes of a run; None if the engine does not support them."""
         others = {self.nudge: NUDGED, self.unchanged: ChangedRun()}
         return others[number] if number in others else self.candidates[number].run
 
     def not_made(self, number: int) -> TrialRun:
-        """Return the result that stands for a trial that was not run, or was stopped."""
+        """Return the result for a trial that was not run, or was stopped."""
         del number
         return TrialRun(None, None)
 
     def has_failed(self, made: TrialRun) -> bool:
-        """Return whether a run failed by itself."""
+        """Return whether a run failed on its own, rather than being stopped."""
         return made.outcome is not None and made.outcome.ended == "failed"
 
     def name_of(self, number: int) -> str:
@@ -94,7 +94,7 @@ class RunTrial(RunChanged[TrialRun]):
         return f"{number + 1}-{each.name}" + ("" if each.value is None else f"={each.value:g}")
 
     def made(self, number: int, ended: Ended) -> TrialRun:
-        """Return the results of a run, from its recording."""
+        """Return a trial's result, from its recording."""
         from drop_physics.experiments.run_distance import apart
         from drop_physics.recording.reader import read
 
@@ -114,7 +114,7 @@ class RunTrial(RunChanged[TrialRun]):
         return TrialRun(Outcome(fired, ended.how, error, steps, findings, far, began), path)
 
     def _findings(self, number: int, other: Recording) -> list[Finding]:
-        """Return the findings of a trial of a finding, or of the nudge.
+        """Return the findings in a trial of a finding, or in the nudged run.
 
         Bodies have the labels that they have in the script's own run.
         """
@@ -144,7 +144,7 @@ class RunTrial(RunChanged[TrialRun]):
 
 
 def _began(base: Recording, other: Recording) -> Distance | None:
-    """Return the distance of a body that moves only in a trial, not in the script's own run.
+    """Return how far a body moves in a trial, if it rests in the script's own run; else None.
 
     A body that calls set between steps does not stand still, though no step moves it.
     """
@@ -162,7 +162,7 @@ def _began(base: Recording, other: Recording) -> Distance | None:
 
 
 def first_tried(candidates: Sequence[Candidate]) -> Iterator[int]:
-    """Yield the numbers of candidates in the order of trials.
+    """Yield the numbers of candidates in the order in which they are tried.
 
     First proposals of all findings come before any second one.
     """
