@@ -1,1 +1,1 @@
-"""The analysis of a flight with a theory: its error budget and all that follows."""
+"""The analysis of a drop with a known theory: its error terms, contact, rest and findings."""

@@ -1,4 +1,4 @@
-"""Agreement of a recorded fall with the law of free flight, before the first contact."""
+"""Comparison of a recorded fall with the free-flight formula, before the first contact."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drop_physics.physics.base import Motion
 
 
 class Air:
-    """The samples before the first contact, under the law of one rigid body; grows part by part."""
+    """The samples before the first contact, compared with the free-flight formula."""
 
     def __init__(self, case: Case) -> None:
         self._case = case
@@ -36,13 +36,13 @@ class Air:
 
     @property
     def covered(self) -> int:
-        """Number of samples in free flight, by the law and in theory."""
+        """Number of samples in free flight, according to the recording and to theory."""
         if not self._follows:
             return 0
         return min(step for step, _ in self._ends())
 
     def add(self, part: DropSamples, before: Motion) -> None:
-        """Take further samples; `before`: the sample before each, of the very first itself."""
+        """Add samples; `before` holds the sample before each (for the very first, itself)."""
         flew = self.contact_step is None
         touching = np.flatnonzero(part.touching)
         if flew and len(touching):
@@ -56,7 +56,7 @@ class Air:
             self.landed_step = _first(heights_m <= floor_m, part.first)
 
     def _follow(self, part: DropSamples, before: Motion, rows: int) -> None:
-        """Compare the first rows, which touch nothing, with the law."""
+        """Compare the first rows, which are free of contact, with the free-flight formula."""
         case, touches = self._case, part.touches
         points = slice(int(np.searchsorted(touches.step, rows)))
         found = segments_of(
@@ -80,7 +80,7 @@ class Air:
             self.departs = departs
 
     def _touched(self, part: DropSamples, before: Motion, row: int) -> bool:
-        """Return whether a contact acted that the engine does not report.
+        """Return whether a contact acted that the engine did not report.
 
         A body that departs from the law within reach of the floor has touched it.
         """
@@ -92,7 +92,7 @@ class Air:
         return bool(lowest_m <= case.engine.reach_m + way_m)
 
     def coverage(self) -> Coverage:
-        """Return the coverage of the law, once all samples are added."""
+        """Return which samples the formula covers and why it stops, once all samples are added."""
         case, of = self._case, self._case.samples
         if not case.scenario.stepped:
             return Coverage(0, of, Message("no step was taken, so no law of motion applies"))
@@ -108,7 +108,7 @@ class Air:
         return Coverage(samples, of, why)
 
     def _ends(self) -> list[tuple[int, Message]]:
-        """Return the known ends of the coverage, as sample and reason."""
+        """Return the known reasons why the coverage ends, each with its sample."""
         case = self._case
         departed = Message("the state does not follow {engine}'s law", engine=case.engine_name)
         ends = [
@@ -122,6 +122,6 @@ class Air:
 
 
 def _first(held: Flags, first: int) -> int | None:
-    """Return the number of the first flagged sample; None if there is none."""
+    """Return the index of the first flagged sample; None if there is none."""
     rows = np.flatnonzero(held)
     return first + int(rows[0]) if len(rows) else None

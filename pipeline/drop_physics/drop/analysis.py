@@ -1,4 +1,4 @@
-"""The analysis of a fall: everything that its samples show, in one typed result."""
+"""The analysis of a fall: all results from its samples, in one typed object."""
 
 from __future__ import annotations
 
@@ -25,18 +25,19 @@ from drop_physics.explain.rows import MOST_ROWS, SHOWN_PER_S
 
 @dataclass(frozen=True)
 class Fall:
-    """A fall: its case, its course and phases, and its analysis."""
+    """A fall: its scenario, its motion and phases, and its analysis."""
 
     case: Case
     course: Course
     phases: Phases
     analysis: FallAnalysis
     mismatch_step: int | None = None
-    """The first sample that the law covers and does not lead to, once that is known."""
+    """The first covered sample that does not follow from the previous one by the formula, once
+    known."""
 
 
 class FallAnalyzer:
-    """Analyzes a fall while its samples are added in their order.
+    """Analyzes a fall as its samples are added in order.
 
     Parameters
     ----------
@@ -62,7 +63,7 @@ class FallAnalyzer:
         self._rows: list[pl.DataFrame] = []
 
     def add(self, part: DropSamples) -> None:
-        """Take further samples."""
+        """Add further samples."""
         if not len(part):
             return
         course = self._course
@@ -129,7 +130,7 @@ class FallAnalyzer:
 
 
 def fall_of(case: Case, *, at_s: Sequence[float] = (), whole: bool = True) -> FallAnalysis:
-    """Return the analysis of a fall alone, without what is explained: see `FallAnalyzer`."""
+    """Return the analysis of a fall alone, without impulse explanations: see `FallAnalyzer`."""
     falling = FallAnalyzer(case, at_s=at_s, whole=whole)
     for _ in map(falling.add, case.parts()):  # `map` keeps none while the next are read
         pass
@@ -137,7 +138,7 @@ def fall_of(case: Case, *, at_s: Sequence[float] = (), whole: bool = True) -> Fa
 
 
 class _Errors:
-    """The error of the samples in free flight, broken down while they are added."""
+    """The error of the samples in free flight, broken into terms as samples are added."""
 
     def __init__(self, case: Case) -> None:
         self._case = case
@@ -146,7 +147,7 @@ class _Errors:
         self._squares_m2: list[float] = []
 
     def add(self, part: DropSamples, covered: int) -> Decomposition:
-        """Take further samples; the law covers the first `covered` of all samples."""
+        """Add further samples; the formula covers the first `covered` of all samples."""
         flown_m = part.position_m[: max(covered - part.first, 0)]
         parts = decompose(
             self._case.law, self._case.fall, flown_m, first=part.first, path=self._path
@@ -160,7 +161,7 @@ class _Errors:
         return parts
 
     def airborne(self) -> Airborne:
-        """Return the error over all of them."""
+        """Return the error over all covered samples."""
         if not self._samples:
             return Airborne(0, None, None, None)
         rms_m = float(np.sqrt(sum(self._squares_m2) / self._samples))
@@ -168,7 +169,7 @@ class _Errors:
 
 
 def _rows(case: Case, part: DropSamples, energies: Mechanics, parts: Decomposition) -> pl.DataFrame:
-    """Return a row per sample but for its phase; terms are null where flight is not covered."""
+    """Return table rows without the phase; terms are null where free flight is not covered."""
     time_s = part.times_s(case.timestep_s)
     free_fall_m = case.free_fall_m(time_s)
 
@@ -194,7 +195,7 @@ def _rows(case: Case, part: DropSamples, energies: Mechanics, parts: Decompositi
 
 
 def _asked(at_s: Sequence[float], case: Case) -> list[int]:
-    """Return the samples nearest to the times asked for."""
+    """Return the samples nearest to the requested times."""
     for time_s in at_s:
         if not 0 <= time_s <= case.end_s * (1 + 1e-12):
             raise ScenarioError(

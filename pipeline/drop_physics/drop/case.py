@@ -1,4 +1,4 @@
-"""The subject of the analysis: a scenario, the engine's report, the first and last sample."""
+"""The input of the analysis: a scenario, the engine's report, the first and last sample."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from drop_physics.trace.history import PIECE, Seen
 from drop_physics.trace.states import BODY
 
 TOUCHING_M = 5e-10
-"""A body this close to the floor touches it. The engine's distances are known to this: for 136
+"""A body this close to the floor touches it. The engine's distances are accurate to this: for 136
 bodies drawn as in `tests/test_truth.py` a bisection with the engine's own collision detection found
 the rest height to 5e-15 m, that of a mesh to 1e-10 m."""
 FLOOR_REACH_M = 100.0
@@ -30,16 +30,16 @@ FLOOR_REACH_M = 100.0
 
 @dataclass(frozen=True)
 class Case:
-    """One drop, as passed to all parts of the analysis; its samples are read part by part."""
+    """One drop, as passed to all parts of the analysis; its samples are read chunk by chunk."""
 
     scenario: Scenario
     engine: EngineReport
     seen: Seen
-    """The recording, whose samples are read piece by piece."""
+    """The recording, whose samples are read chunk by chunk."""
 
     @cached_property
     def samples(self) -> int:
-        """Number of samples of the body; joints may have more in a recording that was cut off."""
+        """Number of samples of the body; in a recording that was cut off, joints may have more."""
         sampled, end = self.seen.sampled, self.seen.sampled.last + 1
         while end > 0:
             bases = sampled.piece(max(end - PIECE, 0), end).bases
@@ -54,7 +54,7 @@ class Case:
         return samples_seen(self.seen, self.seen.sampled.piece(step, step + 1))
 
     def parts(self) -> Iterator[DropSamples]:
-        """Yield all samples in order, part by part."""
+        """Yield all samples in order, chunk by chunk."""
         for piece in self.seen.pieces():
             yield samples_seen(self.seen, piece)
 
@@ -70,12 +70,12 @@ class Case:
 
     @cached_property
     def fall(self) -> TheoreticalFall:
-        """The release and the drag, as the engine has them."""
+        """The theoretical fall from the release, with the drag that the engine has."""
         return fall_of(self.scenario)
 
     @cached_property
     def law(self) -> Law:
-        """The law of one rigid body while nothing touches it."""
+        """The integration rule for one rigid body in free flight."""
         return law_for(self.scenario, self.engine)
 
     @property
@@ -85,7 +85,7 @@ class Case:
 
     @property
     def released(self) -> bool:
-        """True if the first sample is the release that was asked for, as the engine rounds it."""
+        """True if the first sample is the requested release state, as the engine rounds it."""
         scenario, mine = self.scenario, self.start
         asked = (
             self.fall.position_m,
@@ -137,12 +137,12 @@ class Case:
         return self.engine.rest_height_m if self.scenario.floor else None
 
     def free_fall_m(self, time_s: Float64) -> Float64:
-        """Return heights by theory without air [m], no lower than the floor lets the centre get."""
+        """Return theoretical heights without air [m], no lower than the floor allows."""
         heights_m = theory.free_fall_height(self.fall, time_s)
         return theory.stopped_by_floor(heights_m, self.floor_height_m)
 
     def damped_fall_m(self, time_s: Float64) -> Float64:
-        """Return heights by theory with the engine's damping, in continuous time [m]."""
+        """Return theoretical heights with the engine's damping, in continuous time [m]."""
         heights_m = theory.damped_fall_height(self.fall, time_s)
         return theory.stopped_by_floor(heights_m, self.floor_height_m)
 
@@ -154,32 +154,32 @@ class Case:
 
     @property
     def engine_name(self) -> str:
-        """The name that the engine's laws are known by."""
+        """The name under which the engine's formulas are selected."""
         return "Bullet" if self.is_bullet else ENGINES[self.scenario.engine]
 
     @property
     def is_bullet(self) -> bool:
-        """True if PyBullet dropped the body, whose calls and contact law are known here."""
+        """True if PyBullet dropped the body, whose calls and contact law are implemented here."""
         return self.scenario.engine == "bullet"
 
     @property
     def is_rigid(self) -> bool:
-        """True if the body is one rigid link: the laws here are those of one."""
+        """True if the body is one rigid link, which the formulas here assume."""
         return self.engine.joints == 0
 
     @property
     def is_springy(self) -> bool:
-        """True if contact is a spring, which the contact law here does not cover."""
+        """True if contact is a spring, which the contact law does not cover."""
         return self.engine.contact_stiffness_n_m is not None
 
     @property
     def is_soft(self) -> bool:
-        """True if contact gives way, however short the timestep."""
+        """True if contact is compliant, however short the timestep."""
         return self.is_springy or self.engine.solref is not None
 
     @property
     def is_ball(self) -> bool:
-        """True if the body is a centred sphere, which touches alike in any orientation."""
+        """True if the body is a sphere centred on its mass, so that orientation never matters."""
         centred = self.engine.shape_position_m == (0.0, 0.0, 0.0)
         return self.is_rigid and self.engine.shape == "sphere" and centred
 

@@ -1,4 +1,4 @@
-"""The course of a fall, gathered part by part: positions, tilt and contacts."""
+"""The motion of a fall, gathered chunk by chunk: positions, tilt and contacts."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from drop_physics.drop.touchdowns import Touchdowns
 from drop_physics.physics.base import Motion
 
 ROUGH_M = 1e-6
-"""Largest excess of a contact point's depth over what the centre shows [m]."""
+"""Largest amount by which a contact point may be deeper than the centre's height implies [m]."""
 
 
 class Course:
-    """The course of a fall; samples are added in their order."""
+    """The motion of a fall; samples are added in order."""
 
     def __init__(self, case: Case) -> None:
         self.case, self.air, self.touchdowns = case, Air(case), Touchdowns(case)
@@ -52,7 +52,7 @@ class Course:
         return float(self.lowest[0].position_m[0, 2])
 
     def add(self, part: DropSamples) -> tuple[Motion, list[int]]:
-        """Take further samples.
+        """Add further samples.
 
         Returns
         -------
@@ -78,12 +78,12 @@ class Course:
 
     @property
     def tumbles(self) -> bool:
-        """True if a body that touches the floor tilted turns from there on."""
+        """True if a body that touches the floor tilted keeps turning from then on."""
         low, high = self._tilts
         return high - low > FLAT_RAD
 
     def through_step(self) -> int | None:
-        """Return the first sample at which the body is below the floor as a whole.
+        """Return the first sample at which the body is entirely below the floor.
 
         None where contact brought it back, and beside the floor.
         """
@@ -120,7 +120,7 @@ class Course:
         )
 
     def _alter(self, part: DropSamples) -> None:
-        """Note the samples that differ from the release, for a body that is never stepped."""
+        """Note the samples that differ from the release, for a scenario without steps."""
         if self.case.scenario.stepped:
             return
         state, start = _state(part), _state(self.case.start)
@@ -130,7 +130,7 @@ class Course:
             self.altered = [first, count + len(rows)]
 
     def _look(self, part: DropSamples, before: Motion) -> None:
-        """Note the height of the centre, and its way down to the floor."""
+        """Note the height of the centre, and when it comes down to the floor."""
         case, heights_m = self.case, part.height_m
         low = int(np.argmin(heights_m))
         if self.lowest is None or heights_m[low] < self.lowest[0].position_m[0, 2]:
@@ -154,7 +154,7 @@ class Course:
                 self._crossing_s = (part.first + row - 1 + share) * case.timestep_s
 
     def _tilt(self, part: DropSamples) -> None:
-        """Note the first touch with a tilt, and the turn from there on.
+        """Note the first tilted touch of the floor, and how far the body turns after it.
 
         If not every touch is reported, all samples from the first touch on count as touching.
         """
@@ -175,7 +175,7 @@ class Course:
         self._tilts = min(low, float(tilts[row:].min())), max(high, float(tilts[row:].max()))
 
     def _pass(self, part: DropSamples, before: Motion) -> None:
-        """Note the first sample below the whole floor; PyBullet's floor is 10 m thick.
+        """Note the first sample entirely below the floor; PyBullet's floor is 10 m thick.
 
         In other engines, only the floor's surface is known.
         """
@@ -207,7 +207,7 @@ def _below(case: Case, part: DropSamples) -> Flags:
 
 
 def crossing(above_m: Float64, below_m: Float64, floor_height_m: float) -> int | None:
-    """Return the first row in which a centre comes down through a height, or None.
+    """Return the first row in which a centre comes down through a height; None if none does.
 
     Between two samples Bullet moves the body with one velocity, so the straight line between them
     is the simulation's own path, not an interpolation.

@@ -1,4 +1,4 @@
-"""Energy given by contact to a falling body, and conservation before the first contact.
+"""Energy that contact gives to a falling body, and conservation before the first contact.
 
 In one step of semi-implicit Euler, v' = v + dt (g + d) + J/m and x' = x + dt v', the energy changes
 by exactly
@@ -22,7 +22,7 @@ from drop_physics.physics.base import Motion
 
 
 class Energies:
-    """Energies of a fall: drift before the first contact, gain by contact; grows part by part."""
+    """Energies of a fall, chunk by chunk: drift before the first contact, gain by contact."""
 
     def __init__(self, case: Case) -> None:
         self._case = case
@@ -38,7 +38,7 @@ class Energies:
         """Loss to drag from then on."""
 
     def add(self, part: DropSamples, before: Motion, energies: Mechanics, airborne: int) -> None:
-        """Take further samples, of which `airborne` precede the first contact, so far as known."""
+        """Add samples, of which `airborne` are known to precede the first contact."""
         first = max(airborne, 1) - part.first
         if first > 0:
             self._energy.add(energies.total_j[:first])
@@ -48,7 +48,7 @@ class Energies:
         self._last_j = float(energies.total_j[-1])
 
     def _touch(self, before: Motion, part: DropSamples, energies: Mechanics, row: int) -> None:
-        """Add the energy of contact in the steps to the samples from `row` on."""
+        """Add the contact energy of the steps that lead to the samples from `row` on."""
         case, then, after = self._case, before.velocity_m_s[row:], part.velocity_m_s[row:]
         if self._before_j is None:
             self._before_j = float(energies.total_j[row - 1]) if row else self._last_j
@@ -58,13 +58,13 @@ class Energies:
         self._taken_j += float(np.sum(drag * (then + after))) * case.engine.mass_kg / 2
 
     def conservation(self) -> Conservation:
-        """Return the drift of energy and momentum until the first contact."""
+        """Return the drift of energy and momentum before the first contact."""
         if self._case.substeps > 1 and not self._case.is_rigid:  # when it first touched is unknown
             return Conservation(self._energy.start, None, None)
         return Conservation(self._energy.start, self._energy.relative, self._momentum.relative)
 
     def contact_j(self) -> float | None:
-        """Return the energy given by contact [J], including losses of spin to damping and turning.
+        """Return the energy that contact gave to the body [J], minus spin losses in the steps.
 
         None if no law of the body is known, or a sample has several steps.
         """

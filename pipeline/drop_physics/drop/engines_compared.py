@@ -1,4 +1,4 @@
-"""The same drop in two engines: the first difference, its size, and the error terms behind it."""
+"""The same drop in two engines: the first difference, its size, and its error terms."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ from drop_physics.physics.laws.bullet.law import BulletLaw
 from drop_physics.scenario import ENGINES
 
 SHOWN = 1e-3
-"""Share of the distance that a term must have to be named."""
+"""Smallest share of the distance for which a term is named."""
 LEAST_M = 5e-8
-"""A distance below this would be written as 0.0000 mm."""
+"""A smaller distance would be printed as 0.0000 mm."""
 REPLAYED = 100_000
-"""Most steps for which a law is replayed step by step."""
+"""Largest number of steps for which an integration rule is replayed step by step."""
 REPLAYED_M = 1e-12
-"""Largest distance [m] of a replayed body from its engine's; measured over 1 s: 1e-15."""
+"""Largest distance [m] between a replayed body and its engine's; measured over 1 s: 1e-15."""
 NAMES = {
     "timestep": Message("timestep"),
     "damping": Message("damping"),
     "interaction": Message("interaction"),
     "rounding": Message("rounding"),
 }
-"""Names of the terms, as they are shown."""
+"""Names of the terms, as shown in messages."""
 
 
 @dataclass(frozen=True)
 class Flight:
-    """A drop up to its first contact point."""
+    """A drop up to its first contact."""
 
     case: Case
     motion: Motion
-    """The samples before the first that a contact led to."""
+    """The samples before the first one with a contact."""
 
 
 def flight_of(case: Case) -> Flight:
-    """Return a drop's flight; no sample after it is read."""
+    """Return the flight of a drop; samples after it are not read."""
     parts: list[Motion] = []
     for part in case.parts():
         near = np.flatnonzero(part.contact_points)
@@ -53,7 +53,7 @@ def flight_of(case: Case) -> Flight:
 
 
 def apart(run: Flight, golden: Flight, *, parts_at: int | None) -> Message:
-    """Describe the difference between two engines that were given the same scenario.
+    """Describe the difference between two engines that simulated the same scenario.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def apart(run: Flight, golden: Flight, *, parts_at: int | None) -> Message:
 
 
 def _distance(run: Flight, golden: Flight, last: int) -> Message:
-    """Describe the largest distance along an axis, and the terms that make it up."""
+    """Describe the largest distance along an axis, and the error terms that cause it."""
     apart_m = run.motion.position_m[last] - golden.motion.position_m[last]
     time_s = last * run.case.timestep_s
     axis = int(np.argmax(np.abs(apart_m)))
@@ -127,7 +127,7 @@ def _distance(run: Flight, golden: Flight, last: int) -> Message:
 
 
 def _undamped(flight: Flight, other: Flight, last: int) -> Message | None:
-    """State that Bullet without damping agrees with the other engine, if it does."""
+    """State that Bullet without damping would agree with the other engine, if it would."""
     law = flight.case.law
     if not isinstance(law, BulletLaw) or not (law.linear_damping or law.angular_damping):
         return None
@@ -156,7 +156,7 @@ def _undamped(flight: Flight, other: Flight, last: int) -> Message | None:
 
 
 def _path(law: Law, motion: Motion, last: int) -> Motion:
-    """Return the motion by a law from the release on, step by step; last + 1 rows."""
+    """Return the motion by an integration rule from the release on, step by step; last + 1 rows."""
     motions = [motion.at(slice(0, 1))]
     for _ in range(last):
         motions.append(law.step(motions[-1]))
@@ -164,7 +164,7 @@ def _path(law: Law, motion: Motion, last: int) -> Motion:
 
 
 def _off(path: Motion, law: Law, other: Flight) -> tuple[float, bool]:
-    """Return the largest distance of a path from another engine's [m]; equal or not, to the bit.
+    """Return a path's largest distance from another engine's [m], and whether it is bitwise equal.
 
     An orientation counts as the displacement of the body's surface.
     """

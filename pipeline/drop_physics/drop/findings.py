@@ -28,23 +28,23 @@ from drop_physics.trace.states import BODY_LABEL
 Says = Callable[[Fall], Iterator[Said]]
 
 DEEP_PENETRATION = 0.1
-"""Share of the body's height that it may sink into the floor before it is worth reporting."""
+"""Share of the body's height from which a penetration of the floor is reported."""
 REST_BELOW_M = 1e-6
-"""A body that rests further than this below its rest height is worth reporting."""
+"""Distance below its rest height from which a body's rest is reported."""
 SOLVER_M = 1e-8
-"""Error of a rest height due to the solver's early stop that is worth reporting."""
+"""Rest-height error from the solver's early stop from which it is reported."""
 INFLATED = 0.01
-"""Relative excess of a rebound over the restitution asked for that is worth reporting."""
+"""Relative excess of a rebound over the requested restitution from which it is reported."""
 SWALLOWED_M_S = 0.01
-"""A rebound slower than this is not missed."""
+"""A missing rebound that would be slower than this is not reported."""
 NEEDS_LAW = "not-stepped", "no-floor", "still-airborne"
-"""Codes that are not reported of a drop whose samples do not follow from one another."""
+"""Codes that are not reported if a drop's samples do not follow from one another."""
 RULES: list[Rule] = []
-"""All rules of a drop, in the order in which those of one rank are said."""
+"""All rules for a drop, in the order in which findings of equal rank are listed."""
 
 
 def drop_rule(code: str, level: Level) -> Callable[[Says], Rule]:
-    """Turn a function of a fall into a rule; its first sentence is the finding."""
+    """Return a decorator that turns a function of a fall into a rule for a drop."""
 
     def made(says: Says) -> Rule:
         RULES.append(Rule(code, level, "inputs", says))
@@ -54,7 +54,7 @@ def drop_rule(code: str, level: Level) -> Callable[[Says], Rule]:
 
 
 def findings(fall: Fall, scene: Scene) -> list[Finding]:
-    """Return the findings on a drop, the gravest first."""
+    """Return the findings about a drop, the most serious first."""
     left_out = () if fall.mismatch_step is None else NEEDS_LAW
     found = [
         rule.finding_of(said, scene)
@@ -65,13 +65,13 @@ def findings(fall: Fall, scene: Scene) -> list[Finding]:
 
 
 def _ranked(fall: Fall, metres: float, said: Said) -> Said:
-    """Return a sentence with its effect, a length, ranked relative to the body's size."""
+    """Return a finding's sentence with its effect, a length, ranked relative to the body's size."""
     effect = Effect(abs(metres), "m")
     return replace(said, effect=effect, share=effect.value / max(fall.case.engine.reach_m, 1e-12))
 
 
 def _undone(fall: Fall, in_bullet: Message, elsewhere: Message) -> Message:
-    """Return the call or option that restores a left-out part, in PyBullet or elsewhere."""
+    """Return the call or option that restores an omitted part, in PyBullet or elsewhere."""
     return in_bullet if fall.case.is_bullet else elsewhere
 
 

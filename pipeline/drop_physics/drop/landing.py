@@ -1,4 +1,4 @@
-"""Contact, bounces and rest: the recording compared with Bullet's law.
+"""Contact, bounces and rest: the recording compared with Bullet's contact law.
 
 Any body is measured; causes are given only where the contact law covers it: see `covers`.
 """
@@ -28,21 +28,22 @@ from drop_physics.physics.laws.mujoco import contact as mujoco_contact
 
 LONGEST_THROW_S = 3600.0
 REPRODUCED = 1e-3
-"""Share of the approach by which a rebound may deviate from the contact law and still be explained:
-ten times the largest effect of the solver's early stop that was measured."""
+"""Share of the approach speed by which a rebound may deviate from the contact law and still count
+as explained: ten times the largest measured effect of the solver's early stop."""
 ROUNDED = 1e-9
-"""Share of the approach by which two ways to compute a rebound may differ."""
+"""Share of the approach speed by which two ways to compute a rebound may differ."""
 AT_REST_M_S, LAST = 1e-4, 10
-"""A predicted path that is slower than this at so many last samples has come to rest."""
+"""A predicted path has come to rest if it is slower than this speed in this many last samples."""
 SUNK_M = 1e-9
-"""Largest distance of a body at rest from a closed form of its contact that explains it."""
+"""Largest deviation of a resting body from the closed form of its contact at which that still
+explains it."""
 
 
 # -- when it lands --------------------------------------------------------------------------------
 
 
 def find_landing(case: Case) -> Landing | None:
-    """Return the landing by theory; None if the body never reaches the floor.
+    """Return the theoretical landing; None if the body never reaches the floor.
 
     Only for a body that meets the floor as it was released: one without spin, or a ball.
     """
@@ -68,7 +69,7 @@ def find_landing(case: Case) -> Landing | None:
 
 
 def covers(case: Case) -> bool:
-    """Return whether the contact law covers this drop: one box that lands flat and stays flat.
+    """Return whether the contact law covers this drop: one box that lands and stays flat.
 
     It is released flat, above the floor, without spin or sideways velocity, with its centre of mass
     above its base, and contact is not a spring.
@@ -92,7 +93,7 @@ def covers(case: Case) -> bool:
 def _path(
     case: Case, height_m: float, velocity_m_s: float, *, contact_erp: float | None = None
 ) -> Iterator[tuple[float, float]]:
-    """Yield heights [m] and vertical velocities [m/s] of the contact law.
+    """Yield heights [m] and vertical velocities [m/s] predicted by the contact law.
 
     `contact_erp` replaces the scenario's.
     """
@@ -111,13 +112,13 @@ def _path(
 
 
 def _fall(case: Case, *, contact_erp: float | None = None) -> Iterator[tuple[float, float]]:
-    """Yield heights and velocities of the contact law, from the release to the recording's end."""
+    """Yield predicted heights and velocities from the release to the recording's end."""
     path = _path(case, case.fall.height_m, case.fall.velocity_m_s[2], contact_erp=contact_erp)
     return itertools.islice(path, case.samples)
 
 
 class ContactLaw:
-    """The recorded heights beside those of the contact law; samples are added in their order."""
+    """Compares the recorded heights with those of the contact law, as samples are added."""
 
     def __init__(self, case: Case) -> None:
         self._deepest_m = _deepest_m(case)
@@ -127,11 +128,11 @@ class ContactLaw:
 
     @property
     def applies(self) -> bool:
-        """True if the law covers the drop, and keeps the body above the floor's middle."""
+        """True if the law covers the drop, and predicts that the body stays above mid-floor."""
         return self._fall is not None
 
     def add(self, part: DropSamples, flat: int) -> None:
-        """Take further samples, the first `flat` of which lie flat."""
+        """Add further samples, the first `flat` of which lie flat."""
         if self._fall is None:
             return
         numbers = itertools.chain.from_iterable(itertools.islice(self._fall, len(part)))
@@ -146,19 +147,19 @@ class ContactLaw:
             self._contact = Contact(float(abs(off_m[worst])), part.first + worst)
 
     def contact(self, phases: Phases, tumbled_step: int | None) -> Contact | None:
-        """Return the deviation of recorded heights from the law while the body is flat."""
+        """Return how far recorded heights deviate from the contact law while the body is flat."""
         if phases.contact_step is None or tumbled_step == phases.contact_step:
             return None
         return self._contact if self.applies else None
 
     @property
     def end(self) -> tuple[float, float]:
-        """The law's height at the last sample [m], and the largest of its last speeds [m/s]."""
+        """The predicted height at the last sample [m], and the largest of the last speeds [m/s]."""
         return float(self._tail[-1, 0]), float(np.abs(self._tail[:, 1]).max())
 
 
 def _deepest_m(case: Case) -> float:
-    """Return the lowest height of the centre [m]: beyond its middle, the floor pushes downwards."""
+    """Return the lowest valid height of the centre [m]: below its middle, the floor pushes down."""
     return (case.floor_height_m or 0.0) - bullet_contact.FLOOR_HALF_THICKNESS_M
 
 
@@ -168,7 +169,7 @@ def _contact_erp(case: Case) -> float:
 
 
 def restitution_threshold_m_s(case: Case) -> float:
-    """Return the speed below which no body bounces [m/s]."""
+    """Return the approach speed below which nothing bounces [m/s]."""
     asked = case.scenario.restitution_threshold_m_s
     return RESTITUTION_THRESHOLD_M_S if asked is None else asked
 
@@ -177,7 +178,7 @@ def restitution_threshold_m_s(case: Case) -> float:
 
 
 def find_bounces(case: Case, touchdowns: list[Touchdown], tumbled_step: int | None) -> list[Bounce]:
-    """Return the rebounds that leave the floor, beside what restitution alone would give."""
+    """Return the rebounds that leave the floor, with those that restitution alone predicts."""
     floor_m = case.floor_height_m
     if not case.is_rigid or floor_m is None or case.fall.gravity_m_s2 >= 0:
         return []
@@ -209,14 +210,14 @@ def find_bounces(case: Case, touchdowns: list[Touchdown], tumbled_step: int | No
 
 
 def _is_plain(case: Case, touchdown: Touchdown, tumbled_step: int | None) -> bool:
-    """Return whether restitution alone gives the rebound: of a ball, or of a box landing flat."""
+    """Return whether restitution alone predicts the rebound: for a ball, or a box landing flat."""
     if case.is_springy or (tumbled_step is not None and touchdown.last >= tumbled_step):
         return False
     return case.is_ball or (case.is_box and touchdown.stays_flat)
 
 
 def _predicted_apex_m(case: Case, number: int) -> float | None:
-    """Return e^(2k) h for the k-th bounce [m]; a throw arrives like a drop from v²/2g higher."""
+    """Return e^(2k) h for the k-th bounce [m]; a throw counts as a drop from v²/2g higher."""
     if case.engine.pair_restitution is None or case.floor_height_m is None:
         return None
     fall = case.fall
@@ -226,7 +227,7 @@ def _predicted_apex_m(case: Case, number: int) -> float | None:
 
 
 def _uncorrected_m(case: Case, floor_m: float) -> list[float]:
-    """Return the apexes of the contact law without position correction [m], if it applies."""
+    """Return the predicted apexes without position correction [m], if the law applies."""
     deepest_m, lowest_m = _deepest_m(case), np.inf
 
     def heights_m() -> Iterator[float]:
@@ -293,7 +294,7 @@ def _correction_m_s(case: Case, touchdown: Touchdown) -> float | None:
 
 
 def find_rest(case: Case, phases: Phases, tumbled_step: int | None, law: ContactLaw) -> Rest | None:
-    """Return the body's rest, and the terms by which it misses the rest height."""
+    """Return where the body comes to rest, and the terms by which it misses the rest height."""
     if not phases.lies:
         return None
     last_m, expected_m = float(case.end.height_m[0]), flat_height_m(case)
@@ -307,7 +308,7 @@ def find_rest(case: Case, phases: Phases, tumbled_step: int | None, law: Contact
 
 
 def _rest_terms(case: Case, law: ContactLaw, last_m: float, expected_m: float) -> RestTerms | None:
-    """Return the terms of the error at rest; None if the law does not come to rest."""
+    """Return the terms of the error at rest; None if the predicted path does not come to rest."""
     law_end_m, fastest_m_s = law.end
     if fastest_m_s >= AT_REST_M_S or _bounces_on(case) or not _contact_erp(case) > 0:
         return None
@@ -335,7 +336,7 @@ def _sinks_m(case: Case, error_m: float) -> float | None:
 
 
 def _bounces_on(case: Case) -> bool:
-    """Return whether restitution acts on what gravity adds in a step to a body at rest.
+    """Return whether restitution acts even on the speed that gravity adds to a resting body.
 
     Then it comes to rest above the slop, where each bounce just makes up for the step.
     """

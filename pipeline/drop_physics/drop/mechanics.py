@@ -13,7 +13,7 @@ from drop_physics.physics.base import Motion
 from drop_physics.physics.rotations import rotate, rotate_inverse
 
 ROUNDING = 1e-13
-"""Share of the summands that rounding may leave in a sum that is 0."""
+"""Share of the summands that rounding may leave in a sum that is exactly 0."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Mechanics:
     kinetic_angular_j: Float64
     potential_j: Float64
     angular_momentum_kg_m2_s: Float64
-    """About the centre of mass, world axes."""
+    """Angular momentum about the centre of mass, world axes."""
 
     @property
     def total_j(self) -> Float64:
@@ -33,7 +33,7 @@ class Mechanics:
 
 
 def mechanics(engine: EngineReport, samples: DropSamples) -> Mechanics:
-    """Return energies and angular momentum of a body in uniform gravity, of all its links together.
+    """Return energies and angular momentum of a body in uniform gravity, summed over its links.
 
     Source: E = m v²/2 + ω·Iω/2 - m g_z z and L = I ω with I = R diag(I₁, I₂, I₃) Rᵀ; any text on
     classical mechanics, for instance Goldstein, chapter 5.
@@ -93,14 +93,14 @@ def _about_centre_of_mass(
 
 
 class Drift:
-    """Departure of numbers, shape (n,), or vectors, (n, 3), from the first of them."""
+    """Deviation of numbers, shape (n,), or vectors, (n, 3), from the first one."""
 
     def __init__(self) -> None:
         self._first: Float64 | None = None
         self._most = 0.0
 
     def add(self, values: Float64) -> None:
-        """Take further numbers or vectors."""
+        """Add further numbers or vectors."""
         columns = values.reshape(len(values), -1)
         if self._first is None:
             self._first = columns[0].copy()
@@ -114,6 +114,6 @@ class Drift:
 
     @property
     def relative(self) -> float | None:
-        """The largest |x - x(0)| / |x(0)|; None where x(0) is 0, or there is none."""
+        """The largest |x - x(0)| / |x(0)|; None if x(0) is 0 or missing."""
         reference = 0.0 if self._first is None else float(np.linalg.norm(self._first))
         return self._most / reference if reference else None

@@ -1,4 +1,4 @@
-"""The error of one sample in the air, from the samples before it alone: for sweeps.
+"""The error of one sample in flight, from the samples up to it alone: for sweeps.
 
 The result is to the bit that of `Story` for the same sample of the whole recording, or None.
 """
@@ -18,7 +18,7 @@ from drop_physics.scenario import Scenario
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 DEFAULT_AT_S = 0.3
-"""The time at which the error is broken down where none is asked for."""
+"""The time at which the error is broken into terms if none is requested."""
 
 
 def moment_in_the_air(
@@ -29,7 +29,7 @@ def moment_in_the_air(
     *,
     touched: bool,
 ) -> Moment | None:
-    """Break down the error of the last sample; None if these samples do not suffice.
+    """Break the last sample's error into terms; None if these samples do not suffice.
 
     The samples until then suffice where one rigid body falls straight down without spin, has
     touched nothing yet, and follows Bullet's law to the last bit.
@@ -72,7 +72,7 @@ def moment_in_the_air(
 
 
 def moment_of(law: Law, fall: TheoreticalFall, position_m: Float64, step: int) -> Moment:
-    """Break down the error of a sample in free flight, whose position has the shape (1, 3)."""
+    """Break the error of a sample in free flight into terms; its position has shape (1, 3)."""
     parts = decompose(law, fall, position_m, first=step)
     return Moment(
         time_s=step * law.timestep_s,

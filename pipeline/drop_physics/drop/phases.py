@@ -17,29 +17,30 @@ from drop_physics.physics.vectors import largest
 Phase = Literal["falling", "contact", "rest"]
 
 SETTLED_M = 1e-5
-"""A body within this of its last position, along each axis, has settled: Bullet's contact slop."""
+"""A body has settled if it is within this distance of its last position along each axis: Bullet's
+contact slop."""
 SETTLED_RAD = 1e-3
-"""The same for its orientation: half of it moves the surface of a 5 cm box by the slop."""
+"""The same for the orientation: half of it moves the surface of a 5 cm box by the slop."""
 REST_S, REST_SAMPLES = 0.1, 10
-"""A body lies if it stays settled for at least this long, up to the end of the recording."""
+"""A body lies still if it stays settled for at least this long, up to the end of the recording."""
 CREEP = 0.25
-"""It rests if, in the second half of that time, it moves by at most this share of what counts as
-settled. A body that creeps or spins at a constant rate moves by half of it, however slowly, and
-seems to settle wherever the recording ends. Of 140 bodies that lay, drawn as in
+"""A body rests if, in the second half of that time, it moves by at most this share of what counts
+as settled. A body that creeps or spins at a constant rate moves by half of it, however slowly, and
+seems to settle wherever the recording ends. Of 140 bodies that lay still, drawn as in
 `tests/test_truth.py`, most moved by 0.00 or by 0.50, none by 0.22 to 0.30."""
 
 
 @dataclass(frozen=True)
 class Phases:
-    """The samples at which the phase changes; None where it never does."""
+    """The samples at which the phase changes; None for a change that never happens."""
 
     samples: int
     contact_step: int | None
     """First sample that touches the floor."""
     rest_step: int | None
-    """First sample from which on the body lies still; None where it keeps creeping."""
+    """First sample from which on the body lies still; None if it keeps creeping."""
     lies: bool
-    """Whether the body stays where it is to the end, at rest or creeping."""
+    """Whether the body stays where it is until the end, at rest or creeping."""
 
     @property
     def airborne(self) -> int:
@@ -47,14 +48,14 @@ class Phases:
         return self.samples if self.contact_step is None else self.contact_step
 
     def of(self, steps: Int64) -> pl.Series:
-        """Return the phases of samples."""
+        """Return the phase of each sample."""
         rest_step = self.samples if self.rest_step is None else self.rest_step
         which = np.searchsorted([self.airborne, rest_step], steps, side="right")
         return pl.Series(get_args(Phase)).gather(which)
 
 
 class Settling:
-    """The sample from which on a body stays where it ends; samples are added in their order."""
+    """Finds the sample from which on a body stays where it ends; samples are added in order."""
 
     def __init__(self, case: Case) -> None:
         self._case = case
@@ -64,7 +65,7 @@ class Settling:
         """The sample after the last that lies elsewhere."""
 
     def add(self, part: DropSamples) -> int | None:
-        """Take further samples; return the first from which on the body seems to lie still."""
+        """Add samples; return the first from which on the body seems to lie still."""
         touching = np.flatnonzero(part.touching)
         if self._touched is None and len(touching):
             self._touched = part.first + int(touching[0])
@@ -75,7 +76,7 @@ class Settling:
         return self._settled
 
     def phases(self, contact_step: int | None) -> Phases:
-        """Return the phases of a drop with a known contact, once all samples are added."""
+        """Return the phases, given the contact step, once all samples are added."""
         case, rest_step, lies = self._case, None, False
         if self._touched is not None and case.is_rigid and case.end.contact_points[0] > 0:
             settled = max(self._touched, self._settled)

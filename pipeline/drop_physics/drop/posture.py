@@ -1,4 +1,4 @@
-"""Orientation of a body: flat, as the contact law assumes, or tilted.
+"""Orientation of a body: flat, as the contact law requires, or tilted.
 
 `turned` are orientations, quaternions x, y, z, w of shape (n, 4).
 """
@@ -13,9 +13,9 @@ from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.physics.vectors import cross, lengths, sums
 
 FLAT_RAD = 5e-3
-"""Tilt up to which a body counts as flat: up to it, with all four corners in contact, the contact
-law reproduced 500 rebounds to 1.2e-4 of the approach; beyond it corners land one by one
-(`tests/test_contact_law.py`)."""
+"""Tilt up to which a body counts as flat. With all four corners in contact, the contact law
+reproduced 500 rebounds to 1.2e-4 of the approach speed up to this tilt; beyond it corners land one
+by one (`tests/test_contact_law.py`)."""
 SMALL_RAD = 1e-4
 """Tilt that moves the centre of a small body by no more than the contact slop."""
 _UP = np.array([[0.0, 0.0, 1.0]])
@@ -27,7 +27,7 @@ def up_in_body(turned: Float64) -> Float64:
 
 
 def turned_rad(case: Case, turned: Float64) -> Float64:
-    """Return the tilt of a body from its release [rad], shape (n,).
+    """Return the tilt of a body relative to its release [rad], shape (n,).
 
     Turning about the vertical is not a tilt. A ball is never tilted.
     """
@@ -37,7 +37,7 @@ def turned_rad(case: Case, turned: Float64) -> Float64:
 
 
 def tilt_rad(case: Case, turned: Float64) -> Float64:
-    """Return the tilt of a body from the posture that the contact law assumes [rad], (n,).
+    """Return the tilt of a body relative to the posture that the contact law assumes [rad], (n,).
 
     A box is flat on any of its faces, any other body as it was released.
     """
@@ -45,7 +45,7 @@ def tilt_rad(case: Case, turned: Float64) -> Float64:
 
 
 def _from_a_face(up: Float64) -> Float64:
-    """Return the angle between unit vectors in a box and its nearest axis [rad], (n,)."""
+    """Return the angle between unit vectors in a box's axes and the nearest axis [rad], (n,)."""
     nearest = np.zeros_like(up)
     axes = np.abs(up).argmax(axis=1)
     rows = np.arange(len(up))
@@ -54,7 +54,7 @@ def _from_a_face(up: Float64) -> Float64:
 
 
 def flat_height_m(case: Case) -> float | None:
-    """Return the height of the centre of a body that lies as it does in the end [m].
+    """Return the centre's height for a body lying in its final posture [m].
 
     None where the body is tilted, or the height is unknown.
     """
@@ -72,7 +72,7 @@ def flat_height_m(case: Case) -> float | None:
 
 
 def stands(case: Case) -> bool:
-    """Return whether a box has its centre of mass above its lowest face; else it topples."""
+    """Return whether a box has its centre of mass above its lowest face; otherwise it topples."""
     position_m = np.array([case.engine.shape_position_m or (0.0, 0.0, 0.0)])
     offset_m = rotate_inverse(_shape_orientation(case), position_m)[0]
     axis, _ = face_up(case, case.start.orientation)
@@ -91,7 +91,7 @@ def extent_m(case: Case) -> float | None:
 
 
 def _has_sharp_faces(case: Case) -> bool:
-    """Return whether a box touches at its sides; in Bullet, one of a few millimetres does not."""
+    """Return whether a box touches with its faces; in Bullet, a tiny box does not."""
     if case.engine.rest_height_m is None or case.engine.shape_position_m is None:
         return False
     turned = case.start.orientation
@@ -110,7 +110,7 @@ def _up_in_box(case: Case, turned: Float64) -> Float64:
 
 
 def face_up(case: Case, turned: Float64) -> tuple[int, float]:
-    """Return the axis of a box that is nearest to the vertical, and its sign there.
+    """Return the axis of a box that is nearest to the vertical, and whether it points up.
 
     `turned` is one orientation, shape (1, 4).
     """
@@ -120,6 +120,6 @@ def face_up(case: Case, turned: Float64) -> tuple[int, float]:
 
 
 def _angle(a: Float64, b: Float64) -> Float64:
-    """Return the angle between unit vectors [rad]; exact for small ones, where acos is not."""
+    """Return the angle between unit vectors [rad], accurate for small angles, unlike acos."""
     across = lengths(cross(a, b))
     return np.asarray(np.arctan2(across, sums(a * b)))

@@ -1,4 +1,4 @@
-"""The recorded state as arrays of consecutive samples."""
+"""The recorded states as arrays of consecutive samples."""
 
 from __future__ import annotations
 
@@ -20,26 +20,27 @@ class DropSamples(Motion):
     """Consecutive samples: the motion of the body, or of its base, and its floor contact."""
 
     first: int
-    """Number of the first of them."""
+    """Index of the first sample."""
     contact_points: NDArray[np.int16]
     """Number of contact points, shape (samples,)."""
     contact_distance_m: Float64
-    """Their smallest distance to the floor [m], shape (samples,); nan without any."""
+    """Smallest distance of the contact points to the floor [m], shape (samples,); nan without
+    any."""
     pushed: Flags
-    """Whether any of them pushed, shape (samples,)."""
+    """Whether any contact point had a positive normal force, shape (samples,)."""
     links: tuple[Motion, ...]
-    """The other links of a body with joints, where recorded."""
+    """States of the other links of a body with joints, if recorded."""
     contacts: Rows
     """The contact points of these samples."""
 
     @property
     def end(self) -> int:
-        """Number of the sample after the last."""
+        """Index one past the last sample."""
         return self.first + len(self)
 
     @property
     def steps(self) -> Int64:
-        """Numbers of the samples, shape (samples,)."""
+        """Indices of the samples, shape (samples,)."""
         return np.arange(self.first, self.end)
 
     def times_s(self, timestep_s: float) -> Float64:
@@ -53,7 +54,7 @@ class DropSamples(Motion):
 
     @property
     def touching(self) -> Flags:
-        """The samples that touch the floor: a contact pushed, or the shapes overlapped.
+        """Flags the samples that touch the floor: a contact pushed, or the shapes overlapped.
 
         A contact point alone is not a touch: Bullet keeps points up to 20 mm above the floor.
         """
@@ -62,12 +63,12 @@ class DropSamples(Motion):
 
     @cached_property
     def touches(self) -> Touches:
-        """The contact points of the body, or its base, with the rows of their samples."""
+        """The contact points of the body or its base, with the rows of their samples."""
         return touches_of(self.contacts, BODY).since(self.first, slice(None))
 
 
 def samples_seen(seen: Seen, piece: Piece) -> DropSamples:
-    """Return the samples of a piece as arrays: the body's motion, and how it touches the floor."""
+    """Return a chunk's samples as arrays: the body's motion, and its floor contact."""
     parts, contacts = seen.parts_of(piece), piece.contacts
     states = parts.get((BODY, BASE), np.empty(0, STATE))
     base = _motion_of(states)
@@ -90,7 +91,7 @@ def samples_seen(seen: Seen, piece: Piece) -> DropSamples:
 
 
 def _contact(contacts: Rows, first: int, samples: int) -> tuple[NDArray[np.int16], Float64, Flags]:
-    """Return the number of points on the floor, their smallest distance [m], whether one pushed."""
+    """Return the number of floor contact points, their least distance [m], whether one pushed."""
     a, b = contacts["body_a"], contacts["body_b"]
     touching = contacts[np.isin(a, (BODY, FLOOR)) & np.isin(b, (BODY, FLOOR)) & (a != b)]
     points, distance_m = np.zeros(samples, np.int16), np.full(samples, np.nan)
@@ -105,5 +106,5 @@ def _contact(contacts: Rows, first: int, samples: int) -> tuple[NDArray[np.int16
 
 
 def _motion_of(states: Rows) -> Motion:
-    """Return the states of one part as arrays, a row per sample."""
+    """Return the states of one part as arrays, one row per sample."""
     return Motion(*(np.ascontiguousarray(states[name]) for name in MOTION))

@@ -1,4 +1,4 @@
-"""A drop from recording to verdict: its bodies explained, and the theory of its scenario."""
+"""The complete analysis of a drop: its bodies explained, and its fall compared with theory."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def drop_analysis_of(
 
 
 def _mismatch_step(fall: Fall, body: BodyAnalysis) -> int | None:
-    """Return the first sample that the law covers and does not lead to."""
+    """Return the first covered sample that does not follow from the previous one."""
     left = [each.first_step for each in body.unexplained if each.reason == "remainder"]
     if not fall.case.is_rigid and fall.case.scenario.stepped:
         return None  # a mass that a call changed leaves the inertia of a first push
@@ -97,7 +97,7 @@ def _mismatch_step(fall: Fall, body: BodyAnalysis) -> int | None:
 
 
 def _checked(whole: Analysis, fall: Fall) -> Analysis:
-    """Return the analysis with the samples that no step led to compared with the release."""
+    """Return the analysis, with initial samples that no step produced compared with the release."""
     (body,) = (each for each in whole.bodies if each.id == BODY)
     segments, left = dict(body.segments), {each.reason: each for each in body.unexplained}
     case, first, altered = fall.case, 0, int(not fall.case.released)
@@ -121,7 +121,7 @@ def _checked(whole: Analysis, fall: Fall) -> Analysis:
 
 
 def _stops_early(case: Case) -> bool:
-    """Return whether MuJoCo's solver may leave contact forces unbalanced."""
+    """Return whether MuJoCo's solver may stop before contact forces balance."""
     exact = case.scenario.solver_residual == 0 and case.scenario.solver_iterations is None
     return case.scenario.engine == "mujoco" and not case.hides_contacts and not exact
 

@@ -1,4 +1,4 @@
-"""Runs of samples that touch the floor, between two flights or at an end of the recording."""
+"""Touchdowns: runs of samples in floor contact, between flights or at the recording's end."""
 
 from __future__ import annotations
 
@@ -13,44 +13,44 @@ from drop_physics.physics.laws.bullet import contact as bullet_contact
 from drop_physics.physics.laws.bullet.law import BulletLaw
 
 CORNERS = 4
-"""Contact points of a box that lies flat."""
+"""Number of contact points of a box that lies flat."""
 
 
 @dataclass
 class Touchdown:
-    """A contact that begins in the air, up to the last of its samples so far."""
+    """A floor contact that begins after flight, up to the last of its samples so far."""
 
     first: int
     before: Motion
-    """The sample before the first."""
+    """The sample before the contact begins."""
     approach_m_s: float
-    """Downward speed that the contact met."""
+    """Downward speed at the contact."""
     lands_flat: bool
     """Whether all corners of a box touch in the first sample."""
     last: int = 0
     stays_flat: bool = True
-    """Whether they do in all samples."""
+    """Whether all corners touch in all of its samples."""
     pushed: int | None = None
-    """The last sample at which contact pushed; None where it never does."""
+    """The last sample at which contact pushed; None if it never does."""
     pushed_m_s: float = 0.0
-    """The upward velocity there."""
+    """The upward velocity at that sample."""
     last_m_s: float = 0.0
     """The upward velocity at the last sample."""
     highest_m: float = -np.inf
-    """The greatest height between the last sample and the next touch."""
+    """The greatest height between the last sample and the next contact."""
     left: bool = False
-    """Whether there is a sample after it that does not touch."""
+    """Whether a later sample is without contact."""
     returned: bool = False
-    """Whether it touches again."""
+    """Whether the body touches the floor again."""
 
     @property
     def leaves(self) -> bool:
-        """True if the body rises from it before the recording ends."""
+        """True if the body rises off the floor before the recording ends."""
         return self.left and self.last_m_s > 0
 
 
 class Touchdowns:
-    """The touchdowns of a drop, in order; they grow part by part.
+    """The touchdowns of a drop, in order, as samples are added.
 
     None with substeps, of which PyBullet reports only the last one's contacts.
     """
@@ -62,11 +62,11 @@ class Touchdowns:
         """The run at whose samples the last ended, if it counts or not."""
 
     def found(self) -> list[Touchdown]:
-        """Return the touchdowns that pushed, once all samples are added."""
+        """Return the touchdowns in which contact pushed, once all samples are added."""
         return [each for each in self._found if each.pushed is not None]
 
     def add(self, part: DropSamples, before: Motion) -> None:
-        """Take further samples; `before`: the sample before each, of the very first itself."""
+        """Add samples; `before` holds the sample before each (for the very first, itself)."""
         if self._case.hides_contacts:
             return
         touching = part.touching
@@ -109,7 +109,7 @@ class Touchdowns:
 
 
 def _approach_m_s(case: Case, before: Motion) -> float:
-    """Return the downward speed that the contact after a sample meets [m/s].
+    """Return the downward speed at the contact that follows a sample [m/s].
 
     Restitution acts on the velocity that the step would lead to without a contact.
     """

@@ -1,1 +1,1 @@
-"""A room for each engine: its worlds, its watching, its explanation."""
+"""One folder for each engine: its worlds, the watching of scripts, and the explanation of steps."""

@@ -1,4 +1,4 @@
-"""The channel of a watched process and its listener: a pipe, and memory for what is not sent yet.
+"""The channel from a watched process to its listener: a pipe, and shared memory for unsent bytes.
 
 It imports little, because a watched block of somebody else's Python needs it, too.
 """
@@ -19,11 +19,11 @@ from drop_physics.errors import OutputError
 from drop_physics.messages import Message
 
 WATCHING = Path(__file__).with_name("watching")
-"""Code that runs parts of ours in a script's interpreter."""
+"""The folder of our code that runs in a script's interpreter."""
 
 
 def shared_block() -> IO[bytes]:
-    """Return an unnamed file that a watched process and its listener both map.
+    """Return an unnamed file that a watched process and its listener both map into memory.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def shared_block() -> IO[bytes]:
 
 
 def wide_pipe() -> tuple[int, int]:
-    """Return the ends of a pipe in which the sender need not wait for each large write."""
+    """Return the ends of a pipe with a large buffer, so that large writes rarely block."""
     ends = os.pipe()
     with contextlib.suppress(AttributeError, OSError):  # only Linux has it, within limits
         fcntl.fcntl(ends[1], fcntl.F_SETPIPE_SZ, pipe.BLOCK_BYTES)

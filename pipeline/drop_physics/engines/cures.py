@@ -1,4 +1,4 @@
-"""Lookup of an engine's table of interventions, which words cures and makes runs with them."""
+"""Lookup of an engine's table of interventions, which words suggested fixes and makes trials."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ if TYPE_CHECKING:
     from drop_physics.engines.watching.single_changes import Change
 
 TABLES = {PYBULLET: BULLET, "MuJoCo": MUJOCO}
-"""The interventions of each engine, by the engine's name."""
+"""Module of each engine's table of interventions, by the engine's name."""
 ROWS: dict[str, ChangeRow] = {
     name: row for table in TABLES.values() for name, row in table.rows.items() if ":" not in name
 }
-"""The rows of all engines by their names, as `--try` and `--vary` take them."""
+"""The rows of all engines by name, as `--try` and `--vary` take them."""
 FACTORS = {
     key.partition(":")[0]
     for table in TABLES.values()
     for key in table.rows
     if key.endswith(f":{FACTOR}")
 }
-"""The names of rows whose number is a factor, or a size, if they are made on the whole run."""
+"""Names of the rows whose number is a factor, or a size, if applied to the whole run."""
 RUN = "run"
-"""The operator of a change that is an intervention, whose operand is the fields of its program."""
+"""The operator of a change that is an intervention; its operand is a dict of program fields."""
 PARAMETERS = BULLET.parameters | MUJOCO.parameters
-"""Parameters that `parameter` sets, for all engines."""
+"""Engine parameters that `parameter` sets, for all engines."""
 
 
 def cures_of(engine: str) -> Interventions:
-    """Return the cures of the engine of a recording."""
+    """Return the table of interventions for the engine of a recording."""
     return TABLES[engine.partition(" ")[0]]
 
 
 def trial_of(change: Change) -> dict[str, Any]:
-    """Return the differences of a run with a single change, by the fields of its program."""
+    """Return how a run with a single change differs, as fields of its program."""
     if change.how[0] == RUN:
         return {**change.how[1]}
     if change.engine == source.SOURCE:
@@ -49,7 +49,7 @@ def trial_of(change: Change) -> dict[str, Any]:
 
 
 def words_of(change: Change) -> str:
-    """Return a single change in words, as its user would say it: friction of left, right ×10."""
+    """Describe a single change as a user would write it, e.g. friction of left, right ×10."""
     if change.how[0] == RUN:
         return change.change
     if change.engine == source.SOURCE:
@@ -58,7 +58,7 @@ def words_of(change: Change) -> str:
 
 
 def written_as(change: Change) -> tuple[str, str] | None:
-    """Return the attribute that a change is of, and a pattern of the tags that have it.
+    """Return the attribute that a change edits, and a pattern of the tags that have it.
 
     None of a change that is of none.
     """
@@ -67,6 +67,6 @@ def written_as(change: Change) -> tuple[str, str] | None:
 
 
 def call_of(engine: str) -> Callable[[Cure], str]:
-    """Return the function that words a cure as a user of an engine would."""
+    """Return the function that writes a suggested fix as code for an engine."""
     cures = TABLES.get(engine.partition(" ")[0])
     return (lambda cure: cure.call) if cures is None else cures.call_of  # of a drop elsewhere

@@ -1,4 +1,4 @@
-"""Interpretation of a watched script's stream: from frames to events, for any engine.
+"""Decodes the stream of a watched script: from frames to events, for any engine.
 
 The other end of `watching`; the stream is described in its `pipe`. Frames of an engine go to the
 decoder in its folder.
@@ -29,7 +29,7 @@ MUJOCO = "MuJoCo"
 
 
 class Decoder:
-    """Interprets a stream of frames as events, in order.
+    """Decodes a stream of frames into events, in order.
 
     A script may step PyBullet and MuJoCo, but a recording has one engine: the first that steps. The
     frames of the other are kept for a decoder of its own (`other`), and until one steps all are.
@@ -95,23 +95,23 @@ class Decoder:
 
     @property
     def time_s(self) -> float:
-        """The simulated time of the simulation that has advanced farthest."""
+        """The simulated time of the most advanced simulation."""
         return self.bullet.time_s or self.mujoco.time_s
 
     @property
     def engines(self) -> list[str]:
-        """The engines that the script has imported."""
+        """Names of the engines that the script has imported."""
         known = {PYBULLET: "pybullet_api" in self.python, MUJOCO: bool(self.mujoco.version)}
         return [name for name, is_there in known.items() if is_there]
 
     def close(self) -> None:
-        """Free the kept frames."""
+        """Delete the kept frames."""
         self.mujoco.close()
         if self._kept is not None:
             self._kept.close()
 
     def other(self) -> tuple[Decoder, Iterator[Event]] | None:
-        """Return the decoder of the other engine that was stepped, and its events, at the end.
+        """Return the decoder of the other engine that was stepped, with its events.
 
         None if only one engine was stepped.
         """
@@ -130,7 +130,7 @@ class Decoder:
         return other, events()
 
     def _begin(self, engine: str) -> Iterator[Event]:
-        """Yield the kept events of an engine, and keep only the other's from now on."""
+        """Yield an engine's kept events, and keep only the other engine's from now on."""
         self.engine = engine
         kept, self._kept = self._kept, None
         for kind, payload in _frames_in(kept):
@@ -139,7 +139,7 @@ class Decoder:
             kept.close()
 
     def feed(self, data: bytes) -> Iterator[Event]:
-        """Yield the events in the next part of the stream."""
+        """Yield the events in the next bytes of the stream."""
         for kind, payload in self._frames.feed(data):
             if kind == pipe.MUJOCO and self.engine == MUJOCO:  # as most are, or one of these
                 yield from self.mujoco.take(payload)
@@ -149,7 +149,7 @@ class Decoder:
                 yield from self._on_frame(kind, payload)
 
     def _on_frame(self, kind: bytes, payload: bytes) -> Iterator[Event]:
-        """Yield the events in a frame, or keep it."""
+        """Yield the events in a frame, or keep the frame for later."""
         of, note = MUJOCO if kind == pipe.MUJOCO else PYBULLET, {}
         if kind == pipe.NOTE:
             try:
@@ -178,14 +178,14 @@ class Decoder:
             getattr(self, f"_on_{note.pop('what')}")(**note)
 
     def explained(self, python: str) -> Iterator[Event]:
-        """Yield the replayed and explained steps of MuJoCo, computed in an interpreter."""
+        """Yield MuJoCo's replayed and explained steps, computed in the given interpreter."""
         try:
             yield from self.mujoco.explained(python)
         except DropError as error:  # the recording is whole without it
             self.faults.append(Message("its steps are not explained: {why}", why=str(error)))
 
     def rest(self) -> Iterator[Event]:
-        """Yield the events that were gathered but not yet yielded, at the end of the stream."""
+        """Yield the events that were collected but not yet yielded, at the end of the stream."""
         if not self.engine:
             yield from self._begin(PYBULLET)
         if self.engine == PYBULLET and not self.also_steps:  # it says what of MuJoCo is not caught
@@ -237,7 +237,7 @@ class Decoder:
         self.waits = begins
 
     def _on_again(self) -> None:
-        """Forget a program that has made no step, and is replaced by a watched one."""
+        """Forget a program that made no step before a watched program replaced it."""
         if self._kept is not None:
             self._kept.close()
         self.mujoco.close()
@@ -308,7 +308,7 @@ class Decoder:
 
 
 def _frames_in(kept: IO[bytes] | None) -> Iterator[tuple[bytes, bytes]]:
-    """Yield kind and payload of the frames in a file."""
+    """Yield kind and payload of each frame in a file."""
     if kept is None:
         return
     kept.seek(0)

@@ -1,4 +1,4 @@
-"""A check that recordings can hold an engine's numbers, and samples of a drop made of them."""
+"""Check that an engine's numbers are finite, and conversion into samples of a drop."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def drop_samples(
 
 
 def non_finite(step: int) -> DropError:
-    """Return the error for an engine whose state is no longer finite."""
+    """Return the error for an engine whose state is not finite."""
     return DropError(
         "the engine's state becomes non-finite at step {step} (or over {largest:g}); try "
         "a shorter --timestep, less --spin or --velocity, or another --body",

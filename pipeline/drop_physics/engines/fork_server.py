@@ -1,4 +1,4 @@
-"""Trials as forks of one run of a script, which stops where they begin to differ."""
+"""Trial runs as forks of one run of a script, which pauses where the trials begin to differ."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from drop_physics.errors import DropError
 from drop_physics.trace.events import Ending, Event
 
 WAIT_S = 0.002
-"""Pause between looks for what the run has told [s]."""
+"""Interval at which messages from the paused run are checked [s]."""
 TELLS_WITHIN_S = 1.0
-"""Time within which the run tells how a trial has ended whose pipe is closed [s]."""
+"""Time within which the paused run reports how a trial ended after its pipe closed [s]."""
 
 
 class Fork(Listener):
-    """A trial that is a fork of a run; use it in a `with` statement.
+    """A trial run that is a fork of a paused run; use it in a `with` statement.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Fork(Listener):
         self.decoder.close()
 
     def begin(self) -> bool:
-        """Begin; return False if the trial would share something with the run."""
+        """Begin; return False if the trial would share resources with the paused run."""
         files = [self._writing, self._block.fileno(), self._printed]
         fields = {name: getattr(self._trial, name) for name in TRIES}
         try:
@@ -71,18 +71,18 @@ class Fork(Listener):
         return self._process > 0
 
     def stop(self, why: str) -> None:
-        """Stop the trial."""
+        """Stop the trial, for a reason."""
         if not self._why:
             self._why = why
             end_group(self._process)
 
     def events(self) -> Iterator[Event]:
-        """Yield the events from the run's beginning, until the process has ended."""
+        """Yield the events from the run's beginning, until the trial's process has ended."""
         yield from self.decoder.feed(self._before)
         yield from super().events()
 
     def ending(self) -> Ending:
-        """Return the trial's ending, after its events."""
+        """Return how the trial ended, after its events."""
         ending = super().ending()
         if self._why or self._used_up():
             ending.how, ending.error = self._why or "interrupted", ""
@@ -90,11 +90,11 @@ class Fork(Listener):
 
     @property
     def has_died(self) -> bool:
-        """True if it ended without a report, and nobody stopped it."""
+        """True if the process ended without a report, and nobody stopped it."""
         return not (self.decoder.ended or self.decoder.stopped or self._why)
 
     def _used_up(self) -> bool:
-        """Return whether it was ended because its processor time was used up."""
+        """Return whether the system ended the trial at its processor-time limit."""
         until = time.monotonic() + TELLS_WITHIN_S
         while self.has_died and self._number not in self._server.statuses:
             if time.monotonic() > until:
@@ -111,7 +111,7 @@ class Fork(Listener):
 
 
 class ForkServer:
-    """A run of a script that stops before a call of its engine; use it in a `with` statement.
+    """Pauses a script before an engine call, and forks trial runs there; use it with `with`.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class ForkServer:
         self._script.__exit__()
 
     def shared(self, patience_s: float) -> str | None:
-        """Return the reason that forbids forks, empty without one; None if the run does not stop.
+        """Return the reason that forbids forks, or an empty string; None if the run does not pause.
 
         Parameters
         ----------
@@ -157,13 +157,13 @@ class ForkServer:
         return self._script.decoder.serving
 
     def fork(self, trial: Program, printed: int) -> Fork:
-        """Return a trial to be forked from the run, which prints into a file."""
+        """Return a trial to be forked from the paused run, with its output redirected to a file."""
         with self._lock:
             self._asked += 1
             return Fork(self, self._asked, trial, printed)
 
     def ask(self, request: dict[str, Any], files: list[int]) -> None:
-        """Send the run a request."""
+        """Send a request to the paused run."""
         text = json.dumps(request).encode()
         with self._lock:
             try:
@@ -173,12 +173,12 @@ class ForkServer:
                 return
 
     def go_on(self, steps: int) -> None:
-        """Let the run continue for some steps; later forks part there."""
+        """Let the run continue for the given number of steps; later forks start there."""
         self._script.decoder.serving = None
         self.ask({"at": steps}, [])
 
     def forked(self, number: int) -> tuple[int, bytes]:
-        """Return the process of a trial, 0 if there is none, and the run's output before it."""
+        """Return a trial's process id, 0 if there is none, and the run's output before the fork."""
         decoder = self._script.decoder
         while number not in decoder.forked and self._reader.is_alive():
             time.sleep(WAIT_S)
@@ -188,7 +188,7 @@ class ForkServer:
 
     @property
     def statuses(self) -> dict[int, int]:
-        """Exit statuses of ended trials, as far as the run has reported them."""
+        """Exit statuses of ended trials, as far as the paused run has reported them."""
         return self._script.decoder.statuses
 
     def _read(self) -> None:

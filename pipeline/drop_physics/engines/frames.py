@@ -1,4 +1,4 @@
-"""Splitting of a stream of bytes into the frames of `watching.pipe`."""
+"""Splits a stream of bytes into the frames defined in `watching.pipe`."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ FRAMES = {pipe.NOTE, pipe.SAMPLE, pipe.SET, pipe.CALL, pipe.RESULT, pipe.IMAGE, 
 
 
 class StreamError(DropError):
-    """A stream that is not from our other half."""
+    """A stream that does not come from drop's watching code."""
 
 
 class FrameStream:
-    """The frames of a stream; it may arrive in any pieces, and end anywhere."""
+    """The frames of a stream that may arrive in any chunks, and end anywhere."""
 
     def __init__(self) -> None:
         self._pieces: list[bytes] = []

@@ -1,4 +1,4 @@
-"""The table of interventions: a row for everything that can be changed in a run.
+"""The table of interventions: one row for each kind of change that can be made to a run.
 
 The rows of an engine are in its own folder (`interventions`); those of all engines are here.
 """
@@ -15,29 +15,29 @@ from drop_physics.messages import Message
 from drop_physics.trace.cures import NUDGE, ChangedRun, Cure, Scope, whole_number
 
 Operation = dict[str, Any]
-"""One operation of a run, as the engine's hooks take it."""
+"""One operation on a run, as passed to the engine's hooks."""
 How = Sequence[Any]
-"""An operator of `watching.operators`, and what it takes: `("*", 10)`."""
+"""An operator from `watching.operators` and its operand: `("*", 10)`."""
 Becomes = Callable[[float | None], How]
-"""Operation on a value, by a cure's number or without one."""
+"""Function from a fix's number, or None, to the operation on a value."""
 NOT_SAID = "…"
 MORE = 10.0
-"""The factor of what is raised, if a cure gives no number."""
+"""Default factor by which a value is raised, if the fix gives no number."""
 AWAY = 1.001
-"""Factor of the distance by which a body is moved away from another."""
+"""Factor for the distance by which a body is moved away from another."""
 FACTOR = "factor"
-"""The form of a cure that changes a factor of the whole run: of all friction or masses, or the
+"""Variant of a fix that changes a factor for the whole run: of all friction or masses, or the
 magnitude of gravity [m/s²]."""
 
 
 def to(usual: object) -> Becomes:
-    """Return a function that gives a cure's number, or a usual value without one."""
+    """Return a function that sets a value to a fix's number, or to a default without one."""
     return lambda number: ("=", usual if number is None else number)
 
 
 @dataclass(frozen=True)
 class always:  # noqa: N801 - it reads as `to` does
-    """Operation that is the same for any number of a cure."""
+    """An operation that ignores the number of a fix."""
 
     operator: str
     value: object
@@ -48,55 +48,56 @@ class always:  # noqa: N801 - it reads as `to` does
 
 
 def raised(number: float | None) -> How:
-    """Return a cure's number, or a factor without one."""
+    """Return the operation that sets a fix's number; without one, multiplies by a default."""
     return ("*", MORE) if number is None else ("=", number)
 
 
 def times(number: float | None) -> How:
-    """Return a cure's number as a factor."""
+    """Return the operation that multiplies by a fix's number."""
     return ("*", number or MORE)
 
 
 @dataclass(frozen=True)
 class ChangeRow:
-    """One intervention: its name, its words, and its run."""
+    """One intervention: its name, the code that a user would write, and the changed run."""
 
     name: str
-    """The name, as `--try` takes it; after a colon its form, if there are several. Empty if only
-    the causal search has the row."""
+    """The name, as `--try` takes it; after a colon its variant, if there are several. Empty if only
+    the causal search uses the row."""
     sets: Mapping[str, Becomes] = field(default_factory=dict)
-    """New values of arguments or fields, by name."""
+    """New values, by name of the argument or field."""
     _: KW_ONLY
     words: str = ""
-    """The user's way of writing it, with `{value}`; its name if empty."""
+    """The code that a user would write, with `{value}`; the name if empty."""
     unsaid: Mapping[str, str] = field(default_factory=dict)
-    """Value for the words if a cure is tried by its name alone."""
+    """Value shown in the code if a fix is tried by its name alone."""
     usual: float | None = None
-    """The value of a cure without a number."""
+    """The value used for a fix without a number."""
     share: float = 1.0
-    """The factor of a cure's number, which is a limit to stay below or above."""
+    """Factor applied to a fix's number if that is a limit, to stay below or above it."""
     decides: bool = False
-    """Whether it switches its cause off entirely, so that a trial without effect refutes it."""
+    """Whether the intervention removes its cause entirely, so that a trial without effect refutes
+    the cause."""
     whole_run: bool = False
-    """Whether it is made on the whole run, not on a body or joint."""
+    """Whether it applies to the whole run, not to a body or joint."""
     needs: str = ""
-    """Values that only a finding knows, by their names in `Cure.given`."""
+    """Values that only the finding knows, by their names in `Cure.given`."""
     below: str = ""
-    """The argument of a `Variation` that takes its value, unseen by the script."""
+    """The argument of a `Variation` that receives its value, invisible to the script."""
     tries: str = ""
-    """The operators that the causal search tries, as `watching.single_changes` has them."""
+    """The operators that the causal search tries, in the format of `watching.single_changes`."""
     breaks: str = ""
-    """Those of them that take a part of the scene or of the command away."""
+    """Those operators that remove a part of the scene or of the command."""
     default: object = 0.0
-    """The engine's default, for the operator `=default`."""
+    """The engine's default value, for the operator `=default`."""
     change: str = ""
-    """Target of the search's change, if not the first one that the row sets."""
+    """Target of the search's change, if it is not the first one in `sets`."""
     is_geometry: bool = False
-    """Whether that is where things are, and how large: seldom what a user has got wrong."""
+    """Whether it changes positions or sizes, which users seldom get wrong."""
 
     @property
     def tried(self) -> dict[str, Any]:
-        """The row in the form that the search in the script's interpreter takes."""
+        """The row in the format of the search that runs in the script's interpreter."""
         return {
             "change": self.change,
             "tries": self.tries.split(),
@@ -106,7 +107,7 @@ class ChangeRow:
         }
 
     def number(self, cure: Cure) -> float | None:
-        """Return the value of a cure, or the usual one."""
+        """Return the value of a fix, or the default value."""
         value = self.usual if cure.value is None else cure.value
         return None if value is None else value * self.share
 
@@ -116,7 +117,7 @@ class ChangeRow:
         return {name: becomes(number) for name, becomes in self.sets.items()}
 
     def call_of(self, cure: Cure) -> str:
-        """Return the code that a cure's user would write."""
+        """Return the code that a user would write for a fix."""
         if not self.words:
             return cure.name
         known = self.known(cure)
@@ -124,7 +125,7 @@ class ChangeRow:
         return Message(self.words, **{name: known.get(name, NOT_SAID) for name in names})
 
     def known(self, cure: Cure) -> dict[str, Any]:
-        """Return the values that words may name."""
+        """Return the values that the code template may use, by name."""
         number = self.number(cure) or 0.0
         given = {
             name: ", ".join(map(str, each)) if isinstance(each, list) else each
@@ -133,12 +134,12 @@ class ChangeRow:
         return {**self.unsaid, **given, "value": number, "mm": 1e3 * number}
 
     def operations(self, cure: Cure, scope: Scope) -> Iterable[Operation]:
-        """Return the changes made by the engine's hooks."""
+        """Return the operations that the engine's hooks carry out."""
         del cure, scope
         return ()
 
     def applied(self, cure: Cure, scope: Scope) -> ChangedRun | None:
-        """Return the run with a cure; None if it changes nothing."""
+        """Return the run with the fix applied; None if that changes nothing."""
         if self.needs and self.needs not in cure.given:
             return None
         operations, number = [*self.operations(cure, scope)], self.number(cure)
@@ -163,11 +164,11 @@ OPERATORS = {
     "+M0": Message("raised by the joint's own inertia"),
     "+10M0": Message("raised by 10/s × the joint's own inertia"),
 }
-"""Words of the operators of the causal search."""
+"""Descriptions of the causal search's operators."""
 
 
 def done(op: str) -> str:
-    """Return the effect of an operator of the causal search, in words."""
+    """Describe the effect of an operator of the causal search."""
     if op in OPERATORS or op[0] == "^":
         return OPERATORS.get(op, OPERATORS["^"])
     signs = {"*": "×", "/": "÷", "=": "= "}
@@ -175,7 +176,7 @@ def done(op: str) -> str:
 
 
 def named(names: Sequence[str]) -> str:
-    """Return the names of elements: all, or their number if there are many."""
+    """Return the names of elements as text: all of them, or their number if there are many."""
     return ", ".join(names) if len(names) <= MOST_NAMES else Message("all {n}", n=len(names))
 
 
@@ -185,11 +186,11 @@ OF_ANY = (
     ChangeRow("seed", below="draws", whole_run=True),
     PARAMETER,
 )
-"""The rows that any engine has."""
+"""The rows that every engine has."""
 
 
 class Interventions:
-    """The table of an engine.
+    """The table of interventions of an engine.
 
     Parameters
     ----------
@@ -235,7 +236,7 @@ class Interventions:
         self._set_parameter = set_parameter
 
     def row_of(self, cure: Cure) -> ChangeRow | None:
-        """Return the row of a cure; None if the engine has none.
+        """Return the row for a fix; None if the engine has none.
 
         A row of the form `given` takes numbers of cures without a form.
         """
@@ -243,12 +244,12 @@ class Interventions:
         return self.rows.get(f"{cure.name}:{form}") or self.rows.get(cure.name)
 
     def call_of(self, cure: Cure) -> str:
-        """Return the call or attribute that a cure's user would write."""
+        """Return the call or attribute that a user would write for a fix."""
         row = self.row_of(cure)
         return cure.name if row is None else row.call_of(cure)
 
     def applied(self, cure: Cure, scope: Scope) -> ChangedRun | None:
-        """Return the run with a cure; None if the engine does not support it."""
+        """Return the run with the fix applied; None if the engine does not support it."""
         if cure.name == PARAMETER.name:
             name, value = cure.given["name"], whole_number(cure.value or 0.0)
             return self._set_parameter(name, value) if name in self.parameters else None

@@ -1,4 +1,4 @@
-"""Search for engines loaded by processes that a script has started, whose steps are missing."""
+"""Finds engines loaded by processes that a script started, whose steps are not recorded."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from contextlib import suppress
 from pathlib import Path
 
 ENGINE = re.compile(rb"^(\S+) .*/(?:pybullet|libmujoco)[^/]*\.so[^/]*$", re.MULTILINE)
-"""A part of a process's memory that is an engine's library, and where it lies."""
+"""Pattern of a process's memory mapping that is an engine's library, with its address."""
 LOOKS_S = 0.1, 1.0
-"""Time [s] after which a new process is examined again; then after twice as long, up to the second
+"""Time [s] after which a new process is first examined; the interval then doubles, up to the second
 number."""
 
 
 class OtherProcesses:
-    """Checks from time to time whether a process of a script has loaded an engine by itself.
+    """Checks periodically whether a child process of the script has loaded an engine itself.
 
     One that was forked has the script's, at the same addresses, and tells itself that it steps.
 
@@ -33,7 +33,7 @@ class OtherProcesses:
         """Next time to examine each process, and the interval before [s]."""
 
     def look(self) -> None:
-        """Examine the processes that are due: new ones soon, old ones rarely."""
+        """Examine the processes that are due: new ones often, old ones rarely."""
         now, (first, last) = time.monotonic(), LOOKS_S
         if self.found or now < self._due:
             return
@@ -47,7 +47,7 @@ class OtherProcesses:
 
 
 def _started_by(process: int) -> list[int]:
-    """Return the children of a process and their children, as Linux lists them."""
+    """Return the descendants of a process, as Linux lists them."""
     found: list[int] = []
     with suppress(OSError):  # one has ended: it is looked at again
         for tasks in Path("/proc").glob(f"{process}/task/*/children"):

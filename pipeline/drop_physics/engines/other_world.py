@@ -1,4 +1,4 @@
-"""The world of a drop in an engine other than PyBullet, which reads the URDF if it is installed."""
+"""The world of a drop in an engine other than PyBullet; PyBullet reads the URDF, if installed."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ if TYPE_CHECKING:
     from drop_physics.engines.pybullet.world import World
 
 SHAPES = ("box", "sphere", "cylinder", "capsule")
-"""Kinds of shape that are dropped here."""
+"""Shape kinds that can be dropped in these engines."""
 BULLETS_OWN = (
     "substeps", "rolling_friction", "spinning_friction", "collision_margin_m", "pybullet_api",
     "contact_stiffness_n_m", "contact_damping_n_s_m", "solver_iterations", "restitution",
     "lateral_friction", "floor_restitution", "floor_lateral_friction",
 )  # fmt: skip
-"""Fields of PyBullet's report that are about PyBullet itself."""
+"""Fields of PyBullet's report that concern only PyBullet."""
 _POINT = struct.Struct("<5q19d").pack
 
 
 class OtherWorld:
-    """One body above one floor in an engine; use it in a `with` statement.
+    """One body above a floor in the chosen engine; use it in a `with` statement.
 
     Parameters
     ----------
@@ -66,12 +66,12 @@ class OtherWorld:
         self._session = _session(scenario, body)
 
     joints: tuple[Joint, ...] = ()
-    """The joints of its body, which has none."""
+    """The joints of the body: none."""
     inertial_frames = np.array([[0.0] * 6 + [1.0]])
-    """The frame of inertia in the body's own frame, which is the same: pose, shape (1, 7)."""
+    """The inertial frame in the body's own frame: identical, as a pose of shape (1, 7)."""
 
     def dynamics(self, _: int = BODY) -> dict[str, Float64]:
-        """Return the engine's further reports of the body, beyond mass and inertia: none."""
+        """Return the engine's further reports on the body, beyond mass and inertia: none."""
         return {}
 
     def __enter__(self) -> Self:
@@ -81,7 +81,7 @@ class OtherWorld:
         pass
 
     def report(self) -> EngineReport:
-        """Return the engine's report about itself and the body; the shape is PyBullet's."""
+        """Return the engine's report on itself and the body; the shape comes from PyBullet."""
         empty: dict[str, Any] = dict.fromkeys(BULLETS_OWN) | {"substeps": 0}
         reported = self._session.reported()
         moments = reported["inertia_kg_m2"]
@@ -93,7 +93,7 @@ class OtherWorld:
         )
 
     def notes(self) -> Iterator[str]:
-        """Yield the parts of the URDF that the engine ignores, in sentences.
+        """Yield the parts of the URDF that the engine ignores, as sentences.
 
         PyBullet's values are those of the URDF's `<contact>`, or its own defaults.
         """
@@ -125,7 +125,7 @@ class OtherWorld:
                 )
 
     def _step(self) -> None:
-        """Take a step; MuJoCo raises where PyBullet continues with nan."""
+        """Make a step; MuJoCo raises where PyBullet continues with nan."""
         self._steps += 1
         try:
             self._session.step()
@@ -138,7 +138,7 @@ class OtherWorld:
             ) from None
 
     def samples(self, batch: int) -> Iterator[Samples]:
-        """Fall: yield the states before and after the steps, and the contact points.
+        """Let the body fall; yield the states before and after the steps, and the contact points.
 
         Parameters
         ----------
@@ -167,7 +167,7 @@ class OtherWorld:
 
 
 def _read_by_bullet(scenario: Scenario) -> tuple[EngineReport, Float64, RigidBody]:
-    """Return a scenario's body as PyBullet reads it: its report, half its size, and itself."""
+    """Return the body as PyBullet reads it: its report, half its size, and the rigid body."""
     from drop_physics.engines.pybullet import world
 
     # Without the other engine's options: PyBullet only reads the body.
@@ -185,7 +185,7 @@ def _read_by_bullet(scenario: Scenario) -> tuple[EngineReport, Float64, RigidBod
 
 
 def _read_without(scenario: Scenario) -> tuple[EngineReport, Float64, RigidBody]:
-    """Return a scenario's body, read without PyBullet."""
+    """Return the body of a scenario, read without PyBullet."""
     read = read_urdf(find_urdf(scenario.body), scenario.mass_kg)
     body = read.body
     single = body.shapes[0] if len(body.shapes) == 1 else None
@@ -212,7 +212,7 @@ def _read_without(scenario: Scenario) -> tuple[EngineReport, Float64, RigidBody]
 
 
 def rigid_body(world: World, report: EngineReport) -> RigidBody:
-    """Return the body that PyBullet has read from a URDF.
+    """Return the rigid body that PyBullet read from a URDF.
 
     Raises
     ------
@@ -240,7 +240,7 @@ def rigid_body(world: World, report: EngineReport) -> RigidBody:
 
 
 def _session(scenario: Scenario, body: RigidBody) -> MujocoSession:
-    """Return the body above a floor in the scenario's engine."""
+    """Return a session of the scenario's engine, with the body above a floor."""
     from drop_physics.engines.mujoco.world import MujocoSession
 
     return MujocoSession(scenario, body)

@@ -1,4 +1,4 @@
-"""Resources that a script's run reached beside its simulation, and changes in its folder."""
+"""What a script's run accessed outside its simulation, and changes in its working directory."""
 
 from __future__ import annotations
 
@@ -8,47 +8,48 @@ from dataclasses import dataclass
 from pathlib import Path
 
 MOST_ENTRIES = 5000
-"""The state of a folder with more files and folders than this is not taken."""
+"""Largest number of files and folders of a working directory that is scanned for changes."""
 LEFT_OUT = (".git", "recordings", "__pycache__")
-"""Folders that no script means to write."""
+"""Folders that no script writes to on purpose."""
 KEEPS, THERE = "keeps", "keeps there"
-"""A file in its working directory that it writes: by a relative path, or by another."""
+"""Codes for a file that the script writes in its working directory: by a relative path, or by any
+other path."""
 MAKES = "makes"
-"""A file that was not there before."""
+"""Code for a file that did not exist before."""
 
 
 @dataclass(frozen=True)
 class Reached:
-    """Resources that a script's run reached."""
+    """What a script's run accessed outside its simulation."""
 
     noted: tuple[tuple[str, str], ...] = ()
-    """Reports of the run: `connects`, `starts`, `opens`, `writes`, `removes`, `keeps` or `keeps
+    """The run's reports: `connects`, `starts`, `opens`, `writes`, `removes`, `keeps` or `keeps
     there`, and a name."""
     made: tuple[str, ...] = ()
-    """Paths of files and folders that it made."""
+    """Paths of files and folders that the run created."""
     changed: tuple[str, ...] = ()
-    """Paths in its working directory that it changed or removed."""
+    """Paths in the working directory that the run changed or removed."""
     is_known: bool = True
-    """Whether its working directory is small enough that its changes were looked for."""
+    """Whether the working directory is small enough to have been scanned for changes."""
     processor_s: float = 0.0
-    """Processor time that it took [s]."""
+    """Processor time of the run [s]."""
 
     def names(self, *kinds: str) -> list[str]:
-        """Return the names of resources reached in given ways."""
+        """Return the names of resources accessed in the given ways."""
         return [name for kind, name in self.noted if kind in kinds]
 
     @property
     def writes(self) -> bool:
-        """True if it writes any file, wherever."""
+        """True if the run writes any file, anywhere."""
         return bool(self.noted or self.made or self.changed) or not self.is_known
 
 
 State = Mapping[str, tuple[int, int, int, int]]
-"""Mode, size, time of the last change [ns] and inode of each file and folder, by path."""
+"""Mode, size, modification time [ns] and inode of each file and folder, by path."""
 
 
 def state_of(folder: Path) -> State | None:
-    """Return the state of a folder with its contents; None if it is too large."""
+    """Return the state of a folder and its contents; None if it is too large."""
     found: dict[str, tuple[int, int, int, int]] = {}
     for at, folders, files in os.walk(folder):
         folders[:] = [each for each in folders if each not in LEFT_OUT]
@@ -73,7 +74,7 @@ def reached_of(
     after: State | None,
     processor_s: float,
 ) -> Reached:
-    """Return the resources reached by a run, from its reports, and its folder before and after."""
+    """Return what a run accessed, from its reports and its folder before and after."""
     told = [*noted]
     made = [name for kind, name in told if kind == MAKES]
     changed: list[str] = []

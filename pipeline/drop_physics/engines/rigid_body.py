@@ -1,4 +1,4 @@
-"""A body for engines other than PyBullet.
+"""A rigid body for engines other than PyBullet, with the mass, inertia and shapes of the URDF.
 
 PyBullet reads the URDF, so both engines drop the same mass, inertia and shapes.
 """
@@ -18,7 +18,7 @@ class PrimitiveShape:
     """A collision shape of a body."""
 
     kind: str
-    """box, sphere, cylinder or capsule; its axis is z."""
+    """box, sphere, cylinder or capsule; the shape's axis is z."""
     size_m: Vector
     """A box's three edges; a cylinder's or capsule's radius, length (of the capsule's cylindrical
     part) and 0; a sphere's radius first."""
@@ -28,7 +28,7 @@ class PrimitiveShape:
     """Orientation in the body's axes: quaternion x, y, z, w."""
 
     def depth_m(self, body: Quaternion) -> float:
-        """Return the depth of the shape below the centre of mass, with the body turned."""
+        """Return how far the shape reaches below the centre of mass, with the body turned."""
         up_in_body = matrix(body)[2]
         x, y, z = np.abs(up_in_body @ matrix(self.orientation))
         a, b, c = self.size_m

@@ -1,4 +1,4 @@
-"""A script in its own interpreter, and the stream of its engines' steps."""
+"""Runs a script in its own interpreter, and reads the stream of its engine's steps."""
 
 from __future__ import annotations
 
@@ -35,27 +35,30 @@ MODULE = "watching.running"
 """The command that runs a script in its interpreter."""
 
 PERTURB = "85"
-"""Fill value of new memory (`MALLOC_PERTURB_`): PyBullet reads some memory uninitialised."""
+"""Fill value for newly allocated memory (`MALLOC_PERTURB_`): PyBullet reads some memory
+uninitialised."""
 OTHER_PERTURB = "170"
-"""Fill value in a second run: a state that differs then depends on such memory."""
+"""Fill value for a second run: a state that differs then depends on uninitialised memory."""
 
 STOPS_WITHIN_S = 6.0
-"""Time that a script may take to clean up after it was stopped [s], on an idle machine."""
+"""Time that a script may take to clean up after being stopped [s], on an idle machine."""
 INTERRUPT_AGAIN_S = 2.0
-"""Time [s] after which a script that still runs gets another Ctrl-C; a terminal sends the first."""
+"""Time [s] after which a script that still runs is sent another Ctrl-C; a terminal sends the
+first."""
 TICK_S = 0.1
 TOO_LONG = CPU_USED_UP
-"""The signal that ends a run which has used up its processor time; None on Windows."""
+"""The signal that ends a run at its processor-time limit; None on Windows."""
 ELSEWHERE = Message(
     "other processes that the script starts use the engine, too: what they step is not recorded; "
     "let the script step in its own process (with gymnasium: SyncVectorEnv)"
 )
 _EXIT_CODE = re.compile(r"sys\.exit\((-?\d+|True)\)")
-"""Endings that Python does not report; an exception leaves a traceback, a text that text."""
+"""Exit reasons that Python does not print; an exception leaves a traceback, and `sys.exit(text)`
+the text."""
 
 
 TRIES = ("steps", "variation", "interventions", "edits", "streams", "evaluator", "limits")
-"""Fields of a program that may differ between trials that part from one run."""
+"""Program fields that may differ between trials forked from one run."""
 TOLD = (
     "is_module",
     "duration_s",
@@ -68,12 +71,12 @@ TOLD = (
     "scratch",
     "private",
 )
-"""Further fields that its process receives."""
+"""Further fields that are passed to its process."""
 
 
 @dataclass(frozen=True)
 class Program:
-    """Script or module to run, and its limits.
+    """A script or module to run, and its limits.
 
     Parameters
     ----------
@@ -90,8 +93,8 @@ class Program:
     python: str
     is_module: bool = False
     steps: int | None = None
-    """Number of steps after which it is stopped; with `of_first`, of the engine that steps
-    first."""
+    """Number of steps after which it is stopped; with `of_first`, only steps of the first engine
+    stepped count."""
     duration_s: float | None = None
     keep_sleeping: bool = False
     seed: int | None = None
@@ -100,50 +103,50 @@ class Program:
     perturb: str = PERTURB
     of_first: bool = False
     explain: bool = False
-    """Whether steps of MuJoCo are replayed and explained in the same interpreter afterwards."""
+    """Whether MuJoCo's steps are replayed and explained in the same interpreter afterwards."""
     variation: Mapping[str, Any] | None = None
     """The arguments of a `watching.varied.Variation`, or None."""
     listens: bool = False
-    """Whether to observe what it does outside its simulation, which slows it down."""
+    """Whether to observe what it accesses outside its simulation, which slows it down."""
     keeps_files: bool = False
     """Whether it sends the contents of files that its engine loads."""
     interventions: Sequence[Mapping[str, Any]] = ()
-    """Changes of its calls, as `interventions` makes them."""
+    """Changes to its engine calls, as made by `interventions`."""
     edits: Sequence[Edit] = ()
-    """Parts of the script's text that are other ones."""
+    """Replaced parts of the script's text."""
     scratch: str | None = None
-    """A copy of the working directory to run in."""
+    """A copy of the working directory in which it runs."""
     private: Mapping[str, Any] | None = None
-    """The arguments of `watching.private.Private`, whose view of the file system it runs in; None
-    for the machine's own."""
+    """Arguments of `watching.private.Private`, the view of the file system in which it runs; None
+    for the real file system."""
     limits: Mapping[str, Any] | None = None
     """Arguments of `watching.limits.keep`; None without limits, as in the first run."""
     streams: bool = True
-    """Whether it sends what happens; else only how it ends, and what is evaluated."""
+    """Whether it sends its events; otherwise only how it ends, and the evaluator's result."""
     environment: Mapping[str, str] | None = None
-    """Variables that it has besides the user's."""
+    """Environment variables in addition to the user's."""
     evaluator: Mapping[str, Any] | None = None
-    """Evaluator of its process: `file` and `name` of a class, and its `arguments`."""
+    """Evaluator that runs in its process: `file` and `name` of a class, and its `arguments`."""
     episodes: Episodes = "all"
-    """Episodes of its environments that are kept step by step."""
+    """Which episodes of its environments are recorded step by step."""
 
 
 def _seeded(seed: int | None) -> dict[str, str]:
-    """Return the variable that seeds the order of sets, unless the user has set it."""
+    """Return the environment variable that seeds the order of sets, unless the user has set it."""
     if seed is None or os.environ.get("PYTHONHASHSEED", "random") != "random":
         return {}
     return {"PYTHONHASHSEED": str(seed % 2**32)}
 
 
 def _from_home(path: str) -> str:
-    """Return a path without the name of the user's home."""
+    """Return a path without the user's home folder."""
     with contextlib.suppress(ValueError, RuntimeError):
         return str(Path("~", Path(path).absolute().relative_to(Path.home())))
     return str(Path(path).absolute())
 
 
 class Listener(ABC):
-    """Reader of a watched process's stream; take its `events` to the end.
+    """Reads the stream of a watched process; consume its `events` to the end.
 
     Parameters
     ----------
@@ -156,10 +159,11 @@ class Listener(ABC):
     python = sys.executable
     """The interpreter that runs it."""
     explains_with: str | None = None
-    """The interpreter that replays and explains steps of MuJoCo; None if they are not replayed."""
+    """The interpreter that replays and explains MuJoCo's steps; None if they are not replayed."""
 
     _others: OtherProcesses | None = None
-    """Looks for other processes with an engine; None if they need not be the script's."""
+    """Finds other processes with an engine; None if such processes need not belong to the
+    script."""
 
     def __init__(self, reading: int, block: int) -> None:
         self.decoder = Decoder()
@@ -205,7 +209,7 @@ class Listener(ABC):
             yield from self.decoder.explained(self.explains_with)
 
     def other(self) -> OtherEngine | None:
-        """Return the listener of the other engine, after all events; None if there is only one."""
+        """Return the listener for a second engine, after all events; None if there is none."""
         found = self.decoder.other()
         return None if found is None else OtherEngine(self, *found)
 
@@ -219,24 +223,24 @@ class Listener(ABC):
             self._others.look()
 
     def steps_elsewhere(self) -> bool:
-        """Return whether other processes of the script have an engine, too."""
+        """Return whether other processes of the script have loaded an engine."""
         loaded = self._others is not None and self._others.found
         return loaded or any(self.decoder.counters[pipe.APART : pipe.ANSWERED])
 
     def _left_behind(self) -> bytes:
-        """Return the bytes not yet sent when the process ended."""
+        """Return the bytes that were still in shared memory when the process ended."""
         with mmap.mmap(self._memory, pipe.BLOCK_BYTES, access=mmap.ACCESS_READ) as memory:
             before, used = pipe.BLOCK.unpack_from(memory)
             start = pipe.BLOCK.size + max(0, self._received - before)
             return memory[start : pipe.BLOCK.size + used]
 
     def _counters(self) -> Sequence[int]:
-        """Return the number of readings of each place."""
+        """Return how often each reading line was executed."""
         with mmap.mmap(self._memory, pipe.SHARED_BYTES, access=mmap.ACCESS_READ) as memory:
             return array("Q", memory[pipe.BLOCK_BYTES :])
 
     def ending(self) -> Ending:
-        """Return the process's ending, after its events."""
+        """Return how the process ended, after its events."""
         decoder = self.decoder
         mujoco = decoder.mujoco.steps or decoder.engines == [MUJOCO]
         made_with = {
@@ -262,7 +266,7 @@ class Listener(ABC):
 
 
 class OtherEngine(Listener):
-    """Events of a script's other engine; close its `decoder`.
+    """Events of the second engine of a script; close its `decoder`.
 
     Parameters
     ----------
@@ -279,12 +283,12 @@ class OtherEngine(Listener):
         self._listener = listener
 
     def events(self) -> Iterator[Event]:
-        """Yield the events of the other engine."""
+        """Yield the events of the second engine."""
         yield from self._kept
         yield from self._explained()
 
     def ending(self) -> Ending:
-        """Return the script's ending, and remarks on this engine."""
+        """Return how the script ended, with warnings about this engine."""
         ending, its = self._listener.ending(), super().ending()
         ending.notes, ending.made_with = its.notes, its.made_with
         return ending
@@ -294,13 +298,13 @@ class OtherEngine(Listener):
 
 
 def end_group(leader: int) -> None:
-    """End a group of processes of ours, by the number of its leader."""
+    """End a process group of ours, by the process id of its leader."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(leader, signal.SIGKILL)
 
 
 class BlockListener(Listener):
-    """Reader of a watched block of Python, whose process has started this one.
+    """Reads the stream of a watched `with` block, whose process started this one.
 
     Parameters
     ----------
@@ -313,7 +317,7 @@ class BlockListener(Listener):
         self._process = process
 
     def stop(self, why: str) -> None:
-        """Stop reading: the block ends at its next call."""
+        """Stop reading: the block ends at its next engine call."""
         if not self._left:
             self.decoder.stopped = why
             self.close()
@@ -410,7 +414,7 @@ class Script(Listener):
         self._others = OtherProcesses(self._process.pid)
 
     def reached(self) -> Reached:
-        """Return the resources that it reached, after its end, if these were observed."""
+        """Return what the script accessed outside its simulation, once ended, if observed."""
         after = None if self._before is None else state_of(Path.cwd())
         return reached_of(self.decoder.outside, self._before, after, self.decoder.processor_s)
 
@@ -431,7 +435,7 @@ class Script(Listener):
         self.decoder.close()
 
     def interrupt(self) -> None:
-        """Register a Ctrl-C, which a terminal has sent to the script, too."""
+        """Note a Ctrl-C that the terminal has sent to the script, too."""
         self._interrupts += 1
         if self._interrupted_at is None:
             self._interrupted_at = time.monotonic()
@@ -439,11 +443,11 @@ class Script(Listener):
             self._process.kill()
 
     def kill(self) -> None:
-        """Kill it."""
+        """Kill the script's process."""
         self._process.kill()
 
     def stop(self, why: str) -> None:
-        """Stop it as Ctrl-C does."""
+        """Stop the script as Ctrl-C does."""
         if self._interrupted_at is None:
             self._interrupted_at, self._why = time.monotonic(), why
             self._process.send_signal(signal.SIGINT)
@@ -470,7 +474,7 @@ class Script(Listener):
         return self._process.poll() is not None
 
     def _tick(self) -> None:
-        """Report its progress; kill a script that ignores its limit."""
+        """Report the script's progress; kill it if it ignores its limit."""
         super()._tick()
         self.tell()
         now = time.monotonic()
@@ -490,7 +494,7 @@ class Script(Listener):
                 self._process.send_signal(signal.SIGINT)
 
     def ending(self) -> Ending:
-        """Return the script's ending, after its events."""
+        """Return how the script ended, after its events."""
         ending, code = super().ending(), self._process.returncode
         if self._interrupted_at is not None:
             ending.how, ending.error = self._why, ""

@@ -1,4 +1,4 @@
-"""The numbers and the statements of a script's own text, as single changes of the causal search.
+"""Single edits of a script's own text for the causal search: its numbers, attributes, statements.
 
 They are what its user would edit: each number, also in the attributes of models that stand in the
 text, each of these attributes, and each statement that sets something. What only says what is
@@ -21,45 +21,46 @@ from drop_physics.fields import all_of
 from drop_physics.messages import Message
 
 SOURCE = "source"
-"""Value of `engine` in changes of a script's text."""
+"""Value of `engine` for changes of a script's text."""
 NUMBERS = ("*10", "*0.1", "*-1", "=0")
 SIZES, PLACES = ("*2", "*0.5"), ("*2", "*0.5", "*-1")
 LEFT_OUT = "left-out"
 NUMBER = "number"
-"""The name of a number that is no value of anything."""
+"""Name for a number that is not assigned to anything."""
 DEGREES = 0.017453292519943295
-"""A factor that makes radians of degrees [rad/degree]."""
+"""Factor that converts degrees to radians [rad/degree]."""
 LARGEST_RAD, LARGEST_DEGREES = 6.3, 720.0
-"""A number between them may be an angle in degrees."""
+"""A number between these may be an angle in degrees."""
 MEASURES = re.compile(
     r"^(print|round|range|enumerate|sleep|append|extend|add_argument|format|isclose|allclose|exit|"
     r"savetxt|plot|show|join|disconnect|connect|stepSimulation|mj_step\d?|mj_forward|reset|step|"
     r"render|write_text|write|close|flush|mkdir|mkdtemp|seed|default_rng|parse_args|"
     r"setAdditionalSearchPath|loadURDF|loadMJCF|loadSDF|from_xml_\w+|log|info|debug|warning)$"
 )
-"""Functions whose call is never left out: they measure, print, or make what the script is about."""
+"""Functions whose calls are never removed: they measure, print, or create the scene."""
 ENGINES = re.compile(r"^(set|change|create|load|reset|apply|calculate|enable)[A-Z]\w*$")
-"""Functions of PyBullet, whose arguments are changed as such."""
+"""Functions of PyBullet, whose arguments are changed by interventions instead."""
 COLLECTS = re.compile(r"^(join|zip|map|dict|tuple|list|array|asarray|deg2rad|radians)$")
-"""Functions whose arguments are what is named, or told, where they are called."""
+"""Functions whose arguments are names or outputs where they are called, and so not edited."""
 FIELDS = re.compile(
     r"^(friction|mass|damping|stiffness|armature|frictionloss|gravcomp|kp|kv|gear|solref|solimp|"
     r"condim|timestep|integrator|cone|iterations|limited|\w+limited|density|impratio|gravity|"
     r"i[xyz][xyz]|diaginertia|fullinertia|value|noslip_iterations|effort|velocity)$"
 )
-"""Attributes whose values are changed in the compiled model, or by a call."""
+"""Attributes whose values are changed in the compiled model, or by a call, instead."""
 SPARED = re.compile(
     r"^(print|round|range|enumerate|sleep|format|isclose|allclose|approx|savetxt|plot|exit|seed|"
     r"default_rng|RandomState|linspace|getenv|get|reshape|astype|zeros|ones|eye|percentile)$"
 )
-"""Functions whose numbers say how much is measured, shown or made, or draw what is random."""
+"""Functions whose numbers set how much is measured, shown or created, or that draw random
+numbers."""
 PURE = re.compile(r"^(np|numpy|math|abs|min|max|sum|float|int|list|tuple|len|norm|sorted|array)\b")
-"""Functions that only compute."""
+"""Functions without side effects."""
 ARGUMENTS = ("argv", "environ", "__name__")
 TAGGED = re.compile(
     r"<(?P<tag>[a-zA-Z]\w*)(?P<given>(?:\s+[\w:]+\s*=\s*\\?(?P<q>[\"']).*?(?P=q))+)\s*(?P<end>/?)>"
 )
-"""A tag with attributes, as text has it that may be Python's."""
+"""Pattern of a tag with attributes, in text that may be Python."""
 ATTRIBUTE = re.compile(r"\s+(?P<name>[\w:]+)\s*=\s*\\?(?P<q>[\"'])(?P<value>.*?)\\?(?P=q)")
 NAME = re.compile(r"\bname\s*=\s*\\?([\"'])(?P<name>.*?)\\?\1")
 REFERS = re.compile(
@@ -67,63 +68,64 @@ REFERS = re.compile(
     r"version|model|angle|geom\w*|tendon|target|material|texture|hfield|type|root|xmlns\S*|"
     r"mimic|builtin|rgb\d|group|dclass|compiler|coordinate|eulerseq|\w*dir|texrepeat|reflectance)$"
 )
-"""Attributes that name something, or say how the model is written or looks."""
+"""Attributes that name something, or set how the model is written or looks."""
 SHOWS = re.compile(
     r"^(visual|material|texture|camera|light|map|headlight|global|quality|scale|rgba|key|statistic|"
     r"color|sensor|limit_display|size|compiler|asset|mujoco|robot|xml)$"
 )
-"""Tags that say nothing of the physics."""
+"""Tags without influence on the physics."""
 SHAPES = re.compile(
     r"^(size|pos|fromto|xyz|rpy|radius|length|quat|euler|axisangle|zaxis|height|halfExtents|"
     r"axis|ref|range|lower|upper)$"
 )
-"""Attributes and arguments that say where things are, and how large."""
+"""Attributes and arguments that set positions and sizes."""
 POSITIVE = re.compile(
     r"^(size|radius|length|height|halfExtents|meshScale|globalScaling|\w*[mM]ass|"
     r"\w*([fF]riction|[dD]amping|[sS]tiffness|maxForce))$"
 )
-"""Attributes and arguments whose sign means nothing."""
+"""Attributes and arguments whose sign has no meaning."""
 NEEDED = re.compile(r"^(size|fromto|radius|length|height|axis)$")
-"""Those that cannot be left out, or are seldom."""
+"""Attributes and arguments that cannot, or seldom can, be removed."""
 BEGINS = re.compile(
     r"(^body\.(pos|quat|euler)|basePosition|baseOrientation|posObj|ornObj|\.qpos\b|"
     r"^data\.qpos|resetBasePosition\w*|resetJointState\w*\.?|\.qpos0)"
 )
-"""Changes of where things begin, which is seldom what is wrong, and may be what is expected."""
+"""Changes of initial positions, which are seldom the mistake, and may be what is expected."""
 
 
 @dataclass(frozen=True)
 class TextPart:
-    """A part of the text that can be another one."""
+    """A part of the script's text that can be replaced."""
 
     name: str
-    """What it is the value of: `KP`, `changeDynamics.lateralFriction`, `geom.friction`."""
+    """The variable, argument or attribute whose value it is: `KP`,
+    `changeDynamics.lateralFriction`, `geom.friction`."""
     of: str
-    """What it belongs to, or else the number itself."""
+    """Its owner, or else the number itself."""
     line: int
     start: int
     end: int
     tries: tuple[str, ...]
     without: str = ""
-    """What stands there where it is left out."""
+    """The text that replaces it if it is removed."""
     again: bool = False
-    """Whether it stands in a loop."""
+    """Whether it is inside a loop."""
     in_markup: bool = False
-    """Whether it is an attribute of a model."""
+    """Whether it is an attribute in a model's XML."""
 
     @property
     def breaks(self) -> bool:
-        """True if something begins here, before the first step."""
+        """True if it sets an initial value, before the first step."""
         return not self.again and BEGINS.search(self.name) is not None
 
     @property
     def is_geometry(self) -> bool:
-        """True if it sets a place or a size."""
+        """True if it sets a position or a size."""
         return SHAPES.match(self.name.rpartition(".")[2]) is not None
 
 
 def changes_of(text: bytes, file: str, expected: str) -> list[Change]:
-    """Return the changes of a script's text; none of one that is no Python.
+    """Return the possible changes to a script's text; none if it is not valid Python.
 
     Attributes that many elements of a model have are changed of all of them at once.
 
@@ -155,7 +157,7 @@ def changes_of(text: bytes, file: str, expected: str) -> list[Change]:
 
 
 def _told_apart(names: Sequence[str]) -> Iterator[str]:
-    """Yield names, those that are alike with their numbers."""
+    """Yield names, with numbers appended to repeated ones."""
     alike, seen = Counter(names), Counter[str]()
     for name in names:
         seen[name] += 1
@@ -163,7 +165,7 @@ def _told_apart(names: Sequence[str]) -> Iterator[str]:
 
 
 def _of_places(group: Sequence[tuple[TextPart, str]], text: bytes, file: str) -> Iterator[Change]:
-    """Yield the changes of some places at once."""
+    """Yield the changes that edit a group of places together."""
     first, _ = group[0]
     for op in dict.fromkeys(op for each, _ in group for op in each.tries):
         its = [
@@ -187,19 +189,19 @@ def _of_places(group: Sequence[tuple[TextPart, str]], text: bytes, file: str) ->
 
 
 def edits_of(change: Change) -> list[list[Any]]:
-    """Return the parts of the text that are other ones with a change."""
+    """Return the text edits that make a change."""
     return [[start, end, _becomes(was, change, other)] for start, end, was, other, _ in change.ids]
 
 
 def place_of(change: Change) -> tuple[str, str]:
-    """Return file and line of a change, and what stands there: `KP=5`."""
+    """Return the file and line that a change edits, and the source text there, e.g. `KP=5`."""
     _, _, was, _, where = change.ids[0]
     is_value = change.op != LEFT_OUT and change.change != NUMBER
     return where, f"{change.change}={was}" if is_value else _in_a_line(was)
 
 
 def words_of(change: Change) -> str:
-    """Return a change in words, with what stands in the text, and where."""
+    """Describe a change, with the current source text and its location."""
     _, _, was, other, where = change.ids[0]
     of = all_of([each.partition("#")[0] for each in change.of])
     if change.op == LEFT_OUT:
@@ -215,7 +217,7 @@ def words_of(change: Change) -> str:
 
 
 MOST_SHOWN = 50
-"""Most characters that are shown of a part of the text."""
+"""Largest number of characters of source text that are shown."""
 
 
 def _in_a_line(text: str) -> str:
@@ -224,7 +226,7 @@ def _in_a_line(text: str) -> str:
 
 
 def _numbers(text: str) -> list[float] | None:
-    """Return the numbers of a text; None where it is none."""
+    """Return the numbers in a text; None if there is something else."""
     try:
         return [float(each) for each in text.replace("_", "").split()]
     except ValueError:
@@ -232,7 +234,7 @@ def _numbers(text: str) -> list[float] | None:
 
 
 def _does(was: str, op: str) -> bool:
-    """Return whether an operator makes another text of this one."""
+    """Return whether an operator alters this text."""
     if op == LEFT_OUT:
         return True
     numbers = _numbers(was)
@@ -240,7 +242,7 @@ def _does(was: str, op: str) -> bool:
 
 
 def _becomes(was: str, change: Change, without: str) -> str:
-    """Return the text with a change."""
+    """Return the text after a change."""
     operator, operand = change.how
     if operator == LEFT_OUT:
         return without
@@ -257,7 +259,7 @@ def _becomes(was: str, change: Change, without: str) -> str:
 
 
 def _feeding(tree: ast.AST, expected: str) -> set[str]:
-    """Return the names of what is expected that are numbers of the script, and nothing that moves.
+    """Return the script's constants in an expectation: names of numbers, not of moving quantities.
 
     They come from numbers by arithmetic alone.
     """
@@ -286,7 +288,7 @@ def _feeding(tree: ast.AST, expected: str) -> set[str]:
 
 
 def _assigned(node: ast.AST) -> Iterator[tuple[str, ast.expr | None]]:
-    """Yield the names that a statement gives a value, with it; None where it is not known."""
+    """Yield the names that a statement assigns, each with its value; None if it is unknown."""
     targets: Sequence[ast.expr] = ()
     value: ast.expr | None = None
     if isinstance(node, ast.Assign):
@@ -305,7 +307,7 @@ def _assigned(node: ast.AST) -> Iterator[tuple[str, ast.expr | None]]:
 
 
 def _is_computed(values: Sequence[ast.expr | None]) -> bool:
-    """Return whether values are numbers, and what is computed of numbers."""
+    """Return whether values are numbers, or are computed from numbers."""
     return bool(values) and all(
         value is not None
         and all(
@@ -322,19 +324,19 @@ def _is_computed(values: Sequence[ast.expr | None]) -> bool:
 
 
 class _TextParts:
-    """The parts of a script's text that can be others."""
+    """Finds the replaceable parts of a script's text."""
 
     def __init__(self, tree: ast.Module, text: bytes, feeding: set[str]) -> None:
         self._tree, self._text, self._feeding = tree, text, feeding
         self._lines = [0, *accumulate(len(each) + 1 for each in text.split(b"\n"))]
 
     def all(self) -> Iterator[TextPart]:
-        """Yield them in the order of the text."""
+        """Yield the replaceable parts in the order of the text."""
         for each in self._tree.body:
             yield from self._of(each, "", "")
 
     def _of_loop(self, node: ast.For | ast.While) -> Iterator[TextPart]:
-        """Yield the parts of a loop, except for the numbers that it iterates over."""
+        """Yield the parts of a loop, except the numbers over which it iterates."""
         if isinstance(node, ast.For) and not _are_whole(node.iter):
             yield from self._of(node.iter, "", "")
         for each in (*node.body, *node.orelse):
@@ -347,7 +349,7 @@ class _TextParts:
         return start, self._lines[node.end_lineno - 1] + node.end_col_offset
 
     def _of(self, node: ast.AST, name: str, function: str) -> Iterator[TextPart]:
-        """Yield the parts below a node, which is the value of a name, in a call of a function."""
+        """Yield the parts below a syntax node, given the assigned name and the called function."""
         if isinstance(node, ast.Assert | ast.Import | ast.ImportFrom | ast.FormattedValue):
             return
         if isinstance(node, ast.Compare) and _asks_for_arguments(node):
@@ -438,7 +440,7 @@ class _TextParts:
             yield TextPart(name or NUMBER, was, node.lineno, start, end, tries)
 
     def _of_markup(self, start: int, end: int) -> Iterator[TextPart]:
-        """Yield attributes of a model that stands in the text, and its elements without parts."""
+        """Yield attributes of a model's XML in the text, and its elements without children."""
         text = self._text[start:end].decode("latin-1")  # a character for each byte
         near = ""
         for found in TAGGED.finditer(text):
@@ -476,14 +478,14 @@ class _TextParts:
 
 
 def _asks_for_arguments(node: ast.AST) -> bool:
-    """Return whether something is about the script's own arguments, or how it is run."""
+    """Return whether an expression concerns the script's arguments or how it is run."""
     return any(
         getattr(each, "attr", getattr(each, "id", None)) in ARGUMENTS for each in ast.walk(node)
     )
 
 
 def _is_number(node: ast.AST) -> bool:
-    """Return whether something is a number as it stands, with its sign."""
+    """Return whether a node is a number literal, with its sign."""
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
         node = node.operand
     value = node.value if isinstance(node, ast.Constant) else None
@@ -491,12 +493,12 @@ def _is_number(node: ast.AST) -> bool:
 
 
 def _are_whole(node: ast.AST) -> bool:
-    """Return whether something is a list of whole numbers, such as those of joints."""
+    """Return whether a node is a list of integers, such as joint indices."""
     return isinstance(node, ast.Tuple | ast.List) and all(
         isinstance(each, ast.Constant) and isinstance(each.value, int) for each in node.elts
     )
 
 
 def _last(function: ast.expr) -> str:
-    """Return the name of a function without what it is an attribute of."""
+    """Return the name of a function without the object or module before the dot."""
     return ast.unparse(function).rpartition(".")[2] if not isinstance(function, ast.Call) else ""

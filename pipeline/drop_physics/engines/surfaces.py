@@ -1,4 +1,4 @@
-"""Surfaces of hollow meshes, which the engine replaces by their convex hulls."""
+"""Surfaces of hollow meshes, which an engine replaces by their convex hulls."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ MOST_BYTES = 1 << 24
 MOST_TRIANGLES = 1 << 16
 """Most triangles of a mesh that are kept."""
 HOLLOW_M = 2e-3
-"""A surface that is nowhere deeper below its hull than this counts as the hull."""
+"""A surface that is nowhere deeper below its hull than this counts as convex."""
 OPEN = 0.98
-"""A surface with less than this share of its hull's area is open: the hull closes that opening."""
+"""A surface with less than this share of its hull's area is open: the hull closes the opening."""
 ALIKE = 1e-2
-"""Largest deviation of the corners of a hull from those of its file, as a share of its size."""
+"""Largest deviation between hull vertices and those of the file, as a share of the size."""
 FEW = 64
-"""Number of triangles that are examined before all of them are."""
+"""Number of triangles that are examined first, before all of them are."""
 STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
@@ -53,7 +53,7 @@ def surfaces_of(at: At, body: Body, folder: Path | None = None) -> Iterator[Surf
 
 
 def _placed(corners_m: Float64, shape: Collision) -> Float64:
-    """Return a mesh's corners as a shape places them on its link."""
+    """Return a mesh's vertices in the axes of the link, given the pose of its shape."""
     *axis, w = shape.orientation
     scaled = corners_m * shape.size_m
     turn = 2 * np.cross(axis, scaled)
@@ -67,7 +67,7 @@ def _is_hollow_file(file: str, hull_m: tuple[float, ...]) -> bool:
 
 
 def _is_one(hull_m: Float64) -> bool:
-    """Return whether corners form a single hull."""
+    """Return whether vertices form a single convex hull."""
     hull = _hull(hull_m)
     return hull is not None and len(hull.vertices) == len(hull_m)
 
@@ -82,7 +82,7 @@ def _hull(hull_m: Float64) -> Any:  # noqa: ANN401 - scipy's
 
 
 def _is_hollow(corners_m: Float64, triangles: Int64, hull_m: Float64) -> bool:
-    """Return whether a surface lies below its hull, or is open."""
+    """Return whether a surface lies below its convex hull, or is open."""
     hull = _hull(hull_m)
     if hull is None:
         return False
@@ -98,7 +98,7 @@ def _is_hollow(corners_m: Float64, triangles: Int64, hull_m: Float64) -> bool:
 
 
 def _mesh(file: str) -> tuple[Float64, Int64] | None:
-    """Return the corners of a mesh file, shape (n, 3), and the indices of each triangle's corners.
+    """Return the vertices of a mesh file, shape (n, 3), and the vertex indices of each triangle.
 
     None if it cannot be read, or has too many.
     """

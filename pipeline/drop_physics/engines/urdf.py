@@ -1,4 +1,4 @@
-"""The body of a URDF, read without PyBullet: one link made of boxes, spheres and cylinders.
+"""Reads a URDF without PyBullet: one link made of boxes, spheres and cylinders.
 
 As PyBullet does by default, the moments of inertia are those of the collision shapes with the
 link's mass, not the file's: here of uniform density, and for several shapes shared by volume. Axes
@@ -24,32 +24,32 @@ from drop_physics.option_types import Quaternion, Vector
 from drop_physics.physics.rotations import matrix, quaternions
 
 STANDARD = Path(__file__).with_name("cube_small.urdf")
-"""The standard body: that of `pybullet_data` in what counts here."""
+"""The default body, equal to that of `pybullet_data` in all that matters here."""
 
 DECLARED = re.compile(rb"^\s*<\?xml.*?\?>")
-"""The first line of a file; in many of Bullet's it names a version of XML that there is not."""
+"""XML declaration of a file; many files of Bullet name an XML version that does not exist."""
 
 
 @dataclass(frozen=True)
 class UrdfBody:
-    """A body of one link, as a URDF describes it."""
+    """A body of one link, as described by a URDF."""
 
     body: RigidBody
     sha256: str
     """Digest of the file."""
     half_size_m: Float64
-    """Half of its extent along its own axes, shape (3,)."""
+    """Half of its extents along its own axes, shape (3,)."""
     reach_m: float
-    """Distance of the corners of the surrounding box from the centre of mass."""
+    """Distance of the bounding box's corners from the centre of mass."""
 
     def rest_height_m(self, orientation: Quaternion) -> float | None:
-        """Return the height of the centre where the turned body touches the floor [m]."""
+        """Return the centre's height at which the turned body touches the floor [m]."""
         depths_m = [shape.depth_m(orientation) for shape in self.body.shapes]
         return round(max(depths_m), 14) + 0.0 if depths_m else None
 
 
 def find_urdf(body: str) -> Path:
-    """Return the file of a body; the standard one is ours.
+    """Return the file of a body; for the default body, our own copy.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def find_urdf(body: str) -> Path:
 
 
 def read_urdf(path: Path, mass_kg: float | None = None) -> UrdfBody:
-    """Read a body; `mass_kg` replaces the mass of the file.
+    """Read a body; `mass_kg` replaces the mass in the file.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def read_urdf(path: Path, mass_kg: float | None = None) -> UrdfBody:
 
 
 def _pose(element: ElementTree.Element | None) -> tuple[Float64, Float64]:
-    """Return the place of an element's `<origin>`: position, shape (3,), and rotation (3, 3)."""
+    """Return the pose in an element's `<origin>`: position, shape (3,), and rotation (3, 3)."""
     origin = None if element is None else element.find("origin")
     given = {} if origin is None else origin.attrib
     position, angles = (
@@ -125,7 +125,7 @@ def _pose(element: ElementTree.Element | None) -> tuple[Float64, Float64]:
 
 
 def _quaternion(angles: Float64) -> Quaternion:
-    """Return the rotation of roll, pitch and yaw, about x, then y, then z of the world."""
+    """Return the rotation for roll, pitch and yaw, about the world's x, then y, then z."""
     (sx, sy, sz), (cx, cy, cz) = np.sin(angles / 2), np.cos(angles / 2)
     return (
         float(sx * cy * cz - cx * sy * sz),
@@ -138,7 +138,7 @@ def _quaternion(angles: Float64) -> Quaternion:
 def _shape(
     collision: ElementTree.Element, frame: tuple[Float64, Float64], path: Path
 ) -> PrimitiveShape:
-    """Return a collision shape, placed in the frame of inertia."""
+    """Return a collision shape, placed in the inertial frame."""
     geometry = collision.find("geometry")
     each = None if geometry is None else next(iter(geometry), None)
     kind = "none" if each is None else each.tag
@@ -165,7 +165,7 @@ def _shape(
 
 
 def _half_m(shape: PrimitiveShape) -> Float64:
-    """Return half of the extent of a shape along its own axes, shape (3,)."""
+    """Return half of a shape's extents along its own axes, shape (3,)."""
     a, b, c = shape.size_m
     if shape.kind == "box":
         return np.array([a, b, c]) / 2
@@ -174,7 +174,7 @@ def _half_m(shape: PrimitiveShape) -> Float64:
 
 
 def _corners(shape: PrimitiveShape) -> Float64:
-    """Return the corners of the box around a shape, in the body's axes, shape (8, 3)."""
+    """Return the corners of a shape's bounding box, in the body's axes, shape (8, 3)."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     return np.asarray(signs * _half_m(shape) @ matrix(shape.orientation).T + shape.position_m)
 

@@ -1,4 +1,4 @@
-"""The choice of the episodes that a recording holds step by step: of the others it has a line."""
+"""Decides which episodes are recorded step by step; the others get one summary line each."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from typing import Any, Literal
 from drop_physics.trace.events import has_failed
 
 Episodes = Literal["failing", "all"] | int | None
-"""Episodes whose steps are recorded: those that failed, all, or that of a number; None for all
-until `MANY_BYTES` of steps, and from then on the last that failed."""
+"""Which episodes are recorded step by step: those that failed, all, or the one with a number; None
+for all until their steps take `MANY_BYTES`, and from then on the last that failed."""
 Decision = Literal["whole", "latest", "line"]
-"""`latest`: whole, until another takes its place."""
+"""What happens to an episode; `latest` means kept until a later one replaces it."""
 
 MANY_BYTES = 1 << 27
-"""Once the steps that are kept take so many bytes in the stream, only the latest failure is kept: a
-recording takes one and a half times as many."""
+"""Size of the recorded steps in the stream from which on only the latest failure is kept; the
+recording is one and a half times as large."""
 LONGEST_BYTES = 1 << 26
-"""An episode of more bytes is kept, as nobody knows when it ends."""
+"""A longer episode is recorded anyway, since nobody knows when it will end."""
 
 
 class WholeEpisodes:
-    """Decides, as each episode ends, whether its steps are recorded.
+    """Decides at the end of each episode whether its steps are recorded.
 
     Parameters
     ----------
@@ -37,16 +37,16 @@ class WholeEpisodes:
 
     @property
     def leaves_out(self) -> bool:
-        """True if episodes were asked for, so that others are left out."""
+        """True if certain episodes were requested, so that others are omitted."""
         return self._which not in ("all", None)
 
     @property
     def all_so_far(self) -> bool:
-        """True if current steps are recorded, however their episode ends."""
+        """True if the current steps are recorded, however their episode ends."""
         return self._which == "all" or (self._which is None and self.kept_bytes < MANY_BYTES)
 
     def decide(self, how: str, *, success: bool | None, **_: Any) -> Decision:  # noqa: ANN401
-        """Return the treatment of an episode, given its environment's report."""
+        """Return what happens to an episode, given its environment's report."""
         self.ended += 1
         if self.all_so_far or self._which == self.ended:
             return "whole"

@@ -1,4 +1,4 @@
-"""The world that a scenario is dropped in, and its body's file, with or without PyBullet."""
+"""The world in which a scenario is dropped, and its body's file, with or without PyBullet."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from drop_physics.engines.pybullet.world import World
 
 Verdicts = Mapping[Path, Any]
-"""PyBullet's verdicts on bodies, by the paths of their files."""
+"""Results of PyBullet's load tests of bodies, by file path."""
 
 
 def world_of(scenario: Scenario) -> World | OtherWorld:
-    """Return the world that a scenario is dropped in, at its release; use it in `with`.
+    """Return the world of a scenario, at the moment of release; use it in `with`.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def world_of(scenario: Scenario) -> World | OtherWorld:
 
 
 def find_body(body: str) -> Path:
-    """Return the URDF file of a body's name.
+    """Return the URDF file for a body's name.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def find_body(body: str) -> Path:
 
 
 def body_digest(body: str) -> str | None:
-    """Return the SHA-256 of a body's files, to detect an edit; None if it cannot be loaded."""
+    """Return the SHA-256 of a body's files, to detect edits; None if it cannot be loaded."""
     if is_installed(PYBULLET):
         from drop_physics.engines.pybullet import found
 
@@ -65,7 +65,7 @@ def body_digest(body: str) -> str | None:
 
 
 def engine_versions() -> dict[str, str]:
-    """Return the versions of PyBullet, which reads the bodies of all drops; empty without it."""
+    """Return PyBullet's versions (it loads every drop's body); empty if not installed."""
     if not is_installed(PYBULLET):
         return {}
     from drop_physics.engines.pybullet import engine
@@ -74,7 +74,7 @@ def engine_versions() -> dict[str, str]:
 
 
 def verdicts() -> Verdicts:
-    """Return PyBullet's verdicts on bodies, from trials in separate processes."""
+    """Return the results of PyBullet's load tests of bodies, made in separate processes."""
     if not is_installed(PYBULLET):
         return {}
     from drop_physics.engines.pybullet import probe
@@ -83,7 +83,7 @@ def verdicts() -> Verdicts:
 
 
 def believe(tried: Verdicts) -> None:
-    """Adopt the verdicts of another process, so that no body is tried twice."""
+    """Adopt another process's load-test results, so that no body is tested twice."""
     if tried:
         from drop_physics.engines.pybullet import probe
 

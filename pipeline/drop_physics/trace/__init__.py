@@ -1,1 +1,1 @@
-"""Observations of a simulation run by another program, whatever its engine."""
+"""Recorded data of a script's simulations, for any engine: events, states, contacts, calls."""

@@ -1,4 +1,4 @@
-"""Meanings of calls, by the names of the functions that have them.
+"""The meanings of engine calls, by function name.
 
 Rules and laws ask for acts, and never for a function: only here, and in the engine's own room, is
 its name known.
@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from enum import Enum
 
 PICTURE = "Renderer.render"
-"""Draws a picture of which only a digest is recorded."""
+"""Renders an image, of which only a digest is recorded."""
 
 
 class Act(Enum):
-    """The meaning of a call; its value lists the functions of PyBullet with that meaning.
+    """The meaning of a call; its value lists the PyBullet functions with that meaning.
 
     For an engine whose memory scripts write, a field's name stands for a function.
     """
@@ -39,7 +39,7 @@ class Act(Enum):
         "setJointMotorControlMultiDof",
         "setJointMotorControlMultiDofArray",
     )
-    """Sets the motor of a joint, or gives it a torque."""
+    """Sets a joint's motor, or applies a torque to the joint."""
     CONSTRAIN = ("createConstraint",)
     CHANGE_CONSTRAINT = ("changeConstraint",)
     RELEASE = ("removeConstraint",)
@@ -52,7 +52,7 @@ class Act(Enum):
     FILTER_PAIR = ("setCollisionFilterPair",)
     FILTER_GROUP = ("setCollisionFilterGroupMask",)
     SOLVE_IK = ("calculateInverseKinematics",)
-    """Asks for the joint positions at which a link is at a given place."""
+    """Solves inverse kinematics: returns the joint positions that bring a link to a given pose."""
     SOLVE_SEVERAL_IK = ("calculateInverseKinematics2",)
     READ_LINK = ("getLinkState", "getLinkStates")
     READ_VELOCITY = ("getBaseVelocity",)
@@ -63,15 +63,15 @@ class Act(Enum):
         "getJointStatesMultiDof",
     )
     READ_CONTACTS = ("getContactPoints", "getClosestPoints", "getOverlappingObjects")
-    """Asks whether bodies touch."""
+    """Reads the contacts of bodies."""
     SET_BODY_FORCE = ("xfrc_applied",)
-    """Gives a body a force and a torque, which act until they are set again."""
+    """Applies a force and a torque to a body, which act until they are set again."""
     SET_JOINT_FORCE = ("qfrc_applied",)
-    """Gives a joint a force, which acts until it is set again."""
+    """Applies a force to a joint, which acts until it is set again."""
     SET_CONTROL = ("ctrl",)
-    """Gives actuators their controls, which act until they are set again."""
+    """Sets the controls of actuators, which act until they are set again."""
     SET_ACTIVE = ("eq_active",)
-    """Switches equalities on and off, which lasts until a reset."""
+    """Enables or disables equality constraints, until a reset."""
     SET_STATE = ("qpos",)
     RESET_STATE = (
         "mj_resetData",
@@ -85,12 +85,12 @@ class Act(Enum):
     SET_MASS = ("body_mass",)
     """Edits masses of a model in place."""
     SET_DERIVED = ("body_invweight0", "mj_setConst")
-    """Recomputes what a model derives from its masses."""
+    """Recomputes the constants that a model derives from its masses."""
     OTHER = ()
 
     @property
     def function(self) -> str:
-        """The function with this meaning, as texts name it."""
+        """The function with this meaning, as messages name it."""
         functions: tuple[str, ...] = self.value
         return functions[0]
 

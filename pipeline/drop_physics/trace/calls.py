@@ -1,4 +1,4 @@
-"""A call of the engine, and its request: forces, and properties of bodies.
+"""Engine calls of a script, and the forces and body properties that they set.
 
 A recording holds a call as its site and its numbers. Here, in `log` and in `motors`, they get their
 meaning, by the names of PyBullet's functions and arguments; another engine's would stand beside.
@@ -18,29 +18,29 @@ from drop_physics.trace.events import At, Body, Site
 TIMESTEPS = {Act.SET_TIMESTEP: "timeStep", Act.SET_ENGINE: "fixedTimeStep"}
 """The argument that sets the timestep."""
 WORLD_FRAME = 2
-"""The flag of `applyExternalForce`: its vectors are in the world's axes."""
+"""The flag of `applyExternalForce` for vectors in world axes."""
 BODY_NAMES = ("bodyUniqueId", "objectUniqueId", "bodyIndex")
 MOST_WHOLE = 2**53
-"""Largest magnitude up to which all whole numbers are exact as doubles."""
+"""Largest magnitude up to which every integer is exact as a double."""
 WORDS = re.compile(r"(?:^|, )(\w+)=(True|False)(?=, |$)")
-"""Arguments True and False in a form, which the engine takes as numbers."""
+"""`True` and `False` as they appear in argument text; the engine takes them as numbers."""
 
 
 @dataclass(frozen=True)
 class Call:
-    """A call of the engine by the script."""
+    """An engine call made by the script."""
 
     at: At
-    """Moment of the call."""
+    """Time of the call."""
     client: int
-    """Number of the client that it was made on."""
+    """Id of the client on which it was made."""
     site: Site
     numbers: tuple[float, ...]
     """All numbers in its arguments, in order."""
     result: float = math.nan
     """The returned number; nan if it returned none."""
     raised: str = ""
-    """The error that it raised; empty if it raised none."""
+    """The exception that it raised; empty if it raised none."""
 
     @property
     def function(self) -> str:
@@ -54,7 +54,7 @@ class Call:
 
     @property
     def timestep_s(self) -> float | None:
-        """The timestep that it sets; None if it sets none."""
+        """The timestep that the call sets [s]; None if it sets none."""
         numbers = self.values.get(TIMESTEPS.get(self.act, ""), ())
         return numbers[0] if numbers else None
 
@@ -70,19 +70,19 @@ class Call:
 
     @property
     def arguments(self) -> str:
-        """The arguments, as the script might have written them; long ones shortened."""
+        """The arguments as source text; long ones are shortened."""
         return text_of(self.site, self.numbers)
 
     @cached_property
     def values(self) -> dict[str, tuple[float, ...]]:
-        """The numbers of each argument; True and False by name are 1 and 0."""
+        """The numeric values of each argument; the literals True and False count as 1 and 0."""
         words = {name: (float(word == "True"),) for name, word in WORDS.findall(self.site.form)}
         return words | {name: self.numbers[place] for name, place in self.site.places.items()}
 
 
 @dataclass(frozen=True)
 class Push:
-    """A force or torque from outside that acts for one step."""
+    """An external force or torque that acts for one step."""
 
     at: At
     body: Body
@@ -97,17 +97,18 @@ class Push:
 
 @dataclass(frozen=True)
 class Given:
-    """Properties of a body set by a call, some of which the engine never reports."""
+    """Body properties set by a call, some of which the engine never reports."""
 
     at: At
     body: Body
     link: int
-    """The link that the call reached, which need not be the one that it names; -1 is the base."""
+    """The link that the call affected, which may differ from the link that it names; -1 is the
+    base."""
     values: Mapping[str, float | Sequence[float]]
 
 
 def text_of(site: Site, numbers: Sequence[float]) -> str:
-    """Return the arguments of a call as the script might have written them."""
+    """Return the arguments of a call as source text."""
     texts = [
         repr(int(number))
         if whole and abs(number) <= MOST_WHOLE and number.is_integer()

@@ -1,4 +1,4 @@
-"""The episodes of a run: from a reset, or from a start state that was written, to the next."""
+"""The episodes of a run: each from a reset, or from a written start state, to the next."""
 
 from __future__ import annotations
 
@@ -16,44 +16,46 @@ from drop_physics.trace.history import Seen
 from drop_physics.trace.states import by_body, motion_of
 
 OFTEN = 0.2
-"""A simulation whose bodies calls put elsewhere before more than this share of its steps is led by
-them."""
+"""If calls move a simulation's bodies before more than this share of its steps, the script drives
+the motion, and the moves start no episode."""
 MOVED = 1e-9
-"""A put that changes positions by less [m, rad] changes rates only."""
+"""A state write that changes positions by less than this [m, rad] counts as changing velocities
+only."""
 
 MOST_LOOKED = 64
-"""The first starts of a simulation are looked at; the others are alike."""
+"""Number of episode starts of a simulation that are examined; the rest are assumed to be alike."""
 
 
 @dataclass(frozen=True)
 class Episode:
-    """Steps of a simulation from one start state to the next."""
+    """The steps of a simulation from one start state to the next."""
 
     number: int
-    """Number, from 1."""
+    """Number of the episode, from 1."""
     client: int
     first: int
-    """The sample that it starts from."""
+    """The first sample: the start state."""
     last: int
-    """The sample that it ends with."""
+    """The last sample."""
     ended: str
-    """`terminated` or `truncated`, as an environment told; `reset`; or `run`: the run ended."""
+    """How it ended: `terminated` or `truncated`, as the environment reported; `reset`; or `run`,
+    with the run."""
     told: EpisodeEnd | None = None
-    """Report of an environment."""
+    """The environment's report, if there was one."""
 
     @property
     def kept(self) -> bool:
-        """True if its steps are recorded; else only its end is known."""
+        """True if its steps are recorded; otherwise only its end is known."""
         return self.last > self.first
 
     @property
     def failed(self) -> bool:
-        """True if it ended short of its goal, according to its environment."""
+        """True if it ended without reaching its goal, according to the environment."""
         return self.told is not None and self.told.failed
 
 
 def episode_at(episodes: Sequence[Episode], client: int, steps: Int64 | Sequence[int]) -> Int64:
-    """Return the number of the episode in which each step to a sample was made, 0 for none."""
+    """Return the episode number for each step that leads to a sample; 0 for none."""
     its = [(e.first, e.last, e.number) for e in episodes if e.client == client and e.kept]
     if not its:
         return np.zeros(len(steps), np.int64)
@@ -64,7 +66,7 @@ def episode_at(episodes: Sequence[Episode], client: int, steps: Int64 | Sequence
 
 
 def looked_at(episodes: Sequence[Episode], number: int | None) -> Episode | None:
-    """Return the episode with a number; without a number, the last that failed and is kept.
+    """Return the episode with this number; without a number, the last recorded one that failed.
 
     Raises
     ------
@@ -111,7 +113,7 @@ def episodes_of(seen: Seen) -> list[Episode]:
 
 
 def _between(seen: Seen, client: int, end: int) -> Iterator[tuple[At, Episode]]:
-    """Yield the episodes of a simulation between its starts."""
+    """Yield the episodes of a simulation, split at its start states."""
     starts = [At(0, 0.0, 0), *_starts(seen, client, end)]
     last = At(end, np.inf, 1 << 62)
     for first, then in pairwise([*starts, last]):
@@ -120,7 +122,7 @@ def _between(seen: Seen, client: int, end: int) -> Iterator[tuple[At, Episode]]:
 
 
 def _starts(seen: Seen, client: int, end: int) -> list[At]:
-    """Return the moments at which a simulation starts anew after its first step."""
+    """Return the moments at which a simulation restarts after its first step."""
     mine = [each for each in seen.appearances if each.body.client == client]
     came = {each.at.step for each in mine if each.came}
     found = {
@@ -147,13 +149,13 @@ def _starts(seen: Seen, client: int, end: int) -> list[At]:
 
 
 def _is_reset(seen: Seen, client: int, step: int) -> bool:
-    """Return whether a call before a step sets the whole state: also of what had not moved."""
+    """Return whether a call before a step resets the whole state, even of unmoved bodies."""
     calls = seen.sampled.piece(step, step + 1).calls.of(Act.RESET_STATE, Act.RESTORE)
     return any((each.client, each.at.step) == (client, step) for each in calls)
 
 
 def _there(appearances: Iterable[Appearance], at: At) -> set[int]:
-    """Return the numbers of the movable bodies that exist at a moment."""
+    """Return the ids of the movable bodies that exist at a moment."""
     there: set[int] = set()
     for each in appearances:
         if order(each.at) > order(at):
@@ -167,7 +169,7 @@ def _there(appearances: Iterable[Appearance], at: At) -> set[int]:
 
 
 def _moves(seen: Seen, step: int, puts: Iterable[Put]) -> bool:
-    """Return whether calls move bodies away from the poses that a step has left."""
+    """Return whether calls move bodies away from the poses that the previous step left."""
     piece = seen.sampled.piece(step, step + 1)
     bases = by_body(piece.bases)
     for put in puts:

@@ -1,4 +1,4 @@
-"""Everything that an engine needs to repeat the steps of a recording: its model, and frames.
+"""What an engine needs to replay recorded steps: its model, and a frame for each step.
 
 A frame is the full state before a step, including hidden parts such as a solver's warm start, and
 the inputs from outside. Names are the engine's own, values its numbers to the bit; nothing here
@@ -18,31 +18,31 @@ from drop_physics.arrays import Float64, Int64
 
 @dataclass(frozen=True, eq=False)
 class ModelPart:
-    """A part of a compiled model, at a simulation's first step with it."""
+    """A part of a compiled model's bytes, sent with a simulation's first step."""
 
     number: int
-    """The number of the model in the recording."""
+    """Index of the model in the recording."""
     engine: str
-    """The engine and its version: the only one that can load it."""
+    """The engine and its version, which alone can load the model."""
     sha256: str
     """The digest of the whole model."""
     size: int
     """Bytes of the whole model."""
     at: int
-    """The first byte of the part."""
+    """Byte offset of this part."""
     data: bytes
 
 
 class FrameColumn(NamedTuple):
-    """Values of one name at some steps of a piece."""
+    """The values of one part of the state or inputs at some steps of a chunk."""
 
     at: Int64
-    """The steps, counted from the first of the piece, ascending, shape (k,)."""
+    """The steps, counted from the first of the chunk, ascending, shape (k,)."""
     rows: Float64
-    """Shape (k, width)."""
+    """The values at those steps, shape (k, width)."""
 
     def held(self, step: int) -> Float64:
-        """Return the row in effect at a step: the last one up to it, shape (width,)."""
+        """Return the row in effect at a step: the last one at or before it, shape (width,)."""
         found: Float64 = self.rows[np.searchsorted(self.at, step, side="right") - 1]
         return found
 
@@ -51,26 +51,26 @@ class ModelEdit(NamedTuple):
     """Elements of a model that a script changed in place."""
 
     step: int
-    """The first step that sees it, counted from the first of the piece."""
+    """The first step that uses the new values, counted from the first of the chunk."""
     name: str
     """The field, as the engine names it."""
     indices: Int64
     """Indices into the flattened field, shape (k,)."""
     values: Float64
-    """Shape (k,)."""
+    """The new values, shape (k,)."""
 
 
 class SharedColumns(NamedTuple):
-    """Columns of a part of the state that samples hold, too, to the bit."""
+    """Columns of a part of the state that are bitwise equal to columns of the samples."""
 
     body: int
-    """The number of the body whose joints they are of."""
+    """Id of the body whose joints they describe."""
     of: str
-    """`position` or `velocity`."""
+    """Which joint series they equal: `position` or `velocity`."""
     columns: Int64
-    """Columns of the part, shape (k,)."""
+    """Column indices in the part, shape (k,)."""
     places: Int64
-    """Columns of the joints' series, shape (k,)."""
+    """Column indices in the joint series, shape (k,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,35 +79,35 @@ class Frames:
 
     client: int
     model: int
-    """The number of its model."""
+    """Index of the model."""
     first: int
-    """The sample that the first of these steps starts from."""
+    """The sample from which the first of these steps starts."""
     timestep_s: float
     clock_s: Float64
     """The engine's own clock after each step [s], shape (n,): most often a timestep later."""
     functions: Int64
-    """The function that made each step, by the engine's number, shape (n,)."""
+    """The function that made each step, by the engine watch's index, shape (n,)."""
     after: Mapping[str, Float64]
     """The parts of the state after each step, shape (n, width) each."""
     before: Mapping[str, FrameColumn]
-    """The state before a step, with its `clock_s`, where that is not what the step before left,
-    and before the first one."""
+    """The state before a step, with its `clock_s`: for the first step, and where it differs from
+    what the previous step left."""
     inputs: Mapping[str, FrameColumn]
-    """Inputs from outside, from a step on until the next row; the first is of step 0."""
+    """External inputs, each row from its step on until the next row; the first is at step 0."""
     posed: Mapping[str, FrameColumn] = field(default_factory=dict)
-    """The parts of another state that the engine had computed positions for before a step."""
+    """The parts of another state from which the engine had computed positions before a step."""
     edits: Sequence[ModelEdit] = ()
     answers: Sequence[tuple[int, bytes]] = ()
     """Effects of the script's callbacks within a step, as the engine's watch sent them, by step."""
     shared: Mapping[str, Sequence[SharedColumns]] = field(default_factory=dict)
-    """Columns of `after` that need not be held twice, by part."""
+    """Columns of `after` that need not be stored twice, by part of the state."""
 
     def __len__(self) -> int:
         """Return the number of steps."""
         return len(self.clock_s)
 
     def state(self, step: int) -> dict[str, Float64]:
-        """Return the state before a step, counted from the first: `clock_s` and parts by name."""
+        """Return the state before a step, counted from the first: `clock_s` and named parts."""
         at = self.before[CLOCK].at
         which = int(np.searchsorted(at, step))
         if which < len(at) and at[which] == step:
@@ -116,7 +116,7 @@ class Frames:
         return {CLOCK: self.clock_s[step - 1 : step], **left}
 
     def starts(self, name: str) -> Float64:
-        """Return a part of the state before each step, shape (n, width); of width 0 without it."""
+        """Return a part of the state before each step, shape (n, width); width 0 if absent."""
         if name not in self.after:  # of a model in which nothing moves
             return np.zeros((len(self), 0))
         rows = self.after[name]
@@ -125,9 +125,9 @@ class Frames:
         return starts
 
     def given(self, step: int) -> dict[str, Float64]:
-        """Return the inputs of a step, counted from the first, by name."""
+        """Return the inputs of a step by name; steps count from the first."""
         return {name: each.held(step) for name, each in self.inputs.items()}
 
 
 CLOCK = "clock_s"
-"""The name of the engine's own clock among the parts of a state."""
+"""The name of the engine's own clock as a part of the state."""

@@ -1,4 +1,4 @@
-"""Everything recorded of simulations, in order, as analysis needs it."""
+"""Everything recorded of simulations, in order, as the analysis reads it."""
 
 from __future__ import annotations
 
@@ -48,37 +48,37 @@ from drop_physics.trace.states import (
 T = TypeVar("T")
 
 PIECE, LEAST, NUMBERS = 1 << 13, 1 << 5, 1 << 18
-"""Most and least steps of a piece, and most degrees of freedom of all bodies over its steps."""
+"""Largest and smallest number of steps in a chunk, and most numbers (degrees of freedom of all
+bodies times steps)."""
 DEFAULT_ENGINE = "PyBullet"
-"""The engine of a recording that names none."""
+"""The engine of a recording that does not name one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """The samples of consecutive steps of all simulations, and the calls between them."""
+    """A chunk of consecutive steps of all simulations: the samples and the calls between them."""
 
     first: int
     """The first of these steps."""
     end: int
-    """One more than the last of these steps."""
+    """One past the last of these steps."""
     bases: Rows
-    """States of bases, of dtype `BASE_STATE`: one row per step and moving base, in step order."""
+    """States of bases, of dtype `BASE_STATE`: one row per step and movable base, in step order."""
     joints: Mapping[int, Joints]
-    """Joints by body number."""
+    """Joint states, by body id."""
     forces: Mapping[tuple[int, int], tuple[Int64, Float64]]
-    """Steps and forces of each constraint, by client and the engine's id."""
+    """Steps and forces of each constraint, by client and the engine's constraint id."""
     contacts: Rows
     """Contact points, of dtype `CONTACT`, in step order."""
     calls: Log
     impulses: Mapping[int, Sequence[Impulses]] = field(default_factory=dict)
     """The impulses in the steps, by client, if the engine replayed them."""
     controls: Mapping[int, tuple[Int64, Float64]] = field(default_factory=dict)
-    """Steps and controls of actuators, by client; the first row is the last one before the
-    piece."""
+    """Steps and actuator controls, by client; the first row is the last one before the chunk."""
 
 
 class Sampled(Protocol):
-    """A source of samples, read piece by piece."""
+    """A source of samples, read chunk by chunk."""
 
     @property
     def first(self) -> int:
@@ -89,23 +89,23 @@ class Sampled(Protocol):
         """The last step with any sample; -1 if there is none."""
 
     def piece(self, first: int, end: int) -> Piece:
-        """Return the samples of the steps from `first` to before `end`."""
+        """Return the samples of the steps from `first` up to, not including, `end`."""
 
 
 @dataclass(frozen=True)
 class HeldSamples:
-    """Samples in memory, without a recording."""
+    """Samples held in memory instead of a recording."""
 
     bases: Rows
     """States of dtype `BASE_STATE`, in step order."""
     contacts: Rows
     """Contact points of dtype `CONTACT`, in step order."""
     joints: Mapping[int, Joints] = field(default_factory=dict)
-    """Joints by body number."""
+    """Joint states, by body id."""
 
     @classmethod
     def of(cls, parts: Sequence[Samples]) -> HeldSamples:
-        """Return consecutive samples of one simulation, in which the same bodies move."""
+        """Combine consecutive samples of one simulation, in which the same bodies move."""
         return cls(
             np.concatenate([rows_of_bases(part) for part in parts]),
             np.concatenate([part.contacts for part in parts]),
@@ -126,7 +126,7 @@ class HeldSamples:
         return int(self.bases["step"][-1])
 
     def piece(self, first: int, end: int) -> Piece:
-        """Return the samples of the steps from `first` to before `end`."""
+        """Return the samples of the steps from `first` up to, not including, `end`."""
         joints = {
             number: joint.at((joint.steps >= first) & (joint.steps < end))
             for number, joint in self.joints.items()
@@ -136,73 +136,73 @@ class HeldSamples:
 
 
 Softness = tuple[tuple[float, ...], tuple[float, ...]]
-"""`solref` and `solimp` of a `PairFriction`."""
+"""`solref` and `solimp` of a contact, as in `PairFriction`."""
 
 
 @dataclass(frozen=True)
 class Seen:
-    """Everything recorded of simulations; lists in the order of events."""
+    """Everything recorded of simulations; lists are in the order of events."""
 
     bodies: Mapping[int, Body]
-    """Bodies by number, each in its latest form."""
+    """Bodies by id, each in its latest state."""
     appearances: list[Appearance]
     surfaces: list[Surface]
     """Surfaces of hollow meshes that the engine replaces by their hulls."""
     dynamics: list[Dynamics]
     settings: list[Settings]
     solvers: list[SolverStop]
-    """One entry for each simulation and iteration limit whose solver stopped early."""
+    """One entry for each simulation and iteration limit for which the solver stopped early."""
     readings: list[Reading]
-    """The lines of the script that read."""
+    """The lines of the script that read the simulation's state."""
     puts: list[Put]
     samples: Mapping[int, int]
     """Number of samples of each simulation, by client; empty if unknown."""
     sampled: Sampled
     real_time: bool
-    """Whether the script asked for real-time simulation, and was stepped by a virtual clock
+    """Whether the script requested real-time simulation, and was stepped by a virtual clock
     instead."""
     unseeded: tuple[str, ...]
     """The lines that drew unseeded random numbers."""
     machine: str
     """Kind of processor; empty if unknown."""
     causes: Mapping[int, ImpulseCause] = field(default_factory=dict)
-    """Sources of impulses, by their number in the recording."""
+    """Causes of impulses, by their index in the recording."""
     frictions: Mapping[tuple[int, int, int, int], float] = field(default_factory=dict)
-    """Coefficients of friction by two bodies and links, if the engine has one for each pair."""
+    """Coefficients of friction by pair of bodies and links, if the engine has one for each pair."""
     softness: Mapping[tuple[int, int, int, int], Softness] = field(default_factory=dict)
     """`solref` and `solimp` of each such pair."""
     condims: Mapping[tuple[int, int, int, int], tuple[int, float]] = field(default_factory=dict)
     """`condim` and `rolling` of each such pair."""
     can_replay: bool = False
-    """Whether the recording holds what its engine needs to take its steps again."""
+    """Whether the recording holds what its engine needs to replay the steps."""
     windows: Sequence[tuple[int, int, int]] = ()
-    """Client, first and end of the steps that were explained later, by the samples that they start
-    from, if not all were."""
+    """Client, first and end of each range of steps explained after the recording, by start sample;
+    empty if all steps were explained at once."""
     warnings: Sequence[EngineWarning] = ()
     equalities: Sequence[Equality] = ()
     episode_ends: Sequence[EpisodeEnd] = ()
-    """The ends of episodes that environments of gymnasium's have told."""
+    """The ends of episodes, as gymnasium environments reported them."""
     cuts: Sequence[int] = ()
-    """Samples that begin a piece."""
+    """Samples at which a chunk must begin."""
     sensors: Sequence[Sensor] = ()
 
     @property
     def engine(self) -> str:
-        """Name and version of the engine; for PyBullet, its name."""
+        """Name and version of the engine; for PyBullet, the name only."""
         return next((each.engine for each in self.settings if each.engine), DEFAULT_ENGINE)
 
     def soft(self, bodies: Sequence[int], links: Sequence[int]) -> Softness | None:
-        """Return the softness of the contact of two links, if the engine reports it."""
+        """Return the softness of the contact between two links, if the engine reports it."""
         (a, b), (i, k) = bodies, links
         return self.softness.get((a, i, b, k), self.softness.get((b, k, a, i)))
 
     def condim(self, bodies: Sequence[int], links: Sequence[int]) -> tuple[int, float]:
-        """Return `condim` and `rolling` of two links that touch."""
+        """Return `condim` and `rolling` for the contact between two links."""
         (a, b), (i, k) = bodies, links
         return self.condims.get((a, i, b, k), self.condims.get((b, k, a, i), (3, 0.0)))
 
     def piece_steps(self, most: int = PIECE, numbers: int = NUMBERS) -> int:
-        """Return the number of steps of a piece, limited by `most` and by all bodies' numbers."""
+        """Return the chunk size in steps, limited by `most` and by the degrees of freedom."""
         freedoms = sum(
             6 * body.base_moves + sum(joint.widths[1] for joint in body.joints)
             for body in self.bodies.values()
@@ -211,7 +211,7 @@ class Seen:
         return min(most, max(LEAST, numbers // max(freedoms, 1)))
 
     def pieces(self, steps: int = 0) -> Iterator[Piece]:
-        """Yield the samples in pieces of `steps` steps, or of as many as fit into memory."""
+        """Yield the samples in chunks of `steps` steps, or of as many as fit into memory."""
         steps = steps or self.piece_steps()
         first, last = self.sampled.first, self.sampled.last
         # A piece is all explained, or not at all.
@@ -227,12 +227,12 @@ class Seen:
 
     @property
     def bases(self) -> Rows:
-        """States of dtype `BASE_STATE`: one row per step and moving base, in step order."""
+        """States of dtype `BASE_STATE`: one row per step and movable base, in step order."""
         return self._whole.bases
 
     @property
     def joints(self) -> Mapping[int, Joints]:
-        """Joints in all steps, by body number."""
+        """Joint states in all steps, by body id."""
         return self._whole.joints
 
     @property
@@ -255,7 +255,7 @@ class Seen:
         return joined({part: np.concatenate(held) for part, held in parts.items()})
 
     def parts_of(self, piece: Piece) -> dict[tuple[int, int], Rows]:
-        """Return the states of each part that can move in a piece, by body and link."""
+        """Return the states of each movable part in a chunk, by body and link."""
         bases = by_body(piece.bases)
         parts: dict[tuple[int, int], Rows] = {}
         for number, body in self.bodies.items():
@@ -296,7 +296,7 @@ class Seen:
 
 
 def rows_of_bases(seen: Samples) -> Rows:
-    """Return the states of bases as rows of dtype `BASE_STATE`, by step and number."""
+    """Return the states of bases as rows of dtype `BASE_STATE`, ordered by step and body id."""
     numbers = sorted(seen.bases)
     rows = np.empty((len(seen.steps), len(numbers)), BASE_STATE)
     rows["step"] = seen.steps[:, None]
@@ -308,7 +308,7 @@ def rows_of_bases(seen: Samples) -> Rows:
 
 
 def seen_in(events: Iterable[Event]) -> Seen:
-    """Return the record of one simulation, from all of its events in memory."""
+    """Build the record of one simulation from its events in memory."""
     told = [*events]
 
     def those(kind: type[T]) -> list[T]:
@@ -333,7 +333,7 @@ def seen_in(events: Iterable[Event]) -> Seen:
 
 
 def joined(parts: Mapping[tuple[int, int], Rows]) -> Rows:
-    """Return the states of all parts as one, in the order of body, link and step."""
+    """Concatenate the states of all parts, in the order of body, link and step."""
     return np.concatenate([np.empty(0, STATE), *(rows for _, rows in sorted(parts.items()))])
 
 
@@ -345,7 +345,7 @@ def names_of_body(body: Body) -> Iterator[str]:
 
 
 def body_named(bodies: Iterable[Body], which: str) -> Body:
-    """Return the only body of a number, label or name, with or without the suffix of its file.
+    """Return the one body with an id, label or name, with or without the suffix of its file.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The calls of a script between some steps, with the bodies that they concern."""
+"""The calls of a script in a range of steps, with the bodies that they concern."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from drop_physics.trace.motors import Command, commands_of
 from drop_physics.trace.properties import link_reached
 
 PAIR = ("bodyUniqueIdA", "bodyUniqueIdB", "bodyUniqueId")
-"""Arguments of a call that filters contacts: of two bodies, or of one."""
+"""Arguments of the calls that filter contacts: for two bodies, or for one."""
 
 
 class Log:
-    """Calls as recorded: those of one site are rows of numbers.
+    """Calls as recorded: those from one site are rows of numbers.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Log:
         yield from self._made({*self.sites})
 
     def of(self, *acts: Act) -> list[Call]:
-        """Return the successful calls with any of these meanings; without arguments all of them."""
+        """Return the successful calls with any of these meanings; all of them if none is given."""
         sites = {n for n, site in self.sites.items() if not acts or site.act in acts}
         return [call for call in self._made(sites) if not call.raised]
 
@@ -78,23 +78,23 @@ class Log:
         return self._made({n for n, site in self.sites.items() if site.function == function})
 
     def with_argument(self, *names: str) -> list[Call]:
-        """Return the successful calls that give any of these arguments."""
+        """Return the successful calls that set any of these arguments."""
         sites = {n for n, site in self.sites.items() if {*names} & site.places.keys()}
         return [call for call in self._made(sites) if not call.raised]
 
     def failed(self) -> list[Call]:
-        """Return the calls that raised."""
+        """Return the calls that raised an error."""
         return [call for call in self if call.raised] if self._errors else []
 
     def commands(self) -> Iterator[Command]:
-        """Yield the commands to joints in successful calls: by site, not in order."""
+        """Yield the motor commands in successful calls, grouped by site, not in time order."""
         failed = [*self._errors]
         for row, widths in self._rows:
             for command in commands_of(row, self.sites, widths):
                 yield command.only(~np.isin(command.calls, failed)) if failed else command
 
     def _made(self, sites: set[int]) -> list[Call]:
-        """Return the calls of some sites in order, cached, since many rules ask for them."""
+        """Return the calls of the given sites in order, cached because many rules read them."""
         key = frozenset(sites)
         if key not in self._known:
             self._known[key] = self._calls_of(sites)
@@ -140,14 +140,14 @@ class Log:
                 yield call, max(call.at, came.at, key=order), came
 
     def body_at(self, call: Call, engine_id: int) -> Appearance | None:
-        """Return the body that had an id at a call, or got it by the next step."""
+        """Return the body with an engine id at a call, or that gets the id by the next step."""
         came, (which,) = self.bodies_at(call.client, engine_id, np.array([call.at.call]))
         return None if which < 0 else came[which]
 
     def bodies_at(
         self, client: int, engine_id: int, calls: Int64
     ) -> tuple[Sequence[Appearance], Int64]:
-        """Return the bodies that had an id, and the index of its owner at each call.
+        """Return the bodies that had an engine id, and the index of its owner at each call.
 
         -1 stands for none; shape (n,). `calls` are their numbers.
         """
@@ -169,7 +169,7 @@ class Log:
         return came, which
 
     def _life(self) -> dict[tuple[int, int], list[tuple[int, int | None]]]:
-        """Return the calls that made and removed each body, by client and the engine's id."""
+        """Return the calls that created and removed each body, by client and engine id."""
         if self._lives is None:
             self._lives = {}
             for call in self.of(*MAKES, Act.REMOVE, Act.CLEAR):
@@ -187,7 +187,7 @@ class Log:
     # -- what they asked for ----------------------------------------------------------------------
 
     def filters(self) -> Iterator[tuple[Call, tuple[int, ...]]]:
-        """Yield the calls that may end contacts of two bodies, or of one with all others.
+        """Yield the calls that may disable contacts between two bodies, or of one with all others.
 
         They come with the bodies' numbers.
         """
@@ -198,7 +198,7 @@ class Log:
                 yield call, tuple(each.body.number for each in its if each is not None)
 
     def pushes(self) -> Iterator[Push]:
-        """Yield the forces and torques applied by calls."""
+        """Yield the external forces and torques that calls apply."""
         for call, at, came in self.of_bodies(*PUSHES):
             values = call.values
             torque = call.act is Act.TWIST
@@ -211,7 +211,7 @@ class Log:
                 yield Push(at, came.body, int(link[0]), torque, vector, where, in_world_axes=world)
 
     def given(self) -> Iterator[Given]:
-        """Yield the properties of bodies set by calls."""
+        """Yield the body properties that calls set."""
         for call, at, came in self.of_bodies(Act.SET_PROPERTY):
             values: dict[str, float | Sequence[float]] = {
                 name: held[0] if len(held) == 1 else list(held)

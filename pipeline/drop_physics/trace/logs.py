@@ -1,4 +1,4 @@
-"""The calls that make a simulation, for an engine to repeat: a log, and edits of it."""
+"""The calls that build and drive a simulation, as a log that an engine can repeat."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from drop_physics.messages import Message
 from drop_physics.trace.frames import ModelEdit
 
 Sets = Literal["setting", "state", "input", "model"]
-"""Targets of a call: an option of the engine; positions and velocities; inputs from outside; or
-properties of a body."""
+"""What a call sets: an engine option; positions and velocities; external inputs; or body
+properties."""
 Made = tuple[str, int]
-"""Objects that a call creates: their kind, and a number that means the same in both logs."""
+"""An object that a call creates: its kind, and an index that means the same in both logs."""
 
 
 @dataclass(frozen=True)
@@ -23,27 +23,28 @@ class LoggedCall:
 
     function: str
     given: Mapping[str, Any]
-    """Arguments by name; objects created by an earlier call stand as a `Made`."""
+    """Arguments by name; an object that an earlier call created is given as a `Made`."""
     step: int
-    """Number of steps before it."""
+    """Number of steps before the call."""
     sets: Sets
     makes: Made | None = None
     site: str | None = None
     """File and line."""
     about: str = ""
-    """The body that it is about, in words."""
+    """Description of the body that the call concerns."""
     raises: bool = False
     content: bytes | None = None
     """Bytes of the file that the call names."""
     key: object = None
-    """The same for calls that do the same, whatever the names of files that they load."""
+    """A key that is equal for calls with the same effect, whatever the names of the files that they
+    load."""
 
 
 # -- files that calls name ------------------------------------------------------------------------
 
 
 def attributes_apart(a: bytes, b: bytes) -> Iterator[tuple[str, str | None, str | None]]:
-    """Yield the attributes that differ between two XML files of the same elements.
+    """Yield the attributes that differ between two XML files with the same elements.
 
     An attribute is named by its element and the named element around it, such as `mass value of
     arm`. Nothing is yielded if the elements differ, or a file is no XML.
@@ -77,12 +78,12 @@ class KnownDifference:
 
     name: Message
     is_setting: bool = False
-    """Whether it is an option of the engines rather than of something in a model."""
+    """Whether it is an engine option rather than a property of the model."""
     calls: Sequence[LoggedCall] = ()
-    """The calls of the one engine that take it away."""
+    """The calls that remove it in the one engine."""
     edits: Sequence[ModelEdit] = ()
-    """Edits that remove it in the model of the other."""
+    """Model edits that remove it in the other engine."""
     value: float | None = None
-    """Value in the engine whose calls remove it, if it is a number."""
+    """Value in the engine whose calls remove the difference, if it is a number."""
     other: float | None = None
     """Value in the other engine."""

@@ -1,4 +1,4 @@
-"""Calls that command joints: motors, torques and PD_CONTROL, as rows of numbers."""
+"""Motor commands to joints (motors, torques and PD_CONTROL), as rows of numbers."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ T = TypeVar("T")
 VELOCITY, TORQUE, POSITION, PD = 0, 1, 2, 3
 """Values of `controlMode`."""
 FORCE = 100000.0
-"""PyBullet's default limit of a motor [N m] or [N]."""
+"""PyBullet's default force limit of a motor [N m] or [N]."""
 DEFAULTS_TO_FORCE = ("setJointMotorControl2", "setJointMotorControlArray")
-"""Functions whose TORQUE_CONTROL exerts a torque of FORCE if none is given."""
+"""Functions whose TORQUE_CONTROL applies a torque of FORCE if none is given."""
 DEFAULTS = {
     "targetPosition": 0.0,
     "targetVelocity": 0.0,
@@ -28,7 +28,7 @@ DEFAULTS = {
     "velocityGain": 1.0,
     "maxVelocity": 0.0,
 }
-"""PyBullet's defaults of arguments; a maxVelocity of 0 is no limit."""
+"""PyBullet's default arguments; a maxVelocity of 0 means no limit."""
 ARGUMENTS = {
     "targetPosition": "targetPositions",
     "targetVelocity": "targetVelocities",
@@ -37,23 +37,23 @@ ARGUMENTS = {
     "velocityGain": "velocityGains",
     "maxVelocity": "maxVelocities",
 }
-"""The arguments of a call for one joint, and their names in a call for several."""
+"""The arguments of a call for one joint, and their names in the call for several joints."""
 
 
 class Command(NamedTuple):
-    """n calls from one site that command a joint each."""
+    """n calls from one site that each command the same joint."""
 
     client: int
     site: Site
     calls: Int64
-    """Numbers of the calls, shape (n,)."""
+    """Indices of the calls, shape (n,)."""
     steps: Int64
     times_s: Float64
     bodies: Int64
-    """The engine's ids of the bodies."""
+    """The engine's body ids."""
     joints: Int64
     values: Mapping[str, Float64]
-    """Arguments by their name in a call for one joint, shape (n, k)."""
+    """Arguments, named as in a call for one joint, shape (n, k)."""
 
     def given(self, name: str, width: int = 1) -> Float64:
         """Return the numbers of an argument, shape (n, width) or, with one number each, (n, 1).
@@ -67,7 +67,7 @@ class Command(NamedTuple):
 
     @property
     def torques(self) -> Float64 | None:
-        """The torques of calls of TORQUE_CONTROL [N m] or [N], shape (n, k); None without any."""
+        """Torques of TORQUE_CONTROL calls [N m] or [N], shape (n, k); None if there are none."""
         given = self.values.get("force")
         if given is None and self.site.function in DEFAULTS_TO_FORCE:
             return np.full((len(self.calls), 1), FORCE)
@@ -89,7 +89,7 @@ class Command(NamedTuple):
 
 
 def commands_of(seen: Calls, sites: Mapping[int, Site], widths: Int64) -> Iterator[Command]:
-    """Yield the commands of calls to joints, one for each site and joint.
+    """Yield the motor commands in calls, one for each site and joint.
 
     `widths` has the number of numbers of each call.
     """
@@ -120,7 +120,7 @@ def commands_of(seen: Calls, sites: Mapping[int, Site], widths: Int64) -> Iterat
 
 
 def of_joint(values: Mapping[str, Sequence[T]], number: int, joints: int) -> dict[str, Sequence[T]]:
-    """Return the arguments of a motor call that concern one of several joints.
+    """Return one joint's arguments of a motor call for several joints.
 
     Parameters
     ----------

@@ -19,11 +19,11 @@ KINDS: Mapping[str, Kind] = {
     "prismatic": "prismatic",
     "spherical": "spherical",
 }
-"""Joints that kinematics covers; another is drawn as if it were fixed."""
+"""Joint types that the kinematics covers; any other is drawn as fixed."""
 
 
 def tree_of(joints: Sequence[Joint], frames: Float64) -> Tree:
-    """Return the links of a body with a moving base, without masses: enough for their poses.
+    """Build a body's kinematic tree with a moving base, without masses: enough to compute poses.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def tree_of(joints: Sequence[Joint], frames: Float64) -> Tree:
 
 
 def inertial_frames(reported: Mapping[str, Float64]) -> Float64:
-    """Return the frames of inertia of base and links in their own frames, shape (links + 1, 7)."""
+    """Return the inertial frames of base and links in their own frames, shape (links + 1, 7)."""
     frames = np.hstack((reported["inertial_position_m"], reported["inertial_orientation"]))
     # Those of a btRigidBody are not known, and of a base not needed.
     return np.where(np.isfinite(frames), frames, 0.0)
@@ -85,7 +85,7 @@ def links_of(tree: Tree, base: Float64, joints: Joints | None) -> Float64:
 
 
 def within(frames: Float64, poses: Float64) -> Float64:
-    """Return poses in other frames: position and orientation each, shape (n, 7)."""
+    """Express poses relative to other frames: position and orientation each, shape (n, 7)."""
     backwards = frames[:, 3:] * [-1.0, -1.0, -1.0, 1.0]
     return np.hstack(
         (
@@ -96,14 +96,14 @@ def within(frames: Float64, poses: Float64) -> Float64:
 
 
 def placed(frames: Float64, poses: Float64) -> Float64:
-    """Return poses in frames as poses in the world: the inverse of `within`."""
+    """Convert poses relative to frames into world poses: the inverse of `within`."""
     return np.hstack(
         (frames[:, :3] + rotate(frames[:, 3:], poses[:, :3]), products(frames[:, 3:], poses[:, 3:]))
     )
 
 
 def rows_of(number: int, steps: Int64, motions: Float64) -> Rows:
-    """Return motions of base and links, shape (n, links + 1, 13), as rows of dtype `STATE`."""
+    """Convert motions of base and links, shape (n, links + 1, 13), to rows of dtype `STATE`."""
     count = motions.shape[1]
     rows = np.empty((len(steps), count), STATE)
     rows["step"], rows["body"] = steps[:, None], number

@@ -1,4 +1,4 @@
-"""The target of PyBullet's `changeDynamics`: the named link, or the base.
+"""Which link PyBullet's `changeDynamics` really changes: the named link, or the base.
 
 PyBullet sends one link with all properties of a call, and each of its setters writes which one it
 is: most write the link that the call names, some the base. So the last setter decides for all of
@@ -38,6 +38,7 @@ ORDER: Mapping[str, bool] = {
     "collisionMargin": TO_BASE,
 }
 """The setters in PyBullet's order, by their argument, and whether each writes the named link.
+`sleepThreshold` writes none.
 
 `sleepThreshold` writes none.
 """
@@ -46,9 +47,9 @@ PROPERTIES = ORDER.keys() | {"jointUpperLimit", "contactDamping", "sleepThreshol
 OF_BODIES = frozenset(
     ("linearDamping", "angularDamping", "maxJointVelocity", "activationState", "sleepThreshold")
 )
-"""Properties that a btMultiBody has once: they take effect whatever link is named."""
+"""Properties that a btMultiBody has only once: they take effect whichever link is named."""
 OF_JOINTS = frozenset(("jointDamping", "jointLowerLimit", "jointUpperLimit", "jointLimitForce"))
-"""Properties that a base does not have: a call that reaches the base loses them."""
+"""Properties that a base does not have: they are lost if the call reaches the base."""
 REPORTED: Mapping[str, str] = {
     "mass": "mass_kg",
     "lateralFriction": "lateral_friction",
@@ -60,7 +61,9 @@ REPORTED: Mapping[str, str] = {
     "contactStiffness": "contact_stiffness",
     "collisionMargin": "collision_margin_m",
 }
-"""Arguments of which `getDynamicsInfo` reports what the engine has, and how that is recorded.
+"""Arguments whose value in the engine `getDynamicsInfo` reports, and how each is recorded.
+`getJointInfo` and `getConstraintInfo` report values cached in the client, not the engine's: limits
+and damping of a joint stay those of its file.
 
 `getJointInfo` and `getConstraintInfo` answer from what the client has been told, not from the
 engine: limits and damping of a joint stay those of its file.
@@ -72,15 +75,15 @@ REPORTED_SETTINGS: Mapping[str, str] = {
     "gravZ": "gravityAccelerationZ",
     "enableRealTimeSimulation": "useRealTimeSimulation",
 }
-"""Names by which `getPhysicsEngineParameters` reports arguments, if they differ."""
+"""Names that `getPhysicsEngineParameters` uses for arguments, where they differ."""
 SETTERS = Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_REAL_TIME, Act.SET_ENGINE
-"""Acts whose calls have such arguments."""
+"""Meanings of the calls that have such arguments."""
 VECTORS = frozenset(("anisotropicFriction", "localInertiaDiagonal"))
-"""Arguments that have a setter whatever their values are."""
+"""Arguments whose setter is called whatever their values are."""
 
 
 def takes(name: str, values: Mapping[str, Sequence[float]]) -> bool:
-    """Return whether PyBullet passes on the given value of an argument.
+    """Return whether PyBullet passes the given value of an argument on to the engine.
 
     Negative numbers stand for none; so does a lower limit without an upper one that is as high.
     """
@@ -93,7 +96,7 @@ def takes(name: str, values: Mapping[str, Sequence[float]]) -> bool:
 
 
 def link_reached(values: Mapping[str, Sequence[float]]) -> int:
-    """Return the link whose properties a call changes, from the numbers of its arguments.
+    """Return the link whose properties a call really changes, from its numeric arguments.
 
     -1 is the base. If no argument has a setter, it is the named link.
     """

@@ -1,4 +1,4 @@
-"""Readings of a simulation by its script: place, function, subject, number and time.
+"""What a script reads from a simulation: line, function, subject, number of readings, and time.
 
 They include the first and the last, the least and the greatest answer of a line; other values can
 be computed from states and contacts.
@@ -13,57 +13,59 @@ from drop_physics.trace.acts import Act, act_of
 
 @dataclass(frozen=True)
 class Subject:
-    """The subject of a reading: a body, a link of it, or its contact with others."""
+    """What a reading is about: a body, a link, or its contact with others."""
 
     body: int
-    """Number in the recording."""
+    """Body id in the recording."""
     link: int | None
-    """-1 is the base; None where the reading names no link."""
+    """Link index; -1 is the base; None if the reading names no link."""
     other: int | None = None
-    """Number of the other body, if pairs are read."""
+    """Id of the other body, if the reading is about a pair."""
     other_link: int | None = None
     """Link of the other body."""
 
 
 POINTS, FIRST_FORCE, FORCE, DISTANCE = "points", "force of the first", "force of all", "distance"
-"""Names of the numbers of contact points: how many, normal forces [N], least distance [m]."""
+"""Names of contact quantities: number of points, normal forces [N], smallest distance [m]."""
 REACTION, TORQUE = "reaction", "torque"
-"""Beginning of the names of what a joint's sensor reads, and what a motor gives [N] or [N m]."""
+"""Name prefixes for the readings of a joint's force-torque sensor, and for the motor torque [N] or
+[N m]."""
 EFFORT = "effort"
-"""Beginning of the names of the efforts that inverse dynamics gives, a rate each [N] or [N m]."""
+"""Name prefix for the efforts that inverse dynamics returns, one per degree of freedom [N] or [N
+m]."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """A number in the answers of a line's counted readings."""
+    """One number in the return values of a line's counted readings."""
 
     name: str
-    """Name: `points`, `force of all`, `reaction fx`, `x` …; its place in the answer where it has no
-    name."""
+    """Name: `points`, `force of all`, `reaction fx`, `x` …; its index in the return value if it has
+    no name."""
     first: float
-    """First reading."""
+    """Its value in the first reading."""
     last: float
-    """Last reading."""
+    """Its value in the last reading."""
     least: float
-    """The least that any gave."""
+    """Its smallest value."""
     greatest: float
-    """The greatest."""
+    """Its largest value."""
 
 
 @dataclass(frozen=True)
 class Lens:
-    """The matrices of a camera, column by column, 16 numbers each; empty if none was given."""
+    """A camera's matrices in column order, 16 numbers each; empty if none was given."""
 
     size_px: tuple[int, ...]
     """Width and height."""
     view: tuple[float, ...]
-    """World to camera."""
+    """View matrix: world to camera."""
     projection: tuple[float, ...]
-    """Camera to picture."""
+    """Projection matrix: camera to image."""
 
     @property
     def near_far_m(self) -> tuple[float, float] | None:
-        """Distances between which things are drawn [m]; None for other kinds of projections.
+        """Near and far clipping distances [m]; None for other kinds of projection.
 
         From the third row of OpenGL's matrices: of a perspective z = -(f + n)/(f - n) and
         -2 f n/(f - n), of a parallel projection -2/(f - n) and -(f + n)/(f - n).
@@ -85,40 +87,41 @@ class Lens:
 
 @dataclass(frozen=True)
 class Reading:
-    """A line of the script that reads, with arguments of one form."""
+    """A line of the script that reads the simulation, with arguments of one structure."""
 
     number: int
-    """Number in the recording, in the order of the first readings."""
+    """Index in the recording, in the order of the first readings."""
     client: int
-    """The simulation that it reads."""
+    """Id of the simulation that it reads."""
     function: str
     """The function that it calls."""
     file: str
-    """File of the call, without folders of this machine."""
+    """File of the call, without this machine's folders."""
     line: int
     """Line number, from 1."""
     arguments: tuple[str, ...]
-    """The arguments that are given, except the client."""
+    """Names of the given arguments, except the client."""
     flags: dict[str, int | None]
-    """Values of the arguments that change what is read; None if it is not a whole number."""
+    """Values of the arguments that change what is read; None for one that is not an integer."""
     first_step: int
-    """Number of steps of the simulation before the first reading."""
+    """Number of the simulation's steps before the first reading."""
     last_step: int
-    """Number of steps before the last reading that was observed."""
+    """Number of steps before the last observed reading."""
     count: int
     """Number of readings; an estimate unless it is `exact`."""
     exact: bool
-    """Whether every reading was observed: after 256 steps it may be those of every 61st step."""
+    """Whether every reading was observed; after 256 steps, frequent ones may be sampled in every
+    61st step."""
     targets: tuple[Subject, ...]
-    """Subjects of the reading, each once; empty if it reads all bodies, or none."""
+    """Subjects of the readings, each once; empty if it reads all bodies, or none."""
     constraints: tuple[int, ...]
-    """The constraints that it read, by the engine's id."""
+    """The constraints that it reads, by the engine's id."""
     complete: bool
-    """Whether `targets` is complete; at most 1024 are kept."""
+    """Whether `targets` lists all subjects; at most 1024 are kept."""
     camera: Lens | None = None
-    """The camera of its first picture."""
+    """The camera of its first image."""
     answers: tuple[Answer, ...] = ()
-    """Answers, a number each; for several bodies or links those of all."""
+    """Return values, one entry for each number; for several bodies or links those of all."""
 
     @property
     def act(self) -> Act:

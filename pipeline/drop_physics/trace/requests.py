@@ -1,4 +1,4 @@
-"""Requests of calls, compared with the engine's reports before the next step.
+"""Values that calls requested, compared with those that the engine reports before the next step.
 
 The recorder reads a body again, once, before the step that follows a call about it, and the
 engine's settings likewise; changed values are written. So both are in any recording.
@@ -31,15 +31,15 @@ from drop_physics.trace.properties import (
 )
 
 ROUNDING = 1e-9
-"""Relative difference up to which a report agrees with a request: the mass of a btRigidBody is 1 /
-(1 / m)."""
+"""Relative difference up to which a reported value agrees with the requested one: the mass of a
+btRigidBody is 1 / (1 / m)."""
 Row = TypeVar("Row", Dynamics, Settings)
 Numbers = tuple[float, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """A property that a call set, of a link or of the engine itself."""
+    """A property that a call set, for a link or for the engine itself."""
 
     call: Call
     name: str
@@ -50,20 +50,20 @@ class Request:
     link: int = BASE
     """The link that the call names."""
     reached: int = BASE
-    """The link that the call reached."""
+    """The link that the call affected."""
     ignored: bool = False
-    """Whether the engine ignores such a value."""
+    """Whether the engine ignores this value."""
     before: Numbers | None
-    """The report on the named link before the call; None if there is none, or the body was not
-    listed yet."""
+    """The value reported for the named link before the call; None if there is none, or the body was
+    not listed yet."""
     got: Numbers | None
-    """The report on the named link before the next step."""
+    """The value reported for the named link before the next step."""
     elsewhere: Numbers | None = None
-    """The report on the link that the call reached, if that is another one."""
+    """The value reported for the link that the call affected, if that is another link."""
 
     @property
     def taken(self) -> bool:
-        """Return whether the named link has the requested value, as far as the engine reports."""
+        """Return whether the named link has the requested value, if the engine reports it."""
         if self.got is not None:
             same = len(self.got) == len(self.asked)
             return same and bool(np.allclose(self.got, self.asked, rtol=ROUNDING, atol=0))
@@ -76,7 +76,7 @@ class Request:
 def requests(
     calls: Log, dynamics: Sequence[Dynamics], settings: Sequence[Settings]
 ) -> list[Request]:
-    """Return the requests of calls, for bodies and then for the engine, in order.
+    """Return the values that calls requested, for bodies and then for the engine, in order.
 
     A request that another call replaced before the next step is left out: nothing was read in
     between.
@@ -122,7 +122,7 @@ def requests(
 def _around(
     rows: Sequence[Row], call: Call, at: At, since: tuple[int, int] = (0, -1)
 ) -> tuple[Row | None, Row | None]:
-    """Return the reports before a call and before the next step; None where nothing was read."""
+    """Return the reports before a call and before the next step; None if there is no report."""
     first = bisect_left(rows, since, key=lambda row: order(row.at))
     later = max(first, bisect_left(rows, call.at.call, key=lambda row: row.at.call))
     before = rows[later - 1] if later > first else None
@@ -132,7 +132,7 @@ def _around(
 
 
 def _of_link(row: Dynamics | None, name: str, link: int) -> Numbers | None:
-    """Return the report of a link's property, if the engine reports it for such a link."""
+    """Return the reported property of a link, if the engine reports it for such a link."""
     values = None if row is None else row.reported.get(REPORTED.get(name, ""))
     if values is None or not BASE <= link < len(values) - 1:
         return None

@@ -1,4 +1,4 @@
-"""An engine's reports of steps: the states of movable bodies, and the contact points.
+"""What an engine reports for each step: the states of movable bodies, and the contact points.
 
 Rows of named numbers. A *part* is a body's link; link -1 is its base. World axes throughout.
 """
@@ -18,11 +18,11 @@ Rows = NDArray[np.void]
 """Rows of `STATE` or of `CONTACT`, in the order of their steps."""
 
 BODY, FLOOR = 0, 1
-"""Numbers of the two bodies of a drop."""
+"""Body ids of the two bodies of a drop."""
 BODY_LABEL, FLOOR_LABEL = "box", "floor"
 """The bodies' labels in the recording of a drop."""
 BASE = -1
-"""The link that every body has: its base."""
+"""Link index of the base, which every body has."""
 
 STATE = np.dtype(
     [
@@ -39,20 +39,20 @@ STATE = np.dtype(
 quaternion x, y, z, w. The parts of a step are ordered by body and link."""
 
 BASE_STATE = np.dtype([(name, STATE[name]) for name in STATE.names or () if name != "link"])
-"""A state of a base: a part without the number of its link."""
+"""The state of a base: that of a part without the link index."""
 
 MOTION = {
     "position_m": slice(0, 3), "orientation": slice(3, 7), "velocity_m_s": slice(7, 10),
     "spin_rad_s": slice(10, 13),
 }  # fmt: skip
-"""Slices of a state's 13 numbers."""
+"""Slices of a state's 13 numbers: position, orientation, linear and angular velocity."""
 STATE_COLUMNS = {
     "position_m": ("x_m", "y_m", "z_m"),
     "orientation": ("qx", "qy", "qz", "qw"),
     "velocity_m_s": ("vx_m_s", "vy_m_s", "vz_m_s"),
     "spin_rad_s": ("wx_rad_s", "wy_rad_s", "wz_rad_s"),
 }
-"""The columns of each part of a state in a table."""
+"""The table columns of each part of a state."""
 MOTION_COLUMNS = [name for names in STATE_COLUMNS.values() for name in names]
 
 CONTACT = np.dtype(
@@ -84,25 +84,25 @@ CONTACT_COLUMNS = {
     "friction_1_direction": ("f1x", "f1y", "f1z"),
     "friction_2_direction": ("f2x", "f2y", "f2z"),
 }
-"""The columns of each vector of a contact point in a table."""
+"""The table columns of each vector of a contact point."""
 
 
 @dataclass(frozen=True)
 class Joints(Rowed):
-    """The moving joints of a body at n samples."""
+    """The movable joints of a body at n samples."""
 
     steps: Int64
     times_s: Float64
     position: Float64
-    """[rad] or [m], shape (n, positions)."""
+    """Joint positions [rad] or [m], shape (n, positions)."""
     velocity: Float64
-    """[rad/s] or [m/s], shape (n, velocities)."""
+    """Joint velocities [rad/s] or [m/s], shape (n, velocities)."""
     effort: Float64
-    """Efforts of the motors [N m] or [N], shape (n, efforts)."""
+    """Motor efforts [N m] or [N], shape (n, efforts)."""
 
 
 def in_step_order(rows: Rows) -> Rows:
-    """Return the rows in step order, uncopied if they already are."""
+    """Return the rows sorted by step, without a copy if they already are."""
     steps = rows["step"]
     if (steps[1:] >= steps[:-1]).all():
         return rows
@@ -111,25 +111,25 @@ def in_step_order(rows: Rows) -> Rows:
 
 
 def between(rows: Rows, first: int, end: int) -> Rows:
-    """Return the rows of the steps from `first` to before `end`; the rows are in step order."""
+    """Return the rows of the steps from `first` to before `end`; rows are in step order."""
     some: Rows = rows[slice(*np.searchsorted(rows["step"], (first, end)))]
     return some
 
 
 def motion_of(rows: Rows) -> Float64:
-    """Return the 13 numbers of states, as `MOTION` places them: shape (n, 13)."""
+    """Return the 13 numbers of each state, in the layout of `MOTION`: shape (n, 13)."""
     flat = np.ascontiguousarray(rows).view(np.float64)
     return np.asarray(flat.reshape(len(rows), rows.dtype.itemsize // 8)[:, -13:])
 
 
 def numbers_of(rows: Rows, field: str) -> NDArray[np.float64 | np.int64]:
-    """Return a field of rows with an axis for its numbers, even for one: shape (n, k)."""
+    """Return a field of rows as a 2-D array, even if it has one number: shape (n, k)."""
     values: NDArray[np.float64 | np.int64] = rows[field]
     return values[:, None] if values.ndim == 1 else values
 
 
 def by_body(rows: Rows) -> dict[int, Rows]:
-    """Return the states of each body, in their order, by its number."""
+    """Return each body's states in order, keyed by body id."""
     return {number: rows[its] for number, its in groups(rows["body"])}
 
 

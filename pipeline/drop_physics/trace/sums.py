@@ -1,4 +1,4 @@
-"""Causes in steps of a recording, explained after it was made."""
+"""Explanations of recorded steps that were computed after the recording was made."""
 
 from __future__ import annotations
 
@@ -16,23 +16,22 @@ from drop_physics.trace.history import Piece, Sampled, Seen
 from drop_physics.trace.states import between, in_step_order
 
 Window = tuple[int, int, int]
-"""A simulation and some of its steps: from the first to before the last, by the samples that they
-start from."""
+"""A range of steps of one simulation: client, first and end (exclusive), by start sample."""
 
 
 class EventPlace(NamedTuple):
-    """The place of an event."""
+    """Where an event is stored in the file, and the samples that it covers."""
 
     first: int
     """The first of its samples."""
     end: int
-    """One more than the last of them."""
+    """One past the last of its samples."""
     at: int
-    """The beginning in the file."""
+    """Byte offset in the file."""
 
 
 class LaterSums:
-    """Impulses and contact points of windows, in a temporary file of their own."""
+    """Impulses and contact points of explained step ranges, in a temporary file."""
 
     def __init__(self) -> None:
         self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by the next line
@@ -66,7 +65,7 @@ class LaterSums:
                 yield pickle.load(self._file)
 
     def lacking(self, wanted: Iterable[Window]) -> list[Window]:
-        """Return windows without the steps that are already explained."""
+        """Return the wanted step ranges without the steps that are already explained."""
         found: list[Window] = []
         for client, first, end in wanted:
             begin = first
@@ -80,7 +79,7 @@ class LaterSums:
         return found
 
     def seen(self, seen: Seen, *, whole: bool) -> Seen:
-        """Return a record with the causes of its steps; `whole` if all steps are explained."""
+        """Return a record with the impulse causes added; `whole` if all steps are explained."""
         pairs = {(pair.body_a, pair.link_a, pair.body_b, pair.link_b): pair for pair in self.pairs}
         return replace(
             seen,
@@ -100,7 +99,7 @@ class LaterSums:
 
 
 def _joined(windows: Iterable[Window]) -> list[Window]:
-    """Return windows, with those of a simulation that touch merged."""
+    """Merge the step ranges of a simulation that touch or overlap."""
     found: list[Window] = []
     for client, first, end in sorted(windows):
         if found and found[-1][0] == client and first <= found[-1][2]:
@@ -111,7 +110,7 @@ def _joined(windows: Iterable[Window]) -> list[Window]:
 
 
 class WithSums:
-    """Samples with later explanations."""
+    """Samples combined with explanations that were added later."""
 
     def __init__(self, samples: Sampled, sums: LaterSums) -> None:
         self._samples, self._sums = samples, sums
@@ -127,7 +126,7 @@ class WithSums:
         return self._samples.last
 
     def piece(self, first: int, end: int) -> Piece:
-        """Return the samples of the steps from `first` to before `end`."""
+        """Return the samples of the steps from `first` up to, not including, `end`."""
         piece = self._samples.piece(first, end)
         contacts = [piece.contacts]
         impulses = {client: [*parts] for client, parts in piece.impulses.items()}

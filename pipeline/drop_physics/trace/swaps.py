@@ -1,4 +1,4 @@
-"""The common part of two runs, in columns that correspond, and the effects of single steps.
+"""What two compared runs have in common, in corresponding columns, and the effects of swaps.
 
 An engine delivers both: here is the form that it gives them, without a word of its own.
 """
@@ -12,47 +12,48 @@ from typing import Literal, NamedTuple, Protocol
 from drop_physics.arrays import Flags, Float64, Int64
 
 Kind = Literal["motion", "hidden", "input", "edit"]
-"""Positions and velocities; the rest of a state; what acts from outside; what is written into the
-model while it runs."""
+"""What a number is: a position or velocity; other state; an external input; or a model field
+written during the run."""
 
 
 @dataclass(frozen=True, eq=False)
 class Paired:
-    """Numbers of one name in both runs, n steps in k columns that correspond."""
+    """The numbers of one name in both runs: n steps in k corresponding columns."""
 
     name: str
-    """The name in the engine's own words."""
+    """The name that the engine uses."""
     kind: Kind
     elements: Sequence[str]
-    """The thing that each column is of."""
+    """The model element to which each column belongs."""
     before_a: Float64
-    """Before each step, shape (n, k)."""
+    """First run's values before each step, shape (n, k)."""
     before_b: Float64
     after_a: Float64 | None = None
-    """After each step, shape (n, k); None for what no step changes."""
+    """First run's values after each step, shape (n, k); None for what no step changes."""
     after_b: Float64 | None = None
     units: Sequence[str] = ()
-    """Units of the columns whose differences a reader is told: `m`, `rad`, `m/s`, `rad/s`."""
+    """Units of the columns whose differences are reported: `m`, `rad`, `m/s`, `rad/s`."""
     is_setting: bool = False
-    """Whether it is an option of the engine, written while it runs."""
+    """Whether it is an engine option that is written during the run."""
 
 
 class FieldApart(NamedTuple):
-    """An element of the compiled models that differs between two runs."""
+    """A model element whose compiled values differ between two runs."""
 
     field: str
     element: str
-    """Name; empty for a field that has no elements."""
+    """Name of the element; empty for a field without elements."""
     of: str
-    """Owner, such as the body of a shape; empty if that says no more."""
+    """Owner, such as the body of a shape; empty if it adds no information."""
     a: tuple[float, ...]
     b: tuple[float, ...]
     is_derived: bool = False
     """Whether the engine computes it from other fields."""
     is_setting: bool = False
-    """Whether it is an option of the engine rather than of something in the model."""
+    """Whether it is an engine option rather than a property of the model."""
     is_structure: bool = False
-    """Whether it says how elements hang together: such differences are swapped as one."""
+    """Whether the field describes how elements are connected: such differences are swapped
+    together."""
 
 
 class StageApart(NamedTuple):
@@ -62,21 +63,21 @@ class StageApart(NamedTuple):
     """`kinematics`, `collision`, `constraint`, `passive`, `actuator`, `bias`, `solver` or
     `integrator`."""
     size: float
-    """The largest difference, as a share of the largest number; infinite where counts differ."""
+    """The largest difference, as a share of the largest number; infinite if the counts differ."""
     what: str
     pair: tuple[str, str] | None = None
     """The shapes that touch."""
     bodies: tuple[str, ...] = ()
-    """Their bodies that can move."""
+    """The movable bodies to which these shapes belong."""
 
 
 @dataclass(frozen=True)
 class TermPut:
-    """A term of one engine, applied as a force in the other."""
+    """A force term of one engine, applied as an external force in the other."""
 
     name: str
     left: float
-    """The difference of velocities that is left, in the units of each."""
+    """The remaining velocity difference, each in its own unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,32 +91,32 @@ class EndApart:
 
 @dataclass(frozen=True, eq=False)
 class Common:
-    """The common part of two runs."""
+    """What two compared runs have in common, and how their models differ."""
 
     engines: tuple[str, str]
-    """Names and versions."""
+    """Engine names and versions."""
     lengths: tuple[int, int]
     """Numbers of steps."""
     times_s: tuple[Float64, Float64]
     """The engine's clock after each step [s]."""
     columns: Sequence[Paired]
     fields: Sequence[FieldApart] = ()
-    """The compiled elements that differ, and whose values can be swapped."""
+    """The compiled elements that differ and whose values can be swapped."""
     other_fields: Sequence[str] = ()
-    """Names of fields that differ in form: they are not swapped."""
+    """Names of fields whose structure differs, so that they cannot be swapped."""
     only: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Elements that only one run has, `a` and `b`."""
     is_reordered: bool = False
-    """Whether elements of the same names come in another order."""
+    """Whether elements with the same names have another order."""
     is_same_model: bool = False
     """Whether the compiled models are the same in all that a step reads."""
 
     moves_alone: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    """Those of them that move, or that the joints are of which move: `a` and `b`."""
+    """Those of the unmatched elements that move, or whose joints move: `a` and `b`."""
     numbers: Int64 | None = None
-    """The first run's number of each step that is compared; None if all are, in order."""
+    """The first run's index of each compared step; None if all steps are compared, in order."""
     count: int = -1
-    """The number of steps that are compared; -1 for all that both make."""
+    """The number of compared steps; -1 for all that both runs make."""
 
     @property
     def steps(self) -> int:
@@ -123,20 +124,20 @@ class Common:
         return min(self.lengths) if self.count < 0 else self.count
 
     def number(self, step: int) -> int:
-        """Return the first run's number of a compared step."""
+        """Return the first run's index of a compared step."""
         return step if self.numbers is None or step < 0 else int(self.numbers[step])
 
 
 class OneStep(Protocol):
-    """Takes single steps of the second run's engine from states of the first."""
+    """Takes single steps with the second run's engine, from states of the first run."""
 
     common: Common
 
     def redone(self, *, whole: bool = False) -> Flags:
-        """Return whether the first run's engine makes each of its steps again, shape (n,)."""
+        """Return whether the first run's engine reproduces each of its steps, shape (n,)."""
 
     def settled(self) -> Flags:
-        """Flag the steps with a fully known hidden state, which can be judged, shape (n,)."""
+        """Flag the steps whose hidden state is fully known, so they can be judged, shape (n,)."""
 
     def crossed(
         self,
@@ -146,7 +147,7 @@ class OneStep(Protocol):
         *,
         whole: bool = False,
     ) -> Flags:
-        """Return whether the second engine makes the first run's steps, from its states, (k,).
+        """Return whether the second engine reproduces the first run's steps from its states, (k,).
 
         Parameters
         ----------
@@ -161,12 +162,12 @@ class OneStep(Protocol):
         """
 
     def sizes(self, steps: Int64, swapped: Sequence[int]) -> Float64:
-        """Return the largest difference of velocities after each of these steps, shape (k,)."""
+        """Return the largest velocity difference after each of these steps, shape (k,)."""
 
     def stages(
         self, steps: Int64, swapped: Sequence[int]
     ) -> list[tuple[StageApart, StageApart | None]]:
-        """Return the first stage that differs in each of some steps, and the first beyond rounding.
+        """Return each step's first stage that differs at all, and first beyond rounding.
 
         Raises
         ------
@@ -175,17 +176,17 @@ class OneStep(Protocol):
         """
 
     def features(self, step: int, swapped: Sequence[int]) -> list[str]:
-        """Return the features without any one of which both engines make the same step."""
+        """Return the features each of which, if disabled, makes both engines' steps equal."""
 
     def term(self, step: int, swapped: Sequence[int]) -> TermPut | None:
-        """Return the term whose difference, applied as a force, makes up for a step's."""
+        """Return the force term whose difference, applied as a force, makes both steps agree."""
 
     def nudged(self, step: int, size: float, count: int) -> tuple[bool, list[float]]:
-        """Continue the first run from a step, with its inputs and nudged velocities.
+        """Continue the first run from a step with nudged velocities, to measure sensitivity.
 
         Returns whether the unnudged run equals the first run to the bit, and the final distances of
         the nudged ones, ascending.
         """
 
     def apart(self, step: int) -> EndApart:
-        """Return the place and size of the largest distance between the runs after a step."""
+        """Return where, and by how much, the runs differ most after a step."""

@@ -1,4 +1,4 @@
-"""Parts of a simulation that can be switched off by a flag of its model."""
+"""Parts of the physics that a flag of the model can disable."""
 
 from __future__ import annotations
 
@@ -9,6 +9,6 @@ NO_CONTACT, NO_GRAVITY, NO_ACTUATION, NO_AUTO_RESET = 1 << 4, 1 << 7, 1 << 11, 1
 
 
 def is_off(seen: Seen, client: int, flag: int) -> bool:
-    """Return whether a flag of the model is off at the end of a simulation."""
+    """Return whether a model flag disables its feature at the end of a simulation."""
     held = [each.values.get("disableflags") for each in seen.settings if each.client == client]
     return bool(held) and isinstance(held[-1], float) and bool(int(held[-1]) & flag)

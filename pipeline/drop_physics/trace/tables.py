@@ -10,7 +10,7 @@ VECTORS = STATE_COLUMNS | CONTACT_COLUMNS
 
 
 def columns_of(field: str) -> tuple[str, ...]:
-    """Return the columns of a field of states or contact points; for one number, the field."""
+    """Return the table columns of a state or contact field; a scalar field is its own column."""
     return VECTORS.get(field, (field,))
 
 

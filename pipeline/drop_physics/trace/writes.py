@@ -1,4 +1,4 @@
-"""Writes of a script into its engine's memory: the elements of a field, and their values.
+"""A script's direct writes into engine memory: the elements of a field, and their new values.
 
 A recording holds a write as a call by the name of the field (`trace.acts`), whose arguments are the
 elements: all of them, or `[index]=value` for some; for a model's field, with the former values.
@@ -15,14 +15,14 @@ from drop_physics.arrays import Float64, Int64
 from drop_physics.trace.calls import Call
 
 INDEX, BEFORE = "index", "before"
-"""Names of the arguments besides the field's own."""
+"""Names of the arguments in addition to the field's own."""
 COMPUTED, READ = re.compile(r"; then (?!mj_jac)(\w+)"), re.compile(r"; then (mj_jac\w*)")
-"""Match the function in a form that was called right after the write, unless it was a step: one
-that computes what depends on it, or one that reads that."""
+"""Regular expressions for the function called right after the write, unless it was a step: one that
+recomputes dependent values, or one that reads them."""
 
 
 class WrittenElements(NamedTuple):
-    """Written elements of a field; shape (n,) each."""
+    """The elements of a field that a write changed; shape (n,) each."""
 
     indices: Int64
     """Indices into the flattened field."""
@@ -32,7 +32,7 @@ class WrittenElements(NamedTuple):
 
 
 def written_by(call: Call) -> WrittenElements:
-    """Return the elements that a call, named after a field, wrote into it."""
+    """Return the elements that a recorded write changed; such a call is named after the field."""
     names, numbers = np.array(call.site.names), np.array(call.numbers)
     values = numbers[names == call.function]
     indices = numbers[names == INDEX].astype(np.int64)
@@ -45,12 +45,12 @@ def written_by(call: Call) -> WrittenElements:
 
 
 def computed_by(call: Call) -> str:
-    """Return the function called right afterwards to recompute dependents; empty without one."""
+    """Return the function that recomputed dependent values right after a write; empty if none."""
     found = COMPUTED.search(call.site.form)
     return found[1] if found else ""
 
 
 def read_by(call: Call) -> str:
-    """Return the function that read dependents right afterwards; empty without one."""
+    """Return the function that read dependent values right after a write; empty if none did."""
     found = READ.search(call.site.form)
     return found[1] if found else ""

@@ -1,1 +1,1 @@
-"""MuJoCo: the world of a drop, and the watching and explanation of any script's steps."""
+"""MuJoCo: the world of a drop, and the recording and explanation of any script's steps."""

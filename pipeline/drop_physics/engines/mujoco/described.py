@@ -1,4 +1,4 @@
-"""A MuJoCo model as bodies of a recording, and their states from `qpos` and `qvel`.
+"""Describes a MuJoCo model as bodies of a recording, and their states from `qpos` and `qvel`.
 
 A body of a recording is a child of MuJoCo's world with all that hangs on it: its base is that child
 if the child has a free joint or none, otherwise the world. A body with several joints becomes a row
@@ -28,7 +28,7 @@ Pose = tuple[Float64, Float64]
 """Position, shape (3,), and quaternion x, y, z, w."""
 
 FREE, BALL, SLIDE, HINGE = range(4)
-"""Types of joints, as MuJoCo numbers them."""
+"""Joint types (`mjtJoint`)."""
 GEOMS = {
     0: "plane",
     1: "heightfield",
@@ -40,25 +40,26 @@ GEOMS = {
     7: "mesh",
     8: "sdf",
 }
-"""Types of geometries (`mjtGeom`)."""
+"""Geom types (`mjtGeom`)."""
 JOINTS = {BALL: "spherical", SLIDE: "prismatic", HINGE: "revolute"}
 WIDTHS = {BALL: (4, 3, 0), SLIDE: (1, 1, 0), HINGE: (1, 1, 0)}
-"""Numbers of a joint's positions, velocities and efforts; what drives it is among the impulses."""
+"""A joint's numbers of positions, velocities and efforts; no efforts, since drive forces are among
+the impulses."""
 SHOWN_GROUPS = 3
-"""Geometries of the first groups are shown, as MuJoCo's viewer does."""
+"""Geom groups that are drawn: the first ones, as in MuJoCo's viewer."""
 UNPAINTED = (0.5, 0.5, 0.5, 1.0)
-"""Colour of a geometry that has that of its material."""
+"""Colour of a geom that takes its material's colour."""
 ROUNDED = 1e-12
-"""Share of a mass below which what the mass matrix lacks of it is no edit."""
+"""Share of a mass up to which a difference from the mass matrix is no edit."""
 MOST_KEYFRAMES = 64
-"""Largest number of a model's keyframes that are listed."""
+"""Largest number of keyframes of a model that are listed."""
 NOWHERE, UPRIGHT = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
 SHORTEST = 1e-15
-"""Length below which MuJoCo takes a quaternion for no rotation (`mjMINVAL`)."""
+"""Length below which MuJoCo treats a quaternion as no rotation (`mjMINVAL`)."""
 TRANSMISSIONS = {0: "joint", 1: "joint", 2: "slider-crank", 3: "tendon", 4: "site", 5: "body"}
-"""Kinds of transmission of actuators (`mjtTrn`)."""
+"""Actuator transmission types (`mjtTrn`)."""
 WRAPS_JOINT, WRAPS_SITE = 1, 3
-"""Kinds of objects that tendons wrap (`mjtWrap`)."""
+"""Types of objects around which tendons wrap (`mjtWrap`)."""
 NAMED_KINDS = ("body", "jnt", "geom", "mesh", "actuator", "tendon", "eq", "site", "key")
 NAMED = {"joint": "jnt", "tendon": "tendon", "site": "site", "body": "body"}
 
@@ -68,17 +69,17 @@ class LinkOf:
     """A link of a recorded body."""
 
     of: int
-    """MuJoCo's body; of a base that is the world, -1."""
+    """Index of MuJoCo's body; -1 for a base that is the world."""
     joint: int
-    """MuJoCo's joint before it; -1 where it is welded to its parent."""
+    """Index of the MuJoCo joint above it; -1 if it is welded to its parent."""
     whole: bool
-    """Whether the link is the last of its body, which has the mass; else it is between two
+    """Whether the link is its body's last one, which has the mass; otherwise it lies between two
     joints."""
 
 
 @dataclass(frozen=True)
 class DescribedBody:
-    """A recorded body, and the places of its numbers in a model's arrays."""
+    """A recorded body, and the indices of its values in a model's arrays."""
 
     body: Body
     links: tuple[LinkOf, ...]
@@ -86,37 +87,37 @@ class DescribedBody:
     positions: Int64
     """Indices of the coordinates of its joints in `qpos`."""
     rates: Int64
-    """Indices of the rates of its joints in `qvel`."""
+    """Indices of the velocities of its joints in `qvel`."""
     balls: tuple[tuple[slice, slice, Float64], ...]
-    """The joints that turn about a point: where their coordinates and rates are among those, and
-    the axes of inertia of their link in its body's."""
+    """The ball joints: their indices among those coordinates and velocities, and the rotation of
+    their link's inertial axes in the body."""
     free: int
-    """MuJoCo's joint that frees its base; -1 if it is not free."""
+    """MuJoCo's free joint of the base; -1 if there is none."""
 
     def as_number(self, number: int, client: int) -> DescribedBody:
-        """Return this body as one of another simulation of the model."""
+        """Return this body with another id, for another simulation of the same model."""
         label = f"{number}_{_plain(self.body.name)}"
         return replace(self, body=replace(self.body, number=number, label=label, client=client))
 
     @property
     def root(self) -> int:
-        """MuJoCo's body that is the base, or the first that hangs on it."""
+        """Index of the MuJoCo body that is the base, or of the first one attached to it."""
         return self.links[0].of if self.links[0].of >= 0 else self.links[1].of
 
 
 @dataclass(frozen=True)
 class DescribedModel:
-    """A model's bodies."""
+    """The recorded bodies of a model."""
 
     arrays: Arrays
     bodies: tuple[DescribedBody, ...]
     link_of: Mapping[int, tuple[int, int]]
-    """The number of the recording's body and the link, by MuJoCo's body."""
+    """Id of the recorded body, and the link, for each MuJoCo body."""
     dof_of: Mapping[int, tuple[int, int]]
-    """The number of the body, and the place in its generalised velocity, by degree of freedom."""
+    """Id of the body, and index in its generalised velocity, for each degree of freedom."""
     names: Mapping[str, list[str]]
-    """The names of all elements by MuJoCo's kind: `body`, `jnt`, `geom`, `actuator`, `tendon`,
-    `eq`."""
+    """The names of all elements by MuJoCo's element type: `body`, `jnt`, `geom`, `actuator`,
+    `tendon`, `eq`."""
 
 
 def described(
@@ -127,7 +128,7 @@ def described(
     folder: Path,
     known: Mapping[int, DescribedBody] | None = None,
 ) -> DescribedModel:
-    """Return the bodies of a model.
+    """Describe a model as bodies of a recording.
 
     Parameters
     ----------
@@ -186,7 +187,7 @@ def described(
 
 
 def _nodes(arrays: Arrays, names: list[str]) -> dict[int, str]:
-    """Return the name of the flexible body to which each node belongs, by MuJoCo's body."""
+    """Return, for each MuJoCo body that is a node, the name of its flexible body."""
     found: dict[int, str] = {}
     bodies = np.atleast_1d(arrays.get("flex_vertbodyid", ()))
     for flex, name in enumerate(names if len(bodies) else ()):
@@ -199,7 +200,7 @@ def _nodes(arrays: Arrays, names: list[str]) -> dict[int, str]:
 def _apart(
     arrays: Arrays, link_of: Mapping[int, tuple[int, int]]
 ) -> dict[int, list[tuple[int, int, int]]]:
-    """Return the contacts that a model excludes, by the number of the lower body."""
+    """Return the contacts that a model excludes, by the lower body id."""
     found: dict[int, list[tuple[int, int, int]]] = {}
     for signature in np.atleast_1d(arrays.get("exclude_signature", ())).tolist():
         both = signature >> 16, signature & 0xFFFF
@@ -210,14 +211,14 @@ def _apart(
 
 
 def _top(parents: list[int], body: int) -> int:
-    """Return the child of the world on which a body hangs."""
+    """Return the child of the world to whose tree a body belongs."""
     while parents[body]:
         body = parents[body]
     return body
 
 
 def _names(arrays: Arrays, kind: str) -> list[str]:
-    """Return the names of all elements of a kind; one without a name gets its kind and number."""
+    """Return the names of all elements of a type; unnamed ones are named by type and index."""
     held = bytes(arrays["names"]) if "names" in arrays else b""
     word = {"jnt": "joint", "eq": "equality", "key": "keyframe"}.get(kind, kind)
     found = []
@@ -239,7 +240,7 @@ def xyzw(quaternion: NDArray[Any]) -> Float64:
 
 
 def normalized(quaternions: Float64) -> Float64:
-    """Return quaternions x, y, z, w of length 1, shape (…, 4); one of length 0 is no rotation.
+    """Return quaternions x, y, z, w normalised, shape (…, 4); length 0 becomes no rotation.
 
     MuJoCo reads them so (`mju_normalize4`).
     """
@@ -264,7 +265,7 @@ def _inverse(quaternion: Float64) -> Float64:
 
 
 def _inertial(arrays: Arrays, body: int) -> Pose:
-    """Return the pose of a body's centre of mass and axes of inertia in its frame."""
+    """Return the pose of a body's centre of mass and inertial axes in its own frame."""
     return np.asarray(arrays["body_ipos"][body], np.float64), xyzw(arrays["body_iquat"][body])
 
 
@@ -280,7 +281,7 @@ def _described(
     client: int,
     folder: Path,
 ) -> DescribedBody:
-    """Return a child of the world with all that hangs on it."""
+    """Describe a child of the world, with its whole kinematic tree, as one body."""
     top = members[0]
     name = names["body"][top]
     label = f"{number}_{_plain(name)}"
@@ -354,7 +355,7 @@ def _described(
 def _keyframes(
     arrays: Arrays, names: Mapping[str, list[str]], made: DescribedBody
 ) -> Iterator[Keyframe]:
-    """Yield a model's named poses, of one body with joints."""
+    """Yield a model's keyframes as poses of one body with joints."""
     if not len(made.positions) or "key_qpos" not in arrays:
         return
     qpos = np.asarray(arrays["key_qpos"], np.float64)[:MOST_KEYFRAMES]
@@ -381,7 +382,7 @@ def _joint(
     before: int,
     joints: list[Joint],
 ) -> Joint:
-    """Return the joint that connects a link to the one before it (`mj_kinematics`)."""
+    """Return the joint between a link and its parent link (`mj_kinematics`)."""
     inertial = _inertial(arrays, body) if whole else (NOWHERE, UPRIGHT)
     if which == 0:
         at, turn = _placed(arrays, body)
@@ -425,7 +426,7 @@ def _joint(
 
 
 def reported_of(arrays: Arrays, made: DescribedBody) -> dict[str, Float64]:
-    """Return a model's masses, inertias and their frames for base and links.
+    """Return the masses, inertias and inertial frames of base and links.
 
     Inertias are those in MuJoCo's mass matrix. For simple bodies these come from `dof_M0`, which
     keeps the compiled values until `mj_setConst`. The effect of an edited mass on the matrix is in
@@ -472,7 +473,7 @@ def reported_of(arrays: Arrays, made: DescribedBody) -> dict[str, Float64]:
 
 
 def _edited_masses(arrays: Arrays, made: DescribedBody) -> Iterator[list[float]]:
-    """Yield the part of edited masses that the matrix lacks, as inertia and motion by rate."""
+    """Yield the inertia of edited masses that the mass matrix lacks, with its motion per dof."""
     moves: list[tuple[int, int]] = []
     if made.free >= 0:
         first = int(arrays["jnt_dofadr"][made.free])
@@ -495,7 +496,7 @@ def _edited_masses(arrays: Arrays, made: DescribedBody) -> Iterator[list[float]]
 
 
 def _tendons_with_inertia(arrays: Arrays, made: DescribedBody) -> Iterator[list[float]]:
-    """Yield inertia, and motion by each rate, of tendons over a body's own joints alone."""
+    """Yield the inertia of tendons over one body's joints, with its motion per dof."""
     first = 6 * (made.free >= 0)
     places = {dof: first + k for k, dof in enumerate(made.rates.tolist())}
     for tendon in np.flatnonzero(arrays.get("tendon_armature", np.zeros(0))).tolist():
@@ -516,7 +517,7 @@ def _tendons_with_inertia(arrays: Arrays, made: DescribedBody) -> Iterator[list[
 def base_of(
     arrays: Arrays, made: DescribedBody, qpos: Float64, qvel: Float64, *, unit: bool = False
 ) -> Float64:
-    """Return position, orientation, velocity and spin of a base that is free, shape (n, 13).
+    """Return position, orientation, linear and angular velocity of a free base, shape (n, 13).
 
     MuJoCo's are those of the body's frame: the velocity in the world's axes, the spin in its own.
     `unit`: whether nobody but MuJoCo wrote the quaternions, so that they are taken to the bit.
@@ -539,7 +540,7 @@ def base_of(
 
 
 def joints_of(made: DescribedBody, qpos: Float64, qvel: Float64) -> tuple[Float64, Float64]:
-    """Return positions and velocities of a body's joints, shapes (n, positions), (n, rates)."""
+    """Return positions and velocities of a body's joints, shapes (n, positions), (n, dofs)."""
     positions, rates = qpos[:, made.positions], qvel[:, made.rates]
     for coordinates, of_rates, axes in made.balls:
         # From the body's axes to those of its inertia.
@@ -551,7 +552,7 @@ def joints_of(made: DescribedBody, qpos: Float64, qvel: Float64) -> tuple[Float6
 
 
 def standing_base(arrays: Arrays, made: DescribedBody, mocap: Pose | None) -> Float64:
-    """Return the state of a base that no joint frees, shape (13,)."""
+    """Return the state of a base without a free joint, shape (13,)."""
     state = np.zeros(13)
     state[6] = 1.0
     if made.links[0].of < 0 or made.links[0].of == 0:
@@ -576,7 +577,7 @@ def _shapes(
     members: list[int],
     folder: Path,
 ) -> tuple[tuple[Shape, ...], tuple[Collision, ...]]:
-    """Return the drawn shapes of a body, and the colliding ones."""
+    """Return the drawn shapes of a body, and its collision shapes."""
     whole = {each.of: link for link, each in enumerate(links, BASE) if each.whole and each.of >= 0}
     shapes: list[Shape] = []
     collisions: list[Collision] = []
@@ -603,7 +604,7 @@ def _shapes(
 
 
 def size_of(kind: str, size: NDArray[Any]) -> tuple[float, ...]:
-    """Return a geometry's size as a `Shape` has it, from MuJoCo's halves."""
+    """Return a geom's size in the format of a `Shape`, from MuJoCo's half sizes."""
     x, y, z = size.tolist()
     return {
         "plane": (2 * x, 2 * y) if x and y else (),
@@ -624,7 +625,7 @@ def _colour(arrays: Arrays, geom: int) -> tuple[float, ...]:
 
 
 def _mesh(arrays: Arrays, names: list[str], mesh: int, folder: Path) -> Path:
-    """Write a mesh of MuJoCo's as a file that the recorder can read."""
+    """Write a MuJoCo mesh as a file for the recorder to read."""
     path = folder / f"{_plain(names[mesh])}_{mesh}.obj"
     if not path.exists():
         corner, face = (int(arrays[f"mesh_{name}adr"][mesh]) for name in ("vert", "face"))
@@ -637,7 +638,7 @@ def _mesh(arrays: Arrays, names: list[str], mesh: int, folder: Path) -> Path:
 
 
 def _hull(arrays: Arrays, mesh: int) -> tuple[float, ...]:
-    """Return the corners of MuJoCo's convex hull of a mesh (`mesh_graph`)."""
+    """Return the vertices of MuJoCo's convex hull of a mesh (`mesh_graph`)."""
     at = int(arrays["mesh_graphadr"][mesh])
     if at < 0 or "mesh_graph" not in arrays:
         return ()
@@ -654,7 +655,7 @@ def _hull(arrays: Arrays, mesh: int) -> tuple[float, ...]:
 def _actuators(
     arrays: Arrays, names: Mapping[str, list[str]], mine: set[int]
 ) -> Iterator[Actuator]:
-    """Yield the actuators that act on a body's joints, or on parts that are its alone."""
+    """Yield the actuators that act on a body's joints, or on elements that only it has."""
     for number in range(len(names["actuator"])):
         kind = TRANSMISSIONS.get(int(arrays["actuator_trntype"][number]), "other")
         target = int(arrays["actuator_trnid"][number, 0])
@@ -694,7 +695,7 @@ def _range(arrays: Arrays, what: str, number: int) -> tuple[float, float] | None
 
 
 def _kind(arrays: Arrays, number: int) -> str:
-    """Return the tag by which a script would write an actuator, from gain and bias (`mjtGain`)."""
+    """Return the MJCF tag for an actuator, derived from its gain and bias types (`mjtGain`)."""
     gain, bias = int(arrays["actuator_gaintype"][number]), int(arrays["actuator_biastype"][number])
     kp, biases = arrays["actuator_gainprm"][number][0], arrays["actuator_biasprm"][number]
     if int(arrays["actuator_dyntype"][number]) != 0 or gain != 0:

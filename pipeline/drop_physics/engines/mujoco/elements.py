@@ -1,4 +1,4 @@
-"""The elements of compiled models by name, and their correspondence in two models."""
+"""Elements of compiled models, by name, and which of them correspond in two models."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ KINDS = (
     *("body", "jnt", "geom", "site", "tendon", "actuator", "eq", "mesh", "hfield", "pair"),
     *("exclude", "sensor"),
 )
-"""Kinds of elements, as the names of their fields begin (`mjtObj`)."""
+"""Element types, by the prefix of their field names (`mjtObj`)."""
 OF_BODIES = ("jnt", "geom", "site")
-"""Kinds whose elements are parts of bodies."""
+"""Element types that belong to bodies."""
 WORDS = {"jnt": "joint", "eq": "equality", "hfield": "height field"}
 FREE, BALL = 0, 1
-"""Kinds of joints that turn about a point (`mjtJoint`)."""
+"""Joint types with a quaternion (`mjtJoint`)."""
 
 
 class Elements:
@@ -44,29 +44,29 @@ class Elements:
             yield held[address : held.index(b"\0", address)].decode("utf-8", "replace")
 
     def count(self, kind: str) -> int:
-        """Return the number of elements of a kind; of `dof`, the degrees of freedom."""
+        """Return the number of elements of a type; for `dof`, the degrees of freedom."""
         return len(self.dof_joints) if kind == "dof" else len(self._names.get(kind, ()))
 
     @cached_property
     def dof_joints(self) -> list[tuple[int, int]]:
-        """The joint of each degree of freedom, and its number there."""
+        """The joint of each degree of freedom, and the dof's index within the joint."""
         joints = np.atleast_1d(self.arrays.get("dof_jntid", ())).tolist()
         first = np.atleast_1d(self.arrays.get("jnt_dofadr", ())).tolist()
         return [(joint, dof - first[joint]) for dof, joint in enumerate(joints)]
 
     def body_of(self, kind: str, index: int) -> int:
-        """Return the body of an element that is part of one."""
+        """Return the body to which an element belongs."""
         return int(self.arrays[f"{kind}_bodyid"][index])
 
     def is_free(self, joint: int) -> bool:
-        """Return whether a joint lets a body move freely."""
+        """Return whether a joint is a free joint."""
         return int(self.arrays["jnt_type"][joint]) == FREE
 
     # -- keys -------------------------------------------------------------------------------------
 
     @cached_property
     def keys(self) -> Mapping[str, Sequence[Key]]:
-        """Keys by which elements are matched: a name, else the place among unnamed ones."""
+        """Keys by which elements are matched: a name, or the index among unnamed ones."""
         found: dict[str, Sequence[Key]] = {"body": self._body_keys()}
         for kind in KINDS[1:]:
             owners: list[object] = [""] * len(self._names[kind])
@@ -86,7 +86,7 @@ class Elements:
         return keys
 
     def label(self, kind: str, index: int) -> str:
-        """Return an element's name for a reader."""
+        """Return an element's name for messages."""
         if kind == "dof":
             return self.label("jnt", self.dof_joints[index][0])
         name = self._names[kind][index]
@@ -102,7 +102,7 @@ class Elements:
         return f"{word} {index}"
 
     def body_label(self, kind: str, index: int) -> str:
-        """Return the name of an element's body; empty for the world, or outside of any body."""
+        """Return the name of an element's body; empty for the world, or if it has no body."""
         kind, index = ("jnt", self.dof_joints[index][0]) if kind == "dof" else (kind, index)
         if kind not in OF_BODIES:
             return ""
@@ -118,7 +118,7 @@ def _placed(names: Sequence[str], owners: Sequence[object]) -> Iterator[Key]:
 
 
 class Matched:
-    """Elements of two models that correspond: by name, the others in order if as many are left."""
+    """Corresponding elements of two models: matched by name, the rest in order if counts agree."""
 
     def __init__(self, a: Elements, b: Elements) -> None:
         self.a, self.b = a, b
@@ -133,7 +133,7 @@ class Matched:
             self._pairs[kind] = sorted(pair for pair in pairs if self._alike(kind, *pair))
 
     def _alike(self, kind: str, mine: int, theirs: int) -> bool:
-        """Return whether two elements can stand for each other: joints of one type can."""
+        """Return whether two elements can correspond: joints only if their types agree."""
         if kind == "dof":
             mine, theirs = self.a.dof_joints[mine][0], self.b.dof_joints[theirs][0]
         if kind not in ("jnt", "dof"):
@@ -141,11 +141,11 @@ class Matched:
         return bool(self.a.arrays["jnt_type"][mine] == self.b.arrays["jnt_type"][theirs])
 
     def pairs(self, kind: str) -> list[tuple[int, int]]:
-        """Return the numbers of elements that correspond."""
+        """Return the index pairs of corresponding elements."""
         return self._pairs[kind]
 
     def only(self, kinds: Sequence[str] = KINDS) -> dict[str, list[str]]:
-        """Return the elements of given kinds that only one model has, `a` and `b`."""
+        """Return the elements of the given types that only one model has: `a` and `b`."""
         return {
             side: [
                 elements.label(kind, each)
@@ -156,19 +156,19 @@ class Matched:
         }
 
     def is_identity(self, kind: str) -> bool:
-        """Return whether both have the same elements of a kind in the same order."""
+        """Return whether both models have the same elements of a type in the same order."""
         count = self.a.count(kind)
         same = count == self.b.count(kind) == len(self._pairs[kind])
         return same and all(mine == theirs for mine, theirs in self._pairs[kind])
 
     @property
     def is_same_layout(self) -> bool:
-        """True if both have the same elements in the same order."""
+        """True if both models have the same elements in the same order."""
         return all(map(self.is_identity, KINDS))
 
     @property
     def is_reordered(self) -> bool:
-        """True if bodies or joints of both models stand in another order."""
+        """True if bodies or joints are ordered differently in the two models."""
         return any(
             [theirs for _, theirs in self._pairs[kind]]
             != sorted(theirs for _, theirs in self._pairs[kind])

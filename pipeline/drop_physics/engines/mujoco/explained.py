@@ -1,4 +1,4 @@
-"""Steps explained in an interpreter with their MuJoCo, as arrays."""
+"""Explained steps as arrays, received from the interpreter with the script's MuJoCo."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ TOUCH = np.dtype(
         ("force_n", np.float64, 3),
     ]
 )
-"""A contact point of a step: geoms; friction (two tangents, torsion, two of rolling); normal from
-the first to the second; force on the second. World axes."""
+"""A contact point of a step: geoms; friction coefficients (two tangential, torsional, two rolling);
+normal from the first to the second; force on the second. World axes."""
 
 
 class ImpulseTerm(NamedTuple):
@@ -35,16 +35,17 @@ class ImpulseTerm(NamedTuple):
     `friction loss`, `tendon friction`, `limit`, `tendon limit`, `push`, `friction`, `integrator`,
     `solver`."""
     first: int
-    """Number of the tendon, actuator, body (pushed), equality, joint or geom; -1: there is none."""
+    """Index of the tendon, actuator, body (for `pushed`), equality, joint or geom; -1 if there is
+    none."""
     second: int
-    """Number of a pair's other geom, or -1."""
+    """Index of the other geom in a pair, or -1."""
     dofs: NDArray[np.int64]
-    """The degrees of freedom that it acts on."""
+    """The degrees of freedom on which it acts."""
 
 
 @dataclass
 class Vocabulary:
-    """The terms, pairs and patterns to which the pieces of one model refer by number."""
+    """The terms, pairs and patterns of a model, to which chunks refer by index."""
 
     terms: list[ImpulseTerm] = field(default_factory=list)
     patterns: list[NDArray[np.int64]] = field(default_factory=list)
@@ -53,33 +54,33 @@ class Vocabulary:
 
 @dataclass(frozen=True)
 class ReplayedPiece:
-    """The explanation of successive steps of one simulation."""
+    """The explanation of a chunk of successive steps of one simulation."""
 
     world: int
     model: int
     first: int
-    """The number of the first step."""
+    """Index of the first step."""
     status: NDArray[np.uint8]
     """`EXPLAINED`, `REPLAYED` or `OTHER` of `explain.reasons`, of each step, shape (n,)."""
     reason: NDArray[np.uint8]
-    """Why not `EXPLAINED`, into its `REASONS`, shape (n,)."""
+    """Why a step is not `EXPLAINED`, as an index into `REASONS`, shape (n,)."""
     steps: NDArray[np.int64]
     """The steps that have a sum, shape (k,)."""
     pattern: NDArray[np.int32]
-    """The list of terms of each of them, shape (k,)."""
+    """Index of each step's list of terms, shape (k,)."""
     values: Float64
-    """Impulses [N s or N m s], step by step, within a step term by term, within it dof by dof."""
+    """Impulses [N s or N m s], step by step, then term by term, then by degree of freedom."""
     remainder: NDArray[np.float32]
     """The part of M (u' - u) that no term explains, as a share of the largest impulse, shape
     (k,)."""
     largest: NDArray[np.float32]
     """The largest impulse of each step, shape (k,)."""
     touches: NDArray[Any]
-    """The contact points, as `TOUCH`."""
+    """The contact points, of dtype `TOUCH`."""
     vocabulary: Vocabulary
 
     def impulses(self, nv: int) -> dict[tuple[str, int, int], Float64]:
-        """Return the impulses of each cause on all degrees of freedom, shape (k, nv)."""
+        """Return each cause's impulses on all degrees of freedom, shape (k, nv)."""
         found: dict[tuple[str, int, int], Float64] = {}
         patterns, terms = self.vocabulary.patterns, self.vocabulary.terms
         widths = [sum(len(terms[number].dofs) for number in pattern) for pattern in patterns]
@@ -99,7 +100,7 @@ class ReplayedPiece:
 def piece_of(
     said: dict[str, Any], arrays: dict[str, NDArray[Any]], vocabulary: Vocabulary
 ) -> ReplayedPiece:
-    """Return a piece, and add the terms of its model to the vocabulary."""
+    """Decode a chunk, and add the terms of its model to the vocabulary."""
     vocabulary.terms += [
         ImpulseTerm(kind, first, second, np.array(dofs, np.int64))
         for kind, first, second, dofs in said.get("terms", [])
@@ -128,7 +129,7 @@ def piece_of(
 def _touches(
     steps: NDArray[np.int64], arrays: dict[str, NDArray[Any]], pairs: Float64
 ) -> NDArray[Any]:
-    """Return the contact points of a piece."""
+    """Return the contact points of a chunk."""
     if "point.count" not in arrays:
         return np.zeros(0, TOUCH)
     found = np.zeros(len(arrays["point.pair"]), TOUCH)

@@ -1,4 +1,4 @@
-"""Fields that differ in two compiled models, by element, and edits that swap their values."""
+"""Fields that differ between two compiled models, by element, and edits that swap their values."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ LOOKS = re.compile(
     r"|n\w+|\w+_(rgba|user|matid|pathadr)|geom_group|site_(?!pos|quat|bodyid)\w+|paths|buffer|signature"
     r"|sensor_(?!delay|interval|history)\w+|mesh_(texcoord|normal|facenormal|facetexcoord)\w*"
 )
-"""Fields that no step reads."""
+"""Fields that do not affect steps."""
 NUMBERING = re.compile(
     r"\w*(adr|num|id|Id|treeid|parentid|rootid|sameframe|simple\w*)|[BMD]_\w+|map\w+|\w+_row\w+"
 )
-"""Fields that say how elements hang together, or where their numbers lie."""
+"""Fields that describe how elements are connected, or where their numbers are stored."""
 DERIVED = re.compile(
     r"body_(subtreemass|invweight0|margin|inertia|iquat|ipos)|dof_(invweight0|M0)"
     r"|geom_(rbound|aabb)|bvh_\w+|oct_\w+|stat\.\w+|tendon_(invweight0|length0)|efm?\w*"
@@ -40,15 +40,15 @@ ROW_KINDS = re.compile(
 
 @dataclass(frozen=True, eq=False)
 class Swappable:
-    """An element whose values can be swapped."""
+    """An element whose values can be swapped between two models."""
 
     told: FieldApart
     edits: tuple[ModelEdit, ...]
-    """The first model's values, as edits of the second one."""
+    """Edits that give the second model the first model's values."""
 
 
 class FieldsApart:
-    """The differences of two compiled models.
+    """The differences between two compiled models.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class FieldsApart:
                 yield Swappable(told, (_edit(name, places, mine[i].ravel()),))
 
     def _has_rows(self, kind: str, mine: NDArray[Any], theirs: NDArray[Any]) -> bool:
-        """Return whether a field has a row for each element of a kind."""
+        """Return whether a field has one row for each element of a type."""
         a, b = self._matched.a.count(kind), self._matched.b.count(kind)
         return mine.ndim > 0 and theirs.ndim > 0 and (len(mine), len(theirs)) == (a, b)
 
@@ -136,7 +136,7 @@ class FieldsApart:
 
 
 def _same(mine: NDArray[Any], theirs: NDArray[Any]) -> bool:
-    """Return whether values are the same to the bit; one version may have wider whole numbers."""
+    """Return whether values are bitwise equal; integer widths may differ by version."""
     both = [np.ascontiguousarray(each, np.float64).tobytes() for each in (mine, theirs)]
     return both[0] == both[1]
 
@@ -148,7 +148,7 @@ def _edit(name: str, indices: Int64, values: NDArray[Any]) -> ModelEdit:
 def elements_of_indices(
     elements: Elements, name: str, field: NDArray[Any], indices: Int64
 ) -> list[str]:
-    """Return the label of the element of each index into a flattened field."""
+    """Return the label of the element at each index of a flattened field."""
     kind = ROW_KINDS.match(name)
     if kind is None or not np.ndim(field) or len(field) != elements.count(kind[1]):
         return ["" for _ in indices]

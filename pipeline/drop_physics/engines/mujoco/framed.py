@@ -1,4 +1,4 @@
-"""The frames of a simulation, from the pieces of its stream: the starting points of its steps."""
+"""Builds the frames of a simulation, the start states of its steps, from chunks of the stream."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from drop_physics.trace.frames import CLOCK, FrameColumn, Frames, ModelEdit, Sha
 
 Float64 = NDArray[np.float64]
 Held = Mapping[str, NDArray[Any]]
-"""The parts of a state, flat; one that was never sent is zero."""
+"""The parts of a state as flat arrays; a part that was never sent is zero."""
 T = TypeVar("T")
 
 FEW_STEPS = 5000
-"""A run of fewer steps is explained when it is recorded: most take some seconds at most."""
+"""A run with fewer steps is explained right after recording, which mostly takes some seconds."""
 
 
 class FramesOfSteps:
-    """Gathers everything between the steps of one simulation, until a piece of them is complete.
+    """Collects everything between one simulation's steps until a chunk is complete.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class FramesOfSteps:
         self._edits: dict[int, list[Edited]] = {}
 
     def wrote(self, written: ReceivedWrite, held: Held, piece: StepPiece) -> None:
-        """Note values written before a step; `held` is the state with them."""
+        """Store values written before a step; `held` is the state that includes them."""
         step, parts = written.step, {*written.parts}
         row = step - piece.first - 1
         left_s = piece.times_s[row] if row >= 0 else self.clock_s
@@ -68,21 +68,21 @@ class FramesOfSteps:
             self._inputs[name][step] = held[name]
 
     def posed(self, written: ReceivedWrite, held: Held) -> None:
-        """Note the other state for which a step's positions were computed."""
+        """Store the other state from which a step's positions were computed."""
         for name, (indices, values) in written.parts.items():
             row = np.array(values if indices is None else held[name], np.float64)
             row[slice(None) if indices is None else indices] = values
             self._posed.setdefault(name, {})[written.step] = row
 
     def edited(self, edits: Iterable[Edited]) -> None:
-        """Note changes of the model."""
+        """Store edits of the model."""
         for edit in edits:
             self._edits.setdefault(edit.step, []).append(edit)
 
     def of_piece(
         self, piece: StepPiece, timestep_s: float, shared: Mapping[str, Sequence[SharedColumns]]
     ) -> Frames:
-        """Return the frames of a piece, once everything between its steps was noted.
+        """Return the frames of a chunk, once everything between its steps was stored.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class FramesOfSteps:
         )
 
     def _asleep_after(self, before: FrameColumn, first: int, end: int) -> Float64:
-        """Return the sleeping trees after each step, shape (n, trees)."""
+        """Return the sleep state of trees after each step, shape (n, trees)."""
         slept = {step - first: row for step, row in _until(self._asleep, end + 1).items()}
         changed = dict(zip(before.at.tolist(), before.rows, strict=True))
         row, rows = before.rows[0], np.empty((end - first, before.rows.shape[1]))
@@ -148,7 +148,7 @@ class FramesOfSteps:
 
 
 class KeptFrames:
-    """The frames of a short run, kept until its steps are explained; `close` it."""
+    """The frames of a short run, kept until its steps are explained; call `close`."""
 
     def __init__(self) -> None:
         self._file: IO[bytes] | None = None
@@ -158,11 +158,11 @@ class KeptFrames:
 
     @property
     def is_full(self) -> bool:
-        """True if the run is too long to be explained at once: nothing is kept then."""
+        """True if the run is too long to be explained at once; nothing is kept then."""
         return self._steps >= FEW_STEPS
 
     def add(self, frames: Frames) -> None:
-        """Add a piece."""
+        """Add a chunk."""
         self._steps += len(frames)
         if self.is_full:
             self.close()
@@ -173,26 +173,26 @@ class KeptFrames:
         pickle.dump(frames, self._file, pickle.HIGHEST_PROTOCOL)
 
     def in_order(self) -> Iterator[Frames]:
-        """Yield all pieces, one simulation after the other."""
+        """Yield all chunks, one simulation after the other."""
         for _, place in sorted(self._places):
             assert self._file is not None
             self._file.seek(place)
             yield pickle.load(self._file)
 
     def close(self) -> None:
-        """Forget all."""
+        """Delete all frames."""
         if self._file is not None:
             self._file.close()
         self._file, self._places = None, []
 
 
 def _until(rows: dict[int, T], end: int) -> dict[int, T]:
-    """Remove and return the rows of steps before `end`."""
+    """Remove and return the rows for steps before `end`."""
     return {step: rows.pop(step) for step in sorted(rows) if step < end}
 
 
 def _of_width(row: NDArray[Any] | None, width: int) -> Float64:
-    """Return a row of a part; parts that were never sent are zero."""
+    """Return one part of a state; parts that were never sent are zero."""
     whole = np.zeros(width)
     if row is not None:
         whole[: len(row)] = row
@@ -200,7 +200,7 @@ def _of_width(row: NDArray[Any] | None, width: int) -> Float64:
 
 
 def _column(rows: Mapping[int, NDArray[Any] | None], width: int, first: int) -> FrameColumn:
-    """Return rows of a part as a column."""
+    """Return the rows of a part as a column."""
     whole = np.array([_of_width(row, width) for row in rows.values()])
     return FrameColumn(np.array([*rows], np.int64) - first, whole)
 
@@ -211,7 +211,7 @@ def _edit(edit: Edited, first: int) -> ModelEdit:
 
 
 def shared_by(bodies: Iterable[DescribedBody]) -> dict[str, list[SharedColumns]]:
-    """Return the columns in which samples of joints equal numbers of `qpos` and `qvel`.
+    """Return the columns in which joint samples equal elements of `qpos` and `qvel`.
 
     Joints that turn about a point are left out, since their samples are rotated.
     """

@@ -1,4 +1,4 @@
-"""Packed frames that a MuJoCo script's process sends of its simulations, written and read here.
+"""Packed frames in which a MuJoCo script's process sends its simulations, written and read here.
 
 Two processes share this file: the script's own (`watch`), which may have an older Python and none
 of our packages, and the one that reads. `explain` replays the frames, and answers with `ARRAYS`.
@@ -31,11 +31,11 @@ NOTE, ARRAYS, STEP, WRITTEN = b"N", b"A", b"S", b"W"
 EDITED, DONE, CALLBACK, WARNED = b"E", b"D", b"C", b"!"
 
 LENGTH = Struct("<I")
-"""Header of the payload of a request, and of an answer."""
+"""Header with the length of a request's or an answer's payload."""
 STEP_HEAD = Struct("<cBHIId")
-"""STEP, by which function (`STEPS`), 0, number of the simulation, site, time after it [s]."""
+"""STEP, step function (`STEPS`), 0, index of the simulation, site, time after the step [s]."""
 WRITTEN_HEAD = Struct("<cBHIIid")
-"""WRITTEN, by what (`CAUSES`), number of parts, simulation, site, argument of a call, time [s]."""
+"""WRITTEN, cause (`CAUSES`), number of parts, simulation, site, argument of a call, time [s]."""
 EDITED_HEAD = Struct("<cBHIIII")
 """EDITED, 0, number of the field, model, simulation at whose step it was seen, site, count.
 
@@ -43,29 +43,29 @@ The indices into the flat array (uint32) and the new values follow."""
 DONE_HEAD = Struct("<cBHIIi")
 """DONE, function (`CAUSES`), 0, simulation, site, argument."""
 CALLBACK_HEAD = Struct("<cBHII")
-"""CALLBACK, 0, 0, simulation, number of calls; each is a byte (`CALLBACKS`), then what it did."""
+"""CALLBACK, 0, 0, simulation, number of calls; each is one byte (`CALLBACKS`), then its effect."""
 WARNED_HEAD = Struct("<cBHI")
 """WARNED, 1 if the step went back in time, 0, simulation; pairs of int32: last info, number."""
 PART_HEAD = Struct("<BBHI")
-"""Number of the part (`PARTS`), 1 if indices follow, 0, how many elements."""
+"""Index of the part (`PARTS`), 1 if indices follow, 0, number of elements."""
 
 STEPS = ("mj_step", "mj_step2", "mj_Euler", "mj_implicit", "mj_RungeKutta")
-"""Functions that make a step, by number."""
+"""Functions that make a step, by index."""
 STALE = 1 << 6
-"""Added to a step's function: its positions were computed for another state, which was sent as the
+"""Added to a step's function: its positions were computed from another state, which was sent as the
 parts of a WRITTEN by "posed" just before."""
 UNPOSED = 1 << 7
-"""Added likewise: its positions are those of the state before the step before."""
+"""Added to a step's function: its positions are those of the state before the previous step."""
 
 NEAR, APART = 1 << 4, 1 << 5
-"""Added to a step's function where another program has made and recorded it: MuJoCo's own step from
-the same state leads to the recorded one within rounding, or elsewhere."""
+"""Added to a step's function if another program made and recorded the step: MuJoCo's own step from
+the same state leads to the recorded one within rounding, or to another state."""
 
 READS = (
     *("mj_jac", "mj_jacBody", "mj_jacBodyCom", "mj_jacSubtreeCom", "mj_jacGeom", "mj_jacSite"),
     *("mj_jacPointAxis", "mj_jacDot"),
 )
-"""Functions that read what was computed for positions."""
+"""Functions that read values computed from positions."""
 CAUSES = (
     "memory",
     "posed",
@@ -89,41 +89,41 @@ CAUSES = (
     "mj_forwardSkip",
     *READS,
 )
-"""What changed a state: the script's own writes; nothing, it is what data were computed for; it is
-the state when first seen; the step before, in which MuJoCo has reset itself; another program, whose
-states are imported; a picture that was
-drawn of it, whose argument is the picture's digest; or a function: from
-`mj_forward` on, one that the script's own writes were followed by."""
+"""What changed a state: the script's own writes; nothing (the state from which data were computed);
+nothing (the state when first seen); the previous step, in which MuJoCo has reset itself; another
+program, whose states are imported; an image that was rendered, whose argument is the image's
+digest; or a function: from `mj_forward` on, one that the script called right after its own
+writes."""
 CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
 
 CORE = ("qpos", "qvel", "act", "history", "plastic", "qacc_warmstart", "plugin_state")
 """Fields that a step changes, in the order of MuJoCo's memory."""
 USER = ("ctrl", "qfrc_applied", "xfrc_applied", "eq_active", "mocap_pos", "mocap_quat")
-"""Names of the parts that only the script changes, likewise."""
+"""Names of the state parts that only the script changes, in the same order."""
 CLOCK = "clock_s"
-"""The name of MuJoCo's own clock among the parts of a state."""
+"""The name of MuJoCo's own clock as a part of the state."""
 ASLEEP = "tree_asleep"
-"""Time for which each tree has been still, or the tree that sleeps with it; a step changes it, and
-needs it. MuJoCo before 3.4 has none."""
+"""Part with the time for which each tree has been still, or the tree that sleeps with it; a step
+changes it, and needs it. MuJoCo before 3.4 has none."""
 PARTS = (*CORE, *USER, ASLEEP)
 STATE = (*CORE, ASLEEP)
-"""Parts that a step changes, and the next one needs."""
+"""Parts of the state that a step changes, and that the next one needs."""
 KINDS: dict[str, np.dtype[Any]] = {"eq_active": np.dtype(np.uint8), ASLEEP: np.dtype(np.int32)}
-"""Types of the parts whose elements are no doubles."""
+"""Types of the parts whose elements are not doubles."""
 DOUBLE = np.dtype(np.float64)
 LARGEST = 1e10
-"""The largest number with which MuJoCo goes on (`mjMAXVAL`): with larger ones it starts again."""
+"""The largest number with which MuJoCo continues (`mjMAXVAL`): beyond it, MuJoCo resets itself."""
 LONG = 32
-"""A part of more elements is sent as indices and values where fewer than half have changed."""
+"""A part with more elements is sent as indices and values if fewer than half have changed."""
 
 
 def kind_of(name: str) -> np.dtype[Any]:
-    """Return the type of a part's elements."""
+    """Return the numpy type of a part's elements."""
     return KINDS.get(name, DOUBLE)
 
 
 def part_bytes(number: int, before: bytes | memoryview, now: bytes | memoryview) -> bytes:
-    """Return the changed elements of a part of the state, as a frame has them."""
+    """Return the changed elements of a part of the state in frame format."""
     dtype = kind_of(PARTS[number])
     new = np.frombuffer(now, dtype)
     if len(new) > LONG:
@@ -140,7 +140,7 @@ def part_bytes(number: int, before: bytes | memoryview, now: bytes | memoryview)
 
 
 def part_of(payload: bytes, at: int) -> tuple[str, Any, Any, int]:
-    """Return name, indices (or None) and values of a part, and the position after it."""
+    """Return name, indices (or None) and values of a part, and the offset after it."""
     number, sparse, _, count = PART_HEAD.unpack_from(payload, at)
     at += PART_HEAD.size
     indices = None
@@ -154,12 +154,12 @@ def part_of(payload: bytes, at: int) -> tuple[str, Any, Any, int]:
 
 
 def note_bytes(what: str, **values: Any) -> bytes:
-    """Return a note as a payload."""
+    """Return a JSON message as a payload."""
     return NOTE + json.dumps({"what": what, **values}).encode("utf-8", "replace")
 
 
 def arrays_bytes(what: str, arrays: dict[str, Any], **values: Any) -> bytes:
-    """Return named arrays as a payload."""
+    """Pack named arrays into a payload."""
     held = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     listed = [[name, array.dtype.str, array.shape] for name, array in held.items()]
     head = json.dumps({"what": what, **values, "arrays": listed}).encode("utf-8", "replace")
@@ -168,22 +168,22 @@ def arrays_bytes(what: str, arrays: dict[str, Any], **values: Any) -> bytes:
 
 
 class ArrayPlace(NamedTuple):
-    """The place of an array in a payload."""
+    """The location of an array in a payload."""
 
     dtype: Any
     shape: tuple[int, ...]
     size: int
     """The number of its elements."""
     begin: int
-    """Its first byte."""
+    """Offset of its first byte."""
 
     def of(self, payload: bytes) -> Any:
-        """Return the array."""
+        """Return the array in a payload."""
         return np.frombuffer(payload, self.dtype, self.size, self.begin).reshape(self.shape)
 
 
 def places_of(payload: bytes) -> tuple[dict[str, Any], dict[str, ArrayPlace]]:
-    """Return the JSON head of an ARRAYS payload, without `arrays`, and the places of these."""
+    """Return an ARRAYS payload's JSON head, without `arrays`, and the locations of the arrays."""
     length = int.from_bytes(payload[1:5], "little")
     head = json.loads(payload[5 : 5 + length])
     at, places = 5 + length, {}

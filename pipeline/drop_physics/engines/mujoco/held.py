@@ -1,4 +1,4 @@
-"""Softness of a MuJoCo model's constraints: equalities, and contacts of two geoms."""
+"""Softness of a MuJoCo model's constraints: equalities, and contacts between two geoms."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ Arrays = Mapping[str, NDArray[Any]]
 Numbers = tuple[float, ...]
 
 KINDS = {0: "connect", 1: "weld", 2: "joint"}
-"""Kinds of equalities between bodies, and between joints (`mjtEq`)."""
+"""Types of equalities between bodies, and between joints (`mjtEq`)."""
 WELD, OF_JOINTS = 1, 2
 OF_BODY, OF_SITE = 1, 6
-"""Kinds of things that an equality joins (`mjtObj`)."""
+"""Types of objects that an equality joins (`mjtObj`)."""
 OVERRIDES = 1
-"""The bit of `opt.enableflags` by which all contacts are as soft as the options say."""
+"""The bit of `opt.enableflags` that makes the options' softness apply to all contacts."""
 
 
 def equalities_of(described: DescribedModel, client: int) -> Iterator[Equality]:
-    """Yield the equalities between bodies, and between two joints."""
+    """Yield the equality constraints between bodies, and between two joints."""
     arrays = described.arrays
     for number in range(len(np.atleast_1d(arrays.get("eq_type", ())))):
         which = int(arrays["eq_type"][number])
@@ -53,7 +53,7 @@ def equalities_of(described: DescribedModel, client: int) -> Iterator[Equality]:
 def _of_bodies(
     described: DescribedModel, number: int, ids: list[int], which: int, *, sites: bool
 ) -> dict[str, Any] | None:
-    """Return the constraint that holds two bodies, or their sites (`mj_instantiateEquality`)."""
+    """Return the constraint between two bodies, or their sites (`mj_instantiateEquality`)."""
     arrays, data = described.arrays, described.arrays["eq_data"][number]
     bodies = [int(arrays["site_bodyid"][each]) for each in ids] if sites else ids
     if not all(each in described.link_of for each in bodies):
@@ -78,7 +78,7 @@ def _of_bodies(
 
 
 def _of_joints(described: DescribedModel, number: int, ids: list[int]) -> dict[str, Any] | None:
-    """Return the coupling of a joint to another; None if it stands still, or is not known."""
+    """Return the coupling between two joints; None if a joint is fixed or unknown."""
     arrays, coefficients = described.arrays, _numbers(described.arrays["eq_data"][number][:5])
     if ids[1] < 0:  # it holds the first where it is
         ids, coefficients = [ids[0]] * 2, coefficients[:1]
@@ -103,7 +103,7 @@ def _of_joints(described: DescribedModel, number: int, ids: list[int]) -> dict[s
 
 
 def _from_centre(arrays: Arrays, body: int, point_m: NDArray[Any]) -> Numbers:
-    """Return a point of a body relative to its centre of mass, in its axes of inertia."""
+    """Return a point of a body relative to its centre of mass, in its inertial axes."""
     if body == 0:
         return _numbers(point_m)
     axes = xyzw(arrays["body_iquat"][body])
@@ -112,7 +112,7 @@ def _from_centre(arrays: Arrays, body: int, point_m: NDArray[Any]) -> Numbers:
 
 
 def softness_of(arrays: Arrays, first: int, second: int) -> tuple[Numbers, Numbers]:
-    """Return `solref` and `solimp` of a contact of two geoms (`mj_contactParam`).
+    """Return `solref` and `solimp` for a contact between two geoms (`mj_contactParam`).
 
     A `<pair>` of both comes first, then the geom of higher priority, else both are weighted by
     `solmix`; of two `solref` of which one is a stiffness, the lower counts.
@@ -139,7 +139,7 @@ def softness_of(arrays: Arrays, first: int, second: int) -> tuple[Numbers, Numbe
 
 
 def friction_of(arrays: Arrays, first: int, second: int) -> tuple[int, float]:
-    """Return `condim` and the coefficient of rolling friction of two geoms (`mj_contactParam`).
+    """Return `condim` and the rolling friction coefficient for two geoms (`mj_contactParam`).
 
     A `<pair>` of both comes first, then the geom of higher priority, else the larger value.
     """
@@ -152,7 +152,7 @@ def friction_of(arrays: Arrays, first: int, second: int) -> tuple[int, float]:
 
 
 def _pairs_of(arrays: Arrays, first: int, second: int) -> list[int]:
-    """Return the numbers of the `<pair>`s that name two geoms."""
+    """Return the indices of the `<pair>`s that name two geoms."""
     named = np.sort([arrays.get(f"pair_geom{side}", []) for side in (1, 2)], axis=0)
     meant = np.sort([[first], [second]], axis=0)
     return np.flatnonzero((named == meant).all(axis=0)).tolist()

@@ -1,4 +1,4 @@
-"""Explained steps from the script's interpreter, as events of a recording.
+"""Converts explained steps from the script's interpreter into events of a recording.
 
 MuJoCo has the velocity of a free body at its frame's origin and its spin in the body's axes. A
 recording has both of its centre of mass, in the world's axes; so have its impulses:
@@ -52,7 +52,7 @@ KINDS = {
     "friction": "contacts",
     "tendon friction": "friction loss",
 }
-"""Names of MuJoCo's causes in a recording, where they differ."""
+"""Names for MuJoCo's causes in a recording, where they differ."""
 UNKNOWN, NOT_REPLAYED = map(REPLAYS.index, ("unknown", "not replayed"))
 NAMES = {
     "actuator": "actuator",
@@ -62,7 +62,7 @@ NAMES = {
     "equality": "eq",
     "limit": "jnt",
 }
-"""The kind of thing that a cause's first number is."""
+"""The element type to which a cause's first index refers."""
 
 
 @dataclass(frozen=True)
@@ -72,14 +72,14 @@ class _CausePart:
     cause: ImpulseCause
     body: DescribedBody
     columns: Int64
-    """Columns of the term, shape (w,)."""
+    """Column indices in the term, shape (w,)."""
     rows: Int64
     """Index of each column among the cause's degrees of freedom."""
 
 
 @dataclass(eq=False)
 class ExplainedSteps:
-    """Turns the explained steps of one simulation into events.
+    """Converts the explained steps of one simulation into events.
 
     Parameters
     ----------
@@ -92,10 +92,10 @@ class ExplainedSteps:
     client: int
     described: DescribedModel
     _parts: dict[tuple[int, int], list[_CausePart]] = field(default_factory=dict)
-    """The parts of terms, by the number of the model that was loaded, and theirs in it."""
+    """The parts of terms, by the index of the loaded model and that of the term in it."""
     _causes: dict[tuple[object, ...], ImpulseCause] = field(default_factory=dict)
     _starts: Float64 = field(default_factory=lambda: np.empty((0, 0)))
-    """`qpos` before each step of a piece."""
+    """`qpos` before each step of a chunk."""
     _frictions: dict[tuple[int, int, int, int], float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -105,7 +105,7 @@ class ExplainedSteps:
         self._geoms = np.array(places, np.int64).reshape(-1, 2)
 
     def know(self, causes: Iterable[ImpulseCause]) -> None:
-        """Continue with causes that already have a number."""
+        """Continue with causes that already have an index."""
         self._causes |= {
             (cause.kind, cause.name, cause.body, cause.places): cause
             for cause in causes
@@ -115,7 +115,7 @@ class ExplainedSteps:
     def events(
         self, piece: ReplayedPiece, frames: Frames, times_s: Float64, numbers: Iterator[int]
     ) -> Events:
-        """Yield the events of a piece's steps.
+        """Yield the events of a chunk's steps.
 
         Parameters
         ----------
@@ -150,7 +150,7 @@ class ExplainedSteps:
     def _blocks(
         self, piece: ReplayedPiece, numbers: Iterator[int]
     ) -> list[tuple[int, Int64, Float64]]:
-        """Return the acting causes: their numbers, the rows of their steps, and their impulses."""
+        """Return the acting causes: their indices, the rows of their steps, and their impulses."""
         found: dict[int, list[tuple[Int64, Float64]]] = {}
         for term, (rows, values) in _by_term(piece):
             for part in self._parts_of((piece.model, term), piece.vocabulary.terms[term], numbers):
@@ -171,7 +171,7 @@ class ExplainedSteps:
         return blocks
 
     def _turn(self, part: _CausePart, block: Float64, rows: Int64) -> None:
-        """Turn impulses on a free base, and about a ball, into a recording's axes, in place."""
+        """Rotate impulses on a free base or ball joint into a recording's axes, in place."""
         places, made = part.cause.places, part.body
         if made.free >= 0 and places[0] < 6:
             at = int(self.described.arrays["jnt_qposadr"][made.free])
@@ -219,7 +219,7 @@ class ExplainedSteps:
         return parts
 
     def _named(self, term: ImpulseTerm, body: int) -> tuple[str, str]:
-        """Return a term's name in a recording for a body, and its cause."""
+        """Return the name of a term in a recording for a body, and its cause."""
         kind, names = KINDS.get(term.kind, term.kind), self.described.names
         if term.kind in ("push", "friction"):
             bodies = self._geoms[[term.first, term.second], 0].tolist()
@@ -234,7 +234,7 @@ class ExplainedSteps:
     # -- contact points ---------------------------------------------------------------------------
 
     def _contacts(self, piece: ReplayedPiece) -> Rows:
-        """Return contact points in a recording's form; the second geometry is its first body."""
+        """Return contact points in recording format; the second geom belongs to the first body."""
         touches = piece.touches
         rows = np.zeros(len(touches), CONTACT)
         rows["step"] = touches["step"] + 1
@@ -254,7 +254,7 @@ class ExplainedSteps:
         return rows
 
     def _pairs(self, piece: ReplayedPiece, contacts: Rows) -> Iterator[PairFriction]:
-        """Yield coefficients of friction not yet yielded."""
+        """Yield the coefficients of friction that were not yet yielded."""
         names = ["body_a", "link_a", "body_b", "link_b"]
         if not len(contacts):
             return
@@ -285,12 +285,12 @@ def _centre(described: DescribedModel, made: DescribedBody) -> Float64:
 
 
 def _replay(reason: str) -> int:
-    """Return a recording's name for the reason why a step has no sum."""
+    """Return the name in a recording for the reason why a step has no sum."""
     return REPLAYS.index(reason or "unknown")
 
 
 def _whole(made: DescribedBody, places: set[int]) -> tuple[int, ...]:
-    """Complete places to all of a free base or a ball, if one of these is among them."""
+    """Complete indices to all dofs of a free base or ball joint, if one of these is among them."""
     first = 6 * (made.free >= 0)
     blocks = [range(6)] if first else []
     blocks += [range(first + rates.start, first + rates.stop) for _, rates, _ in made.balls]
@@ -301,7 +301,7 @@ def _whole(made: DescribedBody, places: set[int]) -> tuple[int, ...]:
 
 
 def _by_term(piece: ReplayedPiece) -> Iterator[tuple[int, tuple[Int64, Float64]]]:
-    """Yield the terms of a piece: the rows of their steps, and their values."""
+    """Yield a chunk's terms: the rows of their steps, and their values."""
     vocabulary, k = piece.vocabulary, len(piece.steps)
     if not k:
         return
@@ -327,7 +327,7 @@ def _impulses(
     remainder: Float64,
     blocks: list[tuple[int, Int64, Float64]],
 ) -> Impulses:
-    """Return causes as one event, step by step."""
+    """Return all causes as one event, step by step."""
     none = np.empty(0, np.int64)
     rows = np.concatenate([none, *(rows for _, rows, _ in blocks)])
     causes = np.concatenate([none, *(np.full(len(rows), one) for one, rows, _ in blocks)])

@@ -1,4 +1,4 @@
-"""MuJoCo's rows of the table of interventions: each as an attribute or a line, and as a run.
+"""MuJoCo's rows of the table of interventions: each as code for the user, and as a changed run.
 
 The result of `makes` is carried out by `watch/intervene.py` in the script's interpreter.
 """
@@ -40,19 +40,20 @@ FLAGS = (
     "EQUALITY LIMIT FRICTIONLOSS SPRING DAMPER CLAMPCTRL WARMSTART FILTERPARENT REFSAFE EULERDAMP "
     "NATIVECCD MULTICCD ISLAND MIDPHASE OVERRIDE SLEEP DIAGEXACT SPECULATIVE"
 )
-"""Flags of `mjtDisableBit` and `mjtEnableBit` that the causal search turns over."""
+"""Flags of `mjtDisableBit` and `mjtEnableBit` that the causal search toggles."""
 BELOW = 0.8
-"""The share of a limit that is tried where a cure is to stay below it."""
+"""The share of a limit that is tried if a fix must stay below it."""
 ABOVE = 2.0
-"""The multiple of a need that is tried where a cure is to be well above it."""
+"""The multiple of a required value that is tried if a fix must be well above it."""
 LARGER = 64
-"""Factor of the memory of a model's contacts and constraints."""
+"""Factor for the memory of a model's contacts and constraints."""
 ARMATURE_KG_M2 = 0.01
-"""Armature of a joint whose controller is the script's own, so that no limit is known."""
+"""Armature of a joint that is driven by the script's own controller, so that no stability limit is
+known."""
 SOLREF, SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
-"""Softness of MuJoCo's default contacts."""
+"""MuJoCo's default contact softness: `solref` and `solimp`."""
 BOUNCES = 2500.0
-"""Stiffness of a contact that bounces, that of a time constant of 0.02 s [1/s²]."""
+"""Stiffness of a bouncing contact, equal to that of a time constant of 0.02 s [1/s²]."""
 OPTIONS: dict[str, Sequence[str]] = {
     "solver": ("PGS", "CG", "Newton"),
     "cone": ("pyramidal", "elliptic"),
@@ -60,12 +61,11 @@ OPTIONS: dict[str, Sequence[str]] = {
     **dict.fromkeys(("impratio", "tolerance", "ls_tolerance", "ls_iterations"), ()),
     **dict.fromkeys(("noslip_iterations", "noslip_tolerance", "ccd_iterations"), ()),
 }
-"""Fields of `model.opt` that `parameter` sets; where they are a choice, its names by their
-numbers."""
+"""Fields of `model.opt` that `parameter` sets; for a choice, its names by number."""
 
 
 def _bouncing(restitution: float) -> tuple[float, float]:
-    """Return stiffness and damping of a contact of some restitution: those of a damped spring.
+    """Return contact stiffness and damping for a restitution: those of a damped spring.
 
     Half a swing of damping ratio z leaves exp(-pi z / sqrt(1 - z²)) of the speed.
     """
@@ -83,7 +83,7 @@ def _at_least(number: float | None) -> How:
 
 
 def _lasting(constant_s: float | None) -> How:
-    """Return a contact's time constant, at critical damping."""
+    """Return the `solref` operation for a contact time constant, with critical damping."""
     return "=", (constant_s, 1.0)
 
 
@@ -91,7 +91,7 @@ def _lasting(constant_s: float | None) -> How:
 
 
 def _links(body: Body) -> list[str]:
-    """Return the names of MuJoCo's bodies that a body is made of."""
+    """Return the names of the MuJoCo bodies that make up a recorded body."""
     return [name for n, name in enumerate(body.links) if n or name != WORLD or not body.engine_id]
 
 
@@ -104,13 +104,13 @@ def _bodies(scope: Scope) -> dict[str, Any]:
 
 
 def _both(scope: Scope) -> dict[str, Any]:
-    """Return the bodies that are meant, with the other that they touch."""
+    """Return the selected bodies, and the other body that they touch."""
     other = [] if scope.other is None else _links(scope.other)
     return {"of": "body", "names": [*_all_links(scope), *other]}
 
 
 def _joints(scope: Scope) -> dict[str, Any]:
-    """Return the joint that is meant, or all bodies."""
+    """Return the selected joint, or all bodies."""
     return _bodies(scope) if scope.joint is None else {"of": "joint", "names": [scope.joint]}
 
 
@@ -119,7 +119,7 @@ def _all(_: Scope) -> dict[str, Any]:
 
 
 def _actuators(scope: Scope) -> Iterator[tuple[Actuator, dict[str, Any]]]:
-    """Yield the actuators that are meant: of a joint, of a name, or all."""
+    """Yield the selected actuators: those of a joint, the one with a name, or all."""
     for body in scope.bodies:
         for actuator in body.actuators:
             named = scope.target in (None, body.label, actuator.name)
@@ -131,32 +131,32 @@ def _actuators(scope: Scope) -> Iterator[tuple[Actuator, dict[str, Any]]]:
 
 @dataclass(frozen=True)
 class FieldRow(ChangeRow):
-    """An intervention that is made in fields of a model, or in its state."""
+    """An intervention that changes fields of a model, or its state."""
 
     of: Elements = _all
     """Returns the elements whose fields are set."""
     _: KW_ONLY
     makes: Applies | None = None
-    """Further operations that it makes."""
+    """Further operations of the intervention."""
     derived: bool = False
-    """Whether MuJoCo derives other fields from those."""
+    """Whether MuJoCo derives other fields from the changed ones."""
     more: str = ""
-    """Error that is raised if a cure has no number."""
+    """Message of the error that is raised if a fix has no number."""
 
     def call_of(self, cure: Cure) -> str:
-        """Return the attribute or the line that a cure's user would write."""
+        """Return the attribute or the line that a user would write for a fix."""
         if self.more and self.number(cure) is None:
             return f"{self.more}*{MORE:g}"
         return super().call_of(cure)
 
     @property
     def tried(self) -> dict[str, Any]:
-        """The row as the search in the script's interpreter takes it."""
+        """Return the row in the format of the search in the script's interpreter."""
         field = next(iter(self.sets), "").partition("[")[0].replace("opt.", "option.")
         return {**super().tried, "change": self.change or field}
 
     def known(self, cure: Cure) -> dict[str, Any]:
-        """Return the values that words may name."""
+        """Return the values that the code template may use, by name."""
         known = super().known(cure)
         stiffness, damping = _bouncing(known["value"])
         force = known["value"] / abs(cure.given.get("gear", 1.0))
@@ -165,7 +165,7 @@ class FieldRow(ChangeRow):
         return {**known, **more, "stiffness": stiffness, "damping": damping}
 
     def operations(self, cure: Cure, scope: Scope) -> Iterable[Operation]:
-        """Return the changes made by the hooks of MuJoCo's functions."""
+        """Return the operations that the hooks of MuJoCo's functions carry out."""
         derived = {"derived": True} if self.derived else {}
         for name, how in self.changes(cure).items():
             yield {**_write(name, how), **self.of(scope), **derived}
@@ -173,7 +173,7 @@ class FieldRow(ChangeRow):
             yield from ({"engine": ENGINE, **make} for make in self.makes(self, cure, scope))
 
     def applied(self, cure: Cure, scope: Scope) -> ChangedRun | None:
-        """Return the run with a cure, with finer steps where a finding asks for them."""
+        """Return the run with a fix applied, with finer steps if the finding needs them."""
         run, finer = super().applied(cure, scope), cure.given.get("finer", 1)
         return run if run is None or finer == 1 else run + ChangedRun(below={"finer": finer})
 
@@ -183,14 +183,14 @@ def _write(field: str, how: How) -> Operation:
 
 
 def _written(function: str) -> str:
-    """Return the omitted part of a cure, as the script has it."""
+    """Return the omitted part of a fix, as the script writes it."""
     if function in PARTS:
         return f"data.{function}"
     return f"mujoco.{function}(…)" if function.startswith("mj_") else f"model.{function}"
 
 
 def left_out(function: str, file: str, line: int, argument: str | None) -> ChangedRun | None:
-    """Return a run without what a script sets before a line; None of an argument alone."""
+    """Return a run without what a script sets before a line; None for an argument alone."""
     if argument is not None:
         return None
     how = {"do": "keep", "field": function}
@@ -209,7 +209,7 @@ def _set_parameter(name: str, value: float) -> ChangedRun:
 
 
 def _gains(row: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Give actuators a gain; a servo's stiffness or damping with it."""
+    """Set the gain of actuators; for a servo, the stiffness or damping with it."""
     do, number = raised(row.number(cure))
     gain, bias = (do, number), (do, number if do == "*" else -number)
     for each, its in _actuators(scope):
@@ -222,7 +222,7 @@ def _gains(row: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _force_range(row: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Widen what limits the force of actuators, and of their joints."""
+    """Widen the force limits of actuators and of their joints."""
     number = row.number(cure)
     its = {"limited": "jnt_actfrclimited", **_joints(scope)}
     yield from ({**each, **its} for each in _wider("jnt_actfrcrange", number, 1.0))
@@ -248,7 +248,7 @@ def _control_range(_: FieldRow, __: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _mass(_: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Give bodies a mass, and inertia in proportion; to a body of several parts, to its base."""
+    """Set the mass of bodies, with proportional inertia; in a body of several parts, the base's."""
     names = [_links(body)[0] for body in scope.bodies]
     yield {"do": "weigh", "names": names, "mass": cure.value, "factor": MORE, "derived": True}
 
@@ -259,13 +259,13 @@ def _pass(_: FieldRow, __: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _exclude(_: FieldRow, __: Cure, scope: Scope) -> Iterator[Operation]:
-    """Keep a link and its parent apart."""
+    """Exclude contacts between a link and its parent."""
     if scope.target is not None:
         yield {"do": "part", "names": [[scope.target], None]}
 
 
 def _between(do: str) -> Applies:
-    """Return the operation on what is between MuJoCo's bodies on both sides."""
+    """Return the operation on what lies between the MuJoCo bodies of both sides."""
 
     def made(_: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
         other = scope.bodies[0] if scope.other is None else scope.other
@@ -292,7 +292,7 @@ def _lift(row: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _without(_: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Leave out what a finding is about."""
+    """Omit what a finding is about."""
     file, _, line = (scope.site or "").rpartition(":")  # type: ignore[assignment]
     if file and line.isdecimal():
         run = left_out(str(cure.given["function"]), file, int(line), None)
@@ -317,7 +317,7 @@ GRAVITY: dict[str, Becomes] = {
 GEOMETRY = (
     *("jnt_axis", "jnt_pos", "geom_pos", "geom_size", "body_ipos", "site_pos", "site_size"),
 )
-"""Fields that say where things are, and how large."""
+"""Fields that set positions and sizes."""
 SEARCHED = (
     ("jnt_stiffness", "stiffness", "=0 *0.1 *10", ""),
     ("jnt_axis", "axis", "*-1", ""),
@@ -364,7 +364,8 @@ SEARCHED = (
     *((f"flag.{name}", name.lower(), "^", "^") for name in ("CONTACT", "GRAVITY", "ACTUATION")),
     *((f"flag.{name}", name.lower(), "^", "") for name in FLAGS.split()),
 )
-"""Changes of the causal search alone: field, attribute, operators, and those that break."""
+"""Changes that only the causal search makes: field, attribute, operators, and which of these remove
+something."""
 
 ROWS = (
     # The whole run.
@@ -692,7 +693,7 @@ SEES = [{"engine": ENGINE, "do": "see"}]
 
 
 def _words_of(change: Change) -> str:
-    """Return a single change in words, by the attribute that its user would write."""
+    """Describe a single change by the attribute that a user would edit."""
     kind, _, part = change.change.partition(".")
     elements, how = named(change.target), done(change.op)
     if kind == "flag":
@@ -717,7 +718,7 @@ WRITTEN_AS = {
     "geom_collides": "contype",
     "geom_condim_friction": 'condim="6", friction of torsion and rolling',
 }
-"""Names of fields in MJCF, where they differ from the field's own name."""
+"""Attribute names in MJCF of fields that have another name."""
 TAGS = {
     "geom": "geom",
     "jnt": "joint|freejoint",
@@ -728,11 +729,11 @@ TAGS = {
     "eq": r"\w+",
     "tendon": "fixed|spatial",
 }
-"""Patterns of the tags of elements, by the prefix of their fields."""
+"""Patterns of MJCF tags, by the prefix of the element's fields."""
 
 
 def _written_as(change: Change) -> tuple[str, str] | None:
-    """Return the attribute that a change is of, and a pattern of the tags that have it."""
+    """Return the attribute that a change edits, and a pattern of the tags that have it."""
     kind, _, field = change.change.partition("_")
     attribute = {"kp_kv": "kp", "collides": "contype", "condim_friction": "condim"}.get(
         field, field

@@ -1,4 +1,4 @@
-"""Features that only a model of MuJoCo has, and the changes that take them away."""
+"""MuJoCo's model features that other engines lack, and the edits that remove them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recorded steps explained on demand: windows of a recording, in any order."""
+"""Explains recorded steps on demand: step ranges of a recording, in any order."""
 
 from __future__ import annotations
 
@@ -17,26 +17,25 @@ from drop_physics.trace.events import Event, ImpulseCause
 from drop_physics.trace.frames import Frames, ModelEdit
 
 Window = tuple[int, int, int]
-"""A simulation and some of its steps: from the first to before the last, by the samples that they
-start from."""
+"""A range of steps of one simulation: client, first and end (exclusive), by start sample."""
 Times = Callable[[int, NDArray[np.int64]], NDArray[np.float64]]
-"""Returns the times of samples of a simulation [s]."""
+"""Function that returns the times of a simulation's samples [s]."""
 
 
 class RecordedFrames(Protocol):
     """The models and frames of a recording."""
 
     def model(self, number: int) -> bytes:
-        """Return a compiled model."""
+        """Return a compiled model by index."""
 
     def model_of(self, client: int) -> int:
-        """Return the number of the model of a simulation."""
+        """Return the index of a simulation's model."""
 
     def edits(self, client: int, end: int) -> list[ModelEdit]:
-        """Return the edits of the model in the pieces before sample `end`."""
+        """Return the model edits in the chunks before sample `end`."""
 
     def pieces(self, client: int, first: int, end: int) -> Iterator[Frames]:
-        """Yield the frames of the pieces with steps from sample `first` to before `end`."""
+        """Yield the frames of the chunks with steps from sample `first` to before `end`."""
 
 
 def explained_later(
@@ -49,7 +48,7 @@ def explained_later(
     times_s: Times,
     folder: Path,
 ) -> Iterator[Event]:
-    """Yield the causes in the steps of windows, as `record` does for a short run.
+    """Yield the causes of impulses in step ranges, as `record` does for a short run.
 
     Parameters
     ----------
@@ -96,7 +95,7 @@ def explained_later(
 def _wanted(
     recorded: RecordedFrames, model: Path, windows: Iterable[Window]
 ) -> Iterator[StepsWanted]:
-    """Yield the steps of windows of one simulation, piece by piece."""
+    """Yield the steps of one simulation's ranges, chunk by chunk."""
     for client, first, end in windows:
         edits: list[ModelEdit] | None = None
         for frames in recorded.pieces(client, first, end):

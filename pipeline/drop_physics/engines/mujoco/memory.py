@@ -1,4 +1,4 @@
-"""MuJoCo's own memory, read in place: the state and model that a step uses and a script edits.
+"""Direct access to MuJoCo's memory: the state and model that a step uses and a script may edit.
 
 A `memoryview` of it is compared and copied in tens of nanoseconds, where the functions that copy a
 state take a microsecond. Addresses are those of the arrays that MuJoCo itself hands out.
@@ -15,11 +15,11 @@ import numpy as np
 from .frames import ASLEEP, CORE, LONG, PART_HEAD, PARTS, USER, kind_of, part_bytes
 
 ALIGNED = 64
-"""MuJoCo's arrays begin at multiples of so many bytes; its states have no other gaps."""
+"""MuJoCo's arrays start at multiples of this many bytes; its states have no other gaps."""
 NEAR = 1024
-"""Arrays of a model with gaps of at most so many bytes are compared together."""
+"""Arrays of a model with gaps of at most this many bytes are compared together."""
 MOST_HFIELD = 1 << 16
-"""Number of bytes of height fields that are compared at each step, and analyzed."""
+"""Largest size of height fields that are compared at each step and analyzed [bytes]."""
 EDITABLE = re.compile(
     r"qpos0|qpos_spring"
     r"|body_(pos|quat|ipos|iquat|mass|subtreemass|inertia|invweight0|gravcomp|margin)"
@@ -33,7 +33,7 @@ EDITABLE = re.compile(
     r"|tendon_(?!type|adr|num|\w*id|group|width|user|rgba|treenum)\w+"
     r"|actuator_(?!group|user|plugin|historyadr)\w+"
 )
-"""Arrays of a model that a step reads and a script may have a reason to edit."""
+"""Arrays of a model that a step reads and that a script may want to edit."""
 
 
 LOOKS = re.compile(
@@ -41,7 +41,7 @@ LOOKS = re.compile(
     r"|facetexcoord|poly\w*|pathadr|bvh\w*|oct\w*)|skin_\w+|flex(?!_vertbodyid|_vertadr|_vertnum)\w*|efm\w*|plugin_attr\w*"
     r"|mat_tex\w+|paths|text_\w+|map\w+|[BM]_\w+|D_\w+|cam_(mat0|pos0|poscom0)|names_map"
 )
-"""Arrays of a model that no analysis needs: looks, and what speeds up a step."""
+"""Arrays of a model that no analysis needs: appearance, and acceleration structures."""
 
 
 def view_of(address: int, size: int) -> memoryview:
@@ -50,7 +50,7 @@ def view_of(address: int, size: int) -> memoryview:
 
 
 class StatePart:
-    """An array within a stretch of memory, and its values when last compared.
+    """An array within a memory range, and its values when last compared.
 
     Parameters
     ----------
@@ -74,14 +74,14 @@ class StatePart:
         self._head = PART_HEAD.pack(self.number, 0, 0, count) if count <= LONG else b""
 
     def frame(self) -> bytes:
-        """Return the changed elements, as a frame has them."""
+        """Return the changed elements in frame format."""
         if self._head:
             return self._head + self.view.tobytes()
         return part_bytes(self.number, self.saved, self.view)
 
 
 class StateMemory:
-    """Arrays that lie one behind the other in memory."""
+    """Adjacent arrays in memory."""
 
     def __init__(self, arrays: dict[str, Any]) -> None:
         held = {name: array for name, array in arrays.items() if array.nbytes}
@@ -136,7 +136,7 @@ def warnings_of(d: Any) -> memoryview:
 
 
 class Field:
-    """A part of a model that may be edited.
+    """A part of a model that a script may edit.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ class Field:
 
 
 def fields_of(m: Any) -> list[Field]:
-    """Return the editable fields of a model, in the order of its memory."""
+    """Return the editable fields of a model, in memory order."""
     found = options_of(m)
     for name in dir(m):
         if not EDITABLE.fullmatch(name):
@@ -171,7 +171,7 @@ def _is_large_hfield(name: str, array: Any) -> bool:
 
 
 def options_of(m: Any) -> list[Field]:
-    """Return the fields of a model's options, as the C struct has them.
+    """Return the fields of a model's options, in the layout of the C struct.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def options_of(m: Any) -> list[Field]:
 
 
 def stretches_of(fields: list[Field]) -> list[tuple[bytearray, memoryview, int]]:
-    """Return current values, memory and address of fields, in few pieces."""
+    """Return current values, memory and address of fields, in few contiguous ranges."""
     found: list[list[int]] = []
     for field in fields:
         end = field.address + field.size
@@ -213,7 +213,7 @@ def stretches_of(fields: list[Field]) -> list[tuple[bytearray, memoryview, int]]
 
 
 def constants_of(m: Any) -> dict[str, Any]:
-    """Return the constants of a model for an analysis: arrays, sizes, options, and all names."""
+    """Return the model constants that the analysis needs: arrays, sizes, options, all names."""
     found: dict[str, Any] = {}
     for name in dir(m):
         if name.startswith("_") or LOOKS.fullmatch(name):

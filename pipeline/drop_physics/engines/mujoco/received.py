@@ -1,4 +1,4 @@
-"""Models, steps and writes of a MuJoCo script's process, assembled from its stream.
+"""Assembles models, steps and writes from the stream of a MuJoCo script's process.
 
 The other end of `watch`; the stream is described in `frames`.
 """
@@ -23,22 +23,22 @@ Float64 = NDArray[np.float64]
 T = TypeVar("T")
 
 PIECE_STEPS, PIECE_BYTES = 1 << 12, 1 << 22
-"""A piece has at most so many steps, and bytes of states."""
+"""Largest number of steps in a chunk, and of bytes of states."""
 LEFT_OUT = "imported"
-"""The cause of a state that steps led to which are not recorded: no call of the script's."""
+"""Cause of a state that follows omitted steps: no call of the script."""
 WHERE = struct.Struct("<4xII")
-"""Simulation and site in a `frames.STEP_HEAD`."""
+"""Format of simulation and site in a `frames.STEP_HEAD`."""
 STEP_HEAD = np.dtype(
     [
         *(("kind", "S1"), ("function", np.uint8), ("zero", np.uint16), ("world", np.uint32)),
         *(("site", np.uint32), ("time_s", np.float64)),
     ]
 )
-"""A `frames.STEP_HEAD`."""
+"""Format of a `frames.STEP_HEAD`."""
 
 
 class Constants(Mapping[str, NDArray[Any]]):
-    """The constants that an analysis reads of a model, by MuJoCo's names.
+    """The constants of a model that the analysis reads, by MuJoCo's names.
 
     Options are named as `opt.timestep`. An array is made of the received bytes where it is asked
     for: kept, the arrays of a small model would take four times the bytes.
@@ -67,16 +67,16 @@ class Constants(Mapping[str, NDArray[Any]]):
 
 @dataclass
 class MujocoModel:
-    """A model, at the time of its first step."""
+    """A model as it was at its first step."""
 
     number: int
     digest: str
     fields: tuple[tuple[str, np.dtype[Any], tuple[int, ...]], ...]
-    """The fields that may be edited: name, type and shape."""
+    """The editable fields: name, type and shape."""
     arrays: Mapping[str, NDArray[Any]]
-    """Its `Constants`."""
+    """The model's `Constants`."""
     held: dict[int, NDArray[Any]] = field(default_factory=dict)
-    """The values of its edited fields, by number of the field."""
+    """The values of its edited fields, by field index."""
 
 
 @dataclass(frozen=True)
@@ -90,35 +90,35 @@ class ScriptLine:
 
 
 WrittenParts = Mapping[str, tuple[NDArray[np.uint32] | None, NDArray[Any]]]
-"""Elements (None: all of them) and their values, by name of a part of the state."""
+"""Element indices (None for all) and their values, by name of a part of the state."""
 
 
 class ReceivedWrite(NamedTuple):
     """Values written into a state before a step."""
 
     step: int
-    """The step that is the first to see it."""
+    """The step that is the first to use the values."""
     cause: str
-    """The cause: one of `frames.CAUSES`."""
+    """One of `frames.CAUSES`."""
     argument: int
-    """The keyframe to which the state was reset."""
+    """The keyframe to which the state was reset, if it was."""
     site: int
-    """The site where the write was seen, or the function that was called."""
+    """The site where the write was detected, or of the function that was called."""
     since: int
-    """The site of the call before, or -1: a write without a call lies between the two."""
+    """The site of the previous call, or -1: a write without a call lies between the two."""
     time_s: float
-    """The time of the state afterwards [s]."""
+    """The time of the state after the write [s]."""
     parts: WrittenParts
-    """What was written."""
+    """The written elements and values."""
 
 
 class Edited(NamedTuple):
-    """Values written into a model in place."""
+    """Values written into a model's fields in place."""
 
     step: int
-    """The step that is the first to see it."""
+    """The step that is the first to use the values."""
     world: int
-    """The simulation at whose step or call it was seen."""
+    """The simulation in whose step or call the edit was detected."""
     model: int
     name: str
     """The field, as a script writes it: `geom_friction`, `opt.timestep`."""
@@ -131,53 +131,53 @@ class Edited(NamedTuple):
 
 
 class EndedEpisode(NamedTuple):
-    """An episode ended by an environment of the script."""
+    """An episode that an environment of the script ended."""
 
     first: int
-    """Number of steps of the simulation before it."""
+    """Number of the simulation's steps before the episode."""
     end: int
-    """Number of steps of the simulation up to its end."""
+    """Number of the simulation's steps at the end of the episode."""
     told: dict[str, Any]
-    """Report of the environment."""
+    """The environment's report."""
 
 
 @dataclass(frozen=True)
 class StepPiece:
-    """Consecutive steps of one simulation."""
+    """A chunk of consecutive steps of one simulation."""
 
     world: int
     model: int
     first: int
-    """Number of the first step; a simulation's first is 0."""
+    """Index of the first step; a simulation's first is 0."""
     times_s: Float64
     """Time after each step, shape (n,)."""
     functions: NDArray[np.uint8]
-    """The function that made each, into `frames.STEPS`, shape (n,)."""
+    """The function that made each step, as an index into `frames.STEPS`, shape (n,)."""
     flags: NDArray[np.uint8]
-    """0, or of `frames` STALE, UNPOSED, NEAR or APART, shape (n,)."""
+    """0, or flags STALE, UNPOSED, NEAR or APART of `frames`, shape (n,)."""
     sites: NDArray[np.int32]
     """The site of each call, shape (n,)."""
     parts: dict[str, Float64]
-    """The state after each step, by name of `frames.CORE`, shape (n, width)."""
+    """The state after each step, by the names in `frames.CORE`, shape (n, width)."""
     widths: Mapping[str, int]
-    """Numbers of elements of the parts that no step sends."""
+    """Numbers of elements of the parts that steps do not send."""
     written: list[ReceivedWrite]
     edited: list[Edited]
     warnings: list[tuple[int, int, int, int]]
-    """Warnings: step, kind, how often in that step, and last info."""
+    """Warnings: step, kind, number in that step, and last info."""
     episodes: list[EndedEpisode]
     answers: list[tuple[int, bytes]]
-    """Effects of callbacks within a step, as `frames` has them."""
+    """Effects of callbacks within a step, in the format of `frames`."""
 
 
 @dataclass
 class _World:
-    """A simulation, as far as it is known."""
+    """A simulation, as far as it has been received."""
 
     number: int
     model: int
     core: list[tuple[str, int, int]]
-    """Name, begin and size [bytes] of its parts within a step's bytes."""
+    """Name, offset and size [bytes] of each part within a step's bytes."""
     widths: Mapping[str, int]
     size: int
     step: int = 0
@@ -193,15 +193,16 @@ class _World:
     answers: list[tuple[int, bytes]] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=dict)
     settled: int = 0
-    """Number of steps before those that may yet be left out."""
+    """Number of steps before the first that may still be left out."""
     decided: int = 0
-    """Number of steps up to the end of the last episode, of which is known whether it is kept."""
+    """Number of steps up to the end of the last episode for which it is decided whether it is
+    kept."""
     latest: int | None = None
-    """Number of steps before the failure that is kept until the next one, which ends there."""
+    """Number of steps before the failed episode that is kept until the next failure."""
     left_out: int = 0
-    """Number of steps that were made, and are not recorded."""
+    """Number of steps that were made but not recorded."""
     held: dict[str, NDArray[Any]] = field(default_factory=dict)
-    """What only the script changes in the state, as far as it was written, and what sleeps."""
+    """The state parts that only the script changes, as far as written, and the sleep state."""
 
     def __post_init__(self) -> None:
         size = self.size + 8 * sum(self.widths.values())
@@ -210,11 +211,11 @@ class _World:
 
     @property
     def first(self) -> int:
-        """The number of the first step gathered."""
+        """Index of the first collected step."""
         return self.step - len(self.payloads)
 
     def parts(self, payload: bytes) -> WrittenParts:
-        """Return the whole state after a step, but for what was never written."""
+        """Return the whole state after a step, except parts that were never written."""
         core = memoryview(payload)[STEP_HEAD.itemsize :]
         return {
             **{name: (None, held) for name, held in self.held.items()},
@@ -225,7 +226,7 @@ class _World:
         }
 
     def hold(self, parts: WrittenParts) -> None:
-        """Keep what was written into the parts of the state that no step sends."""
+        """Store written values of the state parts that steps do not send."""
         for name, (indices, values) in parts.items():
             if name not in USER and name != ASLEEP:
                 continue
@@ -239,7 +240,7 @@ class _World:
             new[indices] = values
 
     def leave_out(self, begin: int, end: int) -> None:
-        """Forget the steps from `begin` to before `end`: those before lead to the state after them.
+        """Drop the steps from `begin` to before `end`, and keep the state after them.
 
         Edits of the model in them stay; episodes that end with them have no step.
         """
@@ -276,12 +277,12 @@ class _World:
         self.settled, self.left_out = after(self.settled), self.left_out + gone
 
     def pieces(self) -> Iterator[StepPiece]:
-        """Yield the steps that are settled, as far as they make whole pieces."""
+        """Yield the settled steps that make whole chunks."""
         while self.settled - self.first >= self.most:
             yield self.piece(self.most)
 
     def piece(self, n: int) -> StepPiece:
-        """Return the first `n` of the gathered steps, and keep the others."""
+        """Return the first `n` collected steps as a chunk, and keep the others."""
         begins, first = STEP_HEAD.itemsize, self.first
         taken, self.payloads = self.payloads[:n], self.payloads[n:]
         end = first + n if self.payloads else self.step + 1
@@ -318,7 +319,7 @@ class _World:
 
 
 def _last_where(rows: Sequence[T], holds: Callable[[T], bool]) -> range:
-    """Return the places of the last rows, as far back as something holds of them."""
+    """Return the indices of the last rows, as far back as a condition holds."""
     begin = len(rows)
     while begin and holds(rows[begin - 1]):
         begin -= 1
@@ -326,7 +327,7 @@ def _last_where(rows: Sequence[T], holds: Callable[[T], bool]) -> range:
 
 
 class Received:
-    """Assembles payloads, in order, into pieces of simulations.
+    """Assembles payloads, in order, into chunks of simulations.
 
     Parameters
     ----------
@@ -370,16 +371,16 @@ class Received:
 
     @property
     def steps(self) -> int:
-        """Steps received so far, with those that are left out."""
+        """Number of steps received so far, including omitted ones."""
         return sum(world.step + world.left_out for world in self._worlds.values())
 
     @property
     def left_out(self) -> int:
-        """Steps that are left out so far."""
+        """Number of steps omitted so far."""
         return sum(world.left_out for world in self._worlds.values())
 
     def take(self, payload: bytes) -> Iterable[StepPiece]:
-        """Read a payload; return the pieces that it completes."""
+        """Read a payload; return the chunks that it completes."""
         kind = payload[:1]
         if kind == frames.STEP:
             return self._on_step(payload)
@@ -412,7 +413,7 @@ class Received:
         return ()
 
     def rest(self) -> Iterator[StepPiece]:
-        """Yield the rest, at the end of the stream."""
+        """Yield the remaining chunks, at the end of the stream."""
         for world in self._worlds.values():
             self._settle(world)
             yield from world.pieces()
@@ -434,7 +435,7 @@ class Received:
         return whole
 
     def _settle(self, world: _World) -> None:
-        """Keep the steps of a simulation so far."""
+        """Keep all steps of a simulation so far."""
         self._whole.kept_bytes += (world.step - world.settled) * (STEP_HEAD.itemsize + world.size)
         world.settled, world.latest = world.step, None
 
@@ -547,7 +548,7 @@ class Received:
         its.episode = its.step
 
     def _ended(self, its: _World, decision: Decision) -> None:
-        """Keep the episode of a simulation that has ended, or leave it out."""
+        """Keep or drop the episode of a simulation that has ended, as decided."""
         if decision == "whole" or its.settled > its.decided:
             self._settle(its)
         elif decision == "latest":

@@ -1,4 +1,4 @@
-"""The sensors of a MuJoCo model, with their readings, and the lengths of its tendons."""
+"""Sensor readings and tendon lengths of a MuJoCo model."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ KINDS = (
     *("touch", "accelerometer", "velocimeter", "gyro", "force", "torque"),
     *("magnetometer", "rangefinder"),
 )
-"""The first types of sensors (`mjtSensor`), all of which are on sites."""
+"""The first sensor types (`mjtSensor`), all of which are attached to sites."""
 MOST = 256
-"""Most sensors of a model that are told."""
+"""Largest number of sensors of a model that are reported."""
 
 
 def sensors_of(
     described: DescribedModel, client: int, kept: NDArray[np.float64]
 ) -> Iterator[Sensor]:
-    """Yield the sensors of a model, given first, last, least and greatest of each number.
+    """Yield a model's sensors, from the first, last, least and greatest value of each number.
 
     `kept` has the shape (4, numbers); the lengths of tendons are the last of the numbers.
     """

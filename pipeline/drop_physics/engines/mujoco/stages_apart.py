@@ -1,4 +1,4 @@
-"""The first stage of one step that differs between two versions of MuJoCo."""
+"""Finds the first stage of one step that differs between two versions of MuJoCo."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drop_physics.trace.swaps import StageApart
 Float64 = NDArray[np.float64]
 
 ROUNDING = 1e-9
-"""A difference up to this share of the largest number is rounding."""
+"""A difference up to this share of the largest number counts as rounding."""
 STAGES = (
     *("kinematics", "collision", "constraint", "passive", "actuator", "bias", "solver"),
     "integrator",
@@ -24,7 +24,7 @@ ROW_KINDS = (
     *("equality", "joint friction", "tendon friction", "joint limit", "tendon limit", "contact"),
     *("contact", "contact"),
 )
-"""Kinds of a constraint's rows (`mjtConstraint`)."""
+"""Types of constraint rows (`mjtConstraint`)."""
 FORCES = {"passive": "qfrc_passive", "actuator": "qfrc_actuator", "bias": "qfrc_bias"}
 FORCES |= {"solver": "qfrc_constraint"}
 NUMBERS = {
@@ -32,33 +32,33 @@ NUMBERS = {
     "pos": (Message("the position of the same contact points"), 3),
     "frame": (Message("the normal of the same contact points"), 3),
 }
-"""Numbers of a contact point: what is said of them, and how many."""
+"""Quantities of a contact point: description, and number of components."""
 TOLD = {
     "passive": Message("the passive forces"),
     "actuator": Message("the forces of actuators"),
     "bias": Message("the forces of motion"),
     "solver": Message("the constraint forces of the same rows"),
 }
-"""Words for the forces of a stage."""
+"""Descriptions of a stage's forces."""
 
 
 @dataclass(frozen=True, eq=False)
 class Computed:
-    """Results of the stages of a step."""
+    """Results of each stage of a step."""
 
     positions: Float64
     """Positions of the bodies [m], shape (bodies, 3)."""
     geoms: Float64
-    """The two geoms of each contact point, shape (n, 2)."""
+    """The two geoms of each contact, shape (n, 2)."""
     points: Mapping[str, Float64]
-    """Numbers of contact points: `dist`, `pos`, `frame`."""
+    """Contact quantities: `dist`, `pos`, `frame`."""
     rows: Mapping[str, Float64]
-    """Numbers of constraints' rows: `pos`, `aref`, `R`, `type`."""
+    """Constraint row quantities: `pos`, `aref`, `R`, `type`."""
     forces: Mapping[str, Float64]
 
     @classmethod
     def of(cls, stages: Mapping[str, list[Float64]], row: int) -> Computed:
-        """Return those of one step."""
+        """Return the results for one step."""
         geoms = stages["geoms"][row].reshape(-1, 2)
         return cls(
             stages["xpos"][row].reshape(-1, 3),
@@ -72,7 +72,7 @@ class Computed:
 def stages_apart(
     mine: Computed, theirs: Computed, matched: Matched
 ) -> tuple[StageApart, StageApart | None]:
-    """Return the first stage whose numbers differ to the bit, and the first beyond rounding."""
+    """Return the first stage that differs at all, and the first that differs beyond rounding."""
     found = sorted(_found(mine, theirs, matched), key=lambda each: STAGES.index(each.stage))
     found = found or [StageApart("integrator", 0.0, Message("the velocities"))]
     return found[0], next((each for each in found if each.size > ROUNDING), None)
@@ -93,7 +93,7 @@ def _found(mine: Computed, theirs: Computed, matched: Matched) -> Iterator[Stage
 
 
 def _size(mine: Float64, theirs: Float64) -> float | None:
-    """Return the largest difference as a share of the largest number; None for the same bits."""
+    """Return the largest difference as a share of the largest number; None if bitwise equal."""
     if mine.shape != theirs.shape:
         return np.inf
     if mine.tobytes() == theirs.tobytes():
@@ -125,7 +125,7 @@ def _collisions(mine: Computed, theirs: Computed, matched: Matched) -> Iterator[
 
 
 def _by_pair(computed: Computed, other: Mapping[int, int]) -> dict[tuple[int, int], list[int]]:
-    """Return the rows of contact points by pair of geoms, numbered as in the first model."""
+    """Return the contact indices for each pair of geoms, numbered as in the first model."""
     found: dict[tuple[int, int], list[int]] = {}
     for row, pair in enumerate(computed.geoms.astype(np.int64).tolist()):
         low, high = sorted(other.get(geom, -2 - geom) if other else geom for geom in pair)

@@ -1,4 +1,4 @@
-"""MuJoCo in another interpreter, which repeats recorded steps: from frames to states and sums.
+"""MuJoCo in another interpreter, which replays recorded steps: from frames to states and sums.
 
 A step is taken from its own frame, so any can be asked for, in any order; consecutive steps are the
 fastest.
@@ -32,21 +32,21 @@ Answer = tuple[dict[str, Any], Arrays]
 
 @dataclass(frozen=True, eq=False)
 class StepsWanted:
-    """Steps of a simulation to be taken again."""
+    """Steps of a simulation that are to be replayed."""
 
     model: Path
     """The file of its compiled model."""
     frames: Frames
     begin: int
-    """The first of them, counted from the first of the frames."""
+    """The first step, counted from the first of the frames."""
     end: int
-    """One more than the last of them."""
+    """One past the last step."""
     edits: Sequence[ModelEdit] = ()
-    """Changes of the model before the frames begin."""
+    """Model edits before the frames begin."""
 
 
 class Stepper:
-    """A process that takes steps again; use it in a `with` statement.
+    """A process that replays steps; use it in a `with` statement.
 
     Parameters
     ----------
@@ -65,9 +65,9 @@ class Stepper:
     """
 
     module = MODULE
-    """Module that runs in it."""
+    """Module that the process runs."""
     group: int | None = None
-    """0 if Ctrl-C does not reach it."""
+    """0 if Ctrl-C must not reach the process."""
 
     def __init__(
         self, python: str, version: str | None, environment: Mapping[str, str] | None = None
@@ -111,7 +111,7 @@ class Stepper:
     def explained(
         self, wanted: Iterable[StepsWanted]
     ) -> Iterator[tuple[StepsWanted, ReplayedPiece]]:
-        """Yield the results of steps: agreement with the recorded states, and their sums."""
+        """Yield results of steps: agreement with the recorded states, and their sums."""
         before: list[tuple[StepsWanted, Answer]] = []
         for each in wanted:
             self._send_steps("steps", each)
@@ -129,7 +129,7 @@ class Stepper:
         return arrays
 
     def constants(self, model: Path) -> Arrays:
-        """Return the constants of a compiled model for an analysis, by MuJoCo's names."""
+        """Return the constants of a compiled model that the analysis needs, by MuJoCo's names."""
         self._send(frames.arrays_bytes("constants", {}, path=str(model)))
         ((_, arrays),) = self._answers()
         return arrays
@@ -187,7 +187,7 @@ class Stepper:
 
 
 def request_of(what: str, wanted: StepsWanted, more: Mapping[str, NDArray[Any]] = {}) -> bytes:
-    """Return a request for steps, as `explain.asked` reads it; `more` are further arrays."""
+    """Return a request for steps in the format of `explain.asked`; `more` are further arrays."""
     its = wanted.frames
     arrays: Arrays = {"functions": its.functions, "clock_s": its.clock_s}
     arrays |= {f"after/{name}": rows for name, rows in its.after.items()}
@@ -210,7 +210,7 @@ def request_of(what: str, wanted: StepsWanted, more: Mapping[str, NDArray[Any]] 
 
 
 def packed_edits(edits: Sequence[ModelEdit]) -> tuple[Arrays, list[list[Any]]]:
-    """Return the elements of edits, and step, field and count of each."""
+    """Return the elements of edits, and step, field and count for each."""
     none = np.empty(0)
     arrays = {
         "edits@indices": np.concatenate([none.astype(np.int64), *(e.indices for e in edits)]),

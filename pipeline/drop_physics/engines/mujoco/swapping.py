@@ -1,4 +1,4 @@
-"""MuJoCo in a run's interpreter, which takes single steps with fields of its model swapped."""
+"""MuJoCo in a run's interpreter, which makes single steps with swapped model fields."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 class Swapper(Stepper):
-    """A process that takes single steps of a model; use it in a `with` statement.
+    """A process that makes single steps with a model; use it in a `with` statement.
 
     Parameters
     ----------
@@ -41,13 +41,13 @@ class Swapper(Stepper):
         """Requests, and the steps that they took."""
 
     def fields(self) -> tuple[Arrays, list[str]]:
-        """Return all fields of the model, and the features of this version of MuJoCo."""
+        """Return all fields of the model, and the features that this MuJoCo version can disable."""
         self._send(frames.arrays_bytes("fields", {}, path=str(self._model)))
         ((said, arrays),) = self._answers()
         return arrays, said["features"]
 
     def engine(self) -> str:
-        """Return name and version of the engine that the process has; empty if it has none."""
+        """Return name and version of the process's engine; empty if it has none."""
         self._send(frames.arrays_bytes("version", {}))
         ((said, _),) = self._answers()
         return f"MuJoCo {said['version']}"
@@ -76,7 +76,7 @@ class Swapper(Stepper):
         return {name: _apart(numbers) for name, numbers in answer.items()}
 
     def rolled(self, wanted: Frames, begin: int, nudges: Float64) -> Float64:
-        """Continue from a step to the end, with each nudge of the velocities in turn.
+        """Continue from a step to the end, once for each change of the velocities.
 
         Returns the last positions, shape (nudges, width).
         """
@@ -84,7 +84,7 @@ class Swapper(Stepper):
         return ends
 
     def trail(self, wanted: Frames, edits: Sequence[ModelEdit]) -> dict[str, Float64]:
-        """Run through all steps with other values of fields: `qpos` and `qvel` after each."""
+        """Run through all steps with other field values: `qpos` and `qvel` after each."""
         return self._asked("trail", wanted, edits)
 
     def _asked(
@@ -106,7 +106,7 @@ class Swapper(Stepper):
 
 
 def _apart(numbers: Float64) -> list[Float64]:
-    """Split gathered numbers into arrays: their count, their lengths in rows, then all numbers."""
+    """Split joined numbers into arrays: their count, their lengths in rows, then all numbers."""
     count = int(numbers[0])
     lengths, flat = numbers[1 : count + 1].astype(np.int64), numbers[count + 1 :]
     width = len(flat) // max(int(lengths.sum()), 1)
@@ -114,7 +114,7 @@ def _apart(numbers: Float64) -> list[Float64]:
 
 
 def numbers_of(model: DescribedModel, trail: Mapping[str, Float64]) -> dict[int, Float64]:
-    """Return the numbers of bodies after each step of a trail, by number, shape (n, k) each.
+    """Return each body's numbers after each step of a trail, by body id, shape (n, k) each.
 
     First those of a base that is free, then the positions of all joints, then their velocities.
     """

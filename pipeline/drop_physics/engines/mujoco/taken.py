@@ -1,4 +1,4 @@
-"""A recorded run of MuJoCo as arrays over all steps: states before and after them."""
+"""A recorded MuJoCo run as arrays over all steps: states before and after each step."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ Int64 = NDArray[np.int64]
 Rows = Mapping[str, Float64]
 
 PASSIVE = "qfrc_passive"
-"""Passive forces that callbacks add."""
+"""Name of the passive forces that callbacks add."""
 
 
 @dataclass(frozen=True, eq=False)
 class TakenSteps:
-    """The steps of a run, n of them."""
+    """The n steps of a run."""
 
     whole: Frames
-    """All frames as one piece."""
+    """All frames as one chunk."""
     before: Rows
     """The state before each step, shape (n, width) each."""
     inputs: Rows
-    """Inputs that act in each step, likewise."""
+    """External inputs in each step, shape (n, width) each."""
     acting: Rows
-    """The same with what callbacks write within a step; `qfrc_passive` is what they add."""
+    """The same inputs with what callbacks write within a step; `qfrc_passive` is what they add."""
     edited: Mapping[str, tuple[Int64, Float64]]
-    """The elements of each field that are written while it runs, and their values in each step:
+    """The elements of each field that are written during the run, and their values in each step:
     shapes (k,) and (n, k)."""
     starts_s: Float64
     """The clock before each step [s], shape (n,)."""
     full: Frames
-    """The frames of the whole run, of which `whole` may be some."""
+    """The frames of the whole run, of which `whole` may be a part."""
 
     def __len__(self) -> int:
         """Return the number of steps."""
@@ -51,7 +51,7 @@ class TakenSteps:
         return self.whole.after
 
     def only(self, starts: Int64, ends: Int64) -> TakenSteps:
-        """Return the selected steps: their starts, and perhaps the ends of others."""
+        """Return the selected steps: their starts, and optionally the ends of others."""
         whole, row_of = self.whole, {step: row for row, step in enumerate(starts.tolist())}
         some = replace(
             whole,
@@ -71,7 +71,7 @@ class TakenSteps:
 
 
 def taken(pieces: Iterable[Frames], fields: Mapping[str, NDArray[Any]]) -> TakenSteps:
-    """Return the steps of a run.
+    """Return the steps of a run as arrays.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def aligned(a: TakenSteps, b: TakenSteps) -> tuple[TakenSteps, TakenSteps, Int64
 
 
 TICK_S = 1e-9
-"""Times that are at most so far apart are the same [s]."""
+"""Largest difference at which two times count as equal [s]."""
 
 
 def _ticks(times_s: Float64) -> list[int]:
@@ -140,7 +140,7 @@ def _starts_s(whole: Frames) -> Float64:
 
 
 def _acting(whole: Frames, inputs: Rows) -> Rows:
-    """Return the inputs that act in each step, after callbacks have written within it."""
+    """Return the inputs in each step, including what callbacks write within it."""
     nv = whole.after["qvel"].shape[1]
     acting = {name: rows.copy() for name, rows in inputs.items()}
     acting[PASSIVE] = np.zeros((len(whole), nv))
@@ -153,7 +153,7 @@ def _acting(whole: Frames, inputs: Rows) -> Rows:
 
 
 def edited_of(whole: Frames, name: str, compiled: NDArray[Any]) -> tuple[Int64, Float64]:
-    """Return the written elements of a field, and their values in each step."""
+    """Return the elements of a field that are written, and their values in each step."""
     edits = [edit for edit in whole.edits if edit.name == name]
     indices = np.unique(np.concatenate([edit.indices for edit in edits]))
     start = np.ravel(compiled).astype(np.float64)[indices]
@@ -164,7 +164,7 @@ def edited_of(whole: Frames, name: str, compiled: NDArray[Any]) -> tuple[Int64, 
 
 
 def joined(pieces: list[Frames]) -> Frames:
-    """Return the pieces of a run as one; an empty piece where there is none."""
+    """Concatenate the chunks of a run; an empty chunk if there are none."""
     first = pieces[0]
     starts = np.cumsum([0, *map(len, pieces)])[:-1].tolist()
     both = [*zip(starts, pieces, strict=True)]
@@ -208,7 +208,7 @@ def joined(pieces: list[Frames]) -> Frames:
 
 
 def _continues(pieces: list[Frames], starts: list[int], start: int) -> bool:
-    """Return whether a piece begins with the state that the piece before left behind."""
+    """Return whether a chunk starts with the state that the previous chunk left."""
     number = starts.index(start)
     before, piece = pieces[number - 1], pieces[number]
     return all(

@@ -1,4 +1,4 @@
-"""MuJoCo in our own process writes no log file."""
+"""Prevents MuJoCo in drop's own process from writing a log file."""
 
 from __future__ import annotations
 

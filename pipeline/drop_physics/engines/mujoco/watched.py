@@ -1,4 +1,4 @@
-"""Messages of a MuJoCo script's process, as events of a recording.
+"""Converts the messages of a MuJoCo script's process into events of a recording.
 
 `received` assembles a stream. Here its pieces get the form that recordings have: bodies, samples,
 and values set between two steps, by line.
@@ -73,31 +73,31 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 GIVEN_FIRST = ("ctrl", "qfrc_applied", "xfrc_applied")
-"""Parts that a script may have set before its first step, and that are zero otherwise."""
+"""State parts that a script may have set before its first step, and that are zero otherwise."""
 STATE = ("qpos", "qvel", "act", "ctrl", "qfrc_applied", "xfrc_applied", "eq_active")
 PLACES = ("mocap_pos", "mocap_quat")
-"""The parts of a state that a script writes to mean something by it."""
+"""The state parts with the poses of mocap bodies, which only scripts write."""
 MOVING = ("qpos", "qvel")
 MOVES = frozenset((*MOVING, *PLACES))
-"""The parts of the state that say where bodies are, and how they move."""
+"""The state parts with positions and velocities of bodies."""
 BY_MEMORY = frozenset(("memory", *CAUSES[CAUSES.index("mj_forward") :]))
-"""Causes of changes that the script made by itself."""
+"""Causes of changes that the script made by writing memory, without a call."""
 SILENT = "step"
-"""The cause that is no act of the script."""
+"""The cause that is not an act of the script."""
 IMPORTED = "imported"
-"""The cause that is an input of another program, and no call."""
+"""The cause that is an input from another program, without a call."""
 PLACES_BODIES = re.compile(r"opt\.|body_i?(pos|quat)|jnt_|qpos0|geom_(type|size|pos|quat)")
-"""Fields of a model that say where bodies and their shapes are, and when."""
+"""Model fields that set positions of bodies and shapes, and the time."""
 SHAPES_BODIES = re.compile(r"body_|jnt_|dof_|geom_|qpos0")
-"""Fields of a model that say what its bodies are."""
+"""Model fields that define a model's bodies."""
 _FULL = "inertia", "contacts full", "constraints full"
 _BAD = "bad position", "bad velocity", "bad acceleration", "bad control"
 WARNINGS = {7: (*_FULL, *_BAD), 8: (*_FULL, "drawing full", *_BAD)}
-"""Names of MuJoCo's warnings (`mjtWarning`), by the number of kinds that a version knows."""
+"""Names of MuJoCo's warnings (`mjtWarning`), by the number of warning types in a version."""
 PART_BYTES = 1 << 20
-"""Bytes of a model that are one event."""
+"""Number of a model's bytes that are sent in one event."""
 MOST_NOTES = 3
-"""Largest number of different texts that are noted of one kind."""
+"""Largest number of different texts that are kept for one kind of note."""
 
 
 @dataclass
@@ -107,46 +107,46 @@ class MujocoSimulation:
     client: int
     model: int
     first: int
-    """The number of its first step among those of the MjData."""
+    """Index of the first step among those of the MjData."""
     described: DescribedModel
     number: int
-    """The number of its first body."""
+    """Id of its first body."""
     held: dict[str, NDArray[Any]]
-    """The parts of the state as they are, flat."""
+    """The current parts of the state, flat."""
     held_at: int
-    """The number of steps of the MjData so far."""
+    """Number of steps of the MjData when `held` was updated."""
     arrays: Mapping[str, NDArray[Any]]
-    """The model's constants, with what was edited."""
+    """The model's constants, including edits."""
     frames: FramesOfSteps
     folder: Path
-    """The folder of its model's meshes: those of another may have the same names."""
+    """The folder for its model's meshes; another model's may have the same names."""
     apart_s: float | None = None
-    """The time between two of its states [s], if that is not one timestep of the model."""
+    """The time between two states [s], if it differs from the model's timestep."""
     began: bool = False
     start: dict[str, NDArray[Any]] | None = None
     """The state before its first step."""
     last: dict[str, NDArray[Any]] = field(default_factory=dict)
-    """The state that the last step of a piece led to."""
+    """The state after the last step of a chunk."""
     since_step: int = 0
     since_s: float = 0.0
     timestep_s: float = 0.0
     ends: int = 0
-    """The last step of which there is a sample."""
+    """The last step for which there is a sample."""
     warned: dict[int, EngineWarning] = field(default_factory=dict)
-    """MuJoCo's warnings, by its number of the kind."""
+    """MuJoCo's warnings, by warning type."""
     given: dict[int, Float64] = field(default_factory=dict)
-    """The controls of actuators before steps of the piece, where they changed."""
+    """The actuator controls before steps of the chunk, where they changed."""
     ctrl: Float64 | None = None
-    """The controls of its actuators in the last step."""
+    """The actuator controls in the last step."""
     since: list[tuple[int, float, float]] = field(default_factory=list)
-    """The changes of its timestep: step, and time and timestep from there on."""
+    """The changes of the timestep: step, and time and timestep from then on."""
 
     def times_s(self, steps: Int64) -> Float64:
-        """Return the times of steps, as sums of the timesteps before them [s]."""
+        """Return the times of steps: sums of the preceding timesteps [s]."""
         return self.since_s + (steps - self.since_step).astype(np.float64) * self.timestep_s
 
     def times_then_s(self, steps: Int64) -> Float64:
-        """Return the times of samples after which the timestep may have changed [s]."""
+        """Return the times of samples after which the timestep may change [s]."""
         begin, since_s, timestep_s = map(np.array, zip(*self.since, strict=True))
         which = np.maximum(np.searchsorted(begin, steps - 1, side="right") - 1, 0)
         return np.asarray(since_s[which] + (steps - begin[which]) * timestep_s[which])
@@ -156,7 +156,7 @@ class MujocoSimulation:
         return self.since_s + (step - self.since_step) * self.timestep_s
 
     def take(self, written: ReceivedWrite) -> dict[str, Int64]:
-        """Apply written values; return the changed elements, by part."""
+        """Apply written values; return the indices of changed elements, by part."""
         changed = {}
         for name, (indices, values) in written.parts.items():
             old = self.held.get(name)
@@ -179,7 +179,7 @@ class MujocoSimulation:
 
 @dataclass
 class _Rows:
-    """The calls gathered so far."""
+    """The calls collected so far."""
 
     steps: list[int] = field(default_factory=list)
     numbers: list[int] = field(default_factory=list)
@@ -188,13 +188,13 @@ class _Rows:
 
 
 def _is_older(version: str) -> bool:
-    """Return whether a version of MuJoCo is older than the oldest that can be read."""
+    """Return whether a MuJoCo version is older than the oldest supported one."""
     numbers, oldest = (tuple(map(int, re.findall(r"\d+", each)[:2])) for each in (version, OLDEST))
     return numbers < oldest
 
 
 class MujocoDecoder:
-    """Interprets payloads of a stream as events, in order; `close` it.
+    """Decodes payloads of a stream into events, in order; call `close`.
 
     Files of replays are kept in a folder of its own.
 
@@ -241,7 +241,7 @@ class MujocoDecoder:
         return 0 if self._received is None else len(self._received.faults)
 
     def close(self) -> None:
-        """Remove the files."""
+        """Delete the temporary files."""
         self._frames.close()
         if self._temporary is not None:
             self._temporary.close()
@@ -253,22 +253,22 @@ class MujocoDecoder:
 
     @property
     def kept_steps(self) -> int:
-        """Number of these that are recorded."""
+        """Number of steps that are recorded."""
         return 0 if self._received is None else self._received.steps - self._received.left_out
 
     @property
     def is_long(self) -> bool:
-        """True if its steps are too many to be explained before somebody asks for them."""
+        """True if there are too many steps to explain right after recording."""
         return self._frames.is_full
 
     @property
     def version(self) -> str:
-        """MuJoCo's version; empty while it is not known."""
+        """MuJoCo's version; empty until it is known."""
         return "" if self._received is None else self._received.version
 
     @property
     def time_s(self) -> float:
-        """The simulated time so far of the simulation that has advanced farthest [s]."""
+        """The simulated time of the most advanced simulation so far [s]."""
         return max(
             (simulation.time_s(simulation.ends) for simulation in self._simulations.values()),
             default=0.0,
@@ -301,7 +301,7 @@ class MujocoDecoder:
                 yield from sensors_of(its.described, its.client, kept)
 
     def explained(self, python: str) -> Iterator[Event]:
-        """Take all steps again and explain them, if they are few; yield the results as events.
+        """Replay and explain all steps, if they are few; yield the results as events.
 
         Parameters
         ----------
@@ -337,7 +337,7 @@ class MujocoDecoder:
             yield StepsWanted(files[frames.model], frames, 0, len(frames))
 
     def notes(self) -> Iterator[Message]:
-        """Yield notes about the recording."""
+        """Yield warnings about the recording."""
         received = self._received
         if received is None:
             return
@@ -382,7 +382,7 @@ class MujocoDecoder:
             yield from self._on_piece(piece)
 
     def _on_piece(self, piece: StepPiece) -> Iterator[Event]:
-        """Yield the events of a piece, cut where an edit changes how its samples are read."""
+        """Yield the events of a chunk, split where an edit changes how its samples are read."""
         simulation = self._simulation(piece.world, piece.model, piece.first)
         self._warned(simulation, piece)
         end = _end(piece)
@@ -409,7 +409,7 @@ class MujocoDecoder:
             yield EpisodeEnd(at, simulation.client, first, **episode.told)
 
     def _warned(self, its: MujocoSimulation, piece: StepPiece) -> None:
-        """Count MuJoCo's warnings in a piece."""
+        """Count MuJoCo's warnings in a chunk."""
         assert self._received is not None
         kinds = WARNINGS.get(self._received.warning_kinds, ())
         for step, kind, count, info in piece.warnings:
@@ -423,7 +423,7 @@ class MujocoDecoder:
             )
 
     def _simulation(self, world: int, number_of_model: int, first: int) -> MujocoSimulation:
-        """Return the simulation of a state with a model; a new one begins with step `first`."""
+        """Return the simulation of a state with a model; a new one starts with step `first`."""
         key = world, number_of_model
         found = self._simulations.get(key)
         if found is not None:
@@ -454,7 +454,7 @@ class MujocoDecoder:
     def _on_steps(
         self, its: MujocoSimulation, piece: StepPiece, first: int, end: int, edits: list[Edited]
     ) -> Iterator[Event]:
-        """Yield the events from one step of a piece to before another."""
+        """Yield the events of a chunk's steps from `first` to before `end`."""
         assert self._received is not None
         rows, puts = _Rows(), list[Event]()
         changes = list[Event]()
@@ -516,7 +516,7 @@ class MujocoDecoder:
                 yield puts[made.body.number]
 
     def _model(self, its: MujocoSimulation) -> Iterator[ModelPart]:
-        """Yield the model of a simulation, unless it was yielded before."""
+        """Yield a simulation's model, unless it was yielded before."""
         assert self._received is not None
         assert self._folder is not None
         digest = self._received.models[its.model].digest
@@ -550,7 +550,7 @@ class MujocoDecoder:
         return Settings(at, its.client, values | options, f"MuJoCo {self._received.version}")
 
     def _changed(self, its: MujocoSimulation, edits: list[Edited], step: int) -> Iterator[Event]:
-        """Yield the settings and bodies changed by edits of the model."""
+        """Yield the settings and bodies that model edits changed."""
         at = At(step, its.time_s(step), self._calls)
         if any(edit.name.startswith("opt.") for edit in edits):
             its.since_s, its.since_step = its.time_s(step), step
@@ -573,7 +573,7 @@ class MujocoDecoder:
                 yield Dynamics(at, new.body, now)
 
     def _described(self, its: MujocoSimulation, edited: Set[int] | None = None) -> DescribedModel:
-        """Describe the model as it is now: all of it, or some bodies anew, by number."""
+        """Describe the current model: all of it, or only the bodies given by id."""
         bodies = {made.body.number: made for made in its.described.bodies}
         return described(
             its.arrays,
@@ -586,7 +586,7 @@ class MujocoDecoder:
     # -- states -----------------------------------------------------------------------------------
 
     def _controls(self, its: MujocoSimulation, first: int) -> Iterator[Controls]:
-        """Yield the controls of actuators where they changed."""
+        """Yield the actuator controls where they changed."""
         names = tuple(its.described.names["actuator"]) if its.apart_s is None else ()
         given, its.given = its.given, {}
         if first == its.first and names:
@@ -599,7 +599,7 @@ class MujocoDecoder:
         yield Controls(its.client, steps, its.times_s(steps), names, values)
 
     def _sampled(self, its: MujocoSimulation, piece: StepPiece, first: int, end: int) -> Samples:
-        """Return the samples that the steps from `first` to before `end` led to."""
+        """Return the samples to which the steps from `first` to before `end` lead."""
         begin = its.first == first
         which = slice(first - piece.first, end - piece.first)
         states = {name: piece.parts.get(name, np.zeros((0, 0)))[which] for name in MOVING}
@@ -645,7 +645,7 @@ class MujocoDecoder:
         return Put(at, made.body, base, position[0], velocity[0], np.empty(0), counts)
 
     def _mocap(self, its: MujocoSimulation, made: DescribedBody) -> tuple[Float64, Float64] | None:
-        """Return the pose of a base that the script moves; None for others."""
+        """Return the pose of a mocap base, which the script moves; None for others."""
         which = int(its.arrays["body_mocapid"][made.root]) if made.links[0].of > 0 else -1
         if which < 0 or "mocap_pos" not in its.held:
             return None
@@ -657,7 +657,7 @@ class MujocoDecoder:
     def _on_written(
         self, its: MujocoSimulation, piece: StepPiece, written: ReceivedWrite, rows: _Rows
     ) -> Iterator[Put]:
-        """Apply values written before a step; yield the bodies that they moved."""
+        """Apply values written before a step; yield the state of each body that was moved."""
         step = written.step - its.first
         if written.cause == "picture":
             values = np.array([float(written.argument)])
@@ -733,7 +733,7 @@ class MujocoDecoder:
         where: Int64,
         rows: _Rows,
     ) -> None:
-        """Note a write into a part of the state: all of it, or some elements."""
+        """Record a write into a part of the state: all of it, or some elements."""
         held = its.held[name]
         if len(where) == len(held):
             form, names, values = _blanks(len(held)), (name,) * len(held), held
@@ -746,7 +746,7 @@ class MujocoDecoder:
         self._call(name, written.site, written.since, step, form, names, values, rows)
 
     def _on_edit(self, its: MujocoSimulation, edit: Edited, rows: _Rows) -> None:
-        """Note an edit of elements of the model in place."""
+        """Record an in-place edit of model elements."""
         its.arrays = _edited(its.arrays, edit)
         if id(edit.new) in self._edited:
             return
@@ -774,7 +774,7 @@ class MujocoDecoder:
         values: Float64,
         rows: _Rows,
     ) -> None:
-        """Collect an act of the script."""
+        """Record an act of the script as a call."""
         number = self._sites.get((function, form, site, since))
         if number is None:
             number = self._site(function, form, site, since, names)
@@ -785,7 +785,7 @@ class MujocoDecoder:
         self._calls += 1
 
     def _site(self, function: str, form: str, site: int, since: int, names: tuple[str, ...]) -> int:
-        """Return the number of a place between two calls where an act of this form is made."""
+        """Return the index of the site, between two calls, of acts with this structure."""
         assert self._received is not None
         line, key = self._received.sites[site], (function, form, site, since)
         if since >= 0 and since != site:
@@ -815,7 +815,7 @@ class MujocoDecoder:
 
 @cache
 def _blanks(count: int) -> str:
-    """Return the form of an act that sets `count` numbers."""
+    """Return the argument text of an act that sets `count` numbers."""
     return ", ".join("{}" for _ in range(count))
 
 
@@ -824,7 +824,7 @@ def _end(piece: StepPiece) -> int:
 
 
 def _of_size(held: NDArray[Any] | None, size: int) -> Float64:
-    """Return a part of a state; parts that were never sent are zero."""
+    """Return one part of a state; parts that were never sent are zero."""
     found = np.zeros(size)
     if held is not None:
         found[: len(held)] = held[:size]
@@ -840,7 +840,7 @@ def _place(line: ScriptLine) -> str:
 
 
 def _edited(arrays: Mapping[str, NDArray[Any]], edit: Edited) -> Mapping[str, NDArray[Any]]:
-    """Return a model's constants with what was edited."""
+    """Return a model's constants with an edit applied."""
     if edit.name not in arrays:
         return arrays
     held = np.array(arrays[edit.name])
@@ -849,7 +849,7 @@ def _edited(arrays: Mapping[str, NDArray[Any]], edit: Edited) -> Mapping[str, ND
 
 
 def _edited_bodies(its: MujocoSimulation, edits: list[Edited]) -> set[int]:
-    """Return the numbers of the edited bodies."""
+    """Return the ids of the bodies that edits changed."""
     arrays, link_of, found = its.arrays, its.described.link_of, set[int]()
     for edit in edits:
         kind = edit.name.partition("_")[0]

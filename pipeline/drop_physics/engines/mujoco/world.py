@@ -1,4 +1,4 @@
-"""A drop in MuJoCo: the model of a scenario, read like that of a watched script.
+"""A drop in MuJoCo: builds the scenario's model, and reads it like that of a watched script.
 
 Bodies and states come from `described`, the softness of contact from `held`. Contact forces are
 MuJoCo's own, point by point and to the last bit, along the two tangents; the replay of a script
@@ -29,7 +29,7 @@ write_no_log()
 
 
 class MujocoSession:
-    """One free body above a plane."""
+    """One free body above a plane in MuJoCo."""
 
     def __init__(self, scenario: Scenario, body: RigidBody) -> None:
         spec = mujoco.MjSpec()
@@ -65,7 +65,7 @@ class MujocoSession:
         self._unstable = data.warning.number[bad.mjWARN_BADQPOS : bad.mjWARN_BADQACC + 1]
 
     def step(self) -> None:
-        """Take one timestep.
+        """Make one timestep.
 
         Raises
         ------
@@ -77,11 +77,11 @@ class MujocoSession:
             raise RuntimeError("MuJoCo has started again from 0")
 
     def state(self) -> Numbers:
-        """Return positions and velocities, as MuJoCo has them."""
+        """Return positions and velocities in MuJoCo's order."""
         return (*self._data.qpos.tolist(), *self._data.qvel.tolist())
 
     def motions(self, states: Float64) -> Float64:
-        """Return the motions of the centre of mass, world axes, shape (n, 13).
+        """Return the motions of the centre of mass, in world axes, shape (n, 13).
 
         Position, orientation x y z w, velocity and spin, exactly as in the engine; but the spin,
         which MuJoCo keeps in body axes, is rotated, which rounds it.
@@ -114,7 +114,7 @@ class MujocoSession:
             )
 
     def reported(self) -> dict[str, Any]:
-        """Return the values that the model holds: fields of `EngineReport`."""
+        """Return the values that the compiled model has: fields of `EngineReport`."""
         arrays, contact = self._arrays, {}
         told = reported_of(arrays, self._bodies[-1])
         if self._model.ngeom:
@@ -134,7 +134,7 @@ class MujocoSession:
 
 
 def _geom(shape: PrimitiveShape) -> dict[str, Any]:
-    """Return a shape in MuJoCo's terms: half a box's edges, half a cylinder's length."""
+    """Return a shape as MuJoCo's geom attributes: half a box's edges, half a cylinder's length."""
     a, b, c = shape.size_m
     x, y, z, w = shape.orientation
     return {

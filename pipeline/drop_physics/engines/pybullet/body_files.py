@@ -1,4 +1,4 @@
-"""Checks for input that Bullet would silently misread: numbers in a URDF, the text of meshes.
+"""Checks files for input that Bullet would silently misread: URDF numbers, mesh text.
 
 `nan` becomes a length, a word becomes 0, and the index of a face any place in memory. Files on
 which Bullet itself fails are tried in a process that may die (`probe`).
@@ -18,24 +18,25 @@ from xml.etree import ElementTree as Xml
 from drop_physics.messages import Message
 
 MOST_URDF_BYTES, MOST_BYTES = 10_000_000, 100_000_000
-"""Largest size of a file: Bullet takes some twenty times that in memory for a mesh."""
+"""Largest size of a file: for a mesh, Bullet takes about twenty times that in memory."""
 LONGEST_VALUE = 1000
-"""Most characters in an attribute or a path; Bullet copies them into arrays on its stack."""
+"""Largest number of characters in an attribute or a path; Bullet copies them into arrays on its
+stack."""
 URDF_LINE, MESH_LINE = 8190, 1022
-"""Most bytes in a line; Bullet splits longer ones anywhere."""
+"""Largest number of bytes in a line; Bullet splits longer ones anywhere."""
 LARGEST = 1e9
-"""Largest mass [kg], length [m] or inertia that Bullet's doubles can still square and add."""
+"""Largest mass [kg], length [m] or inertia whose square and sum fit in Bullet's doubles."""
 LARGEST_INDEX = 100_000_000
-"""Largest index of a normal or texture in a .obj: three times that still fits in an int."""
+"""Largest index of a normal or texture in a .obj: three times this still fits in an int."""
 MOST_JOINTS = 127
-"""Most joints of a body whose pose PyBullet reads: with the base MAX_DEGREE_OF_FREEDOM = 128 links
-(bullet3's `SharedMemoryCommands.h`)."""
+"""Largest number of joints of a body whose pose PyBullet reads: with the base MAX_DEGREE_OF_FREEDOM
+= 128 links (bullet3's `SharedMemoryCommands.h`)."""
 MOST_POSITIONS = 121
-"""Coordinates of all joints: with the base's 7 they fill an array of 128, which the velocities that
-PyBullet reads follow."""
+"""Largest number of coordinates of all joints: with the base's 7 they fill an array of 128, after
+which the velocities that PyBullet reads begin."""
 POSITIONS = {"revolute": 1, "continuous": 1, "prismatic": 1, "planar": 3, "spherical": 4}
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
-"""Numbers that C and Python read alike; only Python accepts 1_000."""
+"""Pattern of numbers that C and Python parse alike; only Python accepts 1_000."""
 
 BOUNDED = {
     "mass": "value", "inertia": "ixx ixy ixz iyy iyz izz", "origin": "xyz rpy", "axis": "xyz",
@@ -48,17 +49,17 @@ FINITE = {
     "inertia_scaling": "value", "lateral_friction": "value", "rolling_friction": "value",
     "spinning_friction": "value", "restitution": "value", "stiffness": "value", "damping": "value",
 }  # fmt: skip
-"""Elements, and those of their attributes that Bullet reads as numbers."""
+"""Elements, and their attributes that Bullet parses as numbers."""
 COUNTS = {
     "xyz": (3,), "rpy": (3,), "size": (3,), "normal": (3,), "scale": (1, 3), "rgba": (3, 4),
     "rgb": (3, 4),
 }  # fmt: skip
-"""Number of values that an attribute may hold, if it may be more or less than one."""
+"""Number of values that an attribute may hold, where it is not exactly one."""
 ABOVE_ZERO = ("size", "radius", "length")
 
 
 class BodyFileError(Exception):
-    """A file of a body is invalid."""
+    """Raised for an invalid body file."""
 
     def __init__(self, problem: str) -> None:
         super().__init__(problem)
@@ -89,7 +90,7 @@ def read(path: Path, most: int = MOST_BYTES) -> bytes:
 
 
 def check_urdf(path: Path) -> None:
-    """Make sure that Bullet reads the numbers of a URDF as they are written."""
+    """Check that Bullet parses the numbers of a URDF as they are written."""
     if len(os.fsencode(path)) > LONGEST_VALUE:
         raise BodyFileError(Message("its path has more than {most:,} bytes", most=LONGEST_VALUE))
     data = read(path, MOST_URDF_BYTES)
@@ -99,7 +100,7 @@ def check_urdf(path: Path) -> None:
 
 
 def check_mesh(path: Path) -> None:
-    """Make sure that Bullet reads a mesh as it is written; only .obj and .stl are checked."""
+    """Check that Bullet parses a mesh as it is written; only .obj and .stl are checked."""
     check: Callable[[bytes], str] | None = {".obj": _obj_problem, ".stl": _stl_problem}.get(
         path.suffix.lower()
     )
@@ -109,7 +110,7 @@ def check_mesh(path: Path) -> None:
 
 
 def _cut_lines(data: bytes, longest: int) -> str:
-    """Return the problem with the lines of a text that Bullet reads, or ''."""
+    """Return the problem with the lines of a text that Bullet parses, or ''."""
     if re.search(rb"\r(?!\r*(?:\n|\Z))", data) or b"\0" in data:
         return Message(
             "Bullet skips what follows a carriage return or a NUL; end lines with a line feed"
@@ -204,7 +205,7 @@ def _stl_problem(data: bytes) -> str:
 
 
 _CORNER = re.compile(rb"(-?\d{1,10})(?:/(-?\d{1,10})?(?:/(-?\d{1,10}))?)?")
-"""i, i/j, i//k or i/j/k."""
+"""Pattern of a face vertex: i, i/j, i//k or i/j/k."""
 
 
 def _obj_problem(data: bytes) -> str:

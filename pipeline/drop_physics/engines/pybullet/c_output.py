@@ -1,4 +1,4 @@
-"""Keep a C library's output off the user's streams."""
+"""Keeps a C library's output away from the user's streams."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def c_output_moved_aside() -> Iterator[list[str]]:
-    """Keep what C prints, such as Bullet's banner and warnings, off the user's streams.
+    """Capture what C prints, such as Bullet's banner and warnings, in a `with` block.
 
     C writes to file descriptors 1 and 2, whatever `sys.stdout` is, and buffers its text, so it is
     flushed before and after. The list yielded holds the text once the block has ended.

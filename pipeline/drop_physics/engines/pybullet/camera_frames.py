@@ -1,4 +1,4 @@
-"""Draw the frames of a fall from its recorded poses, as PNG, in separate processes.
+"""Renders the frames of a fall from its recorded poses, as PNG, in separate processes.
 
 A pose determines its picture to the last pixel, so pictures need not be taken while the body falls:
 another world with the body in the same pose gives the same picture.
@@ -25,13 +25,14 @@ from drop_physics.trace.states import BODY
 from drop_physics.workers import Worker, WorkerDiedError, cores
 
 FRAMES_PER_WORKER = 32
-"""Number of frames per worker, about as many as one draws while another starts."""
+"""Number of frames per worker process, about as many as one renders while another starts."""
 
 MOST_AHEAD = 2 * FRAMES_PER_WORKER
-"""Frames that one worker draws ahead; more are shared among several."""
+"""Number of frames that a single worker renders; more are shared among several."""
 
 MOST_STEPS_AHEAD = 16_384
-"""Steps that a worker simulates ahead, which take a tenth of a second, and 2 MB of samples."""
+"""Number of steps that a worker simulates ahead, which take a tenth of a second, and 2 MB of
+samples."""
 
 NO_EGL = Message(
     "EGL finds no graphics here, so the frames are drawn with --renderer tiny; for software "
@@ -40,7 +41,7 @@ NO_EGL = Message(
 
 
 class Photographer:
-    """Draws pictures of one scenario; use it in a `with` statement.
+    """Renders images of one scenario; use it in a `with` statement.
 
     Parameters
     ----------
@@ -97,7 +98,7 @@ class Photographer:
             self._workers = [self._open.enter_context(Worker())]
 
     def draw(self, poses: Float64) -> Iterator[bytes]:
-        """Yield one PNG per pose; a pose repeated at once is not drawn again.
+        """Yield one PNG per pose; consecutive equal poses are rendered once.
 
         Parameters
         ----------
@@ -147,7 +148,7 @@ def _believe(known: Verdicts) -> Iterator[bytes]:
 
 
 def draw_ahead(scenario: Scenario, camera: Camera) -> Iterator[bytes]:
-    """Predict the poses by dropping the body here too, and draw them before they are requested.
+    """Predict the poses by dropping the body here, too, and render them before they are requested.
 
     The requesting process is still loading its libraries. A pose predicted to the last bit has its
     picture ready; any other is drawn on request. There are no answers.

@@ -1,4 +1,4 @@
-"""An endless checkerboard as a camera sees it: the floor in pictures."""
+"""An infinite checkerboard as seen by a camera: the floor in images."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ UInt8 = NDArray[np.uint8]
 Float32 = NDArray[np.float32]
 
 LEAST_NEARNESS = 1e-6
-"""Least nearness at which squares are drawn [1/m]."""
+"""Smallest inverse distance at which squares are drawn [1/m]."""
 FADES, FADED = 12, 0.3
-"""Number of steps in which squares fade into the page towards the horizon, and the slope at which
-they begin to."""
+"""Number of steps in which squares fade into the background towards the horizon, and the slope at
+which fading begins."""
 
 
 def checkerboard(
     camera: Camera, place: Pose, side_m: float, colours: UInt8
 ) -> tuple[UInt8, Float32]:
-    """Return a camera's view of a plane, to be laid behind everything nearer.
+    """Render a camera's view of a plane, to be placed behind everything nearer.
 
     TinyRenderer takes five times as long for it as for all else in a picture.
 
@@ -69,7 +69,7 @@ def checkerboard(
 
 
 def _palette(colours: UInt8) -> UInt8:
-    """Return the colours of squares, shape (from page to full colour, kind, 3)."""
+    """Return the colours of squares, shape (from background to full colour, kind, 3)."""
     page, tiles = colours[2:], np.vstack((colours[:2], colours[:2].mean(axis=0)))
     share = np.linspace(0, 1, FADES + 1)[:, None, None]
     colour: UInt8 = (page + share * (tiles - page)).astype(np.uint8)

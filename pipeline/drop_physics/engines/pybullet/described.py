@@ -1,4 +1,4 @@
-"""Make bodies from a watched process's descriptions of them."""
+"""Creates bodies of a recording from the descriptions that a watched process sends."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ PLANES = ("plane.obj", "plane100.obj")
 JOINT_KINDS = {0: "revolute", 1: "prismatic", 2: "spherical", 3: "planar", 4: "fixed"}
 FIXED = 4
 ENABLE_SLEEPING = 1 << 11
-"""Flag of a load that enables sleeping: URDF_ENABLE_SLEEPING."""
+"""Load flag that enables sleeping: URDF_ENABLE_SLEEPING."""
 RIGID = 1
-"""Kind of a btRigidBody, of which `getDynamicsInfo` leaves some numbers uninitialised."""
+"""Body type of a btRigidBody, for which `getDynamicsInfo` leaves some numbers uninitialised."""
 
 REPORTED = (
     ("mass_kg", True), ("lateral_friction", True), ("inertia_kg_m2", True),
@@ -47,11 +47,11 @@ REPORTED = (
     ("rolling_friction", True), ("spinning_friction", True), ("contact_damping", False),
     ("contact_stiffness", False), ("kind", True), ("collision_margin_m", True),
 )  # fmt: skip
-"""The numbers of `getDynamicsInfo` in order, and whether each is valid for a btRigidBody."""
+"""The values of `getDynamicsInfo` in order, and whether each is valid for a btRigidBody."""
 
 
 class Numbering:
-    """The numbers of bodies in a recording.
+    """Assigns ids to the bodies of a recording.
 
     After a reset, a body with the same id, name and structure counts as the same body.
     """
@@ -118,7 +118,7 @@ def _joints(note: dict[str, Any]) -> tuple[Joint, ...]:
 
 
 def joint_of(info: Sequence[Any], name: str, widths: tuple[int, int, int]) -> Joint:
-    """Return a joint from the result of `getJointInfo`, its name, and its counts of numbers."""
+    """Return a joint, given the result of `getJointInfo`, its name, and its numbers of values."""
     return Joint(
         info[0],
         name,
@@ -167,13 +167,13 @@ def _asked(note: dict[str, Any]) -> FileRequests:
 
 
 def _name(*candidates: str) -> str:
-    """Return the first name that is not empty, as part of an entity's path."""
+    """Return the first non-empty name, as part of an entity's path."""
     name = next(filter(None, candidates), "body").rpartition("/")[2].partition(".")[0]
     return re.sub(r"[^\w-]+", "_", name, flags=re.ASCII)[:40].strip("_") or "body"
 
 
 def moving_links(base: bool, joints: Sequence[Any]) -> tuple[int, ...]:
-    """Return the links that can move: the base if it can, and those moved by joints."""
+    """Return the links that can move: the base if it can, and those with movable joints."""
     moving = {BASE} if base else set()
     for info in joints:
         if info[2] != FIXED or info[16] in moving:
@@ -195,7 +195,7 @@ def reported_of(dynamics: Sequence[Any]) -> dict[str, Float64]:
 def shapes_of(
     visual: Sequence[Any], dynamics: Sequence[Any], of_rigid: Pose | None
 ) -> tuple[Shape, ...]:
-    """Return shapes from `getVisualShapeData`, which places them in the link's frame.
+    """Return shapes from the result of `getVisualShapeData`, which uses the link's frame.
 
     `of_rigid` is the inertial frame of a btRigidBody.
     """
@@ -215,7 +215,7 @@ Pose = tuple[Sequence[float], Sequence[float]]
 
 
 def _seen_from(frame: Pose, pose: Pose) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return a pose in the axes of a frame."""
+    """Return a pose relative to a frame."""
     x, y, z, w = frame[1]
     back = np.array([-x, -y, -z, w])
     offset = np.subtract(pose[0], frame[0])

@@ -1,4 +1,4 @@
-"""PyBullet itself: the only file that imports it, its data folder, and its version."""
+"""PyBullet itself, its data folder, and its version; the only module that imports it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def _import_pybullet() -> tuple[Any, str]:
 
 
 p, BUILD_TIME = _import_pybullet()
-"""Build time from the banner; empty if pybullet was already imported."""
+"""PyBullet, and its build time from the banner; empty if pybullet was already imported."""
 
 
 @functools.cache
@@ -30,7 +30,7 @@ def data_folder() -> Path:
 
 @functools.cache
 def engine_versions() -> dict[str, str]:
-    """Return the sources of the engine's numbers: its version, wheel and build time."""
+    """Return what determines the engine's numbers: version, wheel and build time."""
     distribution = metadata.distribution("pybullet")
     wheel = (distribution.read_text("WHEEL") or "").partition("Tag:")[2].split()
     versions = {"pybullet_version": distribution.version, "pybullet_build": BUILD_TIME}

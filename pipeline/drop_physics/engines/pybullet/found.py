@@ -1,4 +1,4 @@
-"""Find the file of a body: a path, or a file of `pybullet_data`."""
+"""Finds the file of a body: a path, or a file of `pybullet_data`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from drop_physics.scenario import Scenario
 
 
 def find_body(body: str) -> Path:
-    """Return the URDF file of a name: a path, or a file of `pybullet_data`.
+    """Return the URDF file for a name: a path, or a file of `pybullet_data`.
 
     The default is always that of `pybullet_data`, so that it is the same drop in every folder.
 
@@ -26,14 +26,14 @@ def find_body(body: str) -> Path:
 
 
 def body_digest(body: str) -> str | None:
-    """Return the SHA-256 of a body's files, to detect an edit; None if it cannot be loaded."""
+    """Return the SHA-256 of a body's files, to detect edits; None if it cannot be loaded."""
     with contextlib.suppress(ScenarioError):  # its runs report what is wrong with it
         return _found(body)[1]
     return None
 
 
 def _found(body: str) -> tuple[Path, str]:
-    """Return a body's file, and the digest of the files that are read for it."""
+    """Return a body's file, and the digest of all files that it loads."""
     bundled, is_folder = data_folder().resolve(), False
     candidates = [Path(body), bundled / body]
     if body == Scenario().body:

@@ -1,4 +1,4 @@
-"""The state of one simulation of a watched script during decoding: bodies, samples, calls."""
+"""The decoded state of one simulation of a watched script: bodies, samples, calls."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ from drop_physics.trace.events import At, Body, Calls, Put, Samples
 from drop_physics.trace.states import CONTACT, Joints, Rows
 
 BASE_WIDTH = 13
-"""Numbers of the state of a base: position, orientation, velocity, spin."""
+"""Numbers of a base's state: position, orientation, linear and angular velocity."""
 BATCH, MOST_SAMPLES = 1 << 10, 1 << 13
-"""Samples that are yielded together, first and at most."""
+"""Number of samples that are yielded together, at first and at most."""
 BATCH_BYTES, MOST_BYTES = 1 << 21, 1 << 22
-"""Bytes of samples that are yielded together, first and at most."""
+"""Bytes of samples that are yielded together, at first and at most."""
 OF_ALL = 16
-"""Later, this share of all samples so far: Rerun keeps an index of all pieces in memory."""
+"""Later batches hold this share of all samples so far: Rerun keeps an index of all chunks in
+memory."""
 CALLS_TOGETHER = 1 << 14
 
 
 @dataclass
 class Known:
-    """A body of the stream, and its counterpart in the recording."""
+    """A body in the stream, with its counterpart in the recording."""
 
     body: Body
     world: GatheredWorld
@@ -36,7 +37,7 @@ class Known:
     visual: list[Any]
     joints: list[Any]
     inertial: Any
-    """The description of the body in the stream."""
+    """The body's description in the stream."""
 
     def __post_init__(self) -> None:
         widths = [joint.widths for joint in self.body.joints]
@@ -44,7 +45,7 @@ class Known:
         """Number of positions, velocities and efforts of each of its joints."""
 
     def joints_of(self, steps: Int64, times_s: Float64, values: Float64) -> Joints:
-        """Return the joints at some steps, a row of numbers each."""
+        """Return the joint states at given steps, from one row of numbers each."""
         return Joints(steps, times_s, *self._split(values))
 
     def put(self, at: At, values: Float64) -> Put:
@@ -60,7 +61,7 @@ class Known:
 
 
 def points_of(points: bytes | bytearray, steps: Int64) -> Rows:
-    """Return contact points as packed by `pack_points`, the step of each given."""
+    """Return contact points from the format of `pack_points`, with the step of each."""
     values = np.frombuffer(points, np.float64).reshape(-1, POINT.size // 8)
     rows = np.empty(len(steps), CONTACT)
     rows["step"] = steps
@@ -74,7 +75,7 @@ def points_of(points: bytes | bytearray, steps: Int64) -> Rows:
 
 
 class GatheredWorld:
-    """One simulation of a script."""
+    """One simulation of a script while its stream is decoded."""
 
     def __init__(self, client: int, step: int, time_s: float) -> None:
         self.client, self.step = client, step
@@ -102,7 +103,7 @@ class GatheredWorld:
         """The returned value of each of these."""
 
     def lay_out(self, layout: list[tuple[Known, bool]], constraints: list[tuple[int, int]]) -> None:
-        """Set the content of the next samples."""
+        """Set the contents of the following samples."""
         self._layout, self._constraints = layout, constraints
         numbers = sum(width for _, width in constraints)
         numbers += sum(sum(known.widths) + BASE_WIDTH * has_base for known, has_base in layout)
@@ -113,12 +114,12 @@ class GatheredWorld:
         return self.since_s + (step - self.since_step) * self.timestep_s
 
     def times_s(self, steps: Int64) -> Float64:
-        """Return the times of some steps."""
+        """Return the times of the given steps."""
         return self.since_s + (steps - self.since_step).astype(np.float64) * self.timestep_s
 
     @property
     def is_full(self) -> bool:
-        """True if enough samples are gathered to be yielded."""
+        """True if enough samples are collected to be yielded."""
         return (
             len(self._samples) >= self._room
             or self._bytes > self._room_bytes
@@ -126,7 +127,7 @@ class GatheredWorld:
         )
 
     def add_sample(self, step: int, payload: bytes, call: int) -> bool:
-        """Add a sample; return whether it follows the one before."""
+        """Add a sample; return whether it directly follows the previous one."""
         if not self._samples:
             self._first = step
         elif step != self._first + len(self._samples):
@@ -141,18 +142,18 @@ class GatheredWorld:
         self._calls.append((self.step, number, payload))
 
     def add_result(self, result: float) -> None:
-        """Add the returned value of the last call."""
+        """Add the return value of the last call."""
         if self._calls:
             self._results.append((len(self._calls) - 1, result))
 
     def gathered(self) -> Iterator[Calls | Samples]:
-        """Yield the gathered calls and samples."""
+        """Yield the collected calls and samples."""
         yield from self.called()
         if self._samples:
             yield self._sampled()
 
     def called(self) -> Iterator[Calls]:
-        """Yield the gathered calls."""
+        """Yield the collected calls."""
         if not self._calls:
             return
         steps, numbers, payloads = zip(*self._calls, strict=True)

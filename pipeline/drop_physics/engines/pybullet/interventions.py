@@ -1,4 +1,4 @@
-"""PyBullet's rows of the table of interventions: their calls, and their changed runs.
+"""PyBullet's rows of the table of interventions: code for the user, and changed runs.
 
 The result of `makes` is carried out by `watch/intervene.py` in the script's interpreter.
 """
@@ -54,34 +54,35 @@ BEGINS = ["connect", "resetSimulation"]
 ENGINE, DYNAMICS, STEP = "setPhysicsEngineParameter", "changeDynamics", "stepSimulation"
 CONSTRAINT, POSE = "changeConstraint", "resetBasePositionAndOrientation"
 VELOCITY, POSITION, PD = 0, 2, 3
-"""`controlMode` of a motor call."""
+"""Values of `controlMode` in a motor call."""
 INERTIA_FROM_FILE, SELF_COLLISION, CONCAVE = 2, 8 | 16 | 32, 1
 """Flags: URDF_USE_INERTIA_FROM_FILE, the URDF_USE_SELF_COLLISION…, GEOM_FORCE_CONCAVE_TRIMESH."""
 LIGHT = {"mass": ("=", 1e-3), "localInertiaDiagonal": ("=", [1e-6] * 3)}
-"""Mass [kg] and inertia [kg m²] of a link that is to weigh nothing; with less, the solver fails."""
+"""Mass [kg] and inertia [kg m²] of a link that should be weightless; with less, the solver
+fails."""
 UP, LIFTED_M = (0.0, 0.0, 1.0), 0.01
-"""Direction and distance by which a body is moved, if no depth is known."""
+"""Direction and distance by which a body is moved, if no penetration depth is known."""
 RESIDUAL, TIMESTEPS = "solverResidualThreshold", ("fixedTimeStep", "numSubSteps", "timestep")
 PARAMETERS = {*ARGUMENTS[ENGINE]}.difference(TIMESTEPS, [CLIENT])
-"""Parameters of the engine that `parameter` sets; `timestep` varies timesteps."""
+"""Engine parameters that `parameter` sets; timesteps are varied by `timestep`."""
 FARTHER = Message("{mm:.3g} mm farther away")
 
 
 @dataclass(frozen=True)
 class CallRow(ChangeRow):
-    """An intervention made in calls of PyBullet."""
+    """An intervention that changes calls of PyBullet."""
 
     makes: Applies | None = None
     _: KW_ONLY
     function: str = ""
-    """The function whose arguments are set."""
+    """The PyBullet function whose arguments are set."""
     each: str = ""
-    """Objects about which the search adds a call: all `bodies`, `links`, `joints` that move,
-    `constraints` or `pairs` that touched; else one."""
+    """Objects for each of which the search adds a call: all `bodies`, `links`, movable `joints`,
+    `constraints`, or `pairs` that touched; otherwise one call."""
 
     @property
     def tried(self) -> dict[str, Any]:
-        """The row in the form that the search in the script's interpreter takes: the added call."""
+        """Return the row in the format of the script-side search: the added call."""
         taken = [name for name, becomes in self.sets.items() if not isinstance(becomes, always)]
         fixed = {name: each(None) for name, each in self.sets.items() if name not in taken}
         change = self.change or f"{self.function}.{taken[0]}"
@@ -89,20 +90,20 @@ class CallRow(ChangeRow):
         return {**super().tried, "change": change, **call}
 
     def changes(self, cure: Cure) -> dict[str, How]:
-        """Return the changes of arguments, from a finding or from the row."""
+        """Return the changes of arguments, from the finding or from the row."""
         if cure.given:
             return {name: ("=", value) for name, value in cure.given.items()}
         return super().changes(cure)
 
     def call_of(self, cure: Cure) -> str:
-        """Return the call that a cure's user would write."""
+        """Return the call that a user would write for a fix."""
         if self.words or not self.function:
             return super().call_of(cure)
         shown = (_shown(name, *change) for name, change in self.changes(cure).items())
         return f"p.{self.function}(…, {', '.join(shown)})"
 
     def operations(self, cure: Cure, scope: Scope) -> Iterable[Operation]:
-        """Return the changes made by the hooks of PyBullet's functions."""
+        """Return the operations that the hooks of PyBullet's functions carry out."""
         return () if self.makes is None else self.makes(self, cure, scope)
 
 
@@ -126,7 +127,7 @@ def _set_parameter(name: str, value: float) -> ChangedRun:
 
 
 def _leave(functions: list[str], *arguments: str) -> Operation:
-    """Return the operation that omits a call, or arguments of it."""
+    """Return the operation that omits a call, or some of its arguments."""
     return {"do": "leave", "functions": functions, "arguments": [*arguments]}
 
 
@@ -135,13 +136,13 @@ def _of(body: Body) -> Operation:
 
 
 def _at(scope: Scope) -> Operation:
-    """Return the file and line of a finding's call in an operation's form; empty without a call."""
+    """Return the file and line of the finding's call for an operation; empty without a call."""
     file, _, line = (scope.site or "").rpartition(":")
     return {"site": [file, int(line)]} if file and line.isdecimal() else {}
 
 
 def _done(do: str, *functions: str) -> Applies:
-    """Return the operations on calls about each body."""
+    """Return the operations on the calls for each body."""
     return lambda _, __, scope: (
         {"do": do, "functions": [*functions], **_of(body)} for body in scope.bodies
     )
@@ -153,33 +154,33 @@ def _set(row: CallRow, cure: Cure, _: Scope) -> Iterator[Operation]:
 
 
 def _set_of(*functions: str) -> Applies:
-    """Return the operations that set arguments in calls about each body."""
+    """Return the operations that set arguments in the calls for each body."""
     return lambda row, cure, scope: (
         {**each, "sets": row.changes(cure)} for each in _done("set", *functions)(row, cure, scope)
     )
 
 
 def _begin(row: CallRow, cure: Cure, _: Scope) -> Iterator[Operation]:
-    """Yield the operation of a call at the beginning of each simulation."""
+    """Yield the operation that makes a call at the beginning of each simulation."""
     yield {"do": "add", "functions": BEGINS, "call": row.function, "sets": row.changes(cure)}
 
 
 def _engine(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Yield operations that set parameters of the engine from the beginning on."""
+    """Yield operations that set engine parameters from the beginning on."""
     for each in (*_begin(row, cure, scope), *_set(row, cure, scope)):
         sets = {name: (do, whole_number(value)) for name, (do, value) in each["sets"].items()}
         yield {**each, "sets": sets, "given": True}
 
 
 def _dynamics(links: Callable[[Body], Sequence[int]]) -> Applies:
-    """Return the operations that set properties of links."""
+    """Return the operations that set link properties."""
     return lambda row, cure, scope: _of_links(scope.bodies, row.changes(cure), links)
 
 
 def _of_links(
     bodies: Sequence[Body], sets: Mapping[str, How], links: Callable[[Body], Sequence[int]]
 ) -> Iterator[Operation]:
-    """Yield operations that set properties, after each load and each call that sets them."""
+    """Yield operations that set link properties after each load, and each call setting them."""
     for body in bodies:
         how = {"links": [*links(body)], "link_name": "linkIndex", **_of(body)}
         each = {"do": "add", "call": DYNAMICS, "sets": sets, **how}
@@ -205,7 +206,7 @@ def _limits(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _inertial(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Give almost no mass to links without a mass in their file."""
+    """Yield operations that give almost no mass to links without a mass in their file."""
     for body in scope.bodies:
         none = [n - 1 for n, link in enumerate(body.asked.links) if math.isnan(link.mass_kg)]
         links = cure.given.get("links", none)
@@ -233,7 +234,7 @@ def _motors(*modes: int) -> Applies:
 
 
 def _urdf_limits(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Give motors the force of a finding, or the effort that their file allows."""
+    """Yield operations that give motors the finding's force, or the effort limit of their file."""
     motors = _motors(VELOCITY, POSITION, PD)
     if cure.given:
         yield from motors(row, cure, scope)
@@ -246,7 +247,7 @@ def _urdf_limits(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _motor_off(_: CallRow, __: Cure, scope: Scope) -> Iterator[Operation]:
-    """Switch off motors after loading: those without a command, and the named one."""
+    """Yield operations that turn motors off after loading: the named one, and uncommanded ones."""
     for body in scope.bodies:
         named = scope.links(body) if scope.joint is not None else []
         for joint in body.joints:
@@ -271,7 +272,7 @@ def _motor_off(_: CallRow, __: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _constraint(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Give constraints a force, on creation and in each call that sets another."""
+    """Yield operations that set a constraint's force, on creation and in calls setting another."""
     (each,) = _set(row, cure, scope)
     yield {**each, "given": True}
     yield {**each, "do": "pull", "functions": ["createConstraint"]}
@@ -282,7 +283,7 @@ def _frames(_: CallRow, __: Cure, ___: Scope) -> Iterator[Operation]:
 
 
 def _first(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Set the last timestep at the beginning, and in each call that would set another."""
+    """Yield operations that set the last timestep at the beginning, and instead of any other."""
     last = replace(cure, given={"timeStep": scope.timestep_s})
     yield from (*_begin(row, last, scope), *_set(row, last, scope))
 
@@ -292,7 +293,7 @@ def _repeated(_: CallRow, __: Cure, ___: Scope) -> Iterator[Operation]:
 
 
 def _lifted(*functions: str) -> Applies:
-    """Place bodies farther away, by a thousandth more than asked for."""
+    """Return operations that move bodies farther away, by a thousandth more than requested."""
 
     def made(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
         by_m = [AWAY * (row.number(cure) or 0.0) * each for each in cure.given.get("away", UP)]
@@ -303,7 +304,7 @@ def _lifted(*functions: str) -> Applies:
 
 
 def _mimic(_: CallRow, __: Cure, scope: Scope) -> Iterator[Operation]:
-    """Connect joints that should mimic others by gears, with their own motors off."""
+    """Yield operations that connect mimic joints by gears, with their own motors off."""
     for body in scope.bodies:
         links = {joint.name: joint.link for joint in body.joints}
         for mimic in body.asked.mimics:
@@ -323,7 +324,7 @@ def _client(_: CallRow, cure: Cure, __: Scope) -> Iterator[Operation]:
 
 
 def _without(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Omit the call of a finding."""
+    """Yield the operation that omits the finding's call."""
     place = _at(scope)
     if place:
         about = _of(scope.bodies[0]) if cure.form == "of-body" else {}
@@ -340,7 +341,7 @@ def _redirected(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _apart(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Pass arguments of a finding's call in an additional call."""
+    """Yield the operation that passes arguments of the finding's call in a separate call."""
     arguments = {"arguments": cure.given["arguments"], **_at(scope)}
     yield {"do": "apart", "functions": [DYNAMICS], **arguments}
 
@@ -358,7 +359,7 @@ LEFT, LEFT_BREAKS = "left-out held late", "left-out held"
 MOTOR_CALL, PUSH = r"setJointMotorControl\w*", r"applyExternal\w+"
 POSITIVE, NUMBERS = "*10 *0.1 =0 default", "*10 *0.1 =0 *-1 default"
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
-"""The orientation of what is not turned."""
+"""The identity orientation."""
 SIZES = r".*\.(halfExtents|radius|height)"
 TURNS = r".*\.(\w*[oO]rientation|ornObj)"
 PLACES = r"(load|create|resetBase)\w+\.(basePosition|posObj)"
@@ -387,9 +388,9 @@ IN_CALLS = (
     (r"(setGravity|resetBaseVelocity)\.\w+", NUMBERS, NUMBERS),
     (r".*\..*", NUMBERS, ""),
 )
-"""Trials of the causal search in calls: function, or function and argument; operators; and those
-that take a part of the scene or of the command away. Signs and zeros of positive quantities are not
-among them."""
+"""Changes to calls that the causal search tries: function, or function and argument; operators; and
+which of these remove a part of the scene or of the command. Signs and zeros of positive quantities
+are not among them."""
 SEEN = COMMANDS | PUSHES | MAKES_BODIES | MOVES_BODY | CONSTRAINS | SHAPES | IK | SETS_ENGINE
 SEEN |= those_that("sets properties", "sets constraints", "sets what is touched", "sets sensors")
 SEEN |= those_that("computes dynamics") | {"rayTest", "getClosestPoints", "getLinkState", STEP}
@@ -768,12 +769,12 @@ FLAGS = {
     524288: "p.URDF_MERGE_FIXED_LINKS",
     2097152: "p.URDF_IGNORE_COLLISION_SHAPES",
 }
-"""Flags of a load by their bits, those that the physics depends on."""
+"""Load flags that affect the physics, by bit."""
 BOTH_FRAMES = {3: "p.LINK_FRAME, p.WORLD_FRAME"}
 
 
 def _words_of(change: Change) -> str:
-    """Return a single change in words, with the line of its call."""
+    """Describe a single change, with the line of its call."""
     function, _, argument = change.change.partition(".")
     added = change.how[1]
     if isinstance(added, Mapping):

@@ -24,7 +24,7 @@ def joints_of(body: int, links: Sequence[int], client: int) -> tuple[Joint, ...]
 
 
 def _widths(info: Any, body: int, client: int) -> tuple[int, int, int]:  # noqa: ANN401 - PyBullet's
-    """Return the number of positions, velocities and efforts of a joint."""
+    """Return a joint's numbers of positions, velocities and efforts."""
     if info[2] == p.JOINT_FIXED:
         return 0, 0, 0
     state = p.getJointStateMultiDof(body, info[0], physicsClientId=client)
@@ -32,7 +32,7 @@ def _widths(info: Any, body: int, client: int) -> tuple[int, int, int]:  # noqa:
 
 
 class JointStates:
-    """Reads the joints of a body that can move."""
+    """Reads the states of a body's movable joints."""
 
     def __init__(self, body: int, client: int, joints: Sequence[Joint]) -> None:
         self.moving = [joint.link for joint in joints if any(joint.widths)]
@@ -42,7 +42,7 @@ class JointStates:
         self._ends = np.cumsum(widths.sum(axis=0))[:2]
 
     def now(self) -> list[float]:
-        """Return the positions, then the velocities, then the efforts of all joints."""
+        """Return the current positions, then velocities, then efforts of all joints."""
         ask = p.getJointStatesMultiDof if self._several else p.getJointStates
         found = ask(self._body, self.moving, physicsClientId=self._client)
         if self._several:
@@ -50,6 +50,6 @@ class JointStates:
         return [joint[of] for of in (0, 1, 3) for joint in found]
 
     def table(self, steps: Int64, timestep_s: float, values: Float64) -> Joints:
-        """Return the results of `now` in each step, shape (steps, numbers), as columns."""
+        """Return the results of `now` in each step, shape (steps, numbers), as a `Joints` table."""
         times_s = np.asarray(steps * timestep_s, dtype=np.float64)
         return Joints(steps, times_s, *np.split(values, self._ends, axis=1))

@@ -1,4 +1,4 @@
-"""PyBullet's defaults that differ from other engines', and the calls that undo them."""
+"""PyBullet's defaults that differ from other engines', and the calls that remove them."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from drop_physics.trace.logs import KnownDifference, LoggedCall
 
 VELOCITY_CONTROL = 0
 FAR = 1e6
-"""A joint's limit that nothing reaches [rad, m]."""
+"""A joint limit that is never reached [rad, m]."""
 
 
 class Likeness(NamedTuple):
-    """The value in the other engine."""
+    """A body's properties in the other engine."""
 
     timestep_s: float
     gravity_m_s2: Sequence[float]
     masses_kg: Sequence[float] | None
-    """Masses of base and links [kg]; None where the links do not correspond."""
+    """Masses of base and links [kg]; None if the links do not correspond."""
     inertias_kg_m2: Sequence[Sequence[float]] | None
     is_limited: bool
     """Whether any of its joints has limits."""

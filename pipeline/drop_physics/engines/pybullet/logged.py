@@ -1,4 +1,4 @@
-"""Logs of the calls of two PyBullet scripts, with the same names for the same things."""
+"""Logs of the calls of two PyBullet scripts, with the same ids for the same objects."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from drop_physics.trace.logs import LoggedCall, Made, Sets
 BODY, SHAPE, LOOK, STATE, CONSTRAINT, TEXTURE = (
     *("body", "shape", "look", "state", "constraint", "texture"),
 )
-"""Kinds of what calls make, and later calls name."""
+"""Kinds of objects that calls create, and that later calls name."""
 MAKES = {
     "loadURDF": BODY, "loadSoftBody": BODY, "createMultiBody": BODY,
     "createCollisionShape": SHAPE, "createVisualShape": LOOK, "saveState": STATE,
@@ -42,24 +42,24 @@ NAMES = {
     "userConstraintUniqueId": CONSTRAINT,
     "textureUniqueId": TEXTURE,
 }  # fmt: skip
-"""Arguments that name what a call has made."""
+"""Arguments that name a created object."""
 FILES = ("fileName", "sdfFileName", "mjcfFileName")
 SETTINGS = ("setPhysicsEngineParameter", "setTimeStep", "setGravity", "setDefaultContactERP")
 STATES = MOVES_BODY | MOVES_ALL
 IDLE = DRAWS | IK | {"connect", "disconnect", "stepSimulation"}
-"""Calls that change nothing of a simulation, or are made by what makes the others again."""
+"""Calls that do not change a simulation, or that the replay makes itself."""
 
 Files = Mapping[str, Sequence[tuple[str, bytes]]]
-"""The files that calls named, each time: their paths and contents."""
+"""The files named by each call: their paths and contents."""
 
 
 class LogError(Exception):
-    """A log that cannot be repeated."""
+    """Raised for a log that cannot be replayed."""
 
 
 @dataclass
 class LogOf:
-    """The log of one run.
+    """The log of one run's calls.
 
     Parameters
     ----------
@@ -72,15 +72,15 @@ class LogOf:
     calls: Iterable[Call]
     files: Files
     made: list[tuple[Made, Call]] = field(default_factory=list)
-    """Objects made by calls, in order."""
+    """Objects created by calls, in order."""
     _now: dict[tuple[str, int], int] = field(default_factory=dict)
-    """Current meaning of the engine's numbers, by kind."""
+    """The object that each engine id currently denotes, by kind."""
     keys: dict[Made, object] = field(default_factory=dict)
     """Full descriptions of created objects."""
     _digests: dict[str, str] = field(default_factory=dict)
     _seen: dict[str, int] = field(default_factory=dict)
     contents: dict[str, bytes] = field(default_factory=dict)
-    """Contents of files that were named, by path."""
+    """Contents of the named files, by path."""
 
     def logged(self) -> list[LoggedCall]:
         """Return the calls, with the objects that they create numbered in order.
@@ -132,7 +132,7 @@ class LogOf:
         return value if number is None else [kind, number]
 
     def _whole(self, value: Any) -> Any:  # noqa: ANN401 - an argument
-        """Return an argument with its shapes written out."""
+        """Return an argument with its shapes replaced by their descriptions."""
         if isinstance(value, list):
             if len(value) == 2 and isinstance(value[0], str):
                 return self.keys.get((value[0], value[1])) if value[0] == SHAPE else value
@@ -140,7 +140,7 @@ class LogOf:
         return value
 
     def key(self, function: str, given: Mapping[str, Any]) -> tuple[str, str]:
-        """Return a key that calls with the same effect share, whatever their files are called."""
+        """Return a key that is equal for calls with the same effect, whatever their file names."""
         told = {
             name: self._digests.get(value, value) if name in FILES else value
             for name, value in given.items()
@@ -187,7 +187,7 @@ def _sets(call: Call) -> Sets:
 def renumbered(
     mine: LogOf, theirs: LogOf, log: Sequence[LoggedCall]
 ) -> tuple[list[LoggedCall], dict[Made, Made]]:
-    """Return the second log with the first's numbers for common objects, and their mapping.
+    """Return the second log with the first's ids for common objects, and the mapping of ids.
 
     The same calls create the same things; the rest corresponds in order.
     """

@@ -1,4 +1,4 @@
-"""Photograph the body in any pose, as PNG.
+"""Renders the body in any pose, as PNG.
 
 TinyRenderer spends nine tenths of its time on the floor, which never changes. It draws one body
 after another into the same depth buffer, and without shadows they do not affect each other: each
@@ -25,12 +25,12 @@ Pixels = NDArray[np.uint8]
 
 OUT_OF_SIGHT_M = 1e6
 DEPTH_DOUBT = 1e-6
-"""Depths (0 to 1, single precision) that differ by less may be swapped in the depth buffer: 16
-units in the last place, where its rounding takes two or three."""
+"""Depths (0 to 1, single precision) that differ by less may be ordered wrongly in the depth buffer:
+16 units in the last place, while its rounding takes two or three."""
 
 
 class PoseRenderer:
-    """Draws pictures of one scenario; use it in a `with` statement.
+    """Renders images of one scenario; use it in a `with` statement.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class PoseRenderer:
             self._alone.close()
 
     def png(self, pose: Float64) -> bytes:
-        """Return the picture of a pose: position [m] and quaternion x, y, z, w, shape (7,)."""
+        """Return the image of a pose: position [m] and quaternion x, y, z, w, shape (7,)."""
         return encoded(self._pixels(pose))
 
     def _pixels(self, pose: Float64) -> Pixels:
@@ -78,7 +78,7 @@ class PoseRenderer:
 
 
 def _in_front(body: Picture, floor: Picture) -> Pixels | None:
-    """Return the body in front of the floor; None if it is unclear which one is nearer."""
+    """Return the body drawn over the floor; None if it is unclear which one is nearer."""
     where = np.nonzero(body.bodies >= 0)
     nearer = floor.depth[where] - body.depth[where]
     if (np.abs(nearer) < DEPTH_DOUBT).any():

@@ -1,4 +1,4 @@
-"""Try a body in a separate process: a crash of Bullet ends that process, and is an error here.
+"""Tests a body in a separate process: a crash of Bullet ends that process, and is an error here.
 
 A URDF of `pybullet_data` is trusted. Any other is loaded, dropped and photographed once, under
 limits of time and memory, before this process touches it; its meshes are those that Bullet names.
@@ -20,10 +20,10 @@ from drop_physics.workers import ALARM, CPU_USED_UP, Worker, WorkerDiedError
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a trial."""
+    """Resource limits of a test."""
 
     cpu_s: int = 20
-    """CPU time [s], which other processes do not use up."""
+    """CPU time [s], which does not depend on other processes."""
     wall_s: int = 120
     """Elapsed time [s], on an idle machine."""
     memory_bytes: int = 4_000_000_000
@@ -32,30 +32,30 @@ class Limits:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The result of a trial."""
+    """The result of a test."""
 
     problem: str
     """The problem with the body, or ''."""
     files: tuple[Path, ...]
     """The URDF and its meshes."""
     digest: str
-    """The digest of these files, as they were tried."""
+    """The digest of these files when they were tested."""
 
 
 Verdicts = Mapping[Path, Verdict]
-"""Verdicts on URDFs, by their resolved paths."""
+"""Test results of URDFs, by their resolved paths."""
 
 STANDARD_LIMITS = Limits()
 TRIAL = "drop_physics.engines.pybullet.trial:trial"
-"""Module that the separate process runs; this one must not import it."""
+"""Module that the separate process runs; it must not be imported here."""
 
 _verdicts: dict[Path, Verdict] = {}
 trying = False
-"""Whether this process is the trial."""
+"""Whether this process is the test process."""
 
 
 def try_body(path: Path) -> str:
-    """Make sure that a URDF other than PyBullet's own can be loaded and dropped.
+    """Check that a URDF other than PyBullet's own can be loaded and dropped.
 
     The same files are tried once per process.
 
@@ -86,17 +86,17 @@ def try_body(path: Path) -> str:
 
 
 def verdicts() -> Verdicts:
-    """Return the verdicts so far, for another process to `believe`."""
+    """Return the test results so far, to pass to another process's `believe`."""
     return dict(_verdicts)
 
 
 def believe(known: Verdicts) -> None:
-    """Adopt the verdicts of another of our processes: a body edited since is tried again."""
+    """Adopt another process's test results: a body edited since is tested again."""
     _verdicts.update(known)
 
 
 def digest_of(files: Sequence[Path]) -> str:
-    """Return the SHA-256 of files; one that is gone counts as empty."""
+    """Return the SHA-256 of files; a missing one counts as empty."""
     digest = hashlib.sha256()
     for file in files:
         content = file.read_bytes() if file.is_file() else b""
@@ -141,7 +141,7 @@ def problem_of(path: Path, limits: Limits = STANDARD_LIMITS) -> tuple[str, list[
 
 
 def _named_beside(path: Path) -> list[Path]:
-    """Return the files beside a URDF that it names, of which one may be mended."""
+    """Return the files in a URDF's folder that it names, which may be repaired later."""
     names = re.findall(rb"""filename\s*=\s*["']([^"']+)""", path.read_bytes())
     beside = (path.parent / name.decode(errors="replace") for name in names)
     return [file for file in beside if file.is_file()]

@@ -1,4 +1,4 @@
-"""Readings of a watched script: places described by its process, with their counts."""
+"""Readings of a watched script: the reading lines that its process describes, with their counts."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ NAMES: Mapping[str, tuple[str, ...]] = {
     "calculateInverseDynamics": tuple(f"{EFFORT} {k}" for k in range(pipe.ANSWERS)),
     "rayTest": ("body", "link", "fraction", *PLACE),
 }
-"""The names of the numbers that are kept of an answer; those of other functions are numbered."""
+"""Names of the values that are kept of a return value; those of other functions are numbered."""
 Ids = Sequence[tuple[int, int | None]]
-"""Subjects of readings, by the engine's ids: bodies and their links, or a constraint."""
+"""Subjects of readings, by engine id: bodies and their links, or a constraint."""
 
 
 class Reads:
-    """All places with readings."""
+    """All lines of a script that read a simulation."""
 
     def __init__(self) -> None:
         self._places: dict[int, dict[str, Any]] = {}
@@ -63,19 +63,19 @@ class Reads:
         """Readings of bodies that are not described yet."""
 
     def describe(self, number: int, camera: dict[str, Any] | None, **described: Any) -> None:  # noqa: ANN401
-        """Add a place."""
+        """Add a reading line."""
         seen = camera and Lens(**{name: tuple(its or ()) for name, its in camera.items()})
         described["arguments"] = tuple(described["arguments"])
         self._places[number] = {"number": number, "camera": seen, **described}
         self._targets[number] = {}
 
     def read(self, world: GatheredWorld, number: int, targets: list[Ids]) -> None:
-        """Add the results of a place's readings."""
+        """Add the subjects of a line's readings."""
         self._waiting += [(world, number, target) for target in targets]
         self.bodies_came()
 
     def bodies_came(self) -> None:
-        """Replace ids in readings by the numbers of bodies, if these are known."""
+        """Replace engine ids in readings by body ids of the recording, where these are known."""
         waiting, self._waiting = self._waiting, []
         for world, number, ids in waiting:
             if "constraintUniqueId" in self._places[number]["arguments"]:
@@ -94,12 +94,12 @@ class Reads:
             self._cut.add(number)
 
     def forget(self, world: GatheredWorld | None) -> None:
-        """Give up on undescribed bodies of a simulation: on those with readings, or on all."""
+        """Give up on undescribed bodies of a simulation: those with readings, or all."""
         self._cut |= {number for its, number, _ in self._waiting if world in (its, None)}
         self._waiting = [each for each in self._waiting if world not in (each[0], None)]
 
     def counted(self, counters: Sequence[int], answers: Float64) -> Iterator[Reading]:
-        """Yield all places, with their counts."""
+        """Yield all reading lines, with their counts."""
         self.forget(None)
         kept = answers.reshape(pipe.PLACES, pipe.ANSWERS, pipe.EXTREMES)
         for number, place in self._places.items():
@@ -118,7 +118,7 @@ class Reads:
 
 
 def _answers(function: str, kept: Float64) -> Iterator[Answer]:
-    """Yield the numbers in a place's answers, shape (numbers, 4), by name."""
+    """Yield the values in the return values of a line, shape (numbers, 4), by name."""
     names = NAMES.get(function, ())
     for k, values in enumerate(kept.tolist()):
         yield Answer(names[k] if k < len(names) else str(k), *values)

@@ -1,4 +1,4 @@
-"""PyBullet in a script's interpreter, for repeating logs of calls unwatched."""
+"""PyBullet in a script's interpreter, to replay logs of calls unwatched."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from drop_physics.workers import how_it_ended, users_environment
 Float64 = NDArray[np.float64]
 MODULE = "pybullet.replay.answering"
 DATA = "import pybullet_data; print(pybullet_data.getDataPath())"
-"""Program that prints the folder of PyBullet's own models."""
+"""Python code that prints the folder of PyBullet's own models."""
 
 
 class Replayer:
-    """A process that repeats calls; use it in a `with` statement.
+    """A process that replays calls; use it in a `with` statement.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class Replayer:
         self._process.wait()
 
     def states(self, calls: Sequence[LoggedCall], steps: int) -> dict[int, Float64] | None:
-        """Return the states of bodies after each step of some calls, by number.
+        """Return the states of bodies after each step of the given calls, by body id.
 
         A body has 13 numbers of its base, then position and velocity of each joint, shape (n, k);
         nan where it does not exist. None if a call fails.

@@ -1,4 +1,4 @@
-"""Pictures of a script's scene, drawn from its recorded poses.
+"""Renders images of a script's scene from its recorded poses.
 
 A mesh that Bullet does not understand may crash it: call this only in a process that may end.
 """
@@ -24,15 +24,16 @@ from drop_physics.temporary import temporary_folder
 from drop_physics.trace.events import Model, Pose
 
 SQUARE = 1 / 4
-"""Approximate side of a plane's squares, in distances of the camera."""
+"""Approximate side of a plane's squares, relative to the camera's distance."""
 BEND = 0.02
-"""A larger curvature of nearness between pixels is an edge: a flat face has none."""
+"""Curvature of the inverse depth between pixels above which there is an edge: a flat face has
+none."""
 SHADES = 8
-"""Shades that differ by less become one, because a gif has few colours."""
+"""Shades that differ by less are merged, because a gif has few colours."""
 EDGE = 0.35
-"""Share of its colour that an edge keeps."""
+"""Share of its colour that an edge pixel keeps."""
 OUTLINE = 40
-"""Least brightness of an edge over a dark page, of 255, so that black bodies are seen."""
+"""Lowest brightness of an edge on a dark background, of 255, so that black bodies are visible."""
 DRAWN_MESHES = (".obj", ".stl", ".dae")
 NOWHERE: Pose = (0.0, 0.0, -1e4), (0.0, 0.0, 0.0, 1.0)
 Float32 = NDArray[np.float32]
@@ -44,7 +45,7 @@ def drawn(
     cameras: Sequence[Camera],
     colours: Sequence[str],
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield pictures, RGB of shape (height, width, 3).
+    """Yield images, RGB of shape (height, width, 3).
 
     Parameters
     ----------
@@ -85,12 +86,12 @@ def drawn(
 
 
 def _placed(model: Model) -> Pose:
-    """Return the pose of a shape on its part."""
+    """Return the pose of a shape relative to its part."""
     return model.shape.position_m, model.shape.orientation
 
 
 def _after(pose: Float64, offset: Pose) -> Pose | None:
-    """Return the pose of a shape whose part has this pose; None if the part is absent."""
+    """Return a shape's world pose, given its part's pose; None if the part is absent."""
     if np.isnan(pose).any():
         return None
     place: Pose = p.multiplyTransforms(pose[:3].tolist(), pose[3:].tolist(), *offset)
@@ -98,7 +99,7 @@ def _after(pose: Float64, offset: Pose) -> Pose | None:
 
 
 def _body(client: int, folder: Path, model: Model) -> tuple[int, Pose] | None:
-    """Return a body that looks like a shape, and its place on its part; None if impossible."""
+    """Create a body that looks like a shape; return it with its pose on the part, or None."""
     shape, a, b = model.shape, *(*model.shape.size_m, 0.0, 0.0)[:2]
     look: dict[str, object]
     if shape.kind == "box":
@@ -126,7 +127,7 @@ def _body(client: int, folder: Path, model: Model) -> tuple[int, Pose] | None:
 
 
 def _ball(folder: Path) -> Path:
-    """Return a file with a ball of radius 1."""
+    """Write a mesh of a ball with radius 1; return its file."""
     file = folder / "ball.obj"
     if not file.exists():
         rings, sides = np.linspace(0, np.pi, 13), np.linspace(0, 2 * np.pi, 24, endpoint=False)
@@ -173,7 +174,7 @@ def _picture(
 
 
 def _around(there: Flags) -> tuple[slice, slice]:
-    """Return the rows and columns that are not empty, with a margin of two."""
+    """Return the rows and columns that are not empty, with a margin of two pixels."""
     rows, columns = (np.flatnonzero(there.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return slice(0), slice(0)
@@ -181,7 +182,7 @@ def _around(there: Flags) -> tuple[slice, slice]:
 
 
 def _edges(numbers: Int64, nearness: Float32) -> Flags:
-    """Return the edges of bodies and faces; `nearness` is 1 over the distance."""
+    """Flag the edges of bodies and faces; `nearness` is the inverse distance."""
     edges = np.zeros(numbers.shape, np.bool_)
     for each, near, marks in ((numbers, nearness, edges), (numbers.T, nearness.T, edges.T)):
         ends = each[1:] != each[:-1]

@@ -1,4 +1,4 @@
-"""Find the height at which a body touches the floor, by asking the engine how far apart they are.
+"""Finds the height at which a body touches the floor, by querying the engine's distances.
 
 The engine knows two distances. That of bodies apart has rounded corners: a box that stands on one
 seems 0.6 mm lower than it is. Contact acts on the distance of touching bodies, which is meant here:
@@ -14,13 +14,14 @@ from drop_physics.engines.pybullet.engine import p
 from drop_physics.option_types import Quaternion
 
 Distance = Callable[[float], float | None]
-"""A function from the height of the body's centre to its distance from the floor [m], or None."""
+"""Function from the height of the body's centre to its distance from the floor [m], or None."""
 
 FAR_M = 1e3
-"""A height from which no body reaches the floor."""
+"""A height from which no body touches the floor."""
 FIRST_DEPTH_M = 1e-6
 ROUNDING_M = 1e-14
-"""The floor is a box of 10 m, so distances are rounded to 8.9e-16 m; heights are sums of them."""
+"""Allowance for rounding: the floor is a box of 10 m, so distances are rounded to 8.9e-16 m, and
+heights are sums of them."""
 
 
 def touching_height(
@@ -60,7 +61,7 @@ def touching_height(
 def distances(
     body: int, floor: int | None, turned: Quaternion, client: int
 ) -> tuple[Distance, Distance]:
-    """Return a body's two distances from the floor: when apart, and when touching.
+    """Return functions for a body's two distances from the floor: when apart, and when touching.
 
     Parameters
     ----------
@@ -89,4 +90,4 @@ def distances(
 
 
 _DISTANCE = itemgetter(8)
-"""Returns the distance of a point of `getContactPoints`."""
+"""Returns the distance in a point of `getContactPoints`."""

@@ -1,4 +1,4 @@
-"""The trial of a body, in the process that may die: load it, drop it, photograph it."""
+"""The test of a body, in a process that may crash: load it, drop it, render it."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from drop_physics.scenario import STANDARD_CAMERA, Coordinates, Scenario
 from drop_physics.workers import under_load
 
 LONGEST_WORDS = 200
-"""Number of characters of Bullet's messages that are quoted, from the end."""
+"""Number of characters of Bullet's messages that are quoted, counted from the end."""
 STEPS = 3
-"""Number of steps made from inside the floor: the first has contact, where meshes fail."""
+"""Number of steps from inside the floor: the first has contact, in which bad meshes fail."""
 
 
 def trial(path: str, limits: probe.Limits) -> tuple[str, list[Path]]:
-    """Load, drop and photograph a URDF in this process; return the problem, and its meshes.
+    """Load, drop and render a URDF in this process; return the problem, and its meshes.
 
     Errors that a drop reports by itself are left to it.
     """
@@ -51,7 +51,7 @@ def trial(path: str, limits: probe.Limits) -> tuple[str, list[Path]]:
 
 
 def _meshes_of(path: str) -> list[Path]:
-    """Load a URDF, and return its meshes as found by Bullet."""
+    """Load a URDF, and return the mesh files that Bullet found."""
     client = p.connect(p.DIRECT)
     body = None
     with c_output_moved_aside() as printed, contextlib.suppress(p.error):
@@ -69,7 +69,7 @@ def _meshes_of(path: str) -> list[Path]:
 
 
 _BULLETS = re.compile(r"b3\w+\[[^]]*\]:")
-"""Places in its source that Bullet prints in messages."""
+"""Pattern of source locations that Bullet prints in messages."""
 
 
 def _drop(path: str, coordinates: Coordinates) -> None:
@@ -88,7 +88,7 @@ def _drop(path: str, coordinates: Coordinates) -> None:
 
 
 def _limit(limits: probe.Limits) -> None:
-    """Let the system end this process, without a core dump, if it exceeds a limit."""
+    """Let the system kill this process, without a core dump, if it exceeds a limit."""
     if sys.platform == "win32":
         return
     import resource

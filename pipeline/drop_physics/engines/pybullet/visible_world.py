@@ -1,4 +1,4 @@
-"""A world that can be photographed, by TinyRenderer or by the EGL plugin of PyBullet's wheel."""
+"""A world that can be rendered to images, by TinyRenderer or the EGL plugin of PyBullet's wheel."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from drop_physics.physics.theory import impact_time_free
 from drop_physics.scenario import Camera, Renderer, Scenario
 
 LIGHT = (0.5, -1.2, 2.0)
-"""Direction of our light: no two faces of a box have one shade. The standard view, which is that of
-the experiment, has PyBullet's own light."""
+"""Direction of our own light, which gives no two faces of a box the same shade. The standard view,
+that of the experiment, has PyBullet's own light."""
 
 
 class Picture(NamedTuple):
-    """Image of a camera in parts of shape (height, width)."""
+    """A rendered image, in arrays of shape (height, width)."""
 
     pixels: NDArray[np.uint8]
     """RGB, shape (height, width, 3)."""
     depth: NDArray[np.float32]
-    """0 at the near plane, 1 at the far plane and where there is nothing."""
+    """Depth: 0 at the near plane, 1 at the far plane and where there is nothing."""
     bodies: Int64
-    """Number of the body of each pixel; below 0 where there is none."""
+    """Id of the body at each pixel; negative where there is none."""
 
 
 class VisibleWorld(World):
@@ -75,12 +75,12 @@ class VisibleWorld(World):
         self.gl_renderer = printed[0].partition("GL_RENDERER=")[2].partition("\n")[0]
 
     def photograph(self, camera: Camera) -> Picture:
-        """Return a picture of the current state of the world."""
+        """Render an image of the world's current state."""
         return picture_of(self._client, camera, self._renderer, lit=camera.view != "standard")
 
 
 def picture_of(client: int, camera: Camera, renderer: Renderer, *, lit: bool) -> Picture:
-    """Return a picture of a simulation's current state, `lit` by our own light or PyBullet's."""
+    """Render a simulation's current state, `lit` by our own light or PyBullet's."""
     width, height = camera.size_px
     _, _, rgba, depth, bodies = p.getCameraImage(
         width,
@@ -103,11 +103,11 @@ def picture_of(client: int, camera: Camera, renderer: Renderer, *, lit: bool) ->
 
 
 SHARE_OF_HEIGHT = {"close": 1 / 6, "follow": 1 / 4}
-"""The share of a picture's height that the body takes."""
+"""The share of an image's height that the body takes up."""
 
 
 def framed(camera: Camera, scenario: Scenario) -> Camera:
-    """Return a camera placed for its view of a scenario.
+    """Return a camera positioned for its view of a scenario.
 
     The standard view is fixed. `close` looks at where the body lands, or at the release if it never
     does; `follow` looks at wherever the body is. Framing a camera again changes nothing.

@@ -1,4 +1,4 @@
-"""Interpretation of a watched script's messages about PyBullet: from frames to events.
+"""Decodes a watched script's messages about PyBullet: from frames to events.
 
 It is the other end of `watch`; the stream is described in `watching.pipe`.
 """
@@ -53,13 +53,13 @@ NOTES = frozenset(
         ),
     )
 )
-"""Kinds of notes about its simulations."""
+"""Kinds of messages about its simulations."""
 TIMESTEPS = ("timeStep", "fixedTimeStep")
 """Arguments of `setTimeStep` and `setPhysicsEngineParameter`."""
 
 
 class BulletDecoder:
-    """Interprets frames about PyBullet as events, in order.
+    """Decodes frames about PyBullet into events, in order.
 
     Samples and calls are gathered: they are yielded when there are enough of them, or before
     something else is told of their simulation. Only a `Put` does not wait for calls before it.
@@ -95,7 +95,7 @@ class BulletDecoder:
 
     @property
     def steps(self) -> int:
-        """The number of steps of all simulations: each has a sample per step, and a first one."""
+        """Number of steps of all simulations: each has a sample per step, and an initial one."""
         return self.samples - sum(world.sampled for world in self._worlds.values())
 
     @property
@@ -105,11 +105,11 @@ class BulletDecoder:
 
     @property
     def time_s(self) -> float:
-        """The simulated time of the simulation that has advanced farthest [s]."""
+        """The simulated time of the most advanced simulation [s]."""
         return max((world.time_s(world.step) for world in self._worlds.values()), default=0.0)
 
     def take(self, kind: bytes, payload: bytes) -> Iterable[Event]:
-        """Return the events in a frame that is not a note."""
+        """Return the events in a frame that is not a JSON message."""
         if kind == pipe.SAMPLE:
             return self._add_sample(payload)
         if kind == pipe.CALL:
@@ -123,11 +123,11 @@ class BulletDecoder:
         return ()
 
     def note(self, what: str, **values: Any) -> Iterable[Event]:  # noqa: ANN401
-        """Return the events in a note, one of `NOTES`."""
+        """Return the events in a JSON message, one of `NOTES`."""
         return getattr(self, f"_on_{what}")(**values) or ()
 
     def rest(self, counters: Sequence[int], answers: Float64) -> Iterator[Event]:
-        """Yield the gathered events that remain at the end of the stream.
+        """Yield the collected events that remain at the end of the stream.
 
         `counters` and `answers` are those of the shared memory: counts and results of readings.
         """
@@ -140,7 +140,7 @@ class BulletDecoder:
     # -- numbers ----------------------------------------------------------------------------------
 
     def _add_sample(self, payload: bytes) -> Iterable[Event]:
-        """Add a sample, as most frames are; return the events before it, if enough are gathered."""
+        """Add a sample; return the collected events before it, if there are enough."""
         number, step = pipe.HEAD.unpack_from(payload)
         world = self._worlds[number]
         gathered = [*world.gathered()] if world.is_full else ()
@@ -277,7 +277,7 @@ class BulletDecoder:
         yield Appearance(self._at(known.world), known.body, there=True)
 
     def _changed(self, known: Known, **what: Any) -> Iterator[Event]:  # noqa: ANN401
-        """Yield the gathered events before a change of a body."""
+        """Yield the collected events before a change of a body."""
         yield from known.world.gathered()
         known.body = replace(known.body, **what)
 

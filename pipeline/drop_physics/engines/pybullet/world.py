@@ -1,4 +1,4 @@
-"""The world in which the body falls.
+"""The world in which the body is dropped: built, stepped and read with PyBullet.
 
 Build it, step it, read it. Every setting is made explicitly, in a separate client, so that no
 earlier run in the process can affect this one.
@@ -39,11 +39,11 @@ from drop_physics.trace.states import BASE, BODY, FLOOR
 SHAPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule"}
 """pybullet's GEOM_ constants."""
 CLIENT_BYTES = 64 << 20
-"""A client takes about 30 MB, its body and floor some more."""
+"""Memory of a client: about 30 MB, plus some for its body and floor."""
 
 
 class World:
-    """One body above one floor, in a PyBullet client of its own; use it in a `with` statement.
+    """One body above one floor, in its own PyBullet client; use it in a `with` statement.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ class World:
             p.changeDynamics(angularDamping=self.scenario.angular_damping, **base)
 
     def _inertia_of(self, mass_kg: float, body: int) -> dict[str, tuple[float, ...]]:
-        """Return the URDF's inertia, scaled like its mass; nothing if it has no mass."""
+        """Return the URDF's inertia, scaled with the mass; nothing if the body has no mass."""
         if self.scenario.coordinates == "maximal":  # which reports 1 / (1 / m), not always m
             with self._twin() as twin:
                 return {"localInertiaDiagonal": twin._dynamics()[2]}
@@ -169,13 +169,13 @@ class World:
 
     @property
     def half_size_m(self) -> Float64:
-        """Half the extent of the base along its own axes [m], shape (3,)."""
+        """Half of the base's extents along its own axes [m], shape (3,)."""
         lowest, highest = self._extent()
         return (highest - lowest) / 2
 
     @property
     def reach_m(self) -> float:
-        """Reach of the base from its centre of mass [m]."""
+        """Distance of the farthest bounding-box corner from the base's centre of mass [m]."""
         lowest, highest = self._extent()
         return float(np.linalg.norm(np.maximum(-lowest, highest)))
 
@@ -228,7 +228,7 @@ class World:
         )
 
     def place(self, position_m: Any, orientation: Any) -> None:  # noqa: ANN401
-        """Put the body at a position [m], with an orientation, a quaternion x, y, z, w."""
+        """Move the body to a position [m] and an orientation, a quaternion x, y, z, w."""
         p.resetBasePositionAndOrientation(
             self._body, position_m, orientation, physicsClientId=self._client
         )
@@ -236,7 +236,7 @@ class World:
     # -- reading ----------------------------------------------------------------------------------
 
     def report(self) -> EngineReport:
-        """Return the engine's report about itself and both bodies, read back after set-up."""
+        """Return the engine's report on itself and both bodies, read back after set-up."""
         if self.scenario.coordinates == "reduced":
             return self._report(twin=self)
         # PyBullet reports little of a btRigidBody: ask the same URDF in reduced coordinates.
@@ -286,7 +286,7 @@ class World:
         )
 
     def dynamics(self, number: int = BODY) -> dict[str, Float64]:
-        """Return the engine's report of base and links, and the damping that it was given."""
+        """Return the engine's dynamics info for base and links, and the damping that was set."""
         floor = number == FLOOR
         body, links = (self._floor, []) if floor else (self._body, self._links)
         reported = reported_of([self._dynamics(body, link) for link in (BASE, *links)])
@@ -314,7 +314,7 @@ class World:
         )
 
     def notes(self) -> Iterator[str]:
-        """Yield parts of the URDF that the engine ignores: there are none."""
+        """Yield the parts of the URDF that the engine ignores: none."""
         yield from ()
 
     def _dynamics(self, body: int | None = None, link: int = -1) -> Any:  # noqa: ANN401
@@ -327,12 +327,12 @@ class World:
 
     @property
     def rest_height_m(self) -> float | None:
-        """Height of the centre at which the body, turned as released, touches the floor [m]."""
+        """Height of the centre at which the body, oriented as released, touches the floor [m]."""
         body, sha256 = str(self._urdf), self._body_sha256
         return _rest_height(body, sha256, self.scenario.orientation_xyzw, self._round_cylinders)
 
     def _touching_height(self) -> float | None:
-        """Measure that height, in a separate world."""
+        """Measure the rest height, in a separate world."""
         turned = self.scenario.orientation_xyzw
         self.place((0.0, 0.0, 0.0), turned)
         by_box_m = -float(self._box()[0][2])
@@ -349,7 +349,7 @@ class World:
         return (by_box_m if exact else round(height_m, 14)) + 0.0  # no -0.0
 
     def samples(self, batch: int) -> Iterator[Samples]:
-        """Fall: yield the states before and after the steps, and the contact points.
+        """Let the body fall; yield the states before and after the steps, and the contact points.
 
         Parameters
         ----------
@@ -406,7 +406,7 @@ class World:
 
     @functools.cached_property
     def inertial_frames(self) -> Float64:
-        """Frames of inertia of base and links in their own frames: poses, shape (links + 1, 7)."""
+        """Inertial frames of base and links in their own frames: poses, shape (links + 1, 7)."""
         if self.scenario.coordinates == "maximal":  # of which the engine reports leftovers
             return np.array([[0.0] * 6 + [1.0]])
         dynamics = [self._dynamics(link=link) for link in (-1, *self._links)]

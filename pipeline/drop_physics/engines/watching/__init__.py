@@ -7,5 +7,5 @@ other half.
 """
 
 ENGINES = ("pybullet", "mujoco")
-"""The folders of engines; `begin` of their `watch` takes the watch of the script, and what differs.
-"""
+"""The engines' folders; `begin` of each one's `watch` takes the watch of the script, and the
+changes of the run."""

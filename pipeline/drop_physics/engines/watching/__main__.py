@@ -1,4 +1,4 @@
-"""Start of our modules in a script's interpreter: `python PATH-OF-THIS-FOLDER MODULE ARGUMENT …`.
+"""Starts our modules in a script's interpreter: `python PATH-OF-THIS-FOLDER MODULE ARGUMENT …`.
 
 That interpreter may be old and need not have drop. The folder around this one becomes a package
 under a name that no script uses, and `main` of one of its modules is called with the arguments.
@@ -17,7 +17,7 @@ _PACKAGE = "_drop_engines"
 
 
 def _module(name: str) -> ModuleType:
-    """Return a module by its name below the package, and leave this folder off the path."""
+    """Import a module below the package by name, and take this folder off the module path."""
     if sys.path and os.path.abspath(sys.path[0]) == _HERE:
         del sys.path[0]
     folder = os.path.dirname(_HERE)

@@ -1,4 +1,4 @@
-"""Input requests of a script, during which its line of progress is cleared."""
+"""Clears the progress line while a script waits for user input."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from .hidden import hiding
 from .host import ScriptWatch
 
 CLEAR = "\x1b[K"
-"""Clears a terminal's line from the cursor on, which the progress leaves at its start."""
+"""Terminal sequence that clears the line from the cursor on; the progress line leaves the cursor at
+its start."""
 
 
 def install(watch: ScriptWatch) -> None:
-    """Report the beginning and the end of waiting for a line of input."""
+    """Report when the script begins and ends waiting for a line of input."""
     original = builtins.input
 
     def ask(*prompt: Any) -> str:

@@ -1,4 +1,4 @@
-"""A failed assertion of a script, taken from its error as an expectation.
+"""Reads a script's failed `assert` from its exception, to use it as an expectation.
 
 A test that pytest runs counts, too: pytest keeps the error, and reports it where it calls the test.
 """
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Assertion:
-    """A failed `assert`.
+    """A failed `assert` statement.
 
     Parameters
     ----------
@@ -34,12 +34,12 @@ class Assertion:
         self.text, self.file, self.line, self.frame = text, file, line, frame
 
     def told(self) -> dict[str, Any]:
-        """Return the assertion as a note."""
+        """Return the assertion as a message for the recorder."""
         return {"text": self.text, "file": self.file, "line": self.line}
 
 
 def assertion_of(error: BaseException) -> Assertion | None:
-    """Return the script's own `assert` that raised an error; None if there is none."""
+    """Return the script's own `assert` that raised an exception; None if there is none."""
     if not isinstance(error, AssertionError):
         return None
     found, trace = None, error.__traceback__
@@ -56,7 +56,7 @@ def assertion_of(error: BaseException) -> Assertion | None:
 
 
 def _test_at(file: str, line: int) -> str | None:
-    """Return the condition of the `assert` in a line of a file; None if there is none."""
+    """Return the condition of the `assert` at a line of a file; None if there is none."""
     try:
         tree = ast.parse("".join(linecache.getlines(file)))
     except (SyntaxError, ValueError):
@@ -68,7 +68,7 @@ def _test_at(file: str, line: int) -> str | None:
 
 
 def install(watch: ScriptWatch) -> None:
-    """Report the errors of tests that pytest runs."""
+    """Report the exceptions of tests that pytest runs."""
 
     def on_runner(module: ModuleType) -> None:
         info: Any = module.CallInfo

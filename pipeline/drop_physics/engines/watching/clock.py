@@ -1,4 +1,4 @@
-"""The script's clock: simulated time, or the time slept if that is more.
+"""The script's clock: simulated time, or the total time slept if that is more.
 
 Sleeping returns at once. A script that waits for a time, by sleeping or polling, finds that it has
 come; one that alternates steps and sleeps keeps its pace. Every run of the script sees the same
@@ -24,18 +24,18 @@ from .hidden import hide
 from .sites import LIBRARY
 
 CALL_S = 1e-4
-"""Duration of a call on the clock while a simulation runs in real time [s]."""
+"""Virtual duration of an engine call while a simulation runs in real time [s]."""
 READ_S = 1e-6
-"""Duration of reading the clock [s]."""
+"""Virtual duration of reading the clock [s]."""
 ASK_S, LONGEST_ASK_S = 1e-6, 1e-3
-"""Duration of asking for input [s]: longer each time, until something happens."""
+"""Virtual duration of polling for input [s]: longer each time, until something happens."""
 NAMES = ("time", "monotonic", "perf_counter")
 
 _OTHERS = LIBRARY + "site-packages" + os.sep
 
 
 class Clock:
-    """A virtual clock; with `real`, the real one.
+    """A virtual clock, or with `real` the real one; starts at `begins_s` or the current time.
 
     It starts at `begins_s`, or at the current time.
     """
@@ -56,19 +56,19 @@ class Clock:
         self._library: dict[str, bool] = {}
 
     def now_s(self) -> float:
-        """Return the time since the script began [s]."""
+        """Return the time since the script started [s]."""
         if self.real:
             return _real_monotonic() - self._began
         return max(self.simulated_s, self.waited_s)
 
     def step(self, simulated_s: float) -> None:
-        """Note the total simulated time [s]."""
+        """Set the total simulated time [s]."""
         if simulated_s > self.simulated_s:
             self.simulated_s = simulated_s
         self.idle_s, self._asks = 0.0, 0
 
     def wait(self, seconds: float) -> None:
-        """Let time pass."""
+        """Advance the clock."""
         if self.real:
             self.passed()
             return
@@ -77,11 +77,11 @@ class Clock:
         self.passed()
 
     def ask(self) -> None:
-        """Advance by the time that a request for input takes."""
+        """Advance by the virtual duration of polling for input."""
         self.wait(self._asking_s())
 
     def read(self) -> None:
-        """Advance by the time that reading the clock takes, or catch up with the real clock."""
+        """Advance by the virtual duration of reading the clock, or catch up with the real clock."""
         lag_s = self.simulated_s - self.waited_s
         self.waited_s += max(READ_S, min(self._asking_s(), lag_s))
         self.passed()
@@ -91,7 +91,7 @@ class Clock:
         return min(ASK_S * self._asks, LONGEST_ASK_S)
 
     def install(self) -> None:
-        """Replace the clock in the module `time`."""
+        """Replace the clock functions in the module `time`."""
         if self.real:
             return
         self._theirs = {name: getattr(time, name) for name in (*NAMES, "sleep")}
@@ -103,7 +103,7 @@ class Clock:
         time.sleep = self._sleeping(self._theirs["sleep"])
 
     def remove(self) -> None:
-        """Restore the module `time`."""
+        """Restore the original functions of the module `time`."""
         for name, function in self._theirs.items():
             setattr(time, name, function)
         self._theirs = {}
@@ -142,7 +142,7 @@ class Clock:
         return sleep
 
     def _is_real(self) -> bool:
-        """Return whether the caller of our caller uses the real clock."""
+        """Return whether the code that called us should see the real clock."""
         if not self._theirs or get_ident() != _MAIN:
             return True
         name = _getframe(2).f_code.co_filename

@@ -1,4 +1,4 @@
-"""Resources that a forked process would share with its parent: descriptors, mappings, threads.
+"""Resources that a forked process would share with its parent: file descriptors, mappings, threads.
 
 A child inherits open files: both move one offset, and write to one file. So in a child each regular
 file is opened again, and one that is open for writing is a copy of its own. What cannot be copied,
@@ -27,19 +27,19 @@ HARMLESS = (
     *("/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/urandom", "/dev/tty"),
     "/dev/pts/",
 )
-"""Devices that a parent and its child may both use."""
+"""Devices that a parent and its child may share."""
 DATABASE = b"SQLite format 3\0"
-"""The first bytes of a database of SQLite."""
+"""The first bytes of an SQLite database."""
 POOL = re.compile(r"\S*openblas\S*\.so\S*")
-"""A library with a pool of threads that it starts again in a child."""
+"""A library whose thread pool restarts in a forked child."""
 POOL_SIZES = (
     *("openblas_get_num_threads", "openblas_get_num_threads64_"),
     *("scipy_openblas_get_num_threads", "scipy_openblas_get_num_threads64_"),
 )
-"""Functions that return the number of its threads, the calling one included."""
+"""Functions that return the pool's number of threads, including the caller."""
 WRITES = os.O_WRONLY | os.O_RDWR
 KEPT_FLAGS = WRITES | os.O_APPEND
-"""Flags with which a file is opened again."""
+"""Flags that are kept when a file is reopened."""
 
 
 def shared(ours: Collection[int], block: int) -> str:
@@ -58,7 +58,7 @@ def shared(ours: Collection[int], block: int) -> str:
 
 
 def flush() -> None:
-    """Flush the buffers of this process, Python's and those of C."""
+    """Flush the output buffers of this process, Python's and C's."""
     for each in gc.get_objects():
         if isinstance(each, (io.BufferedWriter, io.BufferedRandom, io.TextIOWrapper)):
             try:
@@ -74,7 +74,7 @@ def flush() -> None:
 
 
 def replace(ours: Collection[int], private: Private | None, printed: int) -> None:
-    """Give a child its own copies of the regular files that are open for writing.
+    """Give a forked child its own copies of the regular files that are open for writing.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def _reopened(number: int) -> int:
 
 
 def _copied(number: int, private: Private | None) -> int:
-    """Return a descriptor of a child's own copy of a file.
+    """Return a descriptor for a child's own copy of a file.
 
     Through a private view, the path leads to the copy. A file without a path is copied.
     """
@@ -121,7 +121,7 @@ def _copied(number: int, private: Private | None) -> int:
 
 
 def _is_at(path: str, status: os.stat_result) -> bool:
-    """Return whether a path leads to a file, as far as a layer shows it."""
+    """Return whether a path leads to a file, as far as an overlay shows it."""
     try:
         there = os.stat(path)
     except OSError:
@@ -130,12 +130,12 @@ def _is_at(path: str, status: os.stat_result) -> bool:
 
 
 def link(number: int) -> str:
-    """Return the path through which a descriptor's file is opened again."""
+    """Return the path through which a descriptor's file can be reopened."""
     return f"/proc/self/fd/{number}"
 
 
 def numbers(ours: Collection[int]) -> list[int]:
-    """Return the open descriptors, except ours and the standard streams."""
+    """Return the open file descriptors, except ours and the standard streams."""
     with os.scandir("/proc/self/fd") as listed:
         found = sorted(int(each.name) for each in listed)
     return [each for each in found if each not in (*ours, *STANDARD) and _is_open(each)]
@@ -160,7 +160,7 @@ def _flags(number: int) -> int:
 
 
 def _kind(number: int) -> str:
-    """Return the kind of a descriptor that a child must not share; empty if it may."""
+    """Return what a descriptor is if a child must not share it; empty if it may."""
     mode, path = os.fstat(number).st_mode, os.readlink(link(number))
     if stat.S_ISREG(mode):
         return "a database" if _is_database(number) else ""
@@ -187,7 +187,7 @@ def _is_database(number: int) -> bool:
 
 
 def _mapping(block: int) -> str:
-    """Return the memory that other processes may share and write to, except for the block."""
+    """Return a memory mapping that other processes may write to, except our shared block."""
     with open("/proc/self/maps", encoding="utf-8", errors="surrogateescape") as file:
         for line in file:
             _, how, _, _, inode, *path = line.split(maxsplit=5)
@@ -197,7 +197,7 @@ def _mapping(block: int) -> str:
 
 
 def _thread() -> str:
-    """Return the threads beside this one and those of known pools."""
+    """Return a description of threads besides this one and those of known pools."""
     if threading.active_count() > 1:
         return "a thread"
     here = _thread_name(str(os.getpid()))

@@ -1,4 +1,4 @@
-"""Random numbers: seeded on request, otherwise the first unseeded draw is reported.
+"""Random numbers: generators are seeded on request, or the first unseeded draw is reported.
 
 Draws of a library during its import are ignored: it tests itself, or makes examples for its
 documentation.
@@ -19,19 +19,19 @@ from .hidden import hide
 from .sites import INSTALLED, is_library
 
 SEEDS = ("seed", "setstate", "set_state", "set_bit_generator")
-"""Functions of a generator that determine what it draws."""
+"""Generator methods that determine the numbers drawn."""
 SILENT = ("getstate", "get_state", "getrandbits")
-"""Those that draw nothing, or with which Python's library draws for itself."""
+"""Generator methods that draw nothing, or that Python's library calls for its own draws."""
 OF_NUMPY = ("seed", "sample", "ranf", "set_bit_generator")
-"""Functions of numpy's generator that are not its methods."""
+"""Module-level functions of `numpy.random` that are not generator methods."""
 COPIES = "__bit_generator_ctor"
-"""The function of numpy that makes a generator to which another's state is then given."""
+"""The numpy function that creates a generator and then gives it another's state."""
 SEEDED_STATE = re.compile(r"RandomState\((?!\s*(None\s*)?\))")
-"""A call that gives `numpy.random.RandomState` a seed."""
+"""Pattern of a call that seeds `numpy.random.RandomState`."""
 
 
 class Draws:
-    """The generators of `random` and `numpy.random`.
+    """Seeds or observes the generators of `random` and `numpy.random`.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Draws:
         self._undo: list[Callable[[], None]] = []
 
     def begin(self) -> None:
-        """Start with the generator of Python's library."""
+        """Start with the generator of Python's `random`."""
         if self._seed is None:
             self._watch(random, "random", getattr(random, "_inst"))  # noqa: B009
         else:
@@ -56,7 +56,7 @@ class Draws:
             random.seed(self._seed)
 
     def on_numpy(self, module: ModuleType) -> None:
-        """Continue with numpy's, once `numpy.random` is imported."""
+        """Continue with numpy's generators, once `numpy.random` is imported."""
         if self._seed is None:
             self._watch(module, "numpy.random", getattr(module.mtrand, "_rand"))  # noqa: B009
         else:
@@ -78,12 +78,12 @@ class Draws:
         self._undo.append(lambda: setattr(source, "randbits", original))
 
     def remove(self) -> None:
-        """Restore the generators."""
+        """Restore the original generator functions."""
         while self._undo:
             self._undo.pop()()
 
     def _seed_generators(self) -> None:
-        """Let `random.seed()` and `random.Random()` use the same seeds in every run."""
+        """Make `random.seed()` and `random.Random()` use the same seeds in every run."""
         original, entropy = random.Random.seed, self._entropy
 
         @functools.wraps(original)
@@ -135,7 +135,7 @@ class Draws:
 
 
 def is_imported(frame: Any) -> bool:
-    """Return whether a library's module is being imported, at any depth of calls."""
+    """Return whether a library module is being imported, anywhere up the call stack."""
     while frame is not None:
         code = frame.f_code
         if code.co_name == "<module>" and not code.co_filename.startswith("<"):
@@ -146,7 +146,7 @@ def is_imported(frame: Any) -> bool:
 
 
 def is_made(frame: Any) -> bool:
-    """Return whether a library is creating an object of its own, which may be seeded before use."""
+    """Return whether a library is creating an object, which may be seeded before use."""
     while frame is not None and is_library(frame.f_code.co_filename):
         if frame.f_code.co_name == "__init__":
             return True
@@ -155,6 +155,6 @@ def is_made(frame: Any) -> bool:
 
 
 def _gives_seed(frame: Any) -> bool:
-    """Return whether a generator gets a seed or another's state; numpy first draws its own."""
+    """Return whether a generator is given a seed or state; numpy first draws its own."""
     line = getline(frame.f_code.co_filename, frame.f_lineno)
     return frame.f_code.co_name == COPIES or SEEDED_STATE.search(line) is not None

@@ -1,4 +1,4 @@
-"""Parts of a script's text that are other ones in a run, and a script that stops after its imports.
+"""Runs a script with parts of its text replaced, or pauses it after its imports.
 
 Its files stay as they are: tracebacks show what its user has written.
 """
@@ -14,20 +14,20 @@ if TYPE_CHECKING:
     from types import CodeType
 
 Edit = Sequence[Any]
-"""Begin and end of a part in the bytes of a text, and what stands there instead."""
+"""Begin and end of a part, as byte offsets in a text, and the replacement."""
 OF_PYTHON = ("os", "sys", "warnings", "logging", "matplotlib")
-"""Modules that scripts often set something of between their imports."""
+"""Standard modules that scripts often configure between their imports."""
 
 
 def edited(text: bytes, edits: Iterable[Edit]) -> bytes:
-    """Return a text with other parts."""
+    """Return a text with parts replaced."""
     for start, end, other in sorted(map(tuple, edits), reverse=True):
         text = text[:start] + other.encode() + text[end:]
     return text
 
 
 class InTwoParts:
-    """Code of a script that runs in two parts: its imports, and the rest, which may be another.
+    """A script's code in two parts: its imports, and the rest, whose text may be edited.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class InTwoParts:
         self.first: CodeType = self._compiled(lines[: self._length], 0)
 
     def second(self, edits: Iterable[Edit]) -> CodeType:
-        """Return the rest with other parts of its text."""
+        """Return the code of the second part, with parts of its text replaced."""
         import __future__
 
         import ast
@@ -72,7 +72,7 @@ class InTwoParts:
 
 
 def _is_import(ast: Any, line: Any, folder: str) -> bool:
-    """Return whether a line of a script imports what others have written, or prepares that."""
+    """Return whether a line imports third-party code, or prepares such an import."""
     if isinstance(line, ast.Import):
         return not any(_lies_in(each.name, folder) for each in line.names)
     if isinstance(line, ast.ImportFrom):
@@ -91,7 +91,7 @@ def _lies_in(module: str, folder: str) -> bool:
 
 
 def _root_of(ast: Any, node: Any) -> str | None:
-    """Return the name that an attribute or an element is of; None of what is neither."""
+    """Return the variable at the root of an attribute or item expression; None if there is none."""
     if not isinstance(node, (ast.Attribute, ast.Subscript)):
         return None
     while isinstance(node, (ast.Attribute, ast.Subscript)):

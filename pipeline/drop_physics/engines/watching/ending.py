@@ -1,4 +1,4 @@
-"""End of a script: unchanged for the script, and reported to the recorder."""
+"""The end of a script: unchanged for the script, and reported to the recorder."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .limits import end_with_parent
 from .sites import is_library, shown_file
 
 NOWHERE = "", 0
-"""File and line where there is none."""
+"""File and line where there are none."""
 
 
 def run(watch: ScriptWatch, script: Callable[[], None]) -> None:
-    """Run a script to its end, and end the process as it asks."""
+    """Run a script to its end, and end the process with its exit code."""
     end_with_parent()
     atexit.register(_end_last, watch)
     code: object = 0
@@ -49,7 +49,7 @@ def run(watch: ScriptWatch, script: Callable[[], None]) -> None:
 
 
 def end(watch: ScriptWatch, how: str, error: str = "", site: tuple[str, int] = NOWHERE) -> None:
-    """Send the recorder all that is left, and the end of the script: nothing follows."""
+    """Send all remaining data to the recorder, and the script's ending: nothing follows."""
     watch.finish()
     watch.lock.remove()
     watch.tell_answer()
@@ -57,7 +57,7 @@ def end(watch: ScriptWatch, how: str, error: str = "", site: tuple[str, int] = N
 
 
 def _tell(watch: ScriptWatch, how: str, error: str = "", site: tuple[str, int] = NOWHERE) -> None:
-    """Report the end of the script, and the line of its own in which an error arose.
+    """Report how the script ended, and the line of the script in which an exception arose.
 
     Steps of its threads, its `atexit` functions and its finalizers are still recorded.
     """
@@ -74,7 +74,7 @@ def _note_end(watch: ScriptWatch, how: str, error: str, site: tuple[str, int]) -
 
 
 def _end_last(watch: ScriptWatch) -> None:
-    """Send what is left after all other registered functions have run.
+    """Send the remaining data after all other `atexit` functions have run.
 
     Only finalizers follow, in this thread: their events stay in the block. The turn is kept from
     other threads, which end wherever they are.
@@ -86,7 +86,7 @@ def _end_last(watch: ScriptWatch) -> None:
 
 
 def place_of(error: BaseException, ours: str = "") -> tuple[str, int]:
-    """Return file and line of the script's innermost frame in an error.
+    """Return file and line of the script's innermost frame in an exception's traceback.
 
     Frames of the file `ours` are not the script's.
     """

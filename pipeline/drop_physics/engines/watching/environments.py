@@ -1,4 +1,4 @@
-"""Episodes of gymnasium's environments, reported by their `reset` and `step`.
+"""Episodes of gymnasium environments, reported by wrapping their `reset` and `step`.
 
 The two methods of all classes of environments are replaced by ones that call them. Where they call
 each other, through wrappers, only the outermost counts: a time limit around an environment is part
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 MODULES = ("gymnasium", "gym")
 RANGES = ("z", "angle", "state")
-"""Quantities of which gymnasium's environments of MuJoCo have a healthy range."""
+"""Quantities for which gymnasium's MuJoCo environments define a healthy range."""
 LONGEST = 100
-"""Most characters of a reason."""
+"""Largest number of characters of a reason."""
 
 
 class EpisodeReturns:
-    """Results of an environment's `step` since its `reset`."""
+    """Return values of an environment's `step` since its `reset`."""
 
     def __init__(self) -> None:
         self.length = 0
@@ -43,7 +43,7 @@ class EpisodeReturns:
 
 
 class _Inside(threading.local):
-    """The methods that a thread is running, and the environments reset within a step."""
+    """The methods that a thread is running, and the environments that are reset within a step."""
 
     def __init__(self) -> None:
         self.methods: list[Any] = []
@@ -51,7 +51,7 @@ class _Inside(threading.local):
 
 
 class Environments:
-    """The environments of a watched script.
+    """The gymnasium environments of a watched script.
 
     Parameters
     ----------
@@ -68,12 +68,12 @@ class Environments:
         """All episodes, in the order of their first steps."""
 
     def listen(self) -> None:
-        """Replace the methods of environments once their module is imported."""
+        """Wrap the environments' methods once their module is imported."""
         for name in MODULES:
             self._host.on_import(name, self._install)
 
     def outcome(self) -> dict[str, Any]:
-        """Return the values of ended episodes that an expectation may name; empty without any.
+        """Return the quantities of ended episodes that an expectation may use; empty without any.
 
         If no episode has ended, the values are those of the current one.
         """
@@ -89,7 +89,7 @@ class Environments:
         }
 
     def settle(self) -> None:
-        """Report the episodes left unfinished at the script's end."""
+        """Report the episodes that are unfinished at the script's end."""
         for episode in self.episodes:
             if not episode.how:
                 self._end(episode, "run")
@@ -118,7 +118,7 @@ class Environments:
                 self._host.on_removal(partial(setattr, cls, name, original))
 
     def call(self, original: Any, then: Any, args: Any, kwargs: Any) -> Any:
-        """Call a method of an environment; report the result of the outermost one."""
+        """Call an environment's method; report the result if it is the outermost call."""
         inside = self._inside
         if not self._host.on or not args or then in inside.methods or self._reset in inside.methods:
             return original(*args, **kwargs)
@@ -200,7 +200,7 @@ class Environments:
 
 
 class _Method:
-    """A replacement for a method of environments; pickled by value, it is the method alone."""
+    """A replacement for an environment's method; it pickles as the plain method."""
 
     def __init__(self, environments: Environments, original: Any, then: Any) -> None:
         update_wrapper(self, original)
@@ -217,7 +217,7 @@ class _Method:
 
 
 def _success(info: Any) -> bool | None:
-    """Return whether an environment reports its goal as reached; None if it reports nothing."""
+    """Return whether an environment reports its goal as reached; None if it does not report it."""
     for name in ("is_success", "success"):
         if name in info:
             return bool(info[name])
@@ -225,7 +225,7 @@ def _success(info: Any) -> bool | None:
 
 
 def _why(environment: Any, info: Any) -> str:
-    """Return the reason for an episode's end, as far as ranges and `info` show it."""
+    """Return the reason for an episode's end, as far as healthy ranges and `info` show it."""
     said = [name for name, value in info.items() if _is_true(value)]
     with suppress(Exception):  # another kind of environment
         said += _unhealthy(environment)
@@ -237,7 +237,7 @@ def _is_true(value: Any) -> bool:
 
 
 def _unhealthy(environment: Any) -> list[str]:
-    """Return the quantities that are outside of their healthy ranges, as gymnasium has them."""
+    """Return the quantities that are outside of gymnasium's healthy ranges."""
     model, data = environment.model, environment.data
     rooted = int(model.jnt_type[0]) == 0  # mjJNT_FREE: x, y and z; else x, z and the pitch
     values = {
@@ -258,6 +258,6 @@ def _unhealthy(environment: Any) -> list[str]:
 
 
 def _beyond(number: float, bound: float, sign: str) -> str:
-    """Describe a number beyond a bound, with enough digits to tell them apart."""
+    """Describe a number beyond a bound, with enough digits to tell both apart."""
     digits = next((n for n in range(3, 18) if f"{number:.{n}g}" != f"{bound:.{n}g}"), 3)
     return f"{number:.{digits}g} {sign if number != bound else sign + '='} {bound:.{digits}g}"

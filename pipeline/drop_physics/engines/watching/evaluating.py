@@ -1,4 +1,4 @@
-"""Evaluation within a run, with access to the script's own names and its engine.
+"""Evaluation inside a run, with access to the script's own variables and its engine.
 
 An evaluator is a class of a module beside this one: it runs in the script's interpreter.
 """
@@ -15,25 +15,25 @@ if TYPE_CHECKING:
 
 
 class Evaluator(ABC):
-    """An evaluator of a run; its `answer` can be written as JSON."""
+    """Evaluates something inside a run; its `answer` can be written as JSON."""
 
     @abstractmethod
     def step(self, engine: EngineWatch, frame: Any) -> None:
-        """Observe a step of an engine, called from a frame of the script."""
+        """Observe an engine step, called from a frame of the script."""
 
     def failed(self, error: BaseException) -> None:  # noqa: B027
-        """Observe an error that ends the script or one of its tests."""
+        """Observe an exception that ends the script or one of its tests."""
 
     def before_end(self) -> None:  # noqa: B027
-        """Observe the coming end of a simulation, after which its names mean nothing."""
+        """Observe that a simulation is about to end, after which its names are invalid."""
 
     @abstractmethod
     def answer(self) -> Any:
-        """Return the result, after the end of the script."""
+        """Return the evaluator's result, after the end of the script."""
 
 
 def evaluator_of(given: Mapping[str, Any] | None) -> Evaluator | None:
-    """Return an evaluator; None if nothing is evaluated.
+    """Create the evaluator; None if nothing is evaluated.
 
     Parameters
     ----------

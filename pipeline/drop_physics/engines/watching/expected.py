@@ -1,4 +1,4 @@
-"""Evaluation of an expectation within a run, and the motion of all bodies, to compare runs."""
+"""Evaluates an expectation inside a run, and records the motion of all bodies to compare runs."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from .host import EngineWatch
 
 MOST_ROWS = 160
-"""Most states of a simulation that are kept of how everything moved: about as many as a drawn
+"""Largest number of states of a simulation that are kept of the motion: about as many as a drawn
 curve needs."""
 MOST_OBSERVED = 8
-"""Most simulations that are observed at once: those that were stepped last."""
+"""Largest number of simulations that are observed at once: the last ones that were stepped."""
 NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?!\w)")
-"""A number in a text."""
+"""Pattern of a number in a text."""
 
 
 class ExpectationEvaluator(Evaluator):
@@ -66,7 +66,7 @@ class ExpectationEvaluator(Evaluator):
         self._printed = printed() if reads_prints else None
 
     def step(self, engine: EngineWatch, frame: Any) -> None:
-        """Observe a step of an engine, called from a frame of the script."""
+        """Observe an engine step, called from a frame of the script."""
         if frame is not self._frame:
             self._frame, self._frames = frame, _frames_of(frame)
         self._engines[id(engine)] = engine
@@ -82,18 +82,18 @@ class ExpectationEvaluator(Evaluator):
         track.step()
 
     def failed(self, error: BaseException) -> None:
-        """Observe an error that ends the script or one of its tests."""
+        """Observe an exception that ends the script or one of its tests."""
         if self._assertion is None and self._asserted:
             self._assertion = assertion_of(error)
 
     def before_end(self) -> None:
-        """Evaluate before a simulation ends, after which its names may mean nothing."""
+        """Evaluate before a simulation ends, after which its names may be invalid."""
         self._before = self._judged()
         if self._rows is not None:
             self._could = self._changes(self._rows)
 
     def answer(self) -> Any:
-        """Return the result, after the end of the script."""
+        """Return the result of the expectation, after the end of the script."""
         found = self._judged()
         if found["error"] is not None and self._before is not None:
             found = self._before
@@ -164,7 +164,7 @@ class ExpectationEvaluator(Evaluator):
 
 
 class ObservedSeries:
-    """The series of a simulation.
+    """Series of quantities of a simulation, one value after each step.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ class ObservedSeries:
     """
 
     made = 0
-    """Number of tracks in this process."""
+    """Number of series objects created in this process."""
 
     def __init__(
         self, observed: Observed, reads: Sequence[tuple[str, tuple[Any, ...] | None]]
@@ -194,7 +194,7 @@ class ObservedSeries:
         self.is_finite = True
 
     def step(self) -> None:
-        """Read the series after a step."""
+        """Read the quantities after a step."""
         if self._waiting:
             self._find()
         self._times.append(self._observed.time_s)
@@ -212,7 +212,7 @@ class ObservedSeries:
         self._steps += 1
 
     def series(self, kind: str, names: tuple[Any, ...]) -> Any:
-        """Return a series by its function and names."""
+        """Return a series by function and names."""
         from .series import series_of
 
         key = kind, names
@@ -246,7 +246,7 @@ class ObservedSeries:
 
 
 def printed() -> list[str]:
-    """Return the list of printed texts, which grows from the first call in this process on."""
+    """Return the list of printed texts, which is filled from the first call on."""
     write = sys.stdout.write
     kept: list[str] | None = getattr(write, "drop_kept", None)
     if kept is not None:
@@ -263,7 +263,7 @@ def printed() -> list[str]:
 
 
 def _frames_of(frame: Any) -> list[Any]:
-    """Return the frames of the script from which a call comes, the innermost first."""
+    """Return the script's frames from which a call comes, the innermost first."""
     frames = []
     while frame is not None:
         if not is_library(frame.f_code.co_filename):
@@ -275,7 +275,7 @@ def _frames_of(frame: Any) -> list[Any]:
 
 
 def _names_of(frames: Sequence[Any]) -> dict[str, Any]:
-    """Return the names that are visible in frames of a script, and in their modules."""
+    """Return the variables that are visible in frames of a script, and in their modules."""
     names: dict[str, Any] = {}
     for frame in reversed(frames):
         names.update(frame.f_globals)

@@ -1,4 +1,4 @@
-"""An expectation of a run: a Python expression, and a measure of how well it holds.
+"""An expectation of a run: a Python expression, and the margin by which it holds.
 
 It is parsed before anything runs, and evaluated in the script's interpreter. Its names are the
 script's own, and series over the steps.
@@ -14,28 +14,29 @@ from typing import Any
 SERIES = ("x", "y", "z", "up", "joint", "rate", "force", "sensor")
 """Functions that return a series."""
 TAKEN = ("end", "peak", "low", "drift", "norm", "at", "always", "ever")
-"""Functions of a series."""
+"""Functions that take a series."""
 TERMINATED = "terminated"
 EPISODE = (TERMINATED, "reward", "length")
-"""What the environments of a script make known: whether an episode was terminated, the mean return,
-and the least number of steps of an episode."""
+"""Names for a script's environments: whether an episode was terminated, the mean return, and the
+least number of steps of an episode."""
 PRINTED = "printed"
-"""The numbers that the script has printed."""
+"""Name of the list of numbers that the script has printed."""
 OURS = "_drop_{}".format
-"""The name under which a function of ours is called, whatever the script has under its own."""
+"""Prefix under which our functions are called, whatever variables the script has."""
 UNITS = {"x": "m", "y": "m", "z": "m", "force": "N"}
-"""The unit of series, where that is the same for all elements."""
+"""The unit of each series that has the same unit for all elements."""
 WORD = {
     ast.Gt: 1.0, ast.GtE: 1.0, ast.Lt: -1.0, ast.LtE: -1.0,
 }  # fmt: skip
-"""The sign of a comparison's distance."""
+"""Sign of the margin for each comparison operator."""
 
 Judged = tuple[bool, float, float]
-"""Whether it holds, by how much (below 0 where it does not), and the first quantity compared."""
+"""Whether the expression holds, its margin (below 0 if it does not), and the first quantity
+compared."""
 
 
 class Expression:
-    """An expectation as its user wrote it.
+    """An expectation as the user wrote it.
 
     Parameters
     ----------
@@ -53,7 +54,7 @@ class Expression:
         self._tree = ast.parse(text.strip(), mode="eval")
 
     def reads(self) -> Iterator[tuple[str, tuple[Any, ...] | None]]:
-        """Yield the series that it names: a function and its arguments, None if they vary."""
+        """Yield the series that it uses: function and arguments, None if they vary."""
         for node in ast.walk(self._tree):
             if isinstance(node, ast.Call) and _called(node) in SERIES:
                 given = [each.value for each in node.args if isinstance(each, ast.Constant)]
@@ -62,7 +63,7 @@ class Expression:
 
     @property
     def unit(self) -> str | None:
-        """The unit of the compared quantities, if all are series of one unit; else None."""
+        """The unit of the compared quantities, if all are series with the same unit; else None."""
         called = {_called(node) for node in ast.walk(self._tree) if isinstance(node, ast.Call)}
         names = {node.id for node in ast.walk(self._tree) if isinstance(node, ast.Name)}
         sums = all(
@@ -76,22 +77,22 @@ class Expression:
 
     @property
     def is_of_end(self) -> bool:
-        """True if only the end of a run matters: not the way there, and not its output."""
+        """True if only the end of a run matters, not the steps before it nor its output."""
         called = {_called(node) for node in ast.walk(self._tree) if isinstance(node, ast.Call)}
         return not (called & {*TAKEN} - {"end"} or self.reads_prints)
 
     @property
     def reads_prints(self) -> bool:
-        """True if it refers to the script's printed output."""
+        """True if the expression refers to the script's printed output."""
         return any(getattr(node, "id", None) == PRINTED for node in ast.walk(self._tree))
 
     @property
     def reads_episodes(self) -> bool:
-        """True if it refers to episodes of environments."""
+        """True if the expression refers to episodes of environments."""
         return any(getattr(node, "id", None) in EPISODE for node in ast.walk(self._tree))
 
     def judged(self, script: Mapping[str, Any], ours: Mapping[str, Any]) -> Judged:
-        """Return whether it holds, its margin, and the first compared quantity.
+        """Return whether the expression holds, its margin, and the first compared quantity.
 
         Parameters
         ----------
@@ -115,7 +116,7 @@ class Expression:
 
 
 class _Renamed(ast.NodeTransformer):
-    """Calls to our functions where the script has a number of the same name."""
+    """Redirects calls to our functions where the script has a number of the same name."""
 
     def __init__(self, covered: set[str]) -> None:
         self._covered = covered
@@ -128,7 +129,7 @@ class _Renamed(ast.NodeTransformer):
 
 
 def _judged(node: ast.expr, names: dict[str, Any]) -> Judged:
-    """Judge a part of the expression: `and` by its worst part, `or` by its best."""
+    """Evaluate a part of the expression: `and` by its worst operand, `or` by its best."""
     if isinstance(node, ast.BoolOp):
         parts = [_judged(each, names) for each in node.values]
         best = isinstance(node.op, ast.Or)
@@ -160,7 +161,7 @@ def _judged(node: ast.expr, names: dict[str, Any]) -> Judged:
 
 
 def _compared(op: ast.cmpop, left: ast.expr, right: ast.expr, names: dict[str, Any]) -> Judged:
-    """Judge a comparison of two sides; the quantity is the side that is not constant."""
+    """Evaluate a comparison; the reported quantity is the side that is not constant."""
     one, other = _value(left, names), _value(right, names)
     holds = bool(_COMPARES[type(op)](one, other))
     first, second = _number(one), _number(other)
@@ -199,7 +200,7 @@ def _value(node: ast.expr, names: dict[str, Any]) -> Any:
 
 
 def _number(value: Any) -> float:
-    """Return a value as a number: the last one of several; not a number if it is none."""
+    """Return a value as a number: the last element of a sequence; nan if it is not numeric."""
     try:
         return float(value)
     except (TypeError, ValueError):
@@ -208,7 +209,7 @@ def _number(value: Any) -> float:
 
 
 def _numbers(value: Any) -> Sequence[float]:
-    """Return all numbers of a value."""
+    """Return all numbers in a value."""
     try:
         return [float(each) for each in _plain(value)]
     except (TypeError, ValueError):

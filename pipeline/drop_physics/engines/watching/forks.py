@@ -1,4 +1,4 @@
-"""Trials that part from a run: it stops before a call of its engine, and forks for each.
+"""Trial runs forked from a run that pauses before an engine call.
 
 Interpreter, imports, generators, clock and inputs are the same memory in all of them, so nothing
 has to be repeated. The recorder asks for a trial through a socket, with a pipe and a block of
@@ -28,16 +28,16 @@ if TYPE_CHECKING:
     from .host import ScriptWatch
 
 FIRST_USE, FIRST_LINE = -1, -2
-"""Where a run stops, instead of after some steps: before it first uses its engine, or before the
-first line of the script after its imports."""
+"""Where a run pauses, instead of after a number of steps: before it first uses its engine, or
+before the first line of the script after its imports."""
 LENGTH = struct.Struct("<I")
-"""Head of a request: the length of its JSON. Two descriptors go with it, or three."""
+"""Header of a request: the length of its JSON. Two or three file descriptors are sent with it."""
 LOOKS_EVERY_S = 0.02
-"""Interval at which the end of a trial is checked [s]."""
+"""Interval at which the paused run checks for ended trials [s]."""
 
 
 class Forks:
-    """The trials of a run.
+    """The trials that are forked from a run.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Forks:
         self._is_trial = False
 
     def stop(self, *, steps: bool) -> bool:
-        """Stop before a call of an engine, if this is the one; return whether this is now a trial.
+        """Pause before an engine call, if this is the one; return whether this is now a trial.
 
         Parameters
         ----------
@@ -71,11 +71,11 @@ class Forks:
 
     @property
     def at_first_line(self) -> bool:
-        """True if the run stops before the first line of the script after its imports."""
+        """True if the run pauses before the first line of the script after its imports."""
         return self._at == FIRST_LINE
 
     def stop_at_first_line(self) -> None:
-        """Stop before the first line after the imports; what goes on from there is a trial."""
+        """Pause before the first line after the imports; what continues is a trial."""
         self._stop()
 
     def _stop(self) -> bool:
@@ -89,13 +89,13 @@ class Forks:
                 return True
 
     def end(self) -> None:
-        """End a trial at once: Python's own exit frees memory, which would copy it."""
+        """End a trial at once: Python's own exit frees memory, and so copies shared pages."""
         if self._is_trial:
             atexit._run_exitfuncs()
             os._exit(0)
 
     def _next(self) -> list[Any]:
-        """Return the next request and its descriptors; end if nobody asks."""
+        """Return the next request and its descriptors; end if there are no more."""
         while not select.select([self._socket], [], [], LOOKS_EVERY_S if self._children else None)[
             0
         ]:
@@ -112,7 +112,7 @@ class Forks:
         return [json.loads(text), *files]
 
     def _reap(self) -> None:
-        """Report the outcomes of ended trials."""
+        """Report the exit statuses of ended trials."""
         for process in [*self._children]:
             ended, status, used = os.wait4(process, os.WNOHANG)
             if ended:
@@ -126,7 +126,7 @@ class Forks:
             self._watch.pipe.flush()
 
     def _forked(self, trial: dict[str, Any], pipe: int, block: int, printed: int) -> bool:
-        """Fork from the run; return whether this process is the trial."""
+        """Fork from the paused run; return whether this process is the trial."""
         watch, files = self._watch, (pipe, block, printed)
         begun, child = b"", -1
         if not self._shared(*files) and watch.can_become(trial):
@@ -162,7 +162,7 @@ class Forks:
         return False
 
     def _begin(self, trial: dict[str, Any], files: tuple[int, int, int], ready: int) -> None:
-        """Give a new fork its own files and streams; the run waits until then."""
+        """Give a new fork its own files and streams; the paused run waits until then."""
         limits.lead_a_group()
         if trial["limits"] is not None:
             limits.keep(trial["limits"])
@@ -177,14 +177,14 @@ class Forks:
         os.close(ready)
 
     def _shared(self, *files: int) -> str:
-        """Return the resources that a trial would share with the run."""
+        """Return the resources that a trial would share with the paused run."""
         ours = {self._watch.pipe.descriptor, self._socket.fileno(), *files}
         return descriptors.shared(ours, self._watch.pipe.inode_of_block)
 
 
 @contextlib.contextmanager
 def _ending_where_it_fails() -> Iterator[None]:
-    """End this new fork if an error occurs, so that its parent notices."""
+    """End this new fork if an exception occurs, so that its parent notices."""
     try:
         yield
     except BaseException:  # noqa: BLE001 - the script must not go on

@@ -1,4 +1,4 @@
-"""Errors without our frames, as if they came from the engine's function itself."""
+"""Hides our frames in tracebacks, as if errors came from the engine's function itself."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ WRAPPERS = (
     os.path.join(_ENGINES, "watching", ""),
     *(os.path.join(_ENGINES, name, "watch", "") for name in ENGINES),
 )
-"""The folders whose functions stand before others."""
+"""The folders whose functions wrap others."""
 
 
 def hide(error: BaseException) -> None:
-    """Remove our frames from the near end of an error's traceback; follow it with a bare `raise`.
+    """Remove our frames from the near end of a traceback; follow it with a bare `raise`.
 
     Such a `raise` adds no frame: Python notes one where an error arises and where a call returns
     with it, but not where it is raised again. So a script that catches the error, prints it or
@@ -31,7 +31,7 @@ def hide(error: BaseException) -> None:
 
 
 def hiding(call: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a wrapper whose frames appear in no traceback of the script's."""
+    """Return a wrapper whose frames do not appear in tracebacks."""
 
     def called(*args: Any, **kwargs: Any) -> Any:
         try:

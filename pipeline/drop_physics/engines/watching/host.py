@@ -1,4 +1,4 @@
-"""A watched script: everything that is the same for all engines.
+"""A watched script: the parts that are the same for all engines.
 
 An engine's own part (`EngineWatch`) is in the engine's folder: it replaces its functions, sends
 their effects, and counts steps here.
@@ -32,19 +32,19 @@ from .sites import Sites, caller
 from .turns import Turn
 
 IDLE_S = 60.0
-"""A script that sleeps or asks for input this long [s] without a step waits for a user who is not
-there."""
+"""A script that sleeps or polls for input for this long [s] without a step is waiting for a user
+who is not there."""
 Call = Callable[..., Any]
 TOLD_EVERY = 8
-"""After this many steps it is looked whether what was not sent yet has waited for long."""
+"""Number of steps after which it is checked whether unsent bytes have waited too long."""
 
 
 class Stop(SystemExit):
-    """The end of a script at its limit; few scripts catch this, and threads end silently."""
+    """Exception that ends a script at its limit; few scripts catch it, and threads end silently."""
 
 
 class EngineWatch(ABC):
-    """The watch over an engine's functions; methods that an engine does not need do nothing.
+    """Watches an engine's functions; methods that an engine does not need do nothing.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class EngineWatch(ABC):
         host.engines.append(self)
 
     def guarded(self, world: Any, do: Callable[..., object], *arguments: Any) -> None:
-        """Run code of ours; if it fails, its simulation is not followed any more.
+        """Run our own code; if it fails, stop following its simulation.
 
         The script continues: our errors must not reach it.
         """
@@ -77,15 +77,15 @@ class EngineWatch(ABC):
 
     @abstractmethod
     def become(self, trial: dict[str, Any]) -> None:
-        """Continue as a trial, in a new fork."""
+        """Continue as a trial run, in a new fork."""
 
     def can_become(self, trial: dict[str, Any]) -> bool:
-        """Return whether a trial differs only in steps still to come."""
+        """Return whether a trial differs only in steps not yet made."""
         del trial
         return True
 
     def possible(self, rows: Sequence[dict[str, Any]]) -> list[Change]:
-        """Return the single changes of table rows that are possible in an observed run."""
+        """Return the single changes from table rows that are possible in an observed run."""
         del rows
         return []
 
@@ -94,24 +94,24 @@ class EngineWatch(ABC):
         self.host.tell("episode", **what)
 
     def observed(self) -> Observed | None:
-        """Return the simulation that was stepped last, in the form that expectations read."""
+        """Return the last stepped simulation, in the form that expectations read."""
         return None
 
     def catch_up(self) -> None:  # noqa: B027
-        """Make the steps that real-time simulations owe; the caller holds the turn."""
+        """Make the steps that real-time simulations are due; the caller holds the lock."""
 
     def stop(self) -> None:  # noqa: B027
-        """Let the script end at its next call."""
+        """End the script at its next engine call."""
 
     def settle(self) -> None:  # noqa: B027
-        """Send the rest of all simulations; the caller holds the turn."""
+        """Send all unsent data of all simulations; the caller holds the lock."""
 
     def finish(self) -> None:  # noqa: B027
         """Stop following all simulations."""
 
 
 class ScriptWatch:
-    """State of a running script.
+    """State of a watched script while it runs.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ class ScriptWatch:
             os.register_at_fork(after_in_child=partial(_leave, ref(self)))
 
     def become(self, trial: dict[str, Any], pipe: int, block: int) -> None:
-        """Continue as a trial, in a new fork.
+        """Continue as a trial run, in a new fork.
 
         Parameters
         ----------
@@ -213,7 +213,7 @@ class ScriptWatch:
             engine.become(trial)
 
     def can_become(self, trial: dict[str, Any]) -> bool:
-        """Return whether a trial differs only in what is still to come.
+        """Return whether a trial differs only in what has not happened yet.
 
         An engine that is not imported yet would begin without what differs.
         """
@@ -227,15 +227,15 @@ class ScriptWatch:
         self._undo.append(undo)
 
     def on_import(self, name: str, then: Then, *, once: bool = True) -> None:
-        """Call a function with a module when the script imports it: once, or every time."""
+        """Call a function with a module on the script's import of it: once, or every time."""
         self.on_removal(on_import(name, then, once=once))
 
     def on_extension(self, name: str, then: Then) -> None:
-        """Call a function with every module that an extension's file becomes."""
+        """Call a function with every module object that is loaded from an extension file."""
         self.on_removal(on_extension(name, then))
 
     def remove(self) -> None:
-        """Restore all functions; copies kept by the script then just call the engine."""
+        """Restore all replaced functions; copies that the script kept just call the engine."""
         self.on = False
         while self._undo:
             self._undo.pop()()
@@ -243,7 +243,7 @@ class ScriptWatch:
         self.lock.remove()
 
     def leave(self) -> None:
-        """Stop watching, in a forked child; only the fact that it steps is noted."""
+        """Stop watching, in a forked child; only the fact that it makes steps is noted."""
         self.remove()
         self._left = self.pipe.counters
         self.pipe.leave()
@@ -251,7 +251,7 @@ class ScriptWatch:
             setattr(owner, name, hook)
 
     def step_apart(self) -> None:
-        """Note a step that is not watched, in a forked child."""
+        """Note an unwatched step in a forked child."""
         if self._left is not None:
             self._left[APART] = 1
 
@@ -273,31 +273,31 @@ class ScriptWatch:
     # -- what is told -----------------------------------------------------------------------------
 
     def tell(self, what: str, **values: Any) -> None:
-        """Send a note."""
+        """Send a message to the recorder."""
         with self.lock:
             self.pipe.note(what, **values)
 
     def tell_place(self, what: str, frame: Any, **values: Any) -> None:
-        """Send a note about a line of the script."""
+        """Send a message about a line of the script."""
         file, line = self.sites.place(frame)
         self.tell(what, file=file, line=line, **values)
 
     def tell_draw(self, called: str, frame: Any) -> None:
-        """Report an unseeded random number, at the script's line that causes the draw."""
+        """Report an unseeded random number, with the script's line that caused the draw."""
         self.tell_place("unseeded", self.sites.outside(frame), called=called)
 
     def tell_intervention(self, number: int) -> None:
-        """Report, once, that an intervention has changed something."""
+        """Report, once, that an intervention had an effect."""
         if number not in self._intervened:
             self._intervened.add(number)
             self.tell("intervened", number=number)
 
     def _tell_timing(self, frame: Any) -> None:
-        """Report the script's line that reads a time between steps."""
+        """Report the script's line that reads the clock between steps."""
         self.tell_place("timing", frame)
 
     def listen_outside(self) -> None:
-        """Report what the script reaches beside its simulation, until this interpreter ends."""
+        """Report what the script accesses outside its simulation, until the interpreter ends."""
         self._outside = Outside(self._tell_outside, lambda: {self.pipe.descriptor})
         self._outside.listen()
 
@@ -341,7 +341,7 @@ class ScriptWatch:
             self.tell("answer", value=None, error=f"{type(error).__name__}: {error}")
 
     def tell_answer(self) -> None:
-        """Report the evaluator's result after the run."""
+        """Send the evaluator's result after the run."""
         if self.evaluator is None:
             return
         try:
@@ -352,18 +352,18 @@ class ScriptWatch:
         self.tell("answer", value=value, error=error)
 
     def failed(self, error: BaseException) -> None:
-        """Pass an error that ends the script, or one of its tests, to the evaluator."""
+        """Pass an exception that ends the script, or one of its tests, to the evaluator."""
         if self.evaluator is not None:
             evaluator = self.evaluator
             self._apart(lambda: evaluator.failed(error))
 
     def before_end(self) -> None:
-        """Evaluate before a simulation ends."""
+        """Let the evaluator evaluate before a simulation ends."""
         if self.evaluator is not None:
             self._apart(self.evaluator.before_end)
 
     def _apart(self, evaluate: Callable[[], Any]) -> Any:
-        """Evaluate with the engines' own functions, unwatched and unchanged."""
+        """Evaluate with the engines' original functions, unwatched and without changes."""
         on, self.on = self.on, False
         try:
             return evaluate()
@@ -387,7 +387,7 @@ class ScriptWatch:
             self.stop("idle")
 
     def stop(self, why: str) -> None:
-        """End the script: here, and at any further call of an engine."""
+        """End the script: here, and at any further engine call."""
         self.stopped = why
         for engine in self.engines:
             engine.stop()
@@ -396,14 +396,14 @@ class ScriptWatch:
         raise Stop(0)
 
     def check(self) -> None:
-        """Raise again if the script has caught the end; end also without a recorder."""
+        """Raise again if the script caught `Stop`; also end the script if the recorder is gone."""
         if self.stopped or self.pipe.gone:
             raise Stop(0)
 
     # -- the end ----------------------------------------------------------------------------------
 
     def settle(self) -> None:
-        """Send the rest of all simulations so far."""
+        """Send all unsent data of all simulations so far."""
         with self.lock:
             self._look_outside()
             self.environments.settle()
@@ -412,7 +412,7 @@ class ScriptWatch:
             self.pipe.flush()
 
     def finish(self) -> None:
-        """Send the rest, and stop watching: nothing further is recorded."""
+        """Send all unsent data, and stop watching: nothing further is recorded."""
         with self.lock:
             self.settle()
             here = current_thread()

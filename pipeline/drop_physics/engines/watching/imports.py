@@ -1,4 +1,4 @@
-"""Watching of modules from their import on."""
+"""Calls functions when a script imports certain modules."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from typing import Any
 from .hidden import hiding
 
 Then = Callable[[ModuleType], None]
-"""Handler of an imported module."""
+"""Function that is called with an imported module."""
 
 
 def on_import(name: str, then: Then, *, once: bool) -> Callable[[], None]:
-    """Call a function with a module when the script imports it: every time, or once.
+    """Call a function with a module on the script's import of it: every time, or once.
 
     Return what stops waiting.
     """
@@ -31,7 +31,7 @@ def on_import(name: str, then: Then, *, once: bool) -> Callable[[], None]:
 
 
 def on_extension(name: str, then: Then) -> Callable[[], None]:
-    """Call a function with every module that an extension's file becomes, however it is loaded.
+    """Call a function with every module object that is loaded from an extension file.
 
     `importlib` can make one under another name, or beside the one that is imported already; all of
     them come from one function of Python's. The last part of the name is always the extension's.
@@ -59,7 +59,7 @@ def _nothing() -> None:
 
 
 class _OnImport:
-    """Calls a function with a module when the script imports it: every time, or once.
+    """Calls a function with a module on the script's import of it: every time, or once.
 
     Python asks it as a finder (`sys.meta_path`); `importlib.abc` has a class for those, and takes
     as long to import as all of ours.
@@ -70,7 +70,7 @@ class _OnImport:
         self._over = False
 
     def remove(self) -> None:
-        """Stop waiting."""
+        """Stop waiting for the import."""
         self._over = True
         finders: list[Any] = sys.meta_path
         if self in finders:

@@ -1,4 +1,4 @@
-"""Limits of a run: a process group that ends with us, processor time, and memory."""
+"""Limits of a run: a process group that ends with its parent, processor time, and memory."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from typing import Any
 PR_SET_PDEATHSIG, SIGKILL = 1, 9
 """Numbers from Linux's `sys/prctl.h` and `signal.h`."""
 MOST_WANTED = "1000"
-"""The score with which Linux ends a process first where memory runs out."""
+"""The OOM score with which Linux kills a process first when memory runs out."""
 
 
 def end_with_parent() -> None:
-    """Have the system end this process when its parent is killed, since nothing else could."""
+    """Make the system end this process when its parent is killed."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, SIGKILL)
 
 
 def keep(limits: dict[str, Any]) -> None:
-    """Keep this process and its forks within limits.
+    """Limit this process and its forks.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def keep(limits: dict[str, Any]) -> None:
 
 
 def lead_a_group() -> None:
-    """Make this new fork the leader of a process group, which is ended as one."""
+    """Make this new fork the leader of a process group, which can be ended as a whole."""
     os.setpgid(0, 0)
     end_with_parent()
     signal.signal(signal.SIGXCPU, signal.SIG_DFL)

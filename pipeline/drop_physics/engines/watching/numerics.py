@@ -1,4 +1,4 @@
-"""Dependences of a script's numbers beside its text: numpy, its BLAS, threads, hashes."""
+"""What a script's numbers depend on besides its text: numpy, its BLAS, threads, hash seed."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from types import ModuleType
 from typing import Any
 
 MAPS = "/proc/self/maps"
-"""The files that this process has in memory, on Linux."""
+"""List of the files that this process has mapped into memory, on Linux."""
 PREFIXES, SUFFIXES = ("scipy_openblas_", "openblas_"), ("64_", "")
-"""Affixes of OpenBLAS's function names in wheels and distributions."""
+"""Prefixes and suffixes of OpenBLAS's function names in wheels and distributions."""
 
 
 def hashes() -> str:
-    """Return the seed of the order of sets: `random` if none is set."""
+    """Return the seed that orders sets: `random` if none is set."""
     return os.environ.get("PYTHONHASHSEED") or "random"
 
 

@@ -1,4 +1,4 @@
-"""A simulation in the form that expectations read: the common part of all engines."""
+"""A simulation in the form that expectations read: the parts that all engines share."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 NUMBERS = 9
-"""Numbers of the three points that stand for a body in `Observed.positions`."""
+"""Number of coordinates of the three points that represent a body in `Observed.positions`."""
 NEAREST = 5
-"""Known names that are listed beside one that is unknown."""
+"""Number of known names that are suggested for an unknown one."""
 
 
 class UnknownNameError(Exception):
-    """An unknown name, and the nearest known ones."""
+    """An unknown name, with the most similar known ones."""
 
     def __init__(self, name: str, known: Iterable[object]) -> None:
         super().__init__(name)
@@ -23,7 +23,7 @@ class UnknownNameError(Exception):
 
 
 def nearest(name: str, known: Iterable[object]) -> list[str]:
-    """Return the known names that are nearest to an unknown one."""
+    """Return the known names that are most similar to an unknown one."""
     named = sorted({str(each) for each in known})
     return difflib.get_close_matches(name, named, NEAREST, cutoff=0.0)
 
@@ -69,7 +69,7 @@ class Observed(ABC):
 
     @abstractmethod
     def astray(self) -> dict[str, float]:
-        """Return the distance of joints from the script's current commands, by the command's name.
+        """Return the distance of joints from their current targets, by the name of the command.
 
         The distance is one of positions [rad, m], or of velocities [rad/s, m/s].
         """

@@ -17,12 +17,12 @@ OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
     ">": lambda held, least: held.clip(min=least) if hasattr(held, "clip") else max(held, least),
     "<": lambda held, most: held.clip(max=most) if hasattr(held, "clip") else min(held, most),
 }
-"""Functions of what is held and of what an intervention gives, by name: the last four set and
-clear bits, and set a least and a largest value."""
+"""Functions of the current value and of an intervention's operand, by name: the last four set and
+clear bits, and apply lower and upper bounds."""
 
 
 def becoming(held: Any, how: Sequence[Any]) -> Any:
-    """Return a value after an operator, applied to each element of a list."""
+    """Return a value after an operator; applied to each element of a list."""
     name, given = how
     if name != "=" and isinstance(held, (list, tuple)):
         each = given if isinstance(given, (list, tuple)) else [given] * len(held)

@@ -1,4 +1,4 @@
-"""Resources that a script reaches beside its simulation, to know whether it may be run again.
+"""What a script accesses outside its simulation, to know whether it may be run again.
 
 Sockets, other programs, devices, and files that it writes elsewhere than in its working directory
 or in the system's folder for temporary ones; of the files there, those that another run of it would
@@ -21,25 +21,25 @@ from .draws import is_imported
 CONNECTS = ("socket.connect", "socket.bind", "socket.sendto")
 STARTS = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn")
 TEMPORARY = ("/tmp", "/var/tmp", "/usr/tmp", os.curdir)
-"""Folders of Python's temporary files, unless the environment names one."""
+"""Folders for Python's temporary files, unless the environment names one."""
 OWN = ("tempfile.mkstemp", "tempfile.mkdtemp")
 REMOVES = ("os.remove", "os.rename", "os.rmdir", "os.truncate")
 CHANGES = ("os.chmod", "os.chown", "os.utime", "os.setxattr", "os.removexattr")
 MAKES = ("os.mkdir", "sqlite3.connect")
 LINKS = ("os.symlink", "os.link", "os.rename")
-"""Functions whose second argument is what they make."""
+"""Functions whose second argument is the path that they create."""
 QUIET = ("/dev/shm/", "/dev/dri/", "/dev/nvidia", "/dev/kfd", "/proc/")
-"""Devices that nothing comes of, as renderers use them."""
+"""Devices without side effects, as renderers use them."""
 CACHES = (f"{os.sep}__pycache__{os.sep}", f"{os.sep}.cache{os.sep}", f"matplotlib{os.sep}")
-"""Parts of paths that libraries write for themselves."""
+"""Parts of paths to which libraries write caches."""
 MOST = 8
-"""Things that are told."""
+"""Largest number of resources that are reported."""
 MOST_MADE = 1000
-"""Files and folders that are told, which the script has made."""
+"""Largest number of created files and folders that are reported."""
 
 
 class Outside:
-    """Reports resources that a script reaches outside, each once.
+    """Reports what a script accesses outside its simulation, each resource once.
 
     Parameters
     ----------
@@ -66,11 +66,11 @@ class Outside:
         self._allowed = tuple(os.path.join(each, "") for each in temporary)
 
     def listen(self) -> None:
-        """Begin."""
+        """Start listening to audit events."""
         sys.addaudithook(self._hear)
 
     def look(self) -> None:
-        """Report all open resources, whoever has opened them."""
+        """Report all open resources, whichever code opened them."""
         if not sys.platform.startswith("linux"):
             return
         networks = _network_sockets()
@@ -162,7 +162,7 @@ def _is_path(argument: object) -> bool:
 
 
 def _network_sockets() -> set[str]:
-    """Return the inodes of the sockets that lead to a network: not those of this machine alone."""
+    """Return the inodes of the sockets with a network connection, not local ones."""
     found = set()
     for name in ("tcp", "tcp6", "udp", "udp6", "raw", "raw6"):
         try:

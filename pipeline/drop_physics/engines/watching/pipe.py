@@ -1,4 +1,4 @@
-"""Frames from the script's process to the recorder, through a pipe.
+"""Sends frames from the script's process to the recorder, through a pipe.
 
 A stream begins with `MAGIC`. Each frame is a kind (one letter), the length of its payload (uint32,
 little-endian), and the payload. A stream may end at any byte: an incomplete frame is dropped.
@@ -19,7 +19,8 @@ from os import close, fstat, write
 from typing import Any
 
 MAGIC = b"DROPREC\x02"
-"""The last byte is the version: both halves belong to the same drop, unless somebody mixes them."""
+"""First bytes of a stream; the last one is the version, since both halves must belong to the same
+drop."""
 HEADER = struct.Struct("<cI")
 """Header of a frame: kind and length."""
 
@@ -34,48 +35,48 @@ point. SET: all of one body. CALL: the numbers in the arguments of a call. RESUL
 returned. IMAGE: JSON, then pixels.
 """
 HEAD = struct.Struct("<qq")
-"""Head of samples and states set by calls: number of the world or body, and step."""
+"""Header of samples and states set by calls: index of the world or body, and step."""
 CALL_HEAD = struct.Struct("<II")
-"""Head of a call: numbers of the world and of the site."""
+"""Header of a call: indices of the world and of the site."""
 NUMBER = struct.Struct("<d")
 IMAGE_HEAD = struct.Struct("<I")
-"""Head of an image: length of the JSON before its pixels."""
+"""Header of an image: length of the JSON before its pixels."""
 
 BLOCK = struct.Struct("=QQ")
-"""Start of the block: bytes sent so far, and bytes in it now."""
+"""Start of the block: bytes sent so far, and bytes now in the block."""
 BLOCK_BYTES = 1 << 20
 PLACES, COUNTERS = 1 << 12, 4
-"""Behind it are, of so many places that read, so many whole numbers in 64 bits: readings in all;
-whether some may be missing; the last step in which one was looked at; numbers in an answer."""
+"""After it, for at most this many reading lines, this many 64-bit integers: readings in all;
+whether some may be missing; the last step in which one was observed; numbers in a return value."""
 ANSWERS, EXTREMES = 10, 4
-"""Most numbers of an answer that are kept, and how many are kept of each: what the first and the
-last reading gave, the least and the greatest."""
+"""Largest number of values kept of a reading's return value, and how many are kept of each: that of
+the first and the last reading, the least and the greatest."""
 MOST_TARGETS = 1024
-"""Most bodies, links or pairs of them that are listed of a place that reads."""
+"""Largest number of bodies, links or pairs listed for a reading line."""
 APART = PLACES * COUNTERS
-"""Behind those is, of forked children, whether any makes a step: nothing else is told of them."""
+"""Offset of a flag, set if any forked child makes a step: nothing else is known of them."""
 ANSWERED = APART + 1
-"""Behind that are the answers of each place, as doubles."""
+"""Offset of the return values of each reading line, as doubles."""
 SHARED_BYTES = BLOCK_BYTES + 8 * (ANSWERED + PLACES * ANSWERS * EXTREMES)
 CUT_BYTES = 64
-"""Room in the block for the note that it is full and the pipe closed."""
+"""Bytes reserved in the block for the message that it is full and the pipe closed."""
 LONGEST = 1 << 29
-"""No payload is as long; four letters read as a length are longer."""
+"""Upper bound for the length of a payload; four letters misread as a length exceed it."""
 FLUSH_BYTES = 1 << 16
-"""Size of the block's contents above which they are sent before more is added."""
+"""Fill level above which the block is sent before more is added."""
 SHORT_BYTES = 1 << 14
-"""Messages sent at every call are shorter."""
+"""Upper bound for messages that are sent at every call."""
 FLUSH_S = 0.25
 
 
 READ_WRITE, SHARED_FIXED = 1 | 2, 0x01 | 0x10
 """Flags of `mmap`, the same on Linux and macOS."""
 MMAP: Any = [ctypes.c_void_p, ctypes.c_size_t, *[ctypes.c_int] * 3, ctypes.c_long]
-"""Arguments of the mapping."""
+"""Arguments for the memory mapping."""
 
 
 class Pipe:
-    """The sending end. Two threads must not use it at once: the sender holds `Watch.lock`.
+    """The sending end of the stream.
 
     What is sent at every call is packed into `memory` at `end`, and then counted as in `sent`;
     `make_room` comes first where `end` is beyond `limit`. With `again` another program of the same
@@ -109,11 +110,11 @@ class Pipe:
         self.flush()
 
     def hand_on(self) -> None:
-        """Leave the pipe to the program that replaces this one."""
+        """Leave the pipe to the program that replaces this process."""
         os.set_inheritable(self._pipe, True)
 
     def note(self, what: str, **values: Any) -> None:
-        """Send a JSON object."""
+        """Send a JSON message."""
         payload = encoded({"what": what, **values})
         if self.muted:
             self._hand_over(frame(NOTE, payload))
@@ -121,7 +122,7 @@ class Pipe:
             self.send(NOTE, payload)
 
     def mute(self) -> None:
-        """Send only notes from now on; other contents of the block are dropped."""
+        """Send only messages from now on; drop other contents of the block."""
         self.flush()
         self.muted, self.counts = True, [0, 0]
 
@@ -131,7 +132,7 @@ class Pipe:
         self.tick()
 
     def write(self, data: bytes) -> None:
-        """Put bytes into the block, which is sent when it is full enough."""
+        """Append bytes to the block, which is sent when it is full enough."""
         at, size = self.end, len(data)
         if at > self.limit or at + size > BLOCK_BYTES:
             at = self.make_room(size)
@@ -144,12 +145,12 @@ class Pipe:
                 self.make_room(size)
 
     def sent(self, end: int) -> None:
-        """Note the end of the block's contents."""
+        """Set the end of the block's contents after a direct write."""
         self.end = end
         self.counts[1] = end - BLOCK.size
 
     def make_room(self, size: int = SHORT_BYTES) -> int:
-        """Send the contents of the block; return the place of the next bytes in it."""
+        """Send the block's contents; return the offset for the next bytes."""
         self.flush()
         if self._closed and self.open and self.end + size > BLOCK_BYTES - CUT_BYTES:
             end = self.end + len(_CUT)
@@ -159,7 +160,7 @@ class Pipe:
         return self.end
 
     def tick(self) -> None:
-        """Send bytes that have waited long enough."""
+        """Send bytes that have waited too long."""
         if _now() - self._flushed_at > FLUSH_S:
             self.flush()
 
@@ -177,11 +178,11 @@ class Pipe:
 
     @property
     def sent_bytes(self) -> int:
-        """Number of bytes that have gone through the pipe."""
+        """Number of bytes sent through the pipe."""
         return self._before
 
     def become(self, pipe: int, block: int) -> None:
-        """Send into another pipe and block from now on, in a new fork with nothing unsent."""
+        """Switch to another pipe and block, in a new fork with nothing unsent."""
         os.pwrite(block, bytes(self.memory), 0)
         # In place: what is sent at every call keeps the memory's address.
         address = ctypes.addressof(ctypes.c_char.from_buffer(self.memory))
@@ -197,19 +198,19 @@ class Pipe:
         self._before = self.counts[0] = self.counts[1] = 0
 
     def close(self) -> None:
-        """Send the rest, and close the pipe: nothing is sent after that."""
+        """Send all remaining bytes, and close the pipe."""
         self.flush()
         self.leave()
 
     def leave(self) -> None:
-        """Close the pipe and send nothing, for a forked child, which shares the block."""
+        """Close the pipe without sending, in a forked child, which shares the block."""
         if self.open:
             self._forget()
             if self._is_ours():
                 close(self._pipe)
 
     def _forget(self) -> None:
-        """Drop everything that is still sent."""
+        """Drop everything that is sent from now on."""
         self.open = False
         self.memory, self.counts = bytearray(BLOCK_BYTES), [0, 0]
         self.counters = [0] * (APART + 1)
@@ -249,7 +250,7 @@ def encoded(note: dict[str, Any]) -> bytes:
 
 
 def frame(kind: bytes, payload: bytes) -> bytes:
-    """Return a frame as it goes through the pipe."""
+    """Return a frame as bytes."""
     return HEADER.pack(kind, len(payload)) + payload
 
 

@@ -1,4 +1,4 @@
-"""A view of the file system in which a run writes nothing of the user's.
+"""A private view of the file system, in which a run cannot change the user's files.
 
 The process gets mounts of its own. Folders that a script writes to are overlaid (Linux's overlayfs,
 5.13 or later): what is written there goes to a scratch folder, and is read from it. All else is
@@ -29,11 +29,11 @@ DISPLAYS = "/tmp/.X11-unix"
 CAPABILITIES_V3 = 0x20080522
 """Version of the structures that `capset` takes (`linux/capability.h`)."""
 MOUNTED = 4
-"""Place of the mount point in a line of `/proc/self/mountinfo`."""
+"""Index of the mount point in a line of `/proc/self/mountinfo`."""
 
 
 class Private:
-    """The private view of a process.
+    """The private file-system view of a process.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class Private:
         _keep_capabilities(on=False)
 
     def part(self, name: str) -> None:
-        """Continue with layers of its own, in a new fork; its parent waits."""
+        """Switch to layers of its own, in a new fork; its parent waits."""
         here, before = os.getcwd(), self._name
         _keep_capabilities(on=True)
         _unshare(CLONE_NEWNS)
@@ -106,17 +106,17 @@ class Private:
         _keep_capabilities(on=False)
 
     def holds(self, path: str) -> bool:
-        """Return whether a path lies in one of the layers."""
+        """Return whether a path lies in one of the writable layers."""
         return any(_is_in(path, layer) for layer in self._layers)
 
     def file(self, name: str) -> str:
-        """Return the path of a file of ours in the scratch folder."""
+        """Return the path of one of our files in the scratch folder."""
         folder = os.path.join(self._scratch, self._name)
         os.makedirs(folder, exist_ok=True)
         return os.path.join(folder, name)
 
     def _unshare(self) -> None:
-        """Leave the mounts of others, by right or as a user in a new namespace."""
+        """Leave the shared mount namespace, by privilege or as a user in a new namespace."""
         network = 0 if self._network else CLONE_NEWNET
         user, group = os.geteuid(), os.getegid()
         try:
@@ -134,14 +134,14 @@ class Private:
         _mount("none", "/", flags=MS_REC | MS_PRIVATE)
 
     def _keep_displays(self) -> None:
-        """Keep the sockets of displays reachable, since a socket in a layer has no listener."""
+        """Keep the display sockets reachable, since a socket in a layer has no listener."""
         for number, folder in enumerate(self._layers):
             if _is_in(DISPLAYS, folder) and os.path.isdir(DISPLAYS):
                 there = os.path.join(_below(number), os.path.relpath(DISPLAYS, folder))
                 _mount(there, DISPLAYS, flags=MS_BIND)
 
     def _overlay(self, number: int, folder: str) -> None:
-        """Put a layer over a folder; paths are relative, so that nothing has to be escaped."""
+        """Mount a layer over a folder; paths are relative, so that nothing must be escaped."""
         upper, work = (os.path.join(self._name, str(number), each) for each in ("upper", "work"))
         for each in (upper, work):
             os.makedirs(each, exist_ok=True)
@@ -153,12 +153,12 @@ class Private:
 
 
 def private_of(given: dict[str, Any] | None) -> Private | None:
-    """Return the view that options describe; None for the machine's own."""
+    """Return the view for the given options; None for the real file system."""
     return None if given is None else Private(**given)
 
 
 def _apart(folders: list[str]) -> Iterator[str]:
-    """Yield folders that lie in no other one, and hold no mount, which a layer would hide.
+    """Yield folders that lie in no other one, and contain no mount that a layer would hide.
 
     The outermost come first: folders within one need no layer of their own.
     """
@@ -177,7 +177,7 @@ def _is_in(path: str, folder: str) -> bool:
 
 
 def _below(number: int) -> str:
-    """Return the place at which the folder below a layer is bound."""
+    """Return the path at which the folder under a layer is bind-mounted."""
     return os.path.join("below", str(number))
 
 
@@ -237,7 +237,7 @@ class _Attributes(ctypes.Structure):
 
 
 def _called(name: str, *arguments: Any) -> int:
-    """Call a function of the C library.
+    """Call a function of the C library, and raise on failure.
 
     Raises
     ------
@@ -279,7 +279,7 @@ def _set_attributes(path: str, attributes: _Attributes, flags: int) -> None:
 
 
 def _keep_capabilities(*, on: bool) -> None:
-    """Use the capabilities given by our own namespace, or none.
+    """Use the capabilities granted in our own namespace, or none.
 
     With them a user could read and write files whose modes forbid it. The system's own
     administrator keeps all.
@@ -295,5 +295,5 @@ def _keep_capabilities(*, on: bool) -> None:
 
 
 def main(options: str) -> None:
-    """Enter a view, to find out whether the kernel offers it."""
+    """Enter a view, to test whether the kernel supports it."""
     Private(**json.loads(options)).enter()

@@ -1,4 +1,4 @@
-"""Scripts that replace their program (`os.exec…`), as some do to set variables before an import.
+"""Scripts that replace their process (`os.exec…`), as some do to set variables before an import.
 
 If the new program is Python that runs a file or a module, and no step was made yet, the new program
 is watched instead. Otherwise its steps are reported as missing.
@@ -19,16 +19,16 @@ from .host import ScriptWatch
 from .sites import HOME
 
 FUNCTIONS = ("execv", "execve")
-"""Those that all others of `os` call."""
+"""The functions that all other `os.exec…` functions call."""
 PYTHON = re.compile(r"(?:python|pypy)[\d.]*")
 VALUED = ("-W", "-X")
-"""Options of Python with a value of their own."""
+"""Options of Python that take a value."""
 WATCHING = os.path.dirname(os.path.abspath(__file__))
 MODULE = "watching.running"
 
 
 class Programs:
-    """Follows a script into the program that replaces it.
+    """Follows a script into the program that replaces its process.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Programs:
         self._watch, self._options, self._process = watch, options, getpid()
 
     def install(self) -> None:
-        """Replace the functions that replace a program."""
+        """Wrap the functions that replace the process."""
         for name in FUNCTIONS:
             original = getattr(os, name)
             setattr(os, name, hiding(partial(self._exec, original)))
@@ -74,7 +74,7 @@ class Programs:
             watch.on = True
 
     def _watched(self, arguments: Sequence[str]) -> list[str] | None:
-        """Return a command line of Python with watching added; None if it runs no file."""
+        """Return a Python command line with watching added; None if it runs no file."""
         if list(arguments[1:3]) == [WATCHING, MODULE]:  # as `sys.orig_argv` has it
             return self._command(arguments[:1], self._options["is_module"], arguments[4:])
         at = 1

@@ -1,4 +1,4 @@
-"""A script, run as Python would run it, and watched."""
+"""Runs a script as Python would run it, and watches it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ALWAYS = {
     "abc", "codecs", "encodings", "genericpath", "io", "ntpath", "os", "posixpath", "site", "stat",
     "zipimport",
 }  # fmt: skip
-"""Modules that Python imports before it knows the script."""
+"""Modules that Python imports before the script's folder is on the path."""
 _PACKAGE = __name__.partition(".")[0]
 
 

@@ -1,4 +1,4 @@
-"""Series over the steps of a run, and the operations of an expression on them.
+"""Series of quantities over the steps of a run, and the functions of expressions on them.
 
 A bare series stands for its end. This needs numpy, which the script's interpreter has to have.
 """
@@ -31,12 +31,12 @@ class Series(np.ndarray):
         return float(np.asarray(self)[-1]) if self.ndim else float(np.asarray(self))
 
     def at(self, time_s: float) -> Any:
-        """Return the value at a time [s]."""
+        """Return the value of the series at a time [s]."""
         return at(self, time_s)
 
 
 def series_of(values: Sequence[Any], times_s: Sequence[float]) -> Series:
-    """Return a series of values after steps at some times [s]."""
+    """Return a series of values at the given times [s]."""
     made = np.array(values, float).view(Series)
     made.times_s = np.array(times_s, float)
     return made
@@ -47,22 +47,22 @@ def _plain(values: Any) -> Any:
 
 
 def end(values: Any) -> Any:
-    """Return the last value."""
+    """Return the last value of a series."""
     return np.asarray(values)[-1]
 
 
 def peak(values: Any) -> float:
-    """Return the largest magnitude."""
+    """Return the largest magnitude in a series."""
     return float(np.max(np.abs(_plain(values))))
 
 
 def low(values: Any) -> float:
-    """Return the least value."""
+    """Return the smallest value."""
     return float(np.min(_plain(values)))
 
 
 def drift(values: Any) -> float:
-    """Return the distance of the end from the beginning."""
+    """Return the distance between the last and the first value."""
     plain = _plain(values)
     return float(np.linalg.norm(plain[-1] - plain[0]))
 
@@ -78,7 +78,7 @@ def norm(values: Any) -> Any:
 
 
 def at(values: Any, time_s: float) -> Any:
-    """Return the value of a series at a time [s]: after the first step that reaches it."""
+    """Return the value of a series at a time [s]: that of the first step at or after it."""
     times = values.times_s
     place = min(int(np.searchsorted(times, time_s * (1 - 1e-12))), len(times) - 1)
     return np.asarray(values)[place]
@@ -99,4 +99,4 @@ FUNCTIONS: dict[str, Any] = {
     "np": np,
     "math": math,
 }
-"""Functions of ours that an expression may name, apart from series."""
+"""Our functions that an expression may use, besides series."""

@@ -1,4 +1,4 @@
-"""A single change of a run, as tried by the causal search, for any engine.
+"""A single change to a run, as the causal search tries it, for any engine.
 
 The rows of the table define the changes. `single_changes` of an engine's `watch` returns those that
 would change something in a run, and their effects there.
@@ -11,49 +11,50 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 ORDERS = ("exchanged", "reversed")
-"""Operators on several elements together: their first half with their second, and their order."""
+"""Operators on several elements together: exchange of their halves, and reversal."""
 MOST_NAMES = 6
-"""Most elements of a change that are named one by one."""
+"""Largest number of changed elements that are named one by one."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """A change of some elements in one way."""
+    """One change applied to some elements."""
 
     change: str
     """Target of the change: a field of the compiled model, `option.timestep`, `flag.CONTACT`,
     `pair`, `input.ctrl`; or `function.argument`, `function` if a call is left out or added."""
     op: str
-    """The operator as a row has it: `=0`, `*10`, `=default`, `left out` …"""
+    """The operator as in a table row: `=0`, `*10`, `=default`, `left out` …"""
     how: tuple[str, Any]
-    """The operator and what it takes, as `operators` has it, or the engine's `changes`."""
+    """The operator and its operand, as in `operators`, or the engine's `changes`."""
     ids: tuple[Any, ...] = ()
-    """The elements, as the engine numbers them; none for the whole run."""
+    """The elements, by engine index; empty for the whole run."""
     of: tuple[str, ...] = ()
-    """Their names."""
+    """The names of the elements."""
     breaks: bool = False
-    """Whether it takes a part of the scene or of the command away."""
+    """Whether it removes a part of the scene or of the command."""
     site: tuple[str, int] | None = None
-    """File and line of the call; None for all, or if it is no call."""
+    """File and line of the call; None for all calls, or if it is not a call."""
     model: tuple[int, ...] = ()
-    """Key of the compiled model with these elements; empty without one."""
+    """Key of the compiled model with these elements; empty if there is none."""
     engine: str = ""
-    """The engine whose run it is."""
+    """The engine to which the change applies."""
     is_geometry: bool = False
-    """Whether it changes where things are, or how large."""
+    """Whether it changes positions or sizes."""
     bodies: tuple[str, ...] = ()
-    """The bodies whose elements all are changed, of which it can be; empty of some of them."""
+    """The bodies whose elements are all changed; empty if only some of their elements are."""
     on: tuple[str, ...] = ()
-    """The names of the links that the elements belong to, where these are not their own."""
+    """The names of the links to which the elements belong, if the elements are not named after
+    them."""
 
     @property
     def target(self) -> tuple[str, ...]:
-        """The names of the changed elements: if there are too many, those of their bodies."""
+        """The names of the changed elements, or of their bodies if there are too many."""
         names = self.bodies if self.bodies and len(self.of) > MOST_NAMES else self.of
         return tuple(dict.fromkeys(each for each in names if each))
 
     def of_some(self, places: Sequence[int]) -> Change:
-        """Return the same change restricted to some of its elements, by their places."""
+        """Return the same change restricted to some of its elements, by index."""
         ids, of, on = (
             tuple(held[place] for place in places if held) for held in (self.ids, self.of, self.on)
         )
@@ -61,7 +62,7 @@ class Change:
         return replace(self, ids=ids, of=of, on=on, bodies=bodies)
 
     def by(self, factor: float) -> Change:
-        """Return the same change by another factor.
+        """Return the same change with another factor.
 
         Raises
         ------
@@ -74,14 +75,14 @@ class Change:
 
 
 def change_of(told: Mapping[str, Any]) -> Change:
-    """Return a change from a run's report."""
+    """Return a change from a run's message."""
     lists = ("how", "ids", "of", "site", "model", "bodies", "on")
     pairs = {name: told[name] if told[name] is None else tuple(told[name]) for name in lists}
     return Change(**{**told, **pairs})
 
 
 def how_of(op: str, default: Any = 0.0) -> tuple[str, Any]:
-    """Return the operator and the operand of a row's text: `=0`, `*10`, `=default`, `held`."""
+    """Return operator and operand for a row's text: `=0`, `*10`, `=default`, `held`."""
     if op == "=default":
         return "=", default
     try:

@@ -1,4 +1,4 @@
-"""Sites of a script's calls: file and line, without folders of this machine."""
+"""Sites of a script's calls: file and line, without this machine's folders."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from .hidden import WRAPPERS
 from .pipe import Pipe
 
 HOME: list[str] = []
-"""The script's working directory, where it runs in a copy of that."""
+"""The script's original working directory, if it runs in a copy."""
 LIBRARY = os.path.dirname(os.__file__) + os.sep
-"""The folder of Python's own modules."""
+"""The folder of Python's standard library."""
 INSTALLED = re.compile(r"[/\\](site|dist)-packages[/\\]")
-"""Parts of the path of a library's module."""
+"""Path parts by which an installed library's module is recognised."""
 
 
 class Sites:
-    """Names for the lines of frames; reports the digest of the file that runs as a script."""
+    """Names the lines of frames; reports the digest of the file that runs as a script."""
 
     def __init__(self, pipe: Pipe) -> None:
         self._pipe = pipe
@@ -40,7 +40,7 @@ class Sites:
         return shown, frame.f_lineno
 
     def outside(self, frame: Any) -> Any:
-        """Return the innermost frame that is not a library's; the frame itself if all are."""
+        """Return the innermost frame that is not in a library; the frame itself if all are."""
         outer, libraries = frame, self._libraries
         while outer is not None:
             name = outer.f_code.co_filename
@@ -63,7 +63,7 @@ class Sites:
 
 
 def caller_of(frame: Any) -> Any:
-    """Return the frame of the script that called; another recording may be within this one."""
+    """Return the script's frame that called; another recording may wrap this one."""
     while frame.f_back is not None and frame.f_code.co_filename.startswith(WRAPPERS):
         frame = frame.f_back
     return frame
@@ -75,12 +75,12 @@ def caller() -> Any:
 
 
 def is_library(name: str) -> bool:
-    """Return whether a file of code is Python's own, or of an installed library."""
+    """Return whether a code file belongs to Python's or an installed library."""
     return name.startswith(("<frozen", LIBRARY)) or INSTALLED.search(name) is not None
 
 
 def shown_file(name: str) -> str:
-    """Return a file's name, relative to the working directory or the module path.
+    """Return a file name relative to the working directory or the module path.
 
     A notebook's cell is `In[3]`, as in IPython's own tracebacks.
     """

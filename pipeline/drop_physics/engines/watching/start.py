@@ -1,4 +1,4 @@
-"""Start of watching: from now on, the script's use of its engines is reported."""
+"""Starts watching: from now on, the script's use of its engines is reported."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def watch(
 
 
 def enter(scratch: str | None) -> None:
-    """Work in a copy of the working directory; files are named as in the original."""
+    """Change to a copy of the working directory; files are named as in the original."""
     if scratch is not None:
         HOME.append(os.getcwd())
         os.chdir(scratch)

@@ -1,4 +1,4 @@
-"""Turns: one thread at a time sends to the recorder, and no signal interrupts it."""
+"""A lock: one thread at a time sends to the recorder, and no signal interrupts it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .hidden import hiding
 
 
 class Turn:
-    """A lock that also holds back signals until it is released.
+    """A lock that also delays signals until it is released.
 
     A script's own handler, and Python's for Ctrl-C, may raise wherever it is called. Within our own
     code that would leave a message half sent, so it is called a moment later.
@@ -39,12 +39,12 @@ class Turn:
             self.give_back()
 
     def give_back(self) -> None:
-        """Call the delayed handlers, unless an outer turn continues."""
+        """Run the delayed signal handlers, unless an outer lock is still held."""
         while self.kept and not self._is_owned():
             self.kept.pop(0)()
 
     def install(self) -> None:
-        """Hold back signals of existing handlers, and of those that a script will install."""
+        """Delay the signals of existing handlers, and of those that a script will install."""
         if threading.current_thread() is not threading.main_thread():
             return
         signal.signal, signal.getsignal = self._set, self._get
@@ -52,7 +52,7 @@ class Turn:
             self._set(signal.SIGINT, signal.default_int_handler)
 
     def remove(self) -> None:
-        """Restore handlers and functions."""
+        """Restore the original signal handlers and functions."""
         if signal.signal == self._set:
             signal.signal, signal.getsignal = self._signal, self._getsignal
             for number, handler in self._handlers.items():

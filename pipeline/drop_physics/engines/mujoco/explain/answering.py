@@ -1,4 +1,4 @@
-"""Answer requests from standard input on standard output, each after its length (uint32)."""
+"""Answers requests from standard input on standard output, each preceded by its length (uint32)."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from .replay import Replay
 
 
 def main() -> None:
-    """Replay and explain until there are no more requests."""
+    """Replay and explain steps until there are no more requests."""
     answer(Replay())
 
 
 def answer(replay: Replay) -> None:
-    """Answer until there are no more requests."""
+    """Answer requests until there are no more."""
     requests = sys.stdin.buffer
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what MuJoCo prints must not get into the answer

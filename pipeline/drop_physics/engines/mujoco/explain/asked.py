@@ -1,4 +1,4 @@
-"""Steps to be taken again, in the form of a request from `stepping`."""
+"""Steps to be replayed, decoded from a request of `stepping`."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from ..frames import CALLBACKS, CLOCK
 from ..memory import StateMemory
 
 Rows = dict[str, Any]
-"""A row of each part, by name."""
+"""One row of each part, by name."""
 Answer = tuple[int, Any]
-"""The number of a callback, and what it returned, or the parts that it wrote."""
+"""Index of a callback, and its return value or the parts that it wrote."""
 
 
 class Edit(NamedTuple):
-    """Elements of a model that were changed in place."""
+    """Model elements that were changed in place."""
 
     step: int
-    """The step that is the first to see it."""
+    """The first step that uses the new values."""
     name: str
     indices: Any
     values: Any
 
 
 class StepsAsked:
-    """A piece of a simulation's steps, counted from the first of the piece.
+    """The steps of a chunk to be replayed, counted from the chunk's first step.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class StepsAsked:
             done += size
 
     def left(self, step: int) -> Rows:
-        """Return the state left by the step before, with the clock; for the first step, its own."""
+        """Return the state after the previous step, with the clock; for the first step, its own."""
         if not step:
             return {name: rows[0] for name, rows in self._before.items()}
         left = {name: rows[step - 1] for name, rows in self._after.items()}
@@ -92,11 +92,11 @@ class StepsAsked:
         }
 
     def changed(self, step: int) -> Rows:
-        """Return the inputs that change before a step."""
+        """Return the inputs that change right before a step."""
         return {name: rows[step] for name, rows in self._changed.items() if step in rows}
 
     def posed(self, step: int) -> Rows:
-        """Return the parts of another state for which positions were computed."""
+        """Return the parts of another state from which positions were computed."""
         return {name: rows[step] for name, rows in self._posed.items() if step in rows}
 
     def reached(self, name: str, step: int) -> Any:
@@ -104,7 +104,7 @@ class StepsAsked:
         return self._after[name][step]
 
     def cores(self, core: StateMemory) -> Any:
-        """Return the core after each step, as it lies in memory, shape (n, bytes)."""
+        """Return the core state after each step, in memory layout, shape (n, bytes)."""
         whole = np.zeros((len(self.clock_s), core.size), np.uint8)
         for part in core.parts:
             rows = np.ascontiguousarray(self._after[part.name])
@@ -112,13 +112,13 @@ class StepsAsked:
         return whole
 
     def answers(self, step: int, nv: int) -> list[Answer]:
-        """Return callbacks' writes within a step; `nv` is the number of degrees of freedom."""
+        """Return the effects of callbacks in a step; `nv` is the number of degrees of freedom."""
         payload = self._answers.get(step)
         return [] if payload is None else answers_in(payload, nv)
 
 
 def edits_of(arrays: dict[str, Any], edits: list[Any]) -> list[Edit]:
-    """Return edits: `step`, `name` and `count` of each, and their elements as arrays."""
+    """Return the edits, from step, name and count of each, and their elements as arrays."""
     made, done = [], 0
     for step, name, count in edits:
         its = slice(done, done + count)
@@ -140,7 +140,7 @@ def _by_step(arrays: dict[str, Any], group: str, name: str) -> dict[int, Any]:
 
 
 def answers_in(payload: bytes, nv: int) -> list[Answer]:
-    """Return the writes of callbacks in a `frames.CALLBACK`."""
+    """Return the effects of callbacks in a `frames.CALLBACK` payload."""
     *_, count = frames.CALLBACK_HEAD.unpack_from(payload)
     at, found = frames.CALLBACK_HEAD.size, list[Answer]()
     for _ in range(count):

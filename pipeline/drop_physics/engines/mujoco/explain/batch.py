@@ -1,4 +1,4 @@
-"""Steps of one simulation that wait to be explained together."""
+"""Collects steps of one simulation to explain them together."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from .layout import Layout
 from .summed import TermSums, TermTable, summed
 
 ANOTHER = "another engine"
-"""Difference of another program's step, or of its rounding, from MuJoCo's."""
+"""Cause kind for the difference of another program's step, or of its rounding, from MuJoCo's."""
 
 
 class ExplainedBatch(NamedTuple):
-    """A batch, explained."""
+    """A batch of steps with their explanations."""
 
     steps: Any
-    """The numbers of its steps, shape (n,)."""
+    """Indices of its steps, shape (n,)."""
     summed: TermSums
     points: Any
-    """Contacts (`constraints.POINT`); `row` is the step's number."""
+    """Contacts (`constraints.POINT`); `row` is the step's index."""
 
 
 class WaitingSteps:
-    """Gathers steps of one integrator.
+    """Collects steps of one integrator until they are explained.
 
     Parameters
     ----------
@@ -80,12 +80,12 @@ class WaitingSteps:
         return len(self.steps) >= self.room or self.copies.is_full
 
     def before(self, qpos: Any, qvel: Any) -> None:
-        """Keep the state before a step."""
+        """Store the state before a step."""
         at = len(self.steps)
         self._qpos[at], self._qvel[at] = qpos, qvel
 
     def evaluated(self, sparse: bool, applied: bool, pushed: bool) -> None:
-        """Copy an evaluation of forces: one for each step, or for each of its stages."""
+        """Copy the results of a force evaluation: one for each step, or for each of its stages."""
         at, d = self.copies.count, self._d
         if applied:
             self._qfrc[at] = d.qfrc_applied.copy()
@@ -97,7 +97,7 @@ class WaitingSteps:
         self.copies.copy(sparse)
 
     def after(self, step: int, qpos: Any, qvel: Any, h: float, gap: Any = None) -> None:
-        """Count a step; `gap` is the excess of another program's velocities over these."""
+        """Count a step; `gap` is another program's velocities minus these."""
         self._reached[len(self.steps)], self._after[len(self.steps)] = qpos, qvel
         if gap is not None:
             self._gaps[len(self.steps)] = gap
@@ -105,7 +105,7 @@ class WaitingSteps:
         self._h.append(h)
 
     def explain(self, *, sparse: bool) -> ExplainedBatch:
-        """Return the steps as sums, and start a new batch."""
+        """Explain the steps as sums, and start a new batch."""
         m, layout, copies = self._m, self._layout, self.copies
         copies.contacts.check(self._d)
         n, h = len(self.steps), np.array(self._h)
@@ -159,7 +159,7 @@ class WaitingSteps:
 
 
 def _filled(rows: dict[int, Any], count: int, shape: tuple[int, ...]) -> Any:
-    """Return arrays of some rows as one array, zero elsewhere."""
+    """Return the arrays of some rows as one array that is zero elsewhere."""
     full = np.zeros((count, *shape))
     for row, values in rows.items():
         full[row] = values
@@ -167,7 +167,7 @@ def _filled(rows: dict[int, Any], count: int, shape: tuple[int, ...]) -> Any:
 
 
 def _of_steps(rows: Any, numbers: Any, stages: int) -> Any:
-    """Return rows of the first evaluation of each step, with the step's number."""
+    """Return the rows of each step's first evaluation, with the step's index."""
     first = rows[rows["row"] % stages == 0] if stages > 1 else rows
     found = np.array(first, POINT)
     found["row"] = numbers[first["row"] // stages] if len(first) else 0

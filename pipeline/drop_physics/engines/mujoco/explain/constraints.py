@@ -1,4 +1,4 @@
-"""The forces of constraints: equalities, friction losses, limits, each pair's push and friction.
+"""Constraint forces: equalities, friction losses, limits, each contact pair's push and friction.
 
 MuJoCo has a row of the Jacobian J and a force f for each constraint, in any order. Rows with one
 cause are a group; its force is the sum of J f over its rows. A contact's rows are the edges of a
@@ -13,11 +13,11 @@ import numpy as np
 
 EQUALITY, FRICTION_DOF, FRICTION_TENDON, LIMIT_JOINT, LIMIT_TENDON = range(5)
 FRICTIONLESS, PYRAMIDAL, ELLIPTIC = 5, 6, 7
-"""`mjtConstraint`."""
+"""Contact types (`mjtConstraint`)."""
 KINDS = ("equality", "friction loss", "tendon friction", "limit", "tendon limit")
 PUSH, FRICTION = "push", "friction"
 MOST_FORCES = 6
-"""A contact has a normal force, two along tangents, torsion, and two of rolling."""
+"""Largest number of forces in a contact: normal, two tangential, torsional, two rolling."""
 
 POINT = np.dtype(
     [
@@ -29,13 +29,13 @@ POINT = np.dtype(
         ("force", np.float32, 3),
     ]
 )
-"""A contact: evaluation, number of its pair (`PairTable`); distance [m], position [m], normal from
-the first geom to the second, force [N] on the second. World axes. Single precision: impulses have
-more."""
+"""A contact: index of the evaluation and of its pair (`PairTable`); distance [m], position [m],
+normal from the first geom to the second, force [N] on the second. World axes. Single precision;
+impulses are more precise."""
 
 
 class PairTable:
-    """The pairs of geoms so far, with the friction between them, by number."""
+    """The geom pairs seen so far, with their friction coefficients, by index."""
 
     def __init__(self) -> None:
         self._known: dict[bytes, int] = {}
@@ -45,7 +45,7 @@ class PairTable:
         """Number of those that were sent."""
 
     def numbers(self, geoms: Any, frictions: Any) -> Any:
-        """Return the number of each pair; shapes (c, 2) and (c, 5)."""
+        """Return the index of each pair; shapes (c, 2) and (c, 5)."""
         rows = np.column_stack([geoms, frictions])
         mixed = (rows.view(np.uint64) * _MIXED).sum(axis=1, dtype=np.uint64)
         _, first, which = np.unique(mixed, return_index=True, return_inverse=True)
@@ -60,29 +60,29 @@ class PairTable:
 
 
 _MIXED = np.array([2 * (0x9E3779B97F4A7C15 * k % 2**63) + 1 for k in range(1, 8)], np.uint64)
-"""Odd numbers, with which other rows have other sums."""
+"""Odd factors that give different rows different hash sums."""
 
 
 class Groups(NamedTuple):
-    """Forces of constraints, a group for each evaluation and cause."""
+    """Forces of constraints, grouped by evaluation and cause."""
 
     rows: Any
-    """The evaluation of each group, shape (g,)."""
+    """Index of each group's evaluation, shape (g,)."""
     kinds: Any
-    """Types: of `KINDS`, or 5 for a push and 6 for friction, shape (g,)."""
+    """Types, as indices into `KINDS`; 5 is a push and 6 friction, shape (g,)."""
     first: Any
     second: Any
-    """Numbers of what is constrained, shape (g,)."""
+    """Indices of the constrained objects, shape (g,)."""
     dofs: Any
-    """The degrees of freedom of all groups, one behind the other."""
+    """The degrees of freedom of all groups, concatenated."""
     values: Any
-    """The forces on them."""
+    """The forces on these degrees of freedom."""
     starts: Any
-    """First element of each group, shape (g + 1,)."""
+    """Offset of each group's first element, shape (g + 1,)."""
 
 
 class Constrained(NamedTuple):
-    """Forces of all constraints in some evaluations."""
+    """Forces of all constraints in the given evaluations."""
 
     groups: Groups | None
     points: Any
@@ -152,7 +152,7 @@ def constrained(
 
 
 class _OfContacts(NamedTuple):
-    """The rows of contacts, and their weights."""
+    """The constraint rows of contacts, and their weights."""
 
     rows: Any
     pushes: Any
@@ -164,7 +164,7 @@ class _OfContacts(NamedTuple):
 def _points(
     copies: Any, pairs: PairTable, ncon: Any, base: Any, types: Any, forces: Any
 ) -> tuple[Any, _OfContacts]:
-    """Return the contacts with their forces, and the shares of push and friction in each row."""
+    """Return the contacts with their forces, and each row's shares of push and friction."""
     empty = np.empty(0, np.int64)
     none = _OfContacts(empty, np.empty(0), np.empty(0), empty, empty)
     if not ncon.any():
@@ -205,7 +205,7 @@ def _points(
 
 
 def _dense_sums(copies: Any, nv: int, rows: Any, weights: Any, begins: Any) -> tuple[Any, ...]:
-    """Return the sums of groups of rows of a full Jacobian: dofs, values, starts."""
+    """Return the sums of row groups of a dense Jacobian: dofs, values, starts."""
     if not len(rows):
         return np.empty(0, int), np.empty(0), np.zeros(1, int)
     jacobian = copies.columns("efc_J", np.float64).reshape(-1, nv)
@@ -218,7 +218,7 @@ def _dense_sums(copies: Any, nv: int, rows: Any, weights: Any, begins: Any) -> t
 def _sparse_sums(
     copies: Any, row_of: Any, base: Any, rows: Any, weights: Any, new: Any
 ) -> tuple[Any, ...]:
-    """Return the sums of groups of rows of a sparse Jacobian: dofs, values, starts.
+    """Return the sums of row groups of a sparse Jacobian: dofs, values, starts.
 
     The rows of a group have the same columns, with the same bodies; where one has not, its group
     is summed by column.

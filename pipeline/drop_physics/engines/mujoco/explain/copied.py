@@ -1,4 +1,4 @@
-"""Results of MuJoCo for some steps, copied while the steps were taken."""
+"""MuJoCo's results for the replayed steps, copied during the steps."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 from ..memory import view_of
 
 BATCH_BYTES = 6 << 20
-"""About so much is copied before it is explained."""
+"""Approximate number of bytes that are copied before they are explained."""
 FEWEST, MOST = 8, 512
-"""Steps of a batch."""
+"""Smallest and largest number of steps in a batch."""
 NEAR = 512
-"""Arrays with gaps of at most so many bytes are copied together."""
+"""Arrays separated by gaps of at most this many bytes are copied together."""
 FORCES = (
     *("qfrc_bias", "qfrc_spring", "qfrc_damper", "qfrc_gravcomp", "qfrc_fluid", "qfrc_adhesion"),
     *("qfrc_passive", "actuator_force", "qfrc_actuator", "qfrc_smooth", "qfrc_constraint", "qacc"),
@@ -23,11 +23,11 @@ MOMENTS = ("actuator_moment", "moment_rownnz", "moment_rowadr", "moment_colind")
 TENDONS = ("ten_length", "ten_velocity", "ten_J")
 OF_TENDONS = ("ten_J_rownnz", "ten_J_rowadr", "ten_J_colind")
 CONTACT = ("dist", "pos", "frame", "friction", "dim", "geom", "efc_address")
-"""Fields of a contact that are used."""
+"""Fields of a contact that are read."""
 
 
 class MemorySpan:
-    """Some arrays of an MjData that are copied together.
+    """Arrays of an MjData that are adjacent in memory and copied together.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class MemorySpan:
 
 
 def spans_of(arrays: dict[str, Any]) -> list[MemorySpan]:
-    """Return the spans that hold all arrays that have elements."""
+    """Return the memory spans that cover all non-empty arrays."""
     held = sorted(
         ((name, array) for name, array in arrays.items() if array.nbytes),
         key=lambda item: item[1].ctypes.data,
@@ -63,7 +63,7 @@ def spans_of(arrays: dict[str, Any]) -> list[MemorySpan]:
 
 
 class Contacts:
-    """The place of an MjData's contacts: the start of its arena, one behind the other."""
+    """The memory location of an MjData's contacts: a contiguous array at the start of its arena."""
 
     def __init__(self) -> None:
         self.size = 0
@@ -72,13 +72,13 @@ class Contacts:
         self._at = 0
 
     def copy(self, d: Any, count: int) -> bytes:
-        """Return all contacts as bytes."""
+        """Copy all contacts as bytes."""
         if not self.size:
             self._learn(d)
         return view_of(self._at, count * self.size).tobytes()
 
     def check(self, d: Any) -> None:
-        """Raise LookupError if the contacts of an MjData that has some do not lie there."""
+        """Raise LookupError if an MjData has contacts, and they are not at that location."""
         if self.size and d.ncon and d.contact.dist.ctypes.data != self._at:
             raise LookupError("contacts are not at the start of the arena")
 
@@ -97,7 +97,7 @@ class Contacts:
 
 
 class Copies:
-    """Evaluations of a model, one behind the other.
+    """Copied results of a model's evaluations, in order.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class Copies:
         self.begin()
 
     def begin(self) -> None:
-        """Forget all copies."""
+        """Discard all copies."""
         self.count = self.bytes = 0
         self.nefc: list[int] = []
         self.ncon: list[int] = []
@@ -143,11 +143,11 @@ class Copies:
 
     @property
     def is_full(self) -> bool:
-        """Return whether the copies are full."""
+        """Return whether the buffer is full."""
         return self.count >= self.room or self.bytes > BATCH_BYTES
 
     def copy(self, sparse: bool) -> None:
-        """Copy the results of the last evaluation; `sparse` is the form of its Jacobian."""
+        """Copy the results of the last evaluation; `sparse` says whether its Jacobian is sparse."""
         d, at = self._d, self.count
         for rows, view in self._pairs:
             rows[at] = view
@@ -173,7 +173,7 @@ class Copies:
         self.bytes += len(jacobian) + 32 * nefc + ncon * self.contacts.size
 
     def named(self) -> dict[str, Any]:
-        """Return the arrays by name, shape (count, elements)."""
+        """Return the copied arrays by name, shape (count, elements)."""
         found = {}
         for span, rows in zip(self.spans, self._rows):
             for name, begin, size, dtype in span.parts:
@@ -182,5 +182,5 @@ class Copies:
         return found
 
     def columns(self, name: str, dtype: Any) -> Any:
-        """Return one array of all evaluations, one behind the other."""
+        """Return one array of all evaluations, concatenated."""
         return np.frombuffer(b"".join(self.rows[name]), dtype)

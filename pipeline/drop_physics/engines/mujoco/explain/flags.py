@@ -1,4 +1,4 @@
-"""The bits that switch a model's features off or on; their places differ by version."""
+"""Flag bits that disable or enable a model's features; their values differ by version."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import mujoco
 
 
 def _bits(kind: Any, *names: str) -> int:
-    """Return the bits of the names that this version knows."""
+    """Return the bits of the flag names that this version has."""
     return sum(int(getattr(kind, name)) for name in names if hasattr(kind, name))
 
 
@@ -16,7 +16,7 @@ _OFF, _ON = mujoco.mjtDisableBit, mujoco.mjtEnableBit
 NO_SPRING = _bits(_OFF, "mjDSBL_SPRING", "mjDSBL_PASSIVE")
 NO_DAMPER = _bits(_OFF, "mjDSBL_DAMPER", "mjDSBL_PASSIVE")
 NO_EULERDAMP = NO_DAMPER | _bits(_OFF, "mjDSBL_EULERDAMP")
-"""Euler treats dampers as other forces."""
+"""If set, Euler treats damping like other forces."""
 NO_GRAVITY = _bits(_OFF, "mjDSBL_GRAVITY")
 NO_ACTUATION = _bits(_OFF, "mjDSBL_ACTUATION")
 NO_RESET = _bits(_OFF, "mjDSBL_AUTORESET")

@@ -1,4 +1,4 @@
-"""The forces of some evaluations, except constraints: by cause, on each degree of freedom.
+"""The forces of evaluations, except constraint forces: by cause, on each degree of freedom.
 
 A `Force` is MuJoCo's own result, or a part of it by the formula that is cited.
 """
@@ -13,31 +13,31 @@ from .flags import NO_DAMPER, NO_GRAVITY, NO_SPRING
 from .layout import TINY, Layout
 
 JOINTS = (0, 1)
-"""Transmissions to a joint (`mjTRN_JOINT`, `mjTRN_JOINTINPARENT`), and to a tendon."""
+"""Transmission types for a joint (`mjTRN_JOINT`, `mjTRN_JOINTINPARENT`), and for a tendon."""
 TENDON = 3
 
 
 class Force(NamedTuple):
-    """A force by its cause."""
+    """The force of one cause."""
 
     kind: str
     first: int
-    """Number of the actuator, joint, body, geom …; -1 where the cause has none."""
+    """Index of the actuator, joint, body, geom …; -1 if the cause has none."""
     second: int
-    """Number of a pair's other geom, or -1."""
+    """Index of the other geom in a pair, or -1."""
     dofs: Any
-    """The degrees of freedom that it acts on, or None: all."""
+    """The degrees of freedom on which it acts; None for all."""
     values: Any
     """The forces, shape (r, dofs)."""
 
 
 def term(kind: str, values: Any, first: int = -1, dofs: Any = None) -> Force:
-    """Return a force that belongs to no pair."""
+    """Return the force of a cause that is not a contact pair."""
     return Force(kind, first, -1, dofs, values)
 
 
 def smooth(m: Any, layout: Layout, held: dict[str, Any], qfrc: Any, xfrc: Any) -> list[Force]:
-    """Return all forces of some evaluations, except those of constraints.
+    """Return all forces in the given evaluations, except those of constraints.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def smooth(m: Any, layout: Layout, held: dict[str, Any], qfrc: Any, xfrc: Any) -
 
 
 def gravity_of(m: Any, layout: Layout, held: dict[str, Any]) -> Any:
-    """Return the generalised weight, shape (r, nv).
+    """Return the generalised gravity force, shape (r, nv).
 
     A dof moves what its body carries, of mass M about the centre c, as `cdof` says: with velocity
     lin + rot × (c - o), where o is the centre of mass of the whole tree. Its share of the weight is
@@ -80,7 +80,7 @@ def gravity_of(m: Any, layout: Layout, held: dict[str, Any]) -> Any:
 
 
 def _passive(m: Any, layout: Layout, held: dict[str, Any]) -> list[Force]:
-    """Return springs, dampers, fluid, gravity compensation, adhesion, and callbacks' additions."""
+    """Return forces of springs, dampers, fluid, gravity compensation, adhesion, and callbacks."""
     rest, found = held["qfrc_passive"], []
     springs, dampers = held["qfrc_spring"], held["qfrc_damper"]
     for tendon in _tendons(m, held):
@@ -104,7 +104,7 @@ def _passive(m: Any, layout: Layout, held: dict[str, Any]) -> list[Force]:
 
 
 class Stretched(NamedTuple):
-    """The spring and damper of a tendon."""
+    """The spring and damper forces of a tendon."""
 
     whole: Force
     dofs: Any
@@ -138,7 +138,7 @@ def _tendons(m: Any, held: dict[str, Any]) -> list[Stretched]:
 
 
 def _actuators(m: Any, layout: Layout, held: dict[str, Any]) -> list[Force]:
-    """Return the forces of actuators, and their reductions by the force ranges of joints."""
+    """Return actuator forces, and the reductions by the joints' force ranges."""
     found: list[Force] = []
     if not m.nu:
         return found
@@ -161,7 +161,7 @@ def _actuators(m: Any, layout: Layout, held: dict[str, Any]) -> list[Force]:
 
 
 def _pushes(m: Any, layout: Layout, held: dict[str, Any], xfrc: Any) -> list[Force]:
-    """Return the forces applied to bodies at their centres of mass (`mj_xfrcAccumulate`)."""
+    """Return the external forces on bodies at their centres of mass (`mj_xfrcAccumulate`)."""
     r, found = len(xfrc), []
     motions = held["cdof"].reshape(r, -1, 6)
     origins = held["subtree_com"].reshape(r, -1, 3)
@@ -179,7 +179,7 @@ def _pushes(m: Any, layout: Layout, held: dict[str, Any], xfrc: Any) -> list[For
 
 
 ROUNDING = 1e-13
-"""Smaller shares of the whole are rounding, and no force of their own."""
+"""Share of the whole below which a rest is rounding, and not reported as a force."""
 
 
 def polynomial(coefficients: Any, x: Any) -> Any:
@@ -188,13 +188,13 @@ def polynomial(coefficients: Any, x: Any) -> Any:
 
 
 def _coefficients(m: Any, name: str) -> Any:
-    """Return linear coefficients, and those of higher powers if this version has any."""
+    """Return linear coefficients, and those of higher powers if this version has them."""
     higher = getattr(m, f"{name}poly", np.zeros((len(getattr(m, name)), 0)))
     return np.column_stack([getattr(m, name), higher])
 
 
 def _of_actuators(m: Any, types: tuple[int, ...]) -> list[tuple[int, Any]]:
-    """Return the damping that actuators add to their joints or tendons (`mj_actuatorDamping`).
+    """Return the damping that actuators add to joints or tendons (`mj_actuatorDamping`).
 
     Pairs of the number of a joint or tendon, and coefficients.
     """
@@ -219,7 +219,7 @@ def damping_of(m: Any) -> Any:
 
 
 def _sparse_row(held: dict[str, Any], m: Any, name: str, i: int, numbers: str = "") -> Any:
-    """Return columns and values, shape (r, columns), of a row of a sparse matrix."""
+    """Return columns and values, shape (r, columns), for a row of a sparse matrix."""
     numbers = numbers or name
     values = held[numbers]
     counts, starts, columns = (
@@ -245,7 +245,7 @@ def _sparse_row(held: dict[str, Any], m: Any, name: str, i: int, numbers: str = 
 
 
 def _less(values: Any, dofs: Any, part: Any) -> Any:
-    """Return values minus those of a part of the degrees of freedom."""
+    """Return values minus a part that acts on some degrees of freedom."""
     values = values.copy()
     values[:, dofs] -= part
     return values

@@ -1,4 +1,4 @@
-"""Terms of MuJoCo's integrators beyond the forces of a state, and residuals of solvers.
+"""What MuJoCo's integrators add to the forces of a state, and what the solver leaves.
 
 Each integrator solves for the acceleration a = (u' - u)/h:
 
@@ -27,11 +27,13 @@ STAGES = 4
 WEIGHTS = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
 """The weights of RK4's stages."""
 MUNTHE_KAAS = (4, 0)
-"""The first version whose RK4 turns bodies so; those before turn by the mean of the spins."""
+"""The first version whose RK4 rotates bodies by the Munthe-Kaas method; earlier ones rotate by the
+mean angular velocity."""
 MOVED_BY = 1e-12
-"""Largest distance of a pose from where the velocities lead that is rounding; measured: 2e-15."""
+"""Largest distance of a pose from the one that the velocities lead to that counts as rounding;
+measured: 2e-15."""
 GYROSCOPIC_SINCE = (3, 11)
-"""The first version whose implicitfast has the slope of the bias of bodies that move freely."""
+"""The first version whose implicitfast includes the bias derivative of free bodies."""
 
 
 def left_by_solver(layout: Layout, held: dict[str, Any]) -> Any:
@@ -50,7 +52,7 @@ def added(
     change: Any,
     version: tuple[int, ...],
 ) -> Force:
-    """Return the impulse of an integrator beyond those of forces.
+    """Return the impulse that an integrator adds to those of the forces.
 
     Parameters
     ----------
@@ -89,13 +91,13 @@ def added(
 
 
 def averaged(values: Any) -> Any:
-    """Return the mean over four stages with RK4's weights: (4 n, k) becomes (n, k)."""
+    """Return the mean over four stages with RK4's weights, from shape (4 n, k) to (n, k)."""
     stages = values.reshape(len(values) // STAGES, STAGES, *values.shape[1:])
     return np.tensordot(np.array(WEIGHTS), stages, (0, 1))
 
 
 def added_by_stages(layout: Layout, held: dict[str, Any]) -> list[Force]:
-    """Return RK4's addition to the mean of its stages' forces, as forces, shape (n, nv).
+    """Return what RK4 adds to the mean of its stages' forces, as forces, shape (n, nv).
 
     u' - u = h sum of b_i a_i, and M_i a_i = forces + the solver's residual. So with the mass matrix
     of the first stage, M_1 (u' - u) is h sum of b_i (forces + solver + (M_1 - M_i) a_i).
@@ -111,7 +113,7 @@ def added_by_stages(layout: Layout, held: dict[str, Any]) -> list[Force]:
 def strays_by_stages(
     m: Any, rates: Any, h: Any, before: Any, after: Any, version: tuple[int, ...]
 ) -> Any:
-    """Return the distance of RK4's poses from those its stages' velocities lead to [m, rad], (n,).
+    """Return how far RK4's poses are from where its stages' velocities lead [m, rad], (n,).
 
     `rates` has the shape (n, 4, nv), poses (n, nq). Turns of the stages are first taken back to the
     axes of the first, where that is done (`MUNTHE_KAAS`).
@@ -142,13 +144,13 @@ def strays_by_stages(
 
 
 def _turn(vectors: Any) -> Any:
-    """Return turns by these vectors [rad] as quaternions, real part first, shape (n, 4)."""
+    """Convert rotation vectors [rad] to quaternions, real part first, shape (n, 4)."""
     half = np.linalg.norm(vectors, axis=1, keepdims=True) / 2
     return np.hstack([np.cos(half), np.sinc(half / np.pi) * vectors / 2])
 
 
 def _taken_back(turn: Any, spin: Any) -> Any:
-    """Return the inverse derivative of the exponential map for a spin after a turn, (n, 3).
+    """Return the inverse derivative of the exponential map for a rotation vector, shape (n, 3).
 
     k + u × k / 2 + (1 - θ/2 cot θ/2)/θ² u × (u × k), with θ = |u| (Munthe-Kaas).
     """
@@ -161,7 +163,7 @@ def _taken_back(turn: Any, spin: Any) -> Any:
 
 
 def _rows(layout: Layout, slopes: Any, dof: int) -> Any:
-    """Return the block of a free body, shape (n, 6, 6)."""
+    """Return the 6 × 6 block of a free body, shape (n, 6, 6)."""
     mine = np.flatnonzero((layout.d_rows >= dof) & (layout.d_rows < dof + 6))
     block = np.zeros((len(slopes), 6, 6))
     block[:, layout.d_rows[mine] - dof, layout.d_columns[mine] - dof] = slopes[:, mine]
@@ -171,7 +173,7 @@ def _rows(layout: Layout, slopes: Any, dof: int) -> Any:
 def _bias_slope(
     m: Any, layout: Layout, held: dict[str, Any], before: dict[str, Any], at: int, dof: int
 ) -> Any:
-    """Return the slope of the bias of a free body, shape (n, 6, 6).
+    """Return the derivative of a free body's bias force, shape (n, 6, 6).
 
     With mass m, centre of mass c and inertia I about the joint, all in the body's axes R, it is
     m R (ω × (ω × c)) and ω × I ω. M holds m, -m R c×, and I with the armature.
@@ -190,7 +192,7 @@ def _bias_slope(
 
 
 def _cross(vectors: Any) -> Any:
-    """Return the matrices that take b to a × b, shape (n, 3, 3)."""
+    """Return the matrices that map b to a × b, shape (n, 3, 3)."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     zero = np.zeros_like(x)
     rows = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
@@ -198,7 +200,7 @@ def _cross(vectors: Any) -> Any:
 
 
 def _matrices(quaternions: Any) -> Any:
-    """Return rotation matrices of quaternions, real part first, shape (n, 3, 3).
+    """Convert quaternions, real part first, to rotation matrices, shape (n, 3, 3).
 
     MuJoCo takes a quaternion of length 0 (`mjMINVAL`) for no rotation.
     """

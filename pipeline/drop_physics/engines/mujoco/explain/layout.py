@@ -1,4 +1,4 @@
-"""Layout of a model's matrices in memory, as indices that serve many steps at once."""
+"""Memory layout of a model's matrices, as index arrays that serve many steps at once."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 FREE, BALL, SLIDE, HINGE = 0, 1, 2, 3
-"""Types of joints, as MuJoCo numbers them."""
+"""Joint types (`mjtJoint`)."""
 DOFS = (6, 3, 1, 1)
-"""Degrees of freedom of each type."""
+"""Degrees of freedom of each joint type."""
 TINY = 1e-15
-"""`mjMINVAL`: a lighter subtree has its own body's centre of mass."""
+"""`mjMINVAL`: a lighter subtree uses its own body's centre of mass."""
 
 
 def either(m: Any, d: Any, name: str) -> Any:
@@ -20,7 +20,7 @@ def either(m: Any, d: Any, name: str) -> Any:
 
 
 class Symmetric:
-    """The entries of a symmetric matrix of which MuJoCo stores one half.
+    """The entries of a symmetric matrix of which MuJoCo stores one triangle.
 
     Parameters
     ----------
@@ -41,14 +41,14 @@ class Symmetric:
         self._starts = np.searchsorted(row[order], np.arange(n))
 
     def times(self, numbers: Any, vectors: Any) -> Any:
-        """Return matrices times vectors; numbers (r, entries), vectors (r, n), result (r, n)."""
+        """Multiply matrices by vectors; numbers (r, entries), vectors (r, n), result (r, n)."""
         if not self.n:
             return np.zeros_like(vectors)
         products = numbers[:, self._entry] * vectors[:, self._column]
         return np.add.reduceat(products, self._starts, axis=1)
 
     def block(self, numbers: Any, dofs: Any) -> Any:
-        """Return a block of rows and columns in full, shape (r, len(dofs), len(dofs))."""
+        """Return a dense block of rows and columns, shape (r, len(dofs), len(dofs))."""
         place = np.full(self.n, -1)
         place[dofs] = np.arange(len(dofs))
         mine = np.flatnonzero((place[self.rows] >= 0) & (place[self.columns] >= 0))
@@ -60,7 +60,7 @@ class Symmetric:
 
 
 class Layout:
-    """Constants of a model during its steps.
+    """Constants of a model that hold during its steps.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class Layout:
         return Symmetric(np.array(rows, int), np.array(columns, int), m.nv)
 
     def _slopes(self, m: Any) -> tuple[Any, Symmetric]:
-        """Return the slopes that `implicitfast` takes, and the symmetric matrix made of them.
+        """Return the force derivatives that `implicitfast` uses, and their symmetric matrix.
 
         It has their lower half, where the mass matrix may have entries. Those of a simple body are
         on the diagonal; of old versions' `qM` only that part is used.
@@ -131,7 +131,7 @@ class Layout:
         return np.array(sorted(found), int)
 
     def subtree_masses(self, m: Any) -> Any:
-        """Return the mass of bodies with everything that they carry [kg], shape (nbody,)."""
+        """Return the mass of each body with its whole subtree [kg], shape (nbody,)."""
         masses = np.array(m.body_mass)
         for body in range(m.nbody - 1, 0, -1):
             masses[m.body_parentid[body]] += masses[body]

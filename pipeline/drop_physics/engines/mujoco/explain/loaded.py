@@ -1,4 +1,4 @@
-"""Data (MjData) in the state of a frame, as if the steps before it had been made.
+"""Loads a frame's state into an MjData, as if the previous steps had been made.
 
 A step computes everything anew but for what sleeps: the positions of sleeping bodies are those of
 the step in which they fell asleep, and lists of what is awake come from the end of the step before
@@ -17,7 +17,7 @@ from ..frames import ASLEEP, kind_of
 
 
 def load(m: Any, d: Any, state: Mapping[str, Any]) -> None:
-    """Write parts of a state into data, by name, except for the clock."""
+    """Write parts of a state into an MjData, by name, except for the clock."""
     asleep = state.get(ASLEEP, ())
     if not len(asleep):
         _write(d, state)

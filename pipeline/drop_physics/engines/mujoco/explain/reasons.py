@@ -1,4 +1,4 @@
-"""Outcomes of a repeated step, and reasons for a missing sum."""
+"""Outcomes of a replayed step, and the reasons why it may have no sum."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ REASONS = (
     *("sleep", "delay", "auto-reset", "stale", "unknown"),
     "another engine",
 )
-"""Why a step is not explained: the sum leaves something; there is no degree of freedom; the
-integrator has no sum here; this version's law was not tested; deformable bodies; plugins; springs
-that yield; sleeping bodies; delayed actuators; MuJoCo has reset itself within it; it was taken with
-data of another state, which were found to lead to the recorded one; none of these; another engine
-has made it, and MuJoCo leads elsewhere."""
+"""Why a step is not explained: the sum leaves a remainder; there is no degree of freedom; no sum is
+implemented for the integrator; this version of MuJoCo was not tested; deformable bodies; plugins;
+springs that yield; sleeping bodies; delayed actuators; MuJoCo has reset itself within the step; the
+step used data of another state, which were found to lead to the recorded one; none of these;
+another engine made the step, and MuJoCo leads to another state."""

@@ -1,4 +1,4 @@
-"""Steps of a script, taken again from their frames.
+"""Replays a script's steps from their frames.
 
 A step is replayed if it leads to the recorded state to the last bit. Only such a step is explained:
 the sum of one that leads elsewhere would close, too, and say nothing of the script's.
@@ -40,29 +40,29 @@ from .reasons import EXPLAINED, OTHER, REASONS, REPLAYED
 from .summed import TermTable
 
 CLOSES = 1e-11
-"""A remainder up to this share of the largest impulse is rounding."""
+"""A remainder up to this share of the largest impulse counts as rounding."""
 TESTED = ((3, 3), (4, 0))
-"""The first and last version whose steps have a sum."""
+"""The first and last MuJoCo version for which steps are summed."""
 MIDPOINT = ((3, 7), (3, 10))
-"""The versions whose implicit integrators turn bodies that move freely by a rule of their own."""
+"""The versions whose implicit integrators rotate free bodies by the midpoint rule."""
 INSTABLE = tuple(
     int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")
 )
-"""The warnings with which MuJoCo resets itself."""
+"""The warnings upon which MuJoCo resets itself."""
 VERSION = tuple(int(part) for part in mujoco.__version__.split(".")[:2])
 
 UNREAD = ("geom_", "pair_", "exclude_", "site_", "hfield_", "body_invweight0", "dof_invweight0")
-"""Fields of a model that no sum is made of: an edit does not part the steps that it is between."""
+"""Model fields that no sum uses: an edit of one does not split a batch of steps."""
 TAKEN = frames.arrays_bytes("taken", {})
-"""The last answer to a request."""
+"""The payload of the last answer to a request."""
 CONTROL = CALLBACKS.index("control")
 LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 SPARE = 1 << 16
-"""Results of so many unexplained steps are sent at once."""
+"""Number of unexplained steps after which their results are sent."""
 
 
 class ReplayedModel:
-    """A model in the script's own state.
+    """A model with the script's own values.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class ReplayedModel:
         self._look()
 
     def _look(self) -> None:
-        """Read the features of the model that steps depend on."""
+        """Read the model features on which steps depend."""
         m = self.m
         self.timestep = float(m.opt.timestep)
         self.sparse = bool(mujoco.mj_isSparse(m))
@@ -99,7 +99,7 @@ class ReplayedModel:
         self._look()
 
     def _integrator(self, which: int) -> int:
-        """Return the integrator used by a function."""
+        """Return the integrator that a step function uses."""
         chosen = int(self.m.opt.integrator)
         if which == 0:
             return chosen
@@ -110,7 +110,7 @@ class ReplayedModel:
         return RK4 if which == 4 else EULER
 
     def _uncovered(self, integrator: int) -> str:
-        """Return the reason why steps of an integrator have no sum; empty if they have one."""
+        """Return the reason why an integrator's steps have no sum; empty if they have one."""
         m = self.m
         if integrator not in (EULER, RK4, IMPLICIT, IMPLICITFAST):
             return "integrator"
@@ -135,7 +135,7 @@ class ReplayedModel:
 
 
 class ReplayedData:
-    """A simulation that is replayed.
+    """A simulation (MjData) that is replayed.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ class ReplayedData:
         return self.d.time, bytes(self.core.view), bytes(self.user.view)
 
     def restore(self, state: tuple[float, bytes, bytes]) -> None:
-        """Restore a state."""
+        """Restore a saved state."""
         self.d.time, core, user = state
         for stretch, held in ((self.core, core), (self.user, user)):
             if held:
@@ -186,12 +186,12 @@ class ReplayedData:
             self.is_pushed = bool(held.any())
 
     def load(self, state: dict[str, Any]) -> None:
-        """Set parts of the state, with the clock, as if the steps before had been made."""
+        """Set parts of the state, with the clock, as if the previous steps had been made."""
         (self.d.time,) = state[CLOCK]
         load(self.model.m, self.d, {name: row for name, row in state.items() if name != CLOCK})
 
     def reach(self, asked: StepsAsked, step: int) -> None:
-        """Reach the starting state of a step of a piece."""
+        """Bring the data to the start state of a step."""
         if self.reached != asked.first + step:
             self.load(asked.left(step) | asked.given(step))
             given = asked.given(step)
@@ -210,7 +210,7 @@ class ReplayedData:
 
 
 class Replay:
-    """Takes requests and yields answers; holds one simulation at a time."""
+    """Handles requests and yields answers; holds one simulation at a time."""
 
     def __init__(self) -> None:
         self._loaded = 0
@@ -228,7 +228,7 @@ class Replay:
         mujoco.set_mju_user_warning(lambda _: None)  # they were said when the script ran
 
     def take(self, payload: bytes) -> Iterator[bytes]:
-        """Take a request."""
+        """Handle a request."""
         head, arrays = frames.arrays_of(payload)
         do: Callable[..., Iterator[bytes]] = getattr(self, f"_on_{head.pop('what')}")
         yield from do(arrays, **head)
@@ -236,7 +236,7 @@ class Replay:
     # -- requests ---------------------------------------------------------------------------------
 
     def _on_constants(self, _: dict[str, Any], path: str) -> Iterator[bytes]:
-        """Answer with the constants of a model file for an analysis."""
+        """Answer with the constants of a model file that the analysis needs."""
         m = mujoco.MjModel.from_binary_path(path)
         yield frames.arrays_bytes("constants", memory.constants_of(m))
         yield TAKEN
@@ -244,7 +244,7 @@ class Replay:
     def _on_simulation(
         self, arrays: dict[str, Any], world: int, version: str | None, path: str, edits: list[Any]
     ) -> Iterator[bytes]:
-        """Begin a simulation of a model file, with earlier edits."""
+        """Begin a simulation of a model file, with earlier edits applied."""
         if version not in (None, mujoco.__version__):
             raise SystemExit(f"the script ran with mujoco {version}, this is {mujoco.__version__}")
         if self._model is None or path != self._path or self._model.is_edited:
@@ -257,7 +257,7 @@ class Replay:
         yield from ()
 
     def _on_steps(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
-        """Take steps of a piece."""
+        """Replay the steps of a chunk."""
         state, asked = self._data, StepsAsked(arrays, **head)
         assert state is not None
         cores = asked.cores(state.core)
@@ -278,7 +278,7 @@ class Replay:
         yield TAKEN
 
     def _on_states(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
-        """Take steps from their own frames; answer with the resulting states."""
+        """Replay steps from their own frames; answer with the resulting states."""
         state, asked = self._data, StepsAsked(arrays, **head)
         assert state is not None
         m, d = state.model.m, state.d
@@ -308,14 +308,14 @@ class Replay:
     # -- callbacks --------------------------------------------------------------------------------
 
     def _set_callbacks(self, which: frozenset[int]) -> None:
-        """Let callbacks repeat their writes."""
+        """Install callbacks that repeat the recorded effects."""
         for number in which ^ self._set:
             answer = (lambda *_, number=number: self._answer(number)) if number in which else None
             getattr(mujoco, f"set_mjcb_{CALLBACKS[number]}")(answer)
         self._set = which
 
     def _answer(self, which: int) -> Any:
-        """Repeat the writes of a callback of the script."""
+        """Repeat the recorded effect of a callback of the script."""
         state = self._now
         if state is None:
             return 0.0
@@ -336,7 +336,7 @@ class Replay:
     def _step(
         self, state: ReplayedData, asked: StepsAsked, step: int, core: bytes
     ) -> Iterator[bytes]:
-        """Take a step, compare it, and keep the data for its explanation."""
+        """Replay a step, compare the result, and keep the data for its explanation."""
         model, d = state.model, state.d
         m, time_s = model.m, float(asked.clock_s[step])
         function, answers = int(asked.functions[step]), asked.answers(step, model.m.nv)
@@ -425,7 +425,7 @@ class Replay:
         stages: list[bytes],
         answers: list[Answer],
     ) -> None:
-        """Repeat the evaluations of RK4's stages in a step."""
+        """Repeat the evaluations of RK4's stages within a step."""
         m, other = state.model.m, state.other
         core, user = memory.core_of(other), memory.user_of(other)
         sparse = state.model.sparse
@@ -462,7 +462,7 @@ class Replay:
         state.first, state.statuses = state.step, []
 
     def _packed(self, state: ReplayedData, answer: Any, statuses: Any) -> dict[str, Any]:
-        """Return an answer's arrays; steps with a remaining difference are not explained."""
+        """Return an answer's arrays; steps that leave a remainder are not explained."""
         summed = answer.summed
         open_ = answer.steps[~(summed.remainder <= CLOSES)] - state.first
         statuses[open_, 0], statuses[open_, 1] = REPLAYED, REASONS.index("remainder")
@@ -481,7 +481,7 @@ class Replay:
         return arrays
 
     def _said(self, model: ReplayedModel) -> dict[str, Any]:
-        """Return the terms, patterns and pairs that were not sent yet."""
+        """Return the terms, patterns and pairs that were not yet sent."""
         terms, pairs = model.terms, model.pairs
         new = [
             [kind, first, second, dofs.tolist()]
@@ -495,13 +495,13 @@ class Replay:
 
 
 def _goes_on(asked: StepsAsked, step: int) -> bool:
-    """Return whether MuJoCo continues from the state after a step."""
+    """Return whether MuJoCo can continue from the state after a step."""
     moving = (asked.reached(name, step) for name in ("qpos", "qvel"))
     return all(bool((np.abs(rows) <= LARGEST).all()) for rows in moving)
 
 
 class _Elsewhere:
-    """Redirects a callback's writes into other data."""
+    """Redirects a callback's writes into another MjData."""
 
     def __init__(self, d: Any) -> None:
         self.d, self.core = d, memory.core_of(d)
@@ -516,7 +516,7 @@ _NOTHING = np.empty(0)
 
 
 def by_callback(answers: list[tuple[int, Any]]) -> dict[int, deque[Any]]:
-    """Return the answers of each callback, in order."""
+    """Return each callback's effects, in order."""
     found: dict[int, deque[Any]] = {}
     for which, answer in answers:
         found.setdefault(which, deque()).append(answer)
@@ -524,7 +524,7 @@ def by_callback(answers: list[tuple[int, Any]]) -> dict[int, deque[Any]]:
 
 
 def take(m: Any, state: ReplayedData, which: int) -> None:
-    """Take a step as the script did."""
+    """Make a step as the script did."""
     d = state.d
     if which == 0:
         mujoco.mj_step(m, d)
@@ -538,7 +538,7 @@ def take(m: Any, state: ReplayedData, which: int) -> None:
 def take_stale(
     state: ReplayedData, before: tuple[float, bytes, bytes], posed: dict[str, Any], which: int
 ) -> None:
-    """Take the second half of a step from a state, with positions of another state."""
+    """Make the second half of a step from one state, with positions of another state."""
     m, d = state.model.m, state.d
     state.restore(before)
     for name, row in posed.items():
@@ -549,7 +549,7 @@ def take_stale(
 
 
 def _finish_step(m: Any, d: Any, which: int) -> None:
-    """Take the second half of a step."""
+    """Make the second half of a step."""
     if which == 4:
         mujoco.mj_RungeKutta(m, d, 4)
     else:
@@ -557,14 +557,14 @@ def _finish_step(m: Any, d: Any, which: int) -> None:
 
 
 def _equal(reached: memory.StateMemory, core: bytes) -> bool:
-    """Return whether a step led to a recorded core; gaps between its parts do not count."""
+    """Return whether a step reached the recorded core state, ignoring gaps between its parts."""
     if reached.view.tobytes() == core:
         return True
     return all(part.view.tobytes() == core[part.begin : part.end] for part in reached.parts)
 
 
 def _has_warned(before: bytes, now: memoryview) -> bool:
-    """Return whether a warning with which MuJoCo resets itself became more frequent.
+    """Return whether a warning upon which MuJoCo resets itself became more frequent.
 
     If MuJoCo has reset itself before, the counter stays, but the time goes back.
     """

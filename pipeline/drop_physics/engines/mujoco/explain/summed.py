@@ -1,4 +1,4 @@
-"""The sum of a batch of steps: terms, their values, and the remainder."""
+"""Sums up a batch of steps: terms, their impulses, and the remainder."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ from .forces import Force
 
 OF_GROUPS = (*KINDS, PUSH, FRICTION)
 UNSEEN = 1e-16
-"""A term that is this share of a step's largest impulse at most is left out: it is less than half
-of that one's last bit."""
+"""A term of at most this share of a step's largest impulse is omitted: it is less than half of that
+impulse's last bit."""
 ROUNDED = 1e-4
-"""Share of a momentum that counts as an impulse: its last bits, 1e-16 of it, are 1e-12 of this."""
+"""Share of a momentum that is used as a scale for rounding: its last bits, 1e-16 of it, are 1e-12
+of this."""
 
 
 class Named(NamedTuple):
-    """A numbered term."""
+    """A term with its index."""
 
     number: int
     dofs: Any
-    """The degrees of freedom that it has acted on so far."""
+    """The degrees of freedom on which it has acted so far."""
 
 
 class TermTable:
-    """The terms of a model so far, by number."""
+    """The terms of a model so far, by index."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[str, int, int], Named] = {}
@@ -41,7 +42,7 @@ class TermTable:
         self.patterns_told = 0
 
     def of(self, kind: str, first: int, second: int, dofs: Any) -> Named:
-        """Return the term of a cause that acts at least on these degrees of freedom."""
+        """Return the term for a cause, extended to these degrees of freedom."""
         key = kind, first, second
         known = self._known.get(key)
         if known is not None:
@@ -53,7 +54,7 @@ class TermTable:
         return known
 
     def pattern(self, numbers: Any) -> int:
-        """Return the number of a list of terms."""
+        """Return the index of a list of terms."""
         key = numbers.tobytes()
         found = self._patterns.get(key)
         if found is None:
@@ -66,19 +67,19 @@ class TermSums(NamedTuple):
     """A batch of steps as sums."""
 
     patterns: Any
-    """The pattern of each step, shape (n,)."""
+    """Index of each step's list of terms, shape (n,)."""
     values: Any
-    """The impulses of all steps, one behind the other; within a step, term by term."""
+    """The impulses of all steps, concatenated; within a step, term by term."""
     starts: Any
-    """First element of each step, shape (n + 1,)."""
+    """Offset of each step's first value, shape (n + 1,)."""
     remainder: Any
-    """The largest part of M (u' - u) that no term is, in shares of the largest impulse, (n,)."""
+    """The largest unexplained component of M (u' - u), as a share of the largest impulse, (n,)."""
     largest: Any
     """The largest impulse [N s or N m s], shape (n,)."""
 
 
 class _Block(NamedTuple):
-    """A term in some steps."""
+    """A term's impulses in some steps."""
 
     number: int
     steps: Any
@@ -94,7 +95,7 @@ def summed(
     added: list[Force],
     after: Any,
 ) -> TermSums:
-    """Return the sum of each step.
+    """Return each step as a sum of impulses.
 
     Parameters
     ----------
@@ -147,7 +148,7 @@ def summed(
 
 
 def _block(terms: TermTable, force: Force, dofs: Any, acting: Any, nv: int) -> Iterator[_Block]:
-    """Yield a force, whose values are impulses, in the steps in which it acts, if it does."""
+    """Yield a force's impulses over the steps in which it acts; nothing if it never acts."""
     where = acting.any(axis=0)
     if not where.any():
         return
@@ -161,20 +162,20 @@ def _block(terms: TermTable, force: Force, dofs: Any, acting: Any, nv: int) -> I
 
 
 class _Flat(NamedTuple):
-    """Groups with their terms."""
+    """Constraint groups with the indices of their terms."""
 
     numbers: Any
-    """The number of the term of each group, shape (g,)."""
+    """Index of each group's term, shape (g,)."""
     rows: Any
     group: Any
-    """The group of each value."""
+    """Index of each value's group."""
     places: Any
-    """Place of each value in its term."""
+    """Index of each value within its term."""
     values: Any
 
 
 def _flat(terms: TermTable, groups: Groups, impulses: Any, acting: Any) -> _Flat | None:
-    """Return groups with the numbers of their terms, and the acting impulses with their places.
+    """Return groups with the indices of their terms, and their non-zero impulses.
 
     None if no impulse acts.
     """
@@ -204,7 +205,7 @@ def _flat(terms: TermTable, groups: Groups, impulses: Any, acting: Any) -> _Flat
 def _laid_out(
     terms: TermTable, n: int, blocks: list[_Block], flat: _Flat | None, remainder: Any, largest: Any
 ) -> TermSums:
-    """Order values by step, and within a step by the numbers of their terms."""
+    """Sort values by step, and within a step by term index."""
     numbers = [block.number for block in blocks]
     if flat is not None:
         numbers += np.unique(flat.numbers).tolist()
@@ -234,7 +235,7 @@ def _laid_out(
 
 
 def _distinct(rows: Any) -> tuple[Any, Any]:
-    """Return the first of equal rows, and the place among these of every row.
+    """Return the index of the first of equal rows, and each row's index among those.
 
     NumPy's `unique` of rows compares them number by number, which takes ten times as long.
     """

@@ -1,4 +1,4 @@
-"""Single steps of this MuJoCo from states of another run, with swapped fields of its model."""
+"""Makes single steps with this MuJoCo from states of another run, with swapped model fields."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from .replay import TAKEN, Replay, ReplayedData, ReplayedModel, by_callback, tak
 
 FORCES = ("passive", "actuator", "bias", "constraint")
 ROWS = ("pos", "aref", "R", "type")
-"""Arrays of a constraint's rows."""
+"""Arrays with one entry for each constraint row."""
 FEATURES = {
     **{name[7:].lower(): ("disable", int(bit)) for name, bit in vars(mujoco.mjtDisableBit).items()
        if name.startswith("mjDSBL_")},
     **{name[7:].lower(): ("enable", int(bit)) for name, bit in vars(mujoco.mjtEnableBit).items()
        if name.startswith("mjENBL_")},
 }  # fmt: skip
-"""Features that can be switched off, by MuJoCo's names."""
+"""Features that can be disabled, by MuJoCo's names."""
 _NOTHING = np.empty(0)
 
 
 def main() -> None:
-    """Answer until there are no more requests."""
+    """Answer requests until there are no more."""
     answer(Swaps())
 
 
 class SwappedModel(ReplayedModel):
-    """A model with changed values of some fields, until it is `restore`d."""
+    """A model with changed values in some fields, until `restore` is called."""
 
     def __init__(self, number: int, path: str) -> None:
         super().__init__(number, path)
@@ -44,7 +44,7 @@ class SwappedModel(ReplayedModel):
         self.put(name, indices, values)
 
     def put(self, name: str, indices: Any, values: Any) -> None:
-        """Change elements of any field."""
+        """Set elements of any field."""
         owner, last = owner_of(self.m, name)
         held = getattr(owner, last)
         if isinstance(held, np.ndarray):
@@ -55,14 +55,14 @@ class SwappedModel(ReplayedModel):
             setattr(owner, last, type(held)(values[0]))
 
     def switch_off(self, name: str) -> None:
-        """Switch a feature off."""
+        """Disable a feature."""
         kind, bit = FEATURES[name]
         flags = int(getattr(self.m.opt, f"{kind}flags"))
         now = flags | bit if kind == "disable" else flags & ~bit
         self.put(f"opt.{kind}flags", slice(None), [now])
 
     def restore(self) -> None:
-        """Give all fields the values with which they were loaded."""
+        """Reset all fields to the values with which they were loaded."""
         for name, held in self._before.items():
             owner, last = owner_of(self.m, name)
             if isinstance(held, np.ndarray):
@@ -79,7 +79,7 @@ def owner_of(m: Any, name: str) -> tuple[Any, str]:
 
 
 class Swaps(Replay):
-    """Takes requests for steps with swapped fields; holds one model at a time."""
+    """Handles requests for steps with swapped fields; holds one model at a time."""
 
     _swapped: SwappedModel | None = None
 
@@ -107,7 +107,7 @@ class Swaps(Replay):
     def _on_put(
         self, arrays: dict[str, Any], path: str, edits: list[Any], off: list[str]
     ) -> Iterator[bytes]:
-        """Load the model in a file, change elements of its fields, and switch features off."""
+        """Load a model file, change elements of its fields, and disable features."""
         model = self._swapped
         if model is None or self._path != path:
             self._data = self._model = self._swapped = None
@@ -121,7 +121,7 @@ class Swaps(Replay):
         yield from ()
 
     def _on_stages(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
-        """Take steps from their own frames; answer with the results of their stages."""
+        """Make steps from their own frames; answer with the results of their stages."""
         asked = StepsAsked(arrays, **head)
         rows: dict[str, list[Any]] = {}
         for step in range(asked.begin, asked.end):
@@ -132,7 +132,7 @@ class Swaps(Replay):
         yield TAKEN
 
     def _on_swapped(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
-        """Take steps from their own frames; answer with the resulting states."""
+        """Make steps from their own frames; answer with the resulting states."""
         asked = StepsAsked(arrays, **head)
         rows: dict[str, list[Any]] = {}
         for step in range(asked.begin, asked.end):
@@ -144,7 +144,7 @@ class Swaps(Replay):
         yield TAKEN
 
     def _on_rolled(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
-        """Continue from the first step with nudged velocities; answer with the last positions."""
+        """Continue from the first step with changed velocities; answer with the last positions."""
         nudges, asked, state = arrays.pop("nudges"), StepsAsked(arrays, **head), self._data
         assert state is not None
         ends = []
@@ -178,7 +178,7 @@ class Swaps(Replay):
         yield TAKEN
 
     def _cross(self, asked: StepsAsked, step: int) -> Any:
-        """Take a step from its own frame; return the data."""
+        """Make a step from its own frame; return the data."""
         state = self._data
         assert state is not None
         for edit in asked.edits.get(step, ()):
@@ -189,7 +189,7 @@ class Swaps(Replay):
         return state.d
 
     def _take(self, state: ReplayedData, asked: StepsAsked, step: int) -> None:
-        """Take a step from the state as it is."""
+        """Make a step from the current state."""
         answers = asked.answers(step, state.model.m.nv)
         self._set_callbacks(frozenset(which for which, _ in answers))
         self._now, self._calls = state, by_callback(answers)
@@ -201,7 +201,7 @@ class Swaps(Replay):
         self._now = None
 
     def _computed(self) -> dict[str, Any]:
-        """Return the results of the stages of the last step."""
+        """Return the results of each stage of the last step."""
         assert self._data is not None
         d = self._data.d
         contact = d.contact
@@ -217,7 +217,7 @@ class Swaps(Replay):
 
 
 def _gathered(rows: list[Any]) -> Any:
-    """Join rows of any lengths into one array: their count, their lengths, then all numbers."""
+    """Join rows of different lengths into one array: their count, their lengths, the numbers."""
     lengths = [len(row) for row in rows]
     numbers = [row.ravel() for row in rows]
     return np.concatenate([np.array([len(rows), *lengths], np.float64), *numbers])

@@ -1,1 +1,1 @@
-"""States that another program has left on disk, compared with MuJoCo's own steps."""
+"""Imports states that another program saved, and compares them with MuJoCo's own steps."""

@@ -1,4 +1,4 @@
-"""Arrays in files of other programs: npz and hdf5. Nothing in them is ever unpickled.
+"""Reads arrays from files of other programs: npz and hdf5.
 
 An hdf5 file has the layout of robomimic and LIBERO: demonstrations at `data/demo_N`, each with
 `states` and, as an attribute, `model_file`.
@@ -33,17 +33,17 @@ class Archive:
 
     path: Path
     arrays: dict[str, NDArray[Any]]
-    """Arrays of numbers, by key; of a demonstration, below its folder."""
+    """Numeric arrays, by key; those of a demonstration, by key within its group."""
     objects: tuple[str, ...] = ()
-    """Keys of what is no array of numbers: it is not read."""
+    """Keys of entries that are not numeric arrays, and are not read."""
     demonstrations: tuple[str, ...] = ()
     """Names of the demonstrations in an hdf5 file."""
     model: str | None = field(default=None, repr=False)
-    """The model's XML, where the file has it."""
+    """The model's XML, if the file contains it."""
 
 
 def archive_of(path: Path, world: int | None) -> Archive:
-    """Return the arrays of a file; of several demonstrations those of one, the first by default.
+    """Return the arrays of a file; of several demonstrations only one, by default the first.
 
     Raises
     ------

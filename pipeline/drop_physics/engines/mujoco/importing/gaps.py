@@ -1,4 +1,4 @@
-"""Terms by which the steps of another engine differ from MuJoCo's.
+"""Finds the force terms by which another engine's steps differ from MuJoCo's.
 
 A term is named where the gap of velocities lies in what it can do: along its own force, or in the
 rows of the contacts of two bodies. What a force does is measured, by steps with a small one more,
@@ -27,59 +27,59 @@ from drop_physics.engines.mujoco.importing.steps import (
 Float64 = NDArray[np.float64]
 
 LEFT, MOSTLY = 0.02, 0.25
-"""Share of a gap's energy that a term may leave in a step that names it, and in a step that is
-counted to a term which others name."""
+"""Share of a gap's energy that a term may leave in a step that identifies it, and in a step that is
+attributed to a term identified by others."""
 SAME, AGREE, OFTEN = 0.1, 0.6, 0.8
-"""Factors that differ by this share of their distance from 1 are the same; the share of steps that
-has to have the same; and the share of the most steps that a term has to account for."""
+"""Factors count as equal if they differ by this share of their distance from 1; the share of steps
+whose factors must be equal; and the share of the most explained steps that a term must explain."""
 LEAST, FEWEST = 1e-3, 3
-"""Smallest change of a factor that is one, and fewest steps that agree on it."""
+"""Smallest change of a factor that counts, and fewest steps that must agree on it."""
 MOST_OF_ALL = 0.75
-"""Share of the degrees of freedom up to which all contacts together are a term."""
+"""Share of the degrees of freedom up to which all contacts together count as one term."""
 HALF, TENTH = 0.5, 0.1
-"""Shares of the steps that a force without such a factor, and a constraint, have to account for."""
+"""Shares of the steps that a force without a common factor, and a constraint, must explain."""
 MOST_DOFS = 100
-"""Most degrees of freedom of a model whose gaps are divided among terms."""
+"""Largest number of degrees of freedom of a model whose gaps are attributed to terms."""
 FIRST, EVERY = 200, 50
-"""Steps whose gap is looked at: so many, and of the further ones each of so many."""
+"""Which steps with a gap are examined: this many at first, and then one of every this many."""
 
 
 class GapTerm(NamedTuple):
-    """A term that may differ."""
+    """A force term that may differ between the engines."""
 
     kind: str
-    """The kind, as a `Gap` has it."""
+    """The kind, as in a `Gap`."""
     names: tuple[str, ...] = ()
 
 
 class Fit(NamedTuple):
-    """Fit of a term to the gap of a step."""
+    """How well a term explains the gap of a step."""
 
     left: float
-    """The share of the gap's energy that it leaves."""
+    """The share of the gap's energy that remains."""
     factor: float
     """Ratio of the term's force to MuJoCo's own; nan for a constraint."""
 
 
 @dataclass(frozen=True)
 class Gap:
-    """The steps that differ by one term."""
+    """The steps that differ by one force term."""
 
     kind: str
     """The term's kind: `contacts`, `limit`, `equality`, `friction loss`, `tendon`, `actuator`,
     `damper`, `gravity`, `spring`, `fluid`, `gravity compensation`, `positions`, `everything`."""
     names: Sequence[str]
-    """The two bodies that touch, the actuator, or the joint."""
+    """The two touching bodies, the actuator, or the joint."""
     steps: int
-    """Number of these that were looked at."""
+    """Number of such steps among those examined."""
     first: int
-    """The first of them, by the state that it begins in."""
+    """The first such step, by the state from which it starts."""
     apart: float
-    """The largest difference of a velocity [m/s or rad/s]."""
+    """The largest velocity difference [m/s or rad/s]."""
     factor: float | None
-    """Ratio of the term's force to MuJoCo's in most steps, if these agree; else null."""
+    """Ratio of the term's force to MuJoCo's in most steps, if these agree; otherwise null."""
     depth_m: float
-    """Depth of the two bodies in each other in the first of them [m]."""
+    """Penetration depth of the two bodies in the first such step [m]."""
 
 
 class _Looked(NamedTuple):
@@ -95,7 +95,7 @@ EVERYTHING, POSITIONS = GapTerm("everything"), GapTerm("positions")
 
 
 class Gaps:
-    """Gathers the terms by which another engine's steps differ from MuJoCo's.
+    """Collects the force terms by which another engine's steps differ from MuJoCo's.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ class Gaps:
         return len(self._looked)
 
     def add(self, step: ImportedStep) -> None:
-        """Examine a step if it differs."""
+        """Examine a step if it differs from MuJoCo's."""
         if step.near:
             self._before = step
             return
@@ -137,7 +137,7 @@ class Gaps:
             self._looked.append(_Looked(step.number, apart, fits, touching))
 
     def in_order(self) -> list[Gap]:
-        """Return the kinds, the most frequent first."""
+        """Return the gaps by term, the most frequent first."""
         left, found = [*self._looked], dict[GapTerm, list[_Looked]]()
         while left:
             term = _named_by_most(left, self._cleared)
@@ -160,7 +160,7 @@ class Gaps:
         return smooth | _constraints(self._m, d).keys()
 
     def _fits(self, step: ImportedStep) -> dict[GapTerm, Fit]:
-        """Return the quality with which each term accounts for the gap of a step."""
+        """Return how well each term explains the gap of a step."""
         m, d = self._m, self._of.evaluated(step)
         if step.moved:
             return {POSITIONS: Fit(0.0, np.nan)}
@@ -205,7 +205,7 @@ class Gaps:
         return found
 
     def _answer(self, step: ImportedStep, force: float, *, constrained: bool) -> Float64:
-        """Return the change of velocities after a step by forces, shape (nv, nv)."""
+        """Return the velocity change after a step caused by each force, shape (nv, nv)."""
         m, flags = self._m, int(self._m.opt.disableflags)
         if not constrained:
             m.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
@@ -218,19 +218,19 @@ class Gaps:
 
 
 def _at_the_end(force: Float64, before: Float64, step: ImportedStep) -> Float64:
-    """Return the force of dampers at the end of a step, where MuJoCo's integrators take it."""
+    """Return the damper forces at the end of a step, where MuJoCo's integrators evaluate them."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = force * (step.rates / before)
     return np.where(np.isfinite(ends), ends, 0.0)
 
 
 def _good(looked: _Looked) -> set[GapTerm]:
-    """Return the terms that account for a step."""
+    """Return the terms that explain a step's gap."""
     return {term for term, fit in looked.fits.items() if fit.left <= LEFT}
 
 
 def _named_by_most(left: list[_Looked], cleared: Set[GapTerm]) -> GapTerm | None:
-    """Return the term that accounts for most steps; of several, the one that is most uniform.
+    """Return the term that explains most steps; on a tie, the most uniform one.
 
     A term that also acts in steps without a gap is chosen only if there is no other.
     """
@@ -254,7 +254,7 @@ def _named_by_most(left: list[_Looked], cleared: Set[GapTerm]) -> GapTerm | None
 
 
 def _is_meant(term: GapTerm, its: list[_Looked], left: int) -> bool:
-    """Return whether a term that accounts for some of the steps does so by no accident."""
+    """Return whether a term that explains some of the steps does so not by chance."""
     factor, share = _factor(term, its)
     if np.isfinite(factor):  # along one force: any push on one joint may look like it
         return (len(its) >= FEWEST and share >= AGREE) or len(its) >= HALF * left
@@ -283,7 +283,7 @@ def _gap(term: GapTerm, its: list[_Looked]) -> Gap:
 
 
 def _constraints(m: Any, d: Any) -> dict[GapTerm, Float64]:  # noqa: ANN401
-    """Return the rows of the Jacobian of all active constraints, by term."""
+    """Return the Jacobian rows of all active constraints, by term."""
     of, found = mujoco.mjtConstraint, dict[GapTerm, list[int]]()
     for row, (kind, number) in enumerate(zip(d.efc_type.tolist(), d.efc_id.tolist(), strict=True)):
         if kind == of.mjCNSTR_EQUALITY:
@@ -309,7 +309,7 @@ def _constraints(m: Any, d: Any) -> dict[GapTerm, Float64]:  # noqa: ANN401
 
 
 def depths(m: Any, d: Any) -> Iterator[tuple[GapTerm, float]]:  # noqa: ANN401
-    """Yield the depth of overlap of two bodies [m]."""
+    """Yield the penetration depth of each pair of bodies [m]."""
     deepest: dict[GapTerm, float] = {}
     for contact in d.contact:
         term = GapTerm("contacts", names_of(m, contact.geom))
@@ -318,18 +318,18 @@ def depths(m: Any, d: Any) -> Iterator[tuple[GapTerm, float]]:  # noqa: ANN401
 
 
 def names_of(m: Any, geoms: Any) -> tuple[str, ...]:  # noqa: ANN401
-    """Return the names of the bodies of two geometries."""
+    """Return the names of the bodies to which two geoms belong."""
     bodies = [int(m.geom_bodyid[geom]) for geom in geoms if geom >= 0]
     return tuple(sorted(m.body(each).name or f"body{each}" for each in bodies))
 
 
 def joint_name(m: Any, joint: int) -> str:  # noqa: ANN401
-    """Return the name of a joint, or its number."""
+    """Return the name of a joint, or its index."""
     return str(m.joint(joint).name or f"joint{joint}")
 
 
 def actuator_name(m: Any, actuator: int) -> str:  # noqa: ANN401
-    """Return the name of an actuator, or its number."""
+    """Return the name of an actuator, or its index."""
     return str(m.actuator(actuator).name or f"actuator{actuator}")
 
 
@@ -354,7 +354,7 @@ def forces_of(m: Any, d: Any) -> Iterator[tuple[GapTerm, Float64]]:  # noqa: ANN
 
 
 def _smooth(m: Any, d: Any, layout: Layout) -> Iterator[tuple[GapTerm, Float64]]:  # noqa: ANN401
-    """Yield candidate forces of another engine, one by one and all of a kind, shape (nv,)."""
+    """Yield candidate smooth forces, shape (nv,): first each alone, then each kind together."""
     together: dict[str, list[Float64]] = {}
     for term, force in forces_of(m, d):
         together.setdefault(term.kind, []).append(force)

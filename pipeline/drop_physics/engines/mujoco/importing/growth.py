@@ -1,4 +1,4 @@
-"""Causes of unbounded growth of states: the step multiplies a deviation, by some term.
+"""Finds why states grow without bound: the force term by which steps amplify a deviation.
 
 The derivative of a step by its state has an eigenvalue above 1 where a small difference grows. Its
 mode says in which joint, and the change of each term's force along it says by which: the one that
@@ -27,44 +27,44 @@ from drop_physics.engines.mujoco.importing.steps import ImportedStep, ImportedSt
 Float64 = NDArray[np.float64]
 
 GROWS = 1.2
-"""An eigenvalue above this is no motion that falls over: in ten steps it is sixfold."""
+"""An eigenvalue above this is more than a body falling over: it is a factor of six in ten steps."""
 NUDGE = 1e-6
 LOUD = 1e3
-"""A control that is so many times the largest one before, and 1, is no motion of the same run."""
+"""A control more than this many times the largest earlier one, and 1, is not part of the same
+motion."""
 MOST, MOST_BY_STAGES = (4.0, 2.0), (8.0, 2.79)
-"""Bounds of stability of a spring, h² k/I, and of a damper, h b/I: of semi-implicit Euler that
-takes it at the beginning of a step, and of Runge and Kutta's fourth order (Hairer and Wanner II,
-IV.2)."""
+"""Stability limits of a spring, h² k/I, and of a damper, h b/I: for semi-implicit Euler with forces
+from the beginning of the step, and for fourth-order Runge-Kutta (Hairer and Wanner II, IV.2)."""
 MOST_DOFS = 100
 
 
 class GrowingStates(NamedTuple):
-    """The cause of growth of the states from one on."""
+    """Why the states grow from a certain state on."""
 
     state: int
     term: GapTerm
     factor: float
-    """Factor by which a step multiplies a small difference; for a loud control, its ratio to the
-    largest one before."""
+    """Factor by which a step amplifies a small difference; for a control that is too large, its
+    ratio to the largest earlier one."""
     joint: str = ""
     unit: str = ""
     """Unit of the joint's position."""
     inertia: float = 0.0
-    """Inertia that the mode moves [kg or kg m²]."""
+    """Inertia of the unstable mode [kg or kg m²]."""
     stiffness: float = 0.0
-    """The term's, times h² over the inertia."""
+    """The term's stiffness, times h² over the inertia."""
     damping: float = 0.0
-    """The term's, times h over the inertia."""
+    """The term's damping, times h over the inertia."""
     most: tuple[float, float] = MOST
-    """Such a stiffness, without damping, and such a damping, with which nothing grows."""
+    """The largest such stiffness without damping, and the largest such damping, that are stable."""
     depth_m: float = 0.0
-    """Depth of two bodies in each other, if the term is their contact [m]."""
+    """Penetration depth of two bodies, if the term is their contact [m]."""
     loud: float = 0.0
-    """Control of an actuator, if that alone is large; else 0."""
+    """Control of an actuator, if that alone is too large; else 0."""
 
 
 def growth_of(steps: ImportedSteps, last: Sequence[ImportedStep]) -> GrowingStates | None:
-    """Return the cause of growth in the last steps of a run; None if there is none."""
+    """Return why the states grow in the last steps of a run; None if they do not."""
     m = steps.m
     if not last or not 0 < m.nv <= MOST_DOFS:
         return None
@@ -90,7 +90,7 @@ def growth_of(steps: ImportedSteps, last: Sequence[ImportedStep]) -> GrowingStat
 
 
 def _mode(steps: ImportedSteps, step: ImportedStep) -> GrowingStates | None:
-    """Return the mode in which a step multiplies a deviation most; None if it grows little."""
+    """Return the mode that a step amplifies most; None if it hardly grows."""
     m, d = steps.m, steps.evaluated(step)
     slope = _slope(steps, step)
     if not np.isfinite(slope).all():
@@ -145,7 +145,7 @@ def _mode(steps: ImportedSteps, step: ImportedStep) -> GrowingStates | None:
 
 
 def _slope(steps: ImportedSteps, step: ImportedStep) -> Float64:
-    """Return the derivative of a step by its initial position and velocity, (2n, 2n)."""
+    """Return the derivative of a step with respect to its start state, shape (2n, 2n)."""
     m = steps.m
     way, base, ends = np.zeros(m.nv), np.zeros(m.nq), []
     for number in range(-1, 2 * m.nv):
@@ -165,7 +165,7 @@ def _slope(steps: ImportedSteps, step: ImportedStep) -> Float64:
 
 
 def _forces(m: Any, d: Any) -> Iterator[tuple[GapTerm, Float64]]:  # noqa: ANN401
-    """Yield forces with their terms, shape (nv,)."""
+    """Yield the force terms and their forces, shape (nv,)."""
     yield from forces_of(m, d)
     yield GapTerm("Coriolis and gyroscopic forces"), -np.array(d.qfrc_bias)
     pairs: dict[GapTerm, Float64] = {}

@@ -1,4 +1,4 @@
-"""The states of a simulation among the arrays of a file, by common names or by `--map`."""
+"""Finds a simulation's states among a file's arrays, by common names or by `--map`."""
 
 from __future__ import annotations
 
@@ -31,13 +31,15 @@ NAMES = {
     "qacc_warmstart": ("qacc_warmstart", "warmstart"),
     "states": ("states", "state"),
 }
-"""The common names of what is read, in lower case; `states` are whole states in a row."""
+"""Common names of the arrays to be read, in lower case; `states` holds whole states, one per
+row."""
 STEP_OF = re.compile(r"states_step_(\d+)")
-"""The states of all worlds in a step, as mjlab's guard against NaN keeps them."""
+"""Names of arrays with the states of all worlds in one step, as mjlab's NaN guard saves them."""
 APART = 10.0
-"""A world that ends so many times as far from the others as these from each other is apart."""
+"""A world is an outlier if its final state is this many times as far from the others as these are
+from each other."""
 TOLERATED = 0.02
-"""Share of a timestep by which the time between two states may be off it."""
+"""Share of a timestep by which the time between two states may deviate from it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,16 +48,16 @@ class FoundStates:
 
     states: ImportedStates
     names: Mapping[str, str]
-    """The key in the file, by what is read."""
+    """The key in the file for each array read."""
     world: int | None
-    """The world that was chosen; None where there is only one."""
+    """Index of the chosen world; None if there is only one."""
     worlds: int
     notes: list[Message] = field(default_factory=list)
-    """Missing data, and the consequences."""
+    """What data are missing, and the consequences."""
     ended: Message | None = None
-    """First state that is not finite; None if all are."""
+    """Index of the first state that is not finite; None if all are."""
     is_beyond: bool = False
-    """Whether that is in the step after the last state."""
+    """Whether that state is the one that follows the last recorded state."""
 
 
 def asked_names(maps: Sequence[str], archive: Archive) -> dict[str, str]:
@@ -159,7 +161,7 @@ def states_in(
 
 
 def _names(archive: Archive) -> dict[str, str]:
-    """Return the keys of the file by common names."""
+    """Return the file's keys by common name."""
     found: dict[str, str] = {}
     by_name: dict[str, str] = {}
     for key in archive.arrays:
@@ -178,7 +180,7 @@ def _divided(
     *,
     is_physics: bool,
 ) -> dict[str, NDArray[Any]]:
-    """Return the parts of whole states, told apart by their number of columns."""
+    """Split whole states into their parts, according to their number of columns."""
     width = states.shape[-1] if states.ndim else 0
     moving = [("qpos", m.nq), ("qvel", m.nv)]
     act, mocap = [("act", m.na)], [("mocap_pos", 3 * m.nmocap), ("mocap_quat", 4 * m.nmocap)]
@@ -208,7 +210,7 @@ def _divided(
 
 
 def _shaped(what: str, held: NDArray[Any], m: Any, archive: Archive) -> NDArray[Any]:  # noqa: ANN401
-    """Return an array as worlds × steps × numbers, after checking that it fits the model."""
+    """Return an array as worlds × steps × numbers, checked to fit the model."""
     if what == "time":
         held = held[..., 0] if held.ndim > 1 and held.shape[-1] == 1 else held
         return held.reshape(-1, held.shape[-1]) if held.ndim else held.reshape(1, 1)
@@ -232,7 +234,7 @@ def _shaped(what: str, held: NDArray[Any], m: Any, archive: Archive) -> NDArray[
 
 
 def _chosen(arrays: Mapping[str, NDArray[Any]]) -> int:
-    """Return the first world with non-finite numbers, or the one that differs, or the first."""
+    """Return the index of the first world with non-finite numbers, of the outlier, or 0."""
     bad = ~(_is_number(arrays["qpos"]) & _is_number(arrays["qvel"])).all(axis=1)
     if bad.any():
         return int(np.argmax(bad))
@@ -243,7 +245,7 @@ def _chosen(arrays: Mapping[str, NDArray[Any]]) -> int:
 
 
 def _is_number(rows: NDArray[Any]) -> NDArray[np.bool_]:
-    """Flag the states whose numbers are all finite, and no larger than MuJoCo allows."""
+    """Flag the states whose numbers are all finite and within MuJoCo's limit."""
     with np.errstate(invalid="ignore"):
         return np.asarray((np.abs(rows.astype(np.float64)) <= LARGEST).all(axis=-1))
 
@@ -331,7 +333,7 @@ def _found(
 
 
 def _no_number(parts: Mapping[str, NDArray[Any]], at: int, m: Any) -> Message:  # noqa: ANN401
-    """Name the first number of a state that is not finite."""
+    """Describe the first number of a state that is not finite."""
     for what, adr in (("qvel", m.jnt_dofadr), ("qpos", m.jnt_qposadr)):
         bad = np.flatnonzero(~(np.abs(parts[what][at]) <= LARGEST))
         if len(bad):
@@ -353,7 +355,7 @@ def _bad_input(
     count: int,
     m: Any,  # noqa: ANN401
 ) -> tuple[int, Message] | None:
-    """Return the number of states before a non-finite input, and its name; None if none is."""
+    """Return the number of states before a non-finite input, and its description; or None."""
     found: list[tuple[int, Message]] = []
     for what in (*INPUTS, "act"):
         held = parts.get(what, np.zeros((1, 0)))[:count]
@@ -375,7 +377,7 @@ def _bad_input(
 
 
 def _rounding(parts: Mapping[str, NDArray[Any]]) -> float:
-    """Return the largest relative error of the type in which the numbers were computed.
+    """Return the largest relative rounding error of the type in which the numbers were computed.
 
     A file may hold single precision as doubles, which then have no more digits.
     """
@@ -392,7 +394,7 @@ def _rounding(parts: Mapping[str, NDArray[Any]]) -> float:
 
 
 def _missing(parts: Mapping[str, Any], m: Any, archive: Archive) -> list[Message]:  # noqa: ANN401
-    """Name the missing parts of the file, and the consequences."""
+    """Describe the missing parts of the file, and the consequences."""
     notes = []
     if m.nu and "ctrl" not in parts:
         notes.append(

@@ -1,4 +1,4 @@
-"""States recorded by another program, and MuJoCo's own step from each of them.
+"""Recorded states of another program, and MuJoCo's own step from each of them.
 
 A step is near if MuJoCo leads to the recorded state within the tolerance of the numbers: the spread
 of steps from states nudged by one rounding of the stored type. If no controls were recorded, a step
@@ -37,32 +37,34 @@ WIDTHS = {
     "eq_active": lambda m: m.neq,
     "qacc_warmstart": lambda m: m.nv,
 }
-"""The numbers of a state's parts in a model."""
+"""Number of elements of each part of a state in a model."""
 INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", "eq_active", "mocap_pos", "mocap_quat")
 NUDGES = 5
 MARGIN = 4.0
-"""A gap of so many spreads is still rounding: five steps show some half of what is possible."""
+"""A gap of up to this many spreads counts as rounding: five steps show about half of what is
+possible."""
 ROUNDS = 8
-"""Most rounds of least squares that find controls: contacts make them more than one."""
+"""Largest number of least-squares iterations that determine controls; contacts need more than
+one."""
 NUDGED = 1e-3
-"""Share of a control by which it is changed to see what it does."""
+"""Relative change of a control that measures its effect."""
 ALIGNED = 64
-"""Steps that show to which state the controls belong."""
+"""Number of steps that are tested for which state the controls belong to."""
 
 
 @dataclass(frozen=True, eq=False)
 class ImportedStates:
-    """The recorded states of one simulation, n of them."""
+    """The n recorded states of one simulation."""
 
     parts: Mapping[str, NDArray[Any]]
     """Parts of the state by MuJoCo's name, shape (n, width) each; inputs act in the step that
-    begins in their row."""
+    starts at their row."""
     times_s: Float64
-    """Shape (n,)."""
+    """Time of each state, shape (n,)."""
     rounding: float
-    """Largest relative error of a number of the stored type."""
+    """Largest relative rounding error of the stored type."""
     step_s: float
-    """Time from one to the next [s]."""
+    """Time between successive states [s]."""
 
     def __len__(self) -> int:
         """Return the number of states."""
@@ -74,25 +76,25 @@ class ImportedStep(NamedTuple):
 
     number: int
     near: bool
-    """Whether MuJoCo leads to the recorded state within rounding."""
+    """Whether MuJoCo's step reaches the recorded state within rounding."""
     ctrl: Float64
-    """The controls it was taken with, shape (nu,)."""
+    """The controls with which the step was made, shape (nu,)."""
     given: Float64
-    """The same, or the last ones that are known, where nothing leads to the next state, (nu,)."""
+    """The same controls, or the last known ones if none lead to the next state, shape (nu,)."""
     warmstart: Float64
     """Warm start of the next step's solver, shape (nv,)."""
     rates: Float64
-    """The recorded velocities that it ends with, shape (nv,)."""
+    """The recorded velocities after the step, shape (nv,)."""
     gap: Float64
-    """These less MuJoCo's, shape (nv,)."""
+    """The recorded velocities minus MuJoCo's, shape (nv,)."""
     allowed: Float64
-    """The part of that which is rounding at most, shape (nv,)."""
+    """The part of that difference that may be rounding, shape (nv,)."""
     moved: bool
-    """Whether the positions alone are another's."""
+    """Whether only the positions differ."""
 
 
 def loaded(path: Path | None, text: str | None = None) -> Any:  # noqa: ANN401 - an MjModel
-    """Return a model from a file in MuJoCo's XML or binary form, or from XML as text.
+    """Load a model from a file in MuJoCo's XML or binary format, or from XML text.
 
     Raises
     ------
@@ -152,7 +154,7 @@ class ImportedSteps:
             yield self._step(number)
 
     def goes_on(self) -> bool:
-        """Return whether MuJoCo's step from the last state leads to one from which it can continue.
+        """Return whether MuJoCo can continue after its step from the last state.
 
         Its controls are those of the step before.
         """
@@ -165,7 +167,7 @@ class ImportedSteps:
         return bool((np.abs(reached) <= LARGEST).all())
 
     def evaluated(self, step: ImportedStep) -> Any:  # noqa: ANN401 - an MjData
-        """Return data with MuJoCo's results for the state before a step."""
+        """Return an MjData with MuJoCo's results for the state before a step."""
         self._load(self._other, step.number)
         self._other.ctrl[:] = step.ctrl
         mujoco.mj_forward(self.m, self._other)
@@ -195,7 +197,7 @@ class ImportedSteps:
         return step
 
     def _tried(self, number: int, ctrl: Float64) -> ImportedStep:
-        """Return a step taken with given controls."""
+        """Return a step made with the given controls."""
         self._load(self.d, number)
         self.d.ctrl[:] = ctrl
         mujoco.mj_step(self.m, self.d)
@@ -252,7 +254,7 @@ class ImportedSteps:
         return ctrl
 
     def _inverse(self, number: int) -> Float64:
-        """Return the controls of a step by inverse dynamics, shape (nu,)."""
+        """Return the controls for a step by inverse dynamics, shape (nu,)."""
         m, o, flags = self.m, self._other, int(self.m.opt.enableflags)
         if m.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
             return self._held
@@ -285,7 +287,7 @@ class ImportedSteps:
         return self.states.parts[name][number]
 
     def _load(self, d: Any, number: int) -> None:  # noqa: ANN401
-        """Write a state into data, and its controls, if they are known."""
+        """Write a state into an MjData, with its controls if they are known."""
         d.time = self.states.times_s[number]
         for name, rows in self.states.parts.items():
             at = self._row_of_ctrl(number) if name == "ctrl" else number
@@ -294,7 +296,7 @@ class ImportedSteps:
             d.qacc_warmstart[:] = self._chain
 
     def _gaps(self, number: int) -> tuple[list[Float64], list[Float64]]:
-        """Return the distances of the recorded parts from MuJoCo's, and their rounding."""
+        """Return the differences between recorded parts and MuJoCo's, and their rounding."""
         gaps, floors = [], []
         for name in self._judged:
             before, after = (self._row(name, at).astype(np.float64) for at in (number, number + 1))
@@ -309,7 +311,7 @@ class ImportedSteps:
         ctrl: Float64,
         floors: list[Float64],
     ) -> list[Float64]:
-        """Return the allowed distances of a step: the spread of states nudged by a rounding."""
+        """Return the rounding allowed for a step: the spread of states changed by one rounding."""
         m, d, o = self.m, self.d, self._other
         spreads = [np.zeros_like(floor) for floor in floors]
         for which in range(NUDGES):
@@ -331,7 +333,7 @@ class ImportedSteps:
         ]
 
     def _aligned(self) -> int:
-        """Return 1 if the controls of a step stand in the row of its end, else 0."""
+        """Return 1 if a step's controls are stored in the row of its end state, else 0."""
         last = len(self.states) - 1
         if len(self.states.parts["ctrl"]) <= last:
             return 0
@@ -350,7 +352,7 @@ class ImportedSteps:
 
 
 def _within(gaps: list[Float64], allowed: list[Float64]) -> list[bool]:
-    """Return whether each part differs by rounding at most."""
+    """Return whether each part differs by at most rounding."""
     both = zip(gaps, allowed, strict=True)
     return [bool((np.abs(gap) <= most).all()) for gap, most in both]
 

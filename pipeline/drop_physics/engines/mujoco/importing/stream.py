@@ -1,4 +1,4 @@
-"""Imported states as the stream of a watched script, to be recorded like its steps."""
+"""Sends imported states in the stream format of a watched script, so that they can be recorded."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ FIRST, IMPORTED = CAUSES.index("first"), CAUSES.index("imported")
 def stream_of(
     steps: ImportedSteps, tell: Callable[[ImportedStep], None], *, stepped: bool
 ) -> Iterator[bytes]:
-    """Yield the stream of a script's process for a simulation with these states.
+    """Yield the stream that a script's process would send for these states.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def _model(m: Any) -> Iterator[bytes]:  # noqa: ANN401 - an MjModel
 
 
 def _inputs(steps: ImportedSteps, step: ImportedStep, sent: dict[str, bytes]) -> Iterator[bytes]:
-    """Yield the inputs of a step that differ from those before."""
+    """Yield the inputs of a step that differ from the previous ones."""
     parts = b""
     count = 0
     for name in USER:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def begin(
     host: ScriptWatch, operations: Sequence[Mapping[str, Any]], variation: dict[str, Any] | None
 ) -> None:
-    """Watch MuJoCo from its import on; watching needs numpy, as MuJoCo does."""
+    """Watch MuJoCo as soon as it is imported; like MuJoCo, this needs numpy."""
     watches: list[MujocoWatch] = []
 
     def install(module: ModuleType) -> None:

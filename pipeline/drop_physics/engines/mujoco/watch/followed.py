@@ -1,4 +1,4 @@
-"""A model and a state (MjModel, MjData) of a watched script, compared with what was last sent."""
+"""A watched script's model and state (MjModel, MjData), compared with the values last sent."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ if TYPE_CHECKING:
     from .hooks import MujocoWatch
 
 PIECE_BYTES = 1 << 20
-"""A model's binary form is sent in pieces of so many bytes."""
+"""Chunk size in which a model's binary form is sent [bytes]."""
 MOVING = ("qpos", "qvel")
 IDLE_CALLS = 10
-"""Calls of `mj_forward` after which a script that makes no step waits for something to move."""
+"""Number of `mj_forward` calls after which a script without steps counts as waiting for motion."""
 MEMORY, POSED, FIRST, RESET = map(CAUSES.index, ("memory", "posed", "first", "step"))
 FRAME = struct.Struct("<cI" + STEP_HEAD.format[1:])
-"""The head of a frame, and that of a step in it."""
+"""Header of a frame, and of a step within it."""
 
 
 class WatchedModel:
-    """A model whose memory is compared with its last sent contents.
+    """A model whose memory is compared with the values last sent.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class WatchedModel:
         self._tell(m)
 
     def _tell(self, m: Any) -> None:
-        """Send the model: a digest, its constants for an analysis, and all of it if it is new."""
+        """Send the model: digest, constants for the analysis, and its bytes if it is new."""
         binary = np.empty(self.watch.mujoco.mj_sizeModel(m), np.uint8)
         self.watch.mujoco.mj_saveModel(m, None, binary)
         digest = hashlib.sha256(binary.data).hexdigest()
@@ -92,7 +92,7 @@ class WatchedModel:
             send(arrays_bytes("binary", {"bytes": piece}, digest=digest, at=at))
 
     def tell_edits(self, world: int, site: int) -> None:
-        """Send edits made in place."""
+        """Send edits of the model made in place."""
         for (saved, view), begin in zip(self.pairs, self._begins):
             if saved == view:
                 continue
@@ -115,7 +115,7 @@ class WatchedModel:
 
 
 class SensorExtremes:
-    """The first and last, least and greatest readings of the numbers of all sensors.
+    """The first, last, least and greatest value of each sensor number.
 
     So are those of the lengths of tendons, which come after them. They are in memory that the
     recorder shares: no crash loses any.
@@ -123,7 +123,7 @@ class SensorExtremes:
 
     @staticmethod
     def of(watch: MujocoWatch, d: Any) -> SensorExtremes | None:
-        """Return the extremes of an MjData; None without sensor and tendon, or without room."""
+        """Return the extremes for an MjData; None without sensors or tendons, or without room."""
         read = [each for each in (d.sensordata, d.ten_length) if each.size]
         size = EXTREMES * sum(each.size for each in read)
         begin = PLACES * ANSWERS * EXTREMES - watch.sensed - size  # from behind
@@ -144,7 +144,7 @@ class SensorExtremes:
         """Where they begin among the answers, and how many numbers there are of each."""
 
     def add(self) -> None:
-        """Add the readings after a step."""
+        """Update with the readings after a step."""
         for kept, now in self._parts:
             if self._is_first:
                 kept[:] = now
@@ -155,7 +155,7 @@ class SensorExtremes:
 
 
 class WatchedData:
-    """A state whose steps are sent.
+    """A state (MjData) whose steps are sent.
 
     Parameters
     ----------
@@ -213,11 +213,11 @@ class WatchedData:
 
     @property
     def is_written(self) -> bool:
-        """True if the state, apart from the time, differs from what was last sent."""
+        """True if the state, apart from the time, differs from the values last sent."""
         return any(stretch.saved != stretch.view for stretch in self._stretches)
 
     def before(self, d: Any, site: int) -> None:
-        """Send the writes since the last step, to the state or the model."""
+        """Send the writes to the state or the model since the last step."""
         for saved, view in self.model.pairs:
             if saved != view:
                 self.model.tell_edits(self.number, site)
@@ -227,7 +227,7 @@ class WatchedData:
             self.tell_written(d, site, MEMORY)
 
     def elapse(self, d: Any) -> None:
-        """Note the time after a step of a run that sends nothing."""
+        """Update the time after a step of a run that sends nothing."""
         time = d.time
         self.elapsed_s += max(time - self.time, 0.0)
         self.time = time
@@ -244,7 +244,7 @@ class WatchedData:
         self.watch.send(head + parts)
 
     def pose(self, d: Any, site: int, cause: int, complete: bool) -> None:
-        """Send writes before a function makes data current, and note the state it is made for."""
+        """Send writes before a function recomputes derived data, and note the state used."""
         if not self.elapsed_s:
             self._count_idle()
         if self.is_written:
@@ -253,13 +253,13 @@ class WatchedData:
             self._posed = bytes(self.core.view), bytes(self.user.view)
 
     def read(self, d: Any, site: int, cause: int) -> None:
-        """Send writes before a function reads data, if the data belong to other positions."""
+        """Send writes before a function reads derived data that belong to other positions."""
         for qpos in self.core.parts[:1]:
             if self.core.saved[qpos.begin : qpos.end] != qpos.view:
                 self.tell_written(d, site, cause)
 
     def _count_idle(self) -> None:
-        """Report once that data are made current repeatedly, while nothing moves.
+        """Report, once, that derived data are recomputed repeatedly while nothing moves.
 
         A script that moves something after the first call is not waiting for a step.
         """
@@ -271,7 +271,7 @@ class WatchedData:
             self.watch.send(note_bytes("idle", world=self.number))
 
     def set_by(self, d: Any, site: int, cause: int, argument: int) -> None:
-        """Send the effect of a setting function, or the fact that it changed nothing."""
+        """Send the effect of a function that sets the state, even if it changed nothing."""
         if self.is_written or d.time != self.time:
             self.tell_written(d, site, cause, argument)
         else:
@@ -280,11 +280,11 @@ class WatchedData:
         self._posed = None
 
     def drawn(self, site: int, cause: int, digest: int) -> None:
-        """Send the digest of a picture of the state."""
+        """Send the digest of an image of the state."""
         self.watch.send(DONE_HEAD.pack(DONE, cause, 0, self.number, site, digest))
 
     def staleness(self, everything: bool) -> int:
-        """Send the state for which data were computed before a step that takes them; return a flag.
+        """Send the older state if a step uses data computed from one; return a flag.
 
         With `everything`, the step takes from the state only the part to which it adds.
         """
@@ -305,7 +305,7 @@ class WatchedData:
         return STALE
 
     def after(self, d: Any, site: int, function: int) -> None:
-        """Send a step."""
+        """Send a step and the state after it."""
         core, time, pipe = self.core, d.time, self.watch.pipe
         reset = self.user.saved != self.user.view  # by a callback, or because MuJoCo has reset
         if self.answers:
@@ -352,11 +352,11 @@ class WatchedData:
     # -- what callbacks do within a step ----------------------------------------------------------
 
     def begin_calling(self) -> None:
-        """Begin a step that may call callbacks."""
+        """Start a step in which the engine may call the script's callbacks."""
         self._calling[:] = self.user.saved
 
     def called(self, which: int, answer: float | None) -> None:
-        """Note the result of a callback: its returned value, or its writes."""
+        """Note a callback's effect: its return value, or its writes."""
         head = bytes((which,))
         if answer is not None:
             self.answers.append(head + struct.pack("<d", answer))
@@ -380,8 +380,9 @@ class WatchedData:
 
 
 PLAIN = 1 << 18
-"""Cores up to this size go straight into the block, a quarter of which they take at most."""
+"""Core states up to this size are written directly into the block, of which they take a quarter at
+most."""
 _POSING = ("qpos", "qvel", "act", "mocap_pos", "mocap_quat", "eq_active")
-"""Inputs of positions, velocities and constraints."""
+"""Inputs used in computing positions, velocities and constraints."""
 _PASSIVE = 1
-"""Number of the callback that adds passive forces."""
+"""Index of the callback that adds passive forces."""

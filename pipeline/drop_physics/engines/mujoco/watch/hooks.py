@@ -1,4 +1,4 @@
-"""The functions of mujoco that make steps or change states, each replaced by one that calls it.
+"""Wraps the functions of mujoco that make steps or change states.
 
 The script sees no difference: numbers are MuJoCo's own, to the last bit. Other functions that step
 a model (`uncaught`) are named, and a window is answered by `viewer`.
@@ -38,26 +38,26 @@ RESETS = (
     "mj_copyData",
     "mj_setConst",
 )
-"""Functions that set a state."""
+"""Functions that set the whole state."""
 WHICH = {"mj_copyData": (1, 0), "mj_copyState": (0, 2)}
-"""The places of the model, and of the state that is changed, in their arguments; else (0, 1)."""
+"""Argument indices of the model, and of the state that is changed; by default (0, 1)."""
 POSES = (
     *("mj_forward", "mj_step1", "mj_inverse", "mj_fwdPosition", "mj_kinematics"),
     *("mj_fwdKinematics", "mj_forwardSkip"),
 )
-"""Functions after which data belong to the state as it is."""
+"""Functions that recompute derived data from the current state."""
 COMPLETE = ("mj_forward", "mj_step1")
-"""Those of them that compute all that `mj_step2` and the integrators take."""
+"""Those that compute everything that `mj_step2` and the integrators use."""
 MANY = 64
-"""Number of further states after which those that the script has let go of are forgotten."""
+"""Number of new states after which those released by the script are forgotten."""
 MOST_WARNINGS = 100
-"""Different texts of warnings that are sent."""
+"""Largest number of different warning texts that are sent."""
 WARNS_TO_STDERR = (3, 9)
-"""The first version that prints warnings there."""
+"""The first MuJoCo version that prints warnings to standard error."""
 
 
 class MujocoWatch(EngineWatch):
-    """Observed use of mujoco by a script.
+    """Watches a script's use of mujoco.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class MujocoWatch(EngineWatch):
         self._warned: set[str] = set()
 
     def become(self, trial: dict[str, Any]) -> None:
-        """Continue as a trial, in a new fork."""
+        """Continue as a trial run, in a new fork."""
         self._changes.become(trial["interventions"], trial["variation"] or {})
 
     def can_become(self, trial: dict[str, Any]) -> bool:
@@ -122,12 +122,12 @@ class MujocoWatch(EngineWatch):
         return not any(each.get("at_load") for each in trial["interventions"])
 
     def possible(self, rows: Sequence[dict[str, Any]]) -> list[Change]:
-        """Return the single changes of table rows that are possible in an observed run."""
+        """Return the single changes from table rows that are possible in an observed run."""
         seen = self._changes.seen.values()
         return [change for each in seen for change in possible(self.mujoco, rows, each)]
 
     def observed(self) -> ObservedData | None:
-        """Return the state that was stepped last, in the form that expectations read."""
+        """Return the last stepped state, in the form that expectations read."""
         if self.latest is None:
             return None
         m, d = self.latest
@@ -138,7 +138,7 @@ class MujocoWatch(EngineWatch):
         return self._observed
 
     def install(self, module: ModuleType) -> None:
-        """Replace functions of mujoco, in place."""
+        """Wrap functions of mujoco, in place."""
         again = self.mujoco is not None
         self.mujoco = module
         makers = [(name, _stepping) for name in STEPS]
@@ -191,7 +191,7 @@ class MujocoWatch(EngineWatch):
                     self.host.steppers.append((owner, name, hook))
 
     def replace_static(self, owner: Any, name: str, made: Callable[[Any], Any]) -> None:
-        """Replace a static method of a class of mujoco by the result of `made`."""
+        """Replace a static method of a mujoco class by the result of `made`."""
         original = getattr(owner, name)
         setattr(owner, name, staticmethod(made(original)))
         self.host.on_removal(partial(setattr, owner, name, staticmethod(original)))
@@ -199,11 +199,11 @@ class MujocoWatch(EngineWatch):
     # -- what is sent -----------------------------------------------------------------------------
 
     def send(self, payload: bytes) -> None:
-        """Send a payload; the caller holds the turn."""
+        """Send a payload; the caller holds the lock."""
         self.pipe.write(frame(MUJOCO, payload))
 
     def tell(self, what: str, **values: Any) -> None:
-        """Send a note."""
+        """Send a message."""
         with self.host.lock:
             self.send(note_bytes(what, **values))
 
@@ -212,14 +212,14 @@ class MujocoWatch(EngineWatch):
         self.tell("episode", **what)
 
     def tell_uncaught(self, name: str, place: Any) -> None:
-        """Name something that steps models unrecorded."""
+        """Report something that steps models without being recorded."""
         file, line = (
             ("", 0) if place is None else self.host.sites.place(self.host.sites.outside(place))
         )
         self.tell("uncaught", name=name, file=file, line=line)
 
     def site_of(self, place: Any) -> int:
-        """Return the number of the script's line from which a frame's call comes.
+        """Return the index of the script's line from which a call comes, given its frame.
 
         A call within an installed library belongs to the line that called the library.
         """
@@ -240,7 +240,7 @@ class MujocoWatch(EngineWatch):
     # -- states -----------------------------------------------------------------------------------
 
     def seen(self, m: Any, d: Any, place: Any) -> tuple[WatchedData | None, int]:
-        """Return the watch of a state, and the number of a site; None if it cannot be followed.
+        """Return the watch of a state, and the site's index; None if it cannot be followed.
 
         The caller holds the turn.
         """
@@ -253,7 +253,7 @@ class MujocoWatch(EngineWatch):
             return None, 0
 
     def state_of(self, m: Any, d: Any, site: int) -> WatchedData | None:
-        """Return the watch of a state, new if there was none; None if `d` is no state."""
+        """Return the watch of a state, created if needed; None if `d` is not an MjData."""
         module = self.mujoco
         if not isinstance(m, module.MjModel) or not isinstance(d, module.MjData):
             return None
@@ -292,7 +292,7 @@ class MujocoWatch(EngineWatch):
     # -- callbacks --------------------------------------------------------------------------------
 
     def begin_calling(self, state: WatchedData) -> WatchedData | None:
-        """Note callbacks within a step of a state; return the state of an outer step."""
+        """Start noting callbacks within a step; return the state of an outer step."""
         outer = self.stepping.get(get_ident())
         state.begin_calling()
         self.stepping[get_ident()] = state
@@ -327,7 +327,7 @@ class MujocoWatch(EngineWatch):
     # -- warnings ---------------------------------------------------------------------------------
 
     def _hook_warnings(self, module: Any) -> None:
-        """Print MuJoCo's warnings, which it would append to MUJOCO_LOG.TXT."""
+        """Print MuJoCo's warnings, which it would append to its log file."""
         setter, getter = module.set_mju_user_warning, module.get_mju_user_warning
         if getattr(setter, "drop_watch", None) is self:
             return
@@ -361,7 +361,7 @@ class MujocoWatch(EngineWatch):
 
 
 def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
-    """Return a function that makes steps one by one, and sends each."""
+    """Return a wrapper that makes steps one by one, and sends each."""
     host, states, callbacks, sites = watch.host, watch.data, watch.callbacks, watch.sites
     lock, pipe, now = host.lock, host.pipe, watch.stepping
     acquire, release, kept, frame = lock.acquire, lock.release, lock.kept, _getframe
@@ -441,7 +441,7 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
 
 
 def _arguments(args: Any, kwargs: Any, takes_steps: bool) -> Any:
-    """Return model, state, number of steps and further arguments of a stepping function.
+    """Return model, state, number of steps and further arguments of a step function's call.
 
     None if it cannot be called with these.
     """
@@ -458,7 +458,7 @@ def _arguments(args: Any, kwargs: Any, takes_steps: bool) -> Any:
 
 
 def _resetting(watch: MujocoWatch, name: str, original: Any) -> Any:
-    """Return a function that sets a state, and sends the changes."""
+    """Return a wrapper for a function that sets the state, which sends the changes."""
     host, cause = watch.host, CAUSES.index(name)
     of_model, of_data = WHICH.get(name, (0, 1))
 
@@ -482,7 +482,7 @@ def _resetting(watch: MujocoWatch, name: str, original: Any) -> Any:
 
 
 def _posing(watch: MujocoWatch, name: str, original: Any) -> Any:
-    """Return a function that makes data current, or reads them, and sends earlier writes."""
+    """Return a wrapper for a function that computes or reads data, which sends earlier writes."""
     host, cause, reads = watch.host, CAUSES.index(name), name in READS
     complete, callbacks, now = name in COMPLETE, watch.callbacks, watch.stepping
 
@@ -511,7 +511,7 @@ def _posing(watch: MujocoWatch, name: str, original: Any) -> Any:
 
 
 def _calling(watch: MujocoWatch, which: int, callback: Any) -> Any:
-    """Return a function that calls a script's callback, and notes its effect within a step."""
+    """Return a wrapper for a script's callback, which notes its effect within a step."""
     now = watch.stepping
 
     def call(*args: Any) -> Any:
@@ -527,5 +527,5 @@ def _calling(watch: MujocoWatch, which: int, callback: Any) -> Any:
 
 
 def _version(text: str) -> tuple[int, ...]:
-    """Return a version's numbers."""
+    """Return the numbers in a version string."""
     return tuple(int(part) for part in text.split(".")[:2])

@@ -1,4 +1,4 @@
-"""An experiment in a MuJoCo script: a step finds changed values in the model or the state.
+"""Changes in a MuJoCo script's run: a step uses changed values in the model or the state.
 
 The model holds the changes only while a function of MuJoCo runs: so they are recorded and replayed,
 and the script reads, and edits, its own values. The changes arrive as data; the words of MuJoCo are
@@ -50,15 +50,15 @@ SOURCES = (
 )
 """Fields from which MuJoCo derives them."""
 SAME = 1e-6
-"""A pose is that of a keyframe where no coordinate differs by more."""
+"""Largest coordinate difference at which a pose counts as that of a keyframe."""
 RESETS = ("mj_resetData", "mj_resetDataKeyframe", "mj_resetDataDebug", "mj_setState")
-"""Functions that set a state, as a script's own writes do not."""
+"""Functions that set the state by a call, unlike the script's own writes."""
 LOADS = ("from_xml_path", "from_xml_string", "from_binary_path")
-"""Functions that make a model from a file or a text."""
+"""Functions that create a model from a file or a text."""
 
 
 class ModelChanges:
-    """Differences of a run from the script's own.
+    """How a run differs from the script's own.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class ModelChanges:
         self.become(operations, variation)
 
     def become(self, operations: Sequence[Operation], variation: Mapping[str, Any]) -> None:
-        """Take other differences from now on, before any has been applied."""
+        """Switch to other changes from now on, before any has been applied."""
         self.finer = int(variation.get("finer", 1))
         self._nudge = float(variation.get("nudge", 0.0))
         self._draw = random.Random(variation.get("seed", 0)).uniform
@@ -102,20 +102,20 @@ class ModelChanges:
 
     @property
     def any(self) -> bool:
-        """True if anything differs."""
+        """True if anything is changed."""
         return bool(self._operations) or self.finer > 1 or self._nudge > 0
 
     def fire(self, number: int) -> None:
-        """Note an operation that has changed something."""
+        """Report that an operation had an effect."""
         if number >= 0:
             self._tell(number)
 
     def of(self, do: str) -> Iterator[tuple[int, Operation]]:
-        """Yield the operations of some kinds, by number."""
+        """Yield the operations of one kind, with their indices."""
         return ((number, each) for number, each in self._operations if each["do"] == do)
 
     def on(self, m: Any) -> list[tuple[int, Operation]]:
-        """Return the operations on a model and its states, by number."""
+        """Return the operations on a model and its states, with their indices."""
         found: list[tuple[int, Operation]] = []
         for number, each in self._operations:
             mine: Sequence[Operation] = [each]
@@ -125,7 +125,7 @@ class ModelChanges:
         return found
 
     def seen_of(self, m: Any, d: Any) -> SeenInputs | None:
-        """Return the observations of a model's states, and of others with the same elements."""
+        """Return the observations of a model's states, shared by models with the same elements."""
         if not any(self.of("see")):
             return None
         return self.seen.setdefault(tuple(sizes(m)), SeenInputs(m, d))
@@ -133,7 +133,7 @@ class ModelChanges:
     # -- in place of mujoco's functions -----------------------------------------------------------
 
     def around(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        """Return the replacement of a watched function."""
+        """Return the wrapper of a watched function."""
         self._calls[name] = call
         return self._stepping(name, call) if name in STEPS else self._other(name, call)
 
@@ -200,19 +200,19 @@ class ModelChanges:
         return self._watch.host.standing(call, changed)
 
     def _stop(self, *, steps: bool) -> None:
-        """Stop here, if trials part from this run before the call."""
+        """Pause here, if trials are forked before this call."""
         if self._watch.host.forks is not None:
             self._watch.host.forks.stop(steps=steps)
 
     def _pose(self, m: Any, data: ChangedData) -> None:
-        """Make data current before a function that takes them unchanged."""
+        """Recompute derived data before a function that uses them as they are."""
         for number, _ in self.of("pose"):
             if not data.is_posed:
                 self.fire(number)
                 self._calls["mj_step1"](m, data.ref())
 
     def _site(self) -> list[Any] | None:
-        """Return the script's calling line, if that matters."""
+        """Return the script's calling line, if any operation depends on it."""
         if not self._sited:
             return None
         sites = self._watch.host.sites
@@ -220,7 +220,7 @@ class ModelChanges:
         return [file, line]
 
     def _of(self, args: Any, kwargs: Any) -> tuple[Any, ChangedModel, ChangedData] | None:
-        """Return a call's MjModel, and the changes of its model and state; None if it has none."""
+        """Return a call's MjModel, and the changes of model and state; None without one."""
         module, given = self._watch.mujoco, (*args, *kwargs.values())
         m = next((each for each in given if isinstance(each, module.MjModel)), None)
         d = next((each for each in given if isinstance(each, module.MjData)), None)
@@ -234,7 +234,7 @@ class ModelChanges:
         return m, model, data
 
     def displace(self, m: Any, d: Any) -> None:
-        """Move all joints before their first step."""
+        """Displace all joints before their first step."""
         most = self._nudge
         if not most:
             return
@@ -252,7 +252,7 @@ class ModelChanges:
     # -- as a model is loaded ---------------------------------------------------------------------
 
     def install(self, module: Any) -> None:
-        """Change models when they are loaded, if an operation asks for it."""
+        """Change models as they are loaded, if an operation requires it."""
         for number, each in self.of("arena"):
             for name in LOADS:
                 self._watch.replace_static(module.MjModel, name, self._loading(number, each))
@@ -273,7 +273,7 @@ class ModelChanges:
 
 
 class ChangedModel:
-    """A model with changed contents while a function of MuJoCo runs.
+    """A model whose contents are changed while a function of MuJoCo runs.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ class ChangedModel:
         """The last derivation: its inputs, and the derived arrays."""
 
     def enter(self, m: Any, site: list[Any] | None) -> None:
-        """Write the changes into the model, in a call from a site."""
+        """Write the changes into the model, for a call from a site."""
         with self._lock:
             self._inside += 1
             if self._inside > 1:
@@ -326,7 +326,7 @@ class ChangedModel:
                 self._derive(m)
 
     def _undo(self, m: Any, number: int, name: str, *, of_site: bool) -> None:
-        """Undo the script's writes since the last call, if they are of the site."""
+        """Undo the script's writes since the last call, if they come from the site."""
         held = np.array(field_of(m, name))
         known = self._known.setdefault(name, held)
         if np.array_equal(held, known):
@@ -338,14 +338,14 @@ class ChangedModel:
             self._known[name] = held
 
     def leave(self, m: Any) -> None:
-        """Restore the script's values."""
+        """Restore the script's own values in the model after a function of MuJoCo."""
         with self._lock:
             self._inside -= 1
             while self._kept and not self._inside:
                 set_field(m, *self._kept.pop())
 
     def _derive(self, m: Any) -> None:
-        """Derive quantities anew from the current masses."""
+        """Recompute derived quantities from the current masses."""
         key = b"".join(getattr(m, name).tobytes() for name in SOURCES)
         if self._derived is None or self._derived[0] != key:
             before = {name: getattr(m, name).copy() for name in DERIVED if hasattr(m, name)}
@@ -366,7 +366,7 @@ class ChangedModel:
 
 
 class ChangedData:
-    """A state that is written before or after steps, or in which a write is undone.
+    """A state that is changed before or after steps, or in which a write is undone.
 
     The script's own inputs are back after the step.
 
@@ -412,12 +412,12 @@ class ChangedData:
 
     @property
     def is_posed(self) -> bool:
-        """True if data belong to the current positions."""
+        """True if derived data belong to the current positions."""
         d = self.ref()
         return d is not None and self._posed == d.qpos.tobytes()
 
     def before(self, site: list[Any] | None) -> None:
-        """Write the changes before a step, in a call from a site."""
+        """Write the changes before a step, for a call from a site."""
         m, d, fire = self._model(), self.ref(), self._changes.fire
         if m is None or d is None:
             return
@@ -446,7 +446,7 @@ class ChangedData:
             self._give(number, getattr(d, each["part"]).reshape(-1), each["ids"], each["how"])
 
     def _give(self, number: int, part: Any, its: Sequence[int], how: Sequence[Any]) -> None:
-        """Give a step another input: the first or previous one, or an operator's result."""
+        """Replace an input of a step: by the first or previous one, or an operator's result."""
         own = part[its].copy()
         if how[0] == "held":
             new = self._input.setdefault(number, own)
@@ -464,7 +464,7 @@ class ChangedData:
             self._changes.fire(number)
 
     def _begin(self, m: Any, d: Any) -> None:
-        """Write the changes at the beginning of an episode."""
+        """Write the changes at the start of an episode."""
         for number, each in self._of("lift"):
             for body in ids_of(self._watch.mujoco, m, "body", each):
                 joint = m.body_jntadr[body]
@@ -488,7 +488,7 @@ class ChangedData:
                 break
 
     def _hold(self, m: Any, d: Any, qpos: Any, ctrl: Any) -> None:
-        """Send actuators of placed joints to their positions, or keep the new commands."""
+        """Command actuators of written joints to their positions, or keep the new commands."""
         moved = d.qpos != qpos
         for actuator in range(m.nu):
             joint = m.actuator_trnid[actuator, 0]
@@ -502,13 +502,13 @@ class ChangedData:
                     self._changes.fire(number)
 
     def keep(self) -> None:
-        """Keep the commands of actuators before a function sets a state, to give them again."""
+        """Save actuator commands before a function sets the state, to restore them."""
         d = self.ref()
         if d is not None and self._gives:
             self._last = d.qpos.copy(), d.ctrl.copy()
 
     def after(self, name: str) -> None:
-        """Keep the result of a step, or of a function that sets a state."""
+        """Save the result of a step, or of a function that sets the state."""
         d = self.ref()
         if d is None:
             return
@@ -538,7 +538,7 @@ class ChangedData:
 
 
 def _number_of(m: Any, name: str) -> Any:
-    """Return a whole number of a model from its memory; None if it is not found."""
+    """Return an integer field of a model from its memory; None if it is not found."""
     from mujoco.introspect import structs
 
     address: Any = getattr(m, "_address", None)

@@ -13,14 +13,14 @@ from .single_changes import AFFINE
 from .writes import FREE
 
 UNSTABLE = ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC")
-"""Warnings with which MuJoCo says that a state is not finite, or too large; it may reset it."""
+"""Warnings that a state is not finite, or too large; MuJoCo may then reset it."""
 AXES = "xyz"
 UP = 8
-"""The place, in a body's rotation matrix, of the upward part of its z axis."""
+"""Index, in a body's rotation matrix, of the upward component of its z axis."""
 
 
 class ObservedData(Observed):
-    """An observed state.
+    """An observed state of a simulation.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class ObservedData(Observed):
         return self._body_names
 
     def astray(self) -> dict[str, float]:
-        """Return the distance of servos' joints or tendons from `ctrl`."""
+        """Return the distance of servo-driven joints or tendons from `ctrl`."""
         d, found = self._owner, {}
         for number, name, gain, spring, damper in self._servos:
             asked = gain * d.ctrl[number]
@@ -103,7 +103,7 @@ class ObservedData(Observed):
         return not warned and bool(np.isfinite(d.qpos).all() and np.isfinite(d.qvel).all())
 
     def _number(self, kind: str, name: Any) -> int:
-        """Return the number of an element by its name."""
+        """Return the index of an element by name."""
         if isinstance(name, (int, np.integer)) and not isinstance(name, bool):
             return int(name)
         if kind not in self._names:
@@ -117,7 +117,7 @@ class ObservedData(Observed):
         return self._names[kind][name]
 
     def _force(self, m: Any, d: Any, bodies: list[int]) -> Callable[[], float]:
-        """Return a function that reads the force between two bodies, or of one on all others."""
+        """Return a function that reads the force between two bodies, or by one on all others."""
         one, others = bodies[0], bodies[1:]
         of, wrench = m.geom_bodyid, np.zeros(6)
 

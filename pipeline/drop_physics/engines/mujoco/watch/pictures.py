@@ -1,4 +1,4 @@
-"""Pictures drawn by a script's mujoco: their digests are sent, with the state that they show."""
+"""Sends digests of the images that a script's mujoco renders, with the state that they show."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 PICTURE = CAUSES.index("picture")
 SIGNED = 1 << 31
-"""A digest of 32 bits is sent as a signed number."""
+"""Offset that converts a 32-bit digest to a signed number."""
 
 
 def install(watch: MujocoWatch, renderer: Any) -> None:
-    """Wrap the methods of mujoco's drawing class in ones that send digests.
+    """Wrap the methods of mujoco's renderer so that they send digests.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Observations of a MuJoCo script's run, for the causal search."""
+"""What the causal search observes in a MuJoCo script's run."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "qpos", "qvel")
-"""Parts of a state that a script writes."""
+"""Parts of the state that a script writes."""
 
 
 class SeenInputs:
-    """Contacts and inputs of a run, for the causal search.
+    """Contacts and inputs observed in a run, for the causal search.
 
     Parameters
     ----------

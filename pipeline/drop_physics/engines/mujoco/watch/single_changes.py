@@ -1,4 +1,4 @@
-"""The single changes of a run of a MuJoCo script, and the operations that make them.
+"""The possible single changes of a MuJoCo script's run, and the operations that make them.
 
 The rows arrive as data (`interventions`). Their elements are found in the model by number, since
 many have no name.
@@ -29,7 +29,7 @@ ELEMENTS = {
     "tendon": ("tendon", "ntendon"),
     "pair": ("pair", "npair"),
 }
-"""Kind of element, and size, by the prefix of a field."""
+"""Element type, and name of its count, by field prefix."""
 OF_INPUTS = {
     "ctrl": "actuator",
     "qfrc_applied": "joint",
@@ -38,7 +38,7 @@ OF_INPUTS = {
     "qpos": "joint",
     "qvel": "joint",
 }
-"""Fields that have the numbers of an input."""
+"""The element type to which the numbers of each input belong."""
 OF_CONTACT = (
     "geom_friction",
     "geom_condim_friction",
@@ -48,31 +48,31 @@ OF_CONTACT = (
     "geom_margin",
 )
 SAME_FRAME = {"geom_pos": "geom_sameframe", "site_pos": "site_sameframe"}
-"""Flags by which the compiled model marks a position as that of a body, or of its inertia."""
+"""Flags that mark a position in the compiled model as that of a body, or of its inertia."""
 DERIVED = (
     *("body_mass", "body_inertia", "body_ipos", "body_gravcomp"),
     *("dof_armature", "actuator_gear"),
 )
 """Fields from which MuJoCo derives others."""
 ROLLS = 6
-"""The dimension of contacts that have friction of torsion and of rolling, too."""
+"""The `condim` of contacts with torsional and rolling friction."""
 STIFF_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
 AFFINE, MESH = 1, 7
-"""A bias of an actuator that is affine in length and rate; a type of geometries."""
+"""An actuator bias type, affine in length and velocity; a geom type."""
 
 ALL_PAIRS = 8
-"""Most actuators of which any two are exchanged; of more, only neighbours."""
+"""Largest number of actuators for which all pairs are exchanged; for more, only adjacent ones."""
 BRAKES = ("dof_damping", "dof_frictionloss", "dof_armature", "jnt_stiffness")
-"""Fields that keep a joint from moving."""
+"""Fields that hold a joint back."""
 
 Group = tuple[Sequence[Any], bool]
-"""Elements that are changed together, and whether that takes a part of the scene away."""
+"""Elements that are changed together, and whether that removes a part of the scene."""
 Written = tuple[str, Any, Sequence[int]]
-"""A field, its operator with what that takes, and elements."""
+"""A field, its operator with the operand, and elements."""
 
 
 def possible(module: Any, rows: Sequence[Mapping[str, Any]], seen: SeenInputs) -> list[Change]:
-    """Return the changes of table rows that have an effect in a run.
+    """Return the changes from table rows that have an effect in a run.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def possible(module: Any, rows: Sequence[Mapping[str, Any]], seen: SeenInputs) -
 
 
 def _ordered(op: str, ids: Sequence[int]) -> Iterator[Group]:
-    """Yield the elements that change places: all, or two; of many, two neighbours."""
+    """Yield the elements to reorder: all, or each pair; for long lists, adjacent pairs only."""
     if op == "reversed":
         if len(ids) > 2:
             yield ids, False
@@ -132,7 +132,7 @@ def _ordered(op: str, ids: Sequence[int]) -> Iterator[Group]:
 
 
 def _supports(m: Any, change: Change, ids: Sequence[Any]) -> Iterator[Group]:
-    """Yield elements, and apart from them those that hold a robot from outside.
+    """Yield elements, and separately those that hold a robot from outside.
 
     These are the joints of its base that no actuator drives: what brakes them stands in no robot.
     """
@@ -151,13 +151,13 @@ def _supports(m: Any, change: Change, ids: Sequence[Any]) -> Iterator[Group]:
 
 
 def _driven(m: Any) -> list[int]:
-    """Return the joints that actuators act on."""
+    """Return the joints on which actuators act."""
     of_joint = [int(kind) in BY_JOINT for kind in m.actuator_trntype]
     return [int(joint) for joint, is_its in zip(m.actuator_trnid[:, 0], of_joint) if is_its]
 
 
 def trial_of(change: Change) -> dict[str, Any]:
-    """Return the differences of a run with a change: its interventions and its variation."""
+    """Return how a run with a change differs: its interventions and its variation."""
     if change.change == "option.timestep":
         return {"interventions": [], "variation": {"finer": int(change.how[1])}}
     operation = {"engine": ENGINE, "do": "single", "change": asdict(change)}
@@ -165,7 +165,7 @@ def trial_of(change: Change) -> dict[str, Any]:
 
 
 def _body_of(m: Any, kind: str, which: Any) -> int:
-    """Return the body that an element belongs to; -1 if it belongs to none."""
+    """Return the body to which an element belongs; -1 if there is none."""
     if kind == "actuator":
         kind, which = "joint", int(m.actuator_trnid[which, 0])
     owner = {"geom": "geom_bodyid", "joint": "jnt_bodyid", "site": "site_bodyid"}.get(kind)
@@ -175,7 +175,7 @@ def _body_of(m: Any, kind: str, which: Any) -> int:
 
 
 def name_of(module: Any, m: Any, kind: str, which: Any) -> str:
-    """Return the name of an element; one without a name is called by its owner.
+    """Return the name of an element; an unnamed one is named after its owner.
 
     The only element of its kind in a body has the body's name, unless another has that.
     """
@@ -199,7 +199,7 @@ def name_of(module: Any, m: Any, kind: str, which: Any) -> str:
 
 
 def _elements(m: Any, change: Change, seen: SeenInputs) -> tuple[str, Sequence[Any]] | None:
-    """Return the kind and the numbers of a change's possible elements; None for a whole run."""
+    """Return type and indices of a change's possible elements; None for a whole run."""
     name, _, part = change.change.partition(".")
     if name == "input":
         return OF_INPUTS[part], _owners(m, part, sorted(seen.written[part]))
@@ -225,7 +225,7 @@ def _elements(m: Any, change: Change, seen: SeenInputs) -> tuple[str, Sequence[A
 
 
 def _owners(m: Any, part: str, flat: Sequence[int]) -> list[int]:
-    """Return the elements to which numbers of an input belong."""
+    """Return the elements to which the numbers of an input belong."""
     if part in ("qfrc_applied", "qvel"):
         flat = m.dof_jntid[flat].tolist()
     elif part == "qpos":
@@ -238,7 +238,7 @@ def _owners(m: Any, part: str, flat: Sequence[int]) -> list[int]:
 
 
 def _numbers(module: Any, m: Any, part: str, ids: Sequence[int]) -> list[int]:
-    """Return the places of the numbers of an input that belong to elements."""
+    """Return the indices of the numbers of an input that belong to elements."""
     if part in ("qfrc_applied", "qvel"):
         return [int(dof) for dof in rows_of(module, m, "dof", "joint", ids)]
     if part == "qpos":
@@ -273,7 +273,7 @@ def _does(module: Any, seen: SeenInputs, change: Change) -> bool:
 
 
 def operations_of(module: Any, m: Any, change: Change) -> Iterator[Operation]:
-    """Yield the operations of a change on a model whose elements have the same numbers."""
+    """Yield the operations that make a change to a model with the same element order."""
     if [*change.model] != sizes(m):
         return
     name, _, part = change.change.partition(".")
@@ -345,7 +345,7 @@ def _written(module: Any, m: Any, change: Change) -> Iterator[Written]:
 
 
 def _servo(m: Any, name: str, ids: Sequence[int], how: Any) -> Iterator[Written]:
-    """Yield the gains of servos: of a position servo kp is a gain and a bias, kv a bias.
+    """Yield the gains of servos: a position servo's kp is a gain and a bias, its kv a bias.
 
     For a velocity servo, kv is the gain, too.
     """

@@ -1,4 +1,4 @@
-"""Functions that step a model unrecorded: named, so that nobody believes them recorded."""
+"""Reports functions that step a model without being recorded."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ if TYPE_CHECKING:
     from .hooks import MujocoWatch
 
 IMPORTED = ("mujoco.mjx", "mujoco_warp")
-"""Modules whose steps run elsewhere: named once they are imported."""
+"""Modules whose steps run elsewhere: reported once they are imported."""
 CALLED = {
     "mujoco.rollout": ("rollout", "Rollout.rollout"),
     "mujoco.batch": ("Batch.step", "Batch.forward"),
 }
-"""Functions that step in threads of their own: named once they are called."""
+"""Functions that step in their own threads: reported once they are called."""
 
 
 def install(watch: MujocoWatch, names: tuple[str, ...], module: ModuleType) -> None:
-    """Wrap functions of a module in ones that report their use."""
+    """Wrap functions of a module so that they report their use."""
     for name in names:
         owner: Any = module
         *classes, attribute = name.split(".")
@@ -36,7 +36,7 @@ def install(watch: MujocoWatch, names: tuple[str, ...], module: ModuleType) -> N
 
 
 def _naming(watch: MujocoWatch, name: str, original: Any) -> Any:
-    """Return a function that reports its first use by the script, and calls the original."""
+    """Return a wrapper that reports a function's first use by the script."""
     named = False
 
     @functools.wraps(original)

@@ -1,4 +1,4 @@
-"""Models and states of MuJoCo are created in memory that is not filled.
+"""Creates MuJoCo's models and states in unfilled memory, to save real memory.
 
 A watched script's process fills new memory with a fixed value (glibc's `MALLOC_PERTURB_`), so that
 values read before they are set are the same in each run. MuJoCo allocates the arena of a state at
@@ -23,20 +23,20 @@ from ...watching.hidden import hiding
 
 VARIABLE = "MALLOC_PERTURB_"
 M_PERTURB, M_MMAP_THRESHOLD, M_TRIM_THRESHOLD = -6, -3, -1
-"""Numbers of options in glibc's `malloc.h`."""
+"""Option numbers from glibc's `malloc.h`."""
 OWN_BYTES, LARGEST_BYTES = 1 << 17, 1 << 25
-"""Pieces from which on memory is returned at once: glibc's own first value, and its largest, which
-it takes after a script has freed so large an array."""
+"""Block sizes above which freed memory is returned at once: glibc's initial value, and its largest,
+which it uses after a script has freed so large an array."""
 MAKES = {
     "MjData": ("__init__", "__copy__", "__deepcopy__"),
     "MjSpec": ("compile", "recompile"),
 }
 LOADS = {"MjModel": ("from_xml_string", "from_xml_path", "from_binary_path")}
-"""Methods, and static methods, that allocate an arena: a compiler makes a state, too."""
+"""Methods, and static methods, that allocate an arena; the compiler creates a state, too."""
 
 
 def install(module: ModuleType, on_removal: Callable[[Callable[[], None]], None]) -> None:
-    """Replace the functions that create models and states by ones without filling."""
+    """Wrap the functions that create models and states, so that memory is not filled."""
     fill = os.environ.get(VARIABLE, "")
     allocator = getattr(ctypes.PyDLL(None), "mallopt", None)
     if not fill.isdecimal() or allocator is None:

@@ -1,4 +1,4 @@
-"""The answers of an unwatched viewer: `launch_passive` without a window."""
+"""Stands in for the passive viewer of an unattended script: `launch_passive` without a window."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ SHOWN = (
     *("sync", "update_hfield", "update_mesh", "update_texture"),
     *("set_texts", "clear_texts", "set_figures", "clear_figures", "set_images", "clear_images"),
 )
-"""Methods of a viewer that have no effect on the run."""
+"""Viewer methods that have no effect on the run."""
 STEPS_IN_A_WINDOW = ("launch", "launch_repl", "launch_from_path")
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 MOST_GEOMS = 10_000
-"""Geometries that a script may draw, as many as a window takes."""
+"""Largest number of geoms that a script may draw, as in a real window."""
 
 
 class QuietViewer:
-    """A replacement for the handle of a passive viewer.
+    """A stand-in for the handle of a passive viewer, without a window.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class QuietViewer:
             setattr(self, name, _nothing)
 
     def is_running(self) -> bool:
-        """Return whether the window is open; asking takes time on the script's clock."""
+        """Return whether the window is open; each query takes time on the script's clock."""
         if self._open and self._watch.host.on:
             with self._watch.host.lock:
                 self._watch.host.check()
@@ -59,12 +59,12 @@ class QuietViewer:
         return self._open
 
     def close(self) -> None:
-        """Close the window."""
+        """Close the stand-in for the viewer window."""
         self._open = False
 
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:
-        """Hold back a thread that does not exist."""
+        """Do nothing: there is no viewer thread to hold back."""
         yield
 
     def __enter__(self) -> QuietViewer:
@@ -79,7 +79,7 @@ def _nothing(*_: Any, **__: Any) -> None:
 
 
 def install_viewer(watch: MujocoWatch, module: ModuleType) -> None:
-    """Keep passive viewers from opening a window."""
+    """Replace passive viewers by stand-ins without a window."""
     original: Callable[..., Any] = module.launch_passive
 
     def launch_passive(model: Any, data: Any, **_: Any) -> QuietViewer:
@@ -94,7 +94,7 @@ def install_viewer(watch: MujocoWatch, module: ModuleType) -> None:
 
 
 def _refuse_without_display(watch: MujocoWatch, module: ModuleType) -> None:
-    """Let functions that step in a window raise an error without a display."""
+    """Make functions that step in a window raise an error if there is no display."""
     for name in STEPS_IN_A_WINDOW:
         original = getattr(module, name, None)
         if original is not None:

@@ -1,4 +1,4 @@
-"""Writes of an operation into a compiled model: fields, elements and new values."""
+"""What an operation writes into a compiled model: fields, elements and new values."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ import numpy as np
 from ...watching.operators import becoming
 
 Operation = Mapping[str, Any]
-"""An operation, which `do` names."""
+"""An operation, whose kind is its `do`."""
 Write = tuple[str, Any, Callable[[Any], Any]]
-"""A field, as a script writes it: `geom_friction`, `opt.timestep`; which of its elements, None for
-all; and what they become."""
+"""A field, as a script writes it: `geom_friction`, `opt.timestep`; indices of its elements, None
+for all; and a function to their new values."""
 
 FREE, BALL = 0, 1
-"""Types of joints (`mjtJoint`); those above have one coordinate."""
+"""Joint types (`mjtJoint`); types with higher numbers have one coordinate."""
 LEAST_KG = 1e-15
-"""The mass of a body that has none (`mjMINVAL`)."""
+"""The mass of a massless body (`mjMINVAL`)."""
 SIZES = ("nq", "nv", "nu", "nbody", "ngeom", "nsite", "neq", "ntendon")
-"""Sizes of a model."""
+"""Names of a model's element counts."""
 BITS = 31
-"""Bits of `contype` and `conaffinity` that are used."""
+"""Number of bits of `contype` and `conaffinity` that are used."""
 NOT_A_PAIR = 0
-"""A signature that no pair of bodies has: the world's with itself."""
+"""A body-pair signature that no pair has: the world with itself."""
 BY_JOINT = (0, 1)
-"""Transmissions of an actuator that acts on a joint (`mjtTrn`)."""
+"""Transmission types of an actuator that acts on a joint (`mjtTrn`)."""
 
 
 def writes_of(module: Any, m: Any, operation: Operation) -> Iterator[Write]:
-    """Yield the writes of an operation into a model."""
+    """Yield what an operation writes into a model."""
     do, (field, _, column) = operation["do"], operation.get("field", "").partition("[")
     if field and not has_field(m, field):
         return  # of another version
@@ -70,7 +70,7 @@ def writes_of(module: Any, m: Any, operation: Operation) -> Iterator[Write]:
 
 
 def _becoming(module: Any, operation: Operation) -> Callable[[Any], Any]:
-    """Return a function to elements' new values, by an operator on numbers, sizes or flags."""
+    """Return a function to elements' new values: an operator on numbers, sizes or flags."""
     name, given = operation["how"]
     if name == "size":
         return lambda held: held * (given / (np.linalg.norm(held) or 1.0))
@@ -86,7 +86,7 @@ def _becoming(module: Any, operation: Operation) -> Callable[[Any], Any]:
 
 
 def rows_of(module: Any, m: Any, kind: str, of: str, ids: Sequence[int]) -> Any:
-    """Return the elements of a kind that belong to given objects."""
+    """Return the elements of a type that belong to given objects."""
     if kind == "actuator" and of == "joint":
         by_joint = np.isin(m.actuator_trntype, BY_JOINT)
         return np.flatnonzero(by_joint & np.isin(m.actuator_trnid[:, 0], ids))
@@ -115,13 +115,13 @@ def _bodies_of_equality(module: Any, m: Any, number: int) -> Iterator[int]:
 
 
 def ids_of(module: Any, m: Any, kind: str, operation: Operation) -> Sequence[int]:
-    """Return the numbers of an operation's objects, given as numbers or names."""
+    """Return the indices of an operation's objects, given as indices or names."""
     ids: Sequence[int] | None = operation.get("ids")
     return named(module, m, kind, operation["names"]) if ids is None else ids
 
 
 def named(module: Any, m: Any, kind: str, names: Sequence[str]) -> list[int]:
-    """Return the numbers of objects by name; nameless ones are called by kind and number."""
+    """Return the indices of objects by name; unnamed ones are named by type and index."""
     object_type = getattr(module.mjtObj, f"mjOBJ_{kind.upper()}")
     found = []
     for name in names:
@@ -134,7 +134,7 @@ def named(module: Any, m: Any, kind: str, names: Sequence[str]) -> list[int]:
 
 
 def sizes(m: Any) -> list[int]:
-    """Return a key of models whose elements have the same numbers."""
+    """Return a key that is equal for models with the same element counts."""
     return [int(getattr(m, name)) for name in SIZES]
 
 
@@ -142,7 +142,7 @@ def sizes(m: Any) -> list[int]:
 
 
 def _geoms(module: Any, m: Any, names: Sequence[str]) -> list[int]:
-    """Return the geometries that an operation makes collide with anything; else all of them."""
+    """Return the geoms that an operation makes collide with anything; by default all of them."""
     mine = rows_of(module, m, "geom", "body", named(module, m, "body", names))
     solid = mine[(m.geom_contype[mine] | m.geom_conaffinity[mine]) != 0]
     return [int(each) for each in (solid if len(solid) else mine)]
@@ -151,7 +151,7 @@ def _geoms(module: Any, m: Any, names: Sequence[str]) -> list[int]:
 def _sides(
     module: Any, m: Any, first: Sequence[str], second: Sequence[str] | None
 ) -> list[tuple[list[int], list[int]]]:
-    """Return the geometries of bodies, and those of others, or of the bodies' parents."""
+    """Return the geoms of bodies, and those of other bodies, or of the bodies' parents."""
     if second is not None:
         return [(_geoms(module, m, first), _geoms(module, m, second))]
     parents = {int(m.body_parentid[each]) for each in named(module, m, "body", first)}
@@ -165,7 +165,7 @@ def _free_bits(types: Any, affinities: Any) -> list[int]:
 
 
 def _meeting(m: Any, first: Sequence[int], second: Sequence[int]) -> Iterator[Write]:
-    """Yield writes by which geometries meet others, and nothing else."""
+    """Yield writes that make geoms collide with the others, and with nothing else."""
     types, affinities = m.geom_contype.copy(), m.geom_conaffinity.copy()
     free = _free_bits(types, affinities)
     if free:
@@ -175,7 +175,7 @@ def _meeting(m: Any, first: Sequence[int], second: Sequence[int]) -> Iterator[Wr
 
 
 def _parting(m: Any, sides: Sequence[tuple[Sequence[int], Sequence[int]]]) -> Iterator[Write]:
-    """Yield writes by which geometries of one side no longer meet those of the other.
+    """Yield writes that stop collisions between the geoms of two sides.
 
     Each combination of the first side's bits gets a new bit, which former partners answer.
     """
@@ -196,7 +196,7 @@ def _parting(m: Any, sides: Sequence[tuple[Sequence[int], Sequence[int]]]) -> It
 
 
 def _bits(m: Any, types: Any, affinities: Any) -> Iterator[Write]:
-    """Yield writes of the bits of all geometries, and of bodies, whose bits are those of theirs."""
+    """Yield writes of the collision bits of all geoms, and of bodies, whose bits combine these."""
     for name, bits in (("contype", types), ("conaffinity", affinities)):
         of_bodies = np.zeros_like(getattr(m, f"body_{name}"))
         np.bitwise_or.at(of_bodies, m.geom_bodyid, bits)
@@ -217,7 +217,7 @@ def has_field(m: Any, name: str) -> bool:
 
 
 def field_of(m: Any, name: str) -> Any:
-    """Return a field of a model, or of its options."""
+    """Return the value of a field of a model, or of its options."""
     return getattr(m.opt, name[4:]) if name.startswith("opt.") else getattr(m, name)
 
 

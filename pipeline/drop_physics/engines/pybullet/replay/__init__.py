@@ -1,1 +1,1 @@
-"""Repetition of a recorded script's calls, in the script's interpreter."""
+"""Replays a recorded script's calls, in the script's interpreter."""

@@ -1,4 +1,4 @@
-"""The numbers in the result of a reading, named as in `pybullet.reads`."""
+"""The values in a reading's return value, named as in `pybullet.reads`."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Any
 from ...watching.pipe import ANSWERS
 
 POINTS = frozenset(("getContactPoints", "getClosestPoints"))
-"""Functions that give contact points."""
+"""Functions that return contact points."""
 DISTANCE, FORCE = 8, 9
-"""Places of distance and normal force in a contact point."""
+"""Indices of distance and normal force in a contact point."""
 NUMBERED = frozenset(
     (
         "getJointState",
@@ -22,12 +22,12 @@ NUMBERED = frozenset(
         "rayTest",
     )
 )
-"""Functions of whose answers the first numbers are kept, of a list those of its first element."""
+"""Functions whose first return values are kept; for a list, those of its first element."""
 SINGLE = (int, float)
 
 
 def numbers_in(name: str, answer: Any) -> list[float]:
-    """Return the numbers of an answer that are kept, at most `ANSWERS`."""
+    """Return the values of a return value that are kept, at most `ANSWERS`."""
     if name in POINTS:
         points = answer or ()
         if not points:
@@ -38,7 +38,7 @@ def numbers_in(name: str, answer: Any) -> list[float]:
 
 
 def _flat(answer: Any, found: list[float]) -> list[float]:
-    """Add the numbers of nested tuples to those found."""
+    """Append the numbers in nested tuples to those found."""
     for each in answer:
         if len(found) >= ANSWERS:
             break

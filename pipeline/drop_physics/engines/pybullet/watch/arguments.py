@@ -16,21 +16,22 @@ CLIENT = "physicsClientId"
 CLIENT_AT = {
     name: names.index(CLIENT) if CLIENT in names else 1000 for name, names in ARGUMENTS.items()
 }
-"""Position of the client among each function's arguments; 1000 if it takes none."""
+"""Index of the client id among each function's arguments; 1000 if it has none."""
 BODY_NAMES = ("bodyUniqueId", "objectUniqueId", "bodyIndex")
 UNNAMED = "setJointMotorControl"
-"""Takes arguments by place alone, and of client 0; their number and the mode say what they are."""
+"""A motor function that takes only positional arguments, and client 0; their number and the mode
+determine their meaning."""
 MODE_AT = 2
 MODES = {
     0: ("targetVelocity", "velocityGain"),
     1: ("force", ""),
     2: ("targetPosition", "positionGain"),
 }
-"""Names of the fourth and sixth argument of a motor call, by its mode."""
+"""Names of the fourth and sixth argument of a motor call, by control mode."""
 
 
 def names_of(name: str, args: tuple[Any, ...]) -> Sequence[str]:
-    """Return the names of a call's arguments by place; ignored ones have none."""
+    """Return the names of a call's positional arguments; ignored ones have none."""
     if name != UNNAMED:
         return ARGUMENTS.get(name, ())
     mode = number(args[MODE_AT]) if len(args) > MODE_AT else None
@@ -48,7 +49,7 @@ def named(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str,
 
 
 def client_of(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> int:
-    """Return the client of a call: the last argument, or 0."""
+    """Return the client id of a call: the last argument, or 0."""
     client = kwargs.get(CLIENT)
     if client is None:
         at = CLIENT_AT.get(name, 1000)
@@ -57,7 +58,7 @@ def client_of(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> int:
 
 
 def body_of(arguments: dict[str, Any]) -> int | None:
-    """Return the engine's id of the body of a call."""
+    """Return the engine id of the body in a call."""
     for name in BODY_NAMES:
         if name in arguments:
             return number(arguments[name])
@@ -65,7 +66,7 @@ def body_of(arguments: dict[str, Any]) -> int | None:
 
 
 def number(value: Any) -> int | None:
-    """Return a whole number as PyBullet would convert it; None if it cannot."""
+    """Return an integer as PyBullet would convert it; None if it cannot."""
     try:
         return int(value)
     except (TypeError, ValueError, OverflowError):

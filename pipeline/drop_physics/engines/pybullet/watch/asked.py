@@ -1,4 +1,4 @@
-"""Requests in a model's file that PyBullet may not fulfil.
+"""Properties in a model file that PyBullet may not apply.
 
 In a URDF inertia, masses, mimicking joints; in an MJCF damping.
 """
@@ -13,11 +13,11 @@ from .links import MOST_BYTES, walk
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 _read: dict[str, tuple[Any, dict[str, Any] | None]] = {}
-"""Contents of files that were read, with their times and sizes then."""
+"""Contents of files that were read, with their modification times and sizes."""
 
 
 def asked_of(path: str) -> dict[str, Any] | None:
-    """Return a URDF's data of links and joints; None if it cannot be read as a whole.
+    """Return the link and joint data of a URDF; None if it cannot be read completely.
 
     `links`: name, mass [kg] or None, inertia (none or six numbers), position and angles of its
     axes. `mimics`: joint, the one it follows, multiplier, offset. `concave`: whether a mesh asks
@@ -65,7 +65,7 @@ def _parsed(path: str) -> dict[str, Any] | None:
 
 
 def dampings_in(path: str) -> list[list[Any]]:
-    """Return the names of an MJCF's joints with their damping; joints without one are left out.
+    """Return the damping of an MJCF's joints, by name; joints without damping are omitted.
 
     Only the outermost defaults count: classes of elements are not followed.
     """

@@ -1,4 +1,4 @@
-"""One body in its engine: its constant properties, and its current state."""
+"""One body in the engine: its constant properties, and its current state."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from typing import Any
 from .links import path_of
 
 FIXED, SPHERICAL = 4, 2
-"""Types of joint, as in `getJointInfo`."""
+"""Joint types, as in `getJointInfo`."""
 RIGID, SOFT = 1, 3
-"""Types of body, as in `getDynamicsInfo`."""
+"""Body types, as in `getDynamicsInfo`."""
 MESH = 5
-"""Type of shape, as in `getCollisionShapeData`."""
+"""Shape type, as in `getCollisionShapeData`."""
 EMPTY_M = 0.0021
-"""The box of a link without collision shapes has edges of 2 mm."""
+"""Edge length of the bounding box that PyBullet reports for a link without collision shapes: 2
+mm."""
 FILE = 4
-"""Index of a shape's file in `getVisualShapeData`."""
+"""Index of a shape's file name in `getVisualShapeData`."""
 MOST_CORNERS = 1000
-"""Most corners of a hull; one with more is left out."""
+"""Largest number of vertices of a hull that is sent; a larger hull is omitted."""
 BASE = 13
-"""The numbers of a base: position, orientation, velocity, spin."""
+"""Format of a base's numbers: position, orientation, linear and angular velocity."""
 
 
 class Loaded:
@@ -57,7 +58,7 @@ class Loaded:
 
 
 class WatchedBody:
-    """Properties needed to read a body's state.
+    """What is needed to read a body's state.
 
     Parameters
     ----------
@@ -92,11 +93,11 @@ class WatchedBody:
 
     @property
     def moves(self) -> bool:
-        """True if steps move it, and not only calls."""
+        """True if steps can move it, and not only calls."""
         return not self.soft and (self.base_moves or bool(self.joints))
 
     def is_carried(self) -> bool:
-        """Return whether a call has given a base a velocity, and no step has moved it since.
+        """Return whether a call has set a base's velocity, and no step has moved it since.
 
         Without mass a btMultiBody moves at that velocity, and a btRigidBody not at all.
         """
@@ -105,11 +106,11 @@ class WatchedBody:
         return any(map(any, self._p.getBaseVelocity(self.id, self._client)))
 
     def read_dynamics(self) -> list[Any]:
-        """Return the engine's reports for base and links, in this order."""
+        """Return the engine's dynamics info for base and links, in this order."""
         return [self._p.getDynamicsInfo(self.id, link, self._client) for link in (-1, *self.links)]
 
     def read(self) -> bytes:
-        """Return the state: 13 numbers of the base, then those of the joints that move."""
+        """Return the state: 13 numbers of the base, then those of the movable joints."""
         p, client = self._p, self._client
         (x, y, z), (a, b, c, d) = p.getBasePositionAndOrientation(self.id, client)
         (vx, vy, vz), (wx, wy, wz) = p.getBaseVelocity(self.id, client)
@@ -118,7 +119,7 @@ class WatchedBody:
         return self._pack(x, y, z, a, b, c, d, vx, vy, vz, wx, wy, wz, *self.read_joints())
 
     def read_joints(self) -> Iterable[float]:
-        """Return the positions, velocities and efforts of all joints that move."""
+        """Return the positions, velocities and efforts of all movable joints."""
         p, client = self._p, self._client
         if not self.spherical:
             states = p.getJointStates(self.id, self.joints, client)
@@ -176,7 +177,7 @@ class WatchedBody:
         return boxes
 
     def _is_empty(self, link: int, edges_m: list[float]) -> bool:
-        """Return whether a link with a box of these edges has no collision shapes.
+        """Return whether a link with a bounding box of these edges has no collision shapes.
 
         PyBullet does not list those of a btRigidBody: one that is this small counts as empty.
         """
@@ -189,7 +190,7 @@ class WatchedBody:
         return not self._p.getCollisionShapeData(self.id, link, self._client)
 
     def looks(self, search_path: str) -> list[Any]:
-        """Return the visual shapes, as listed by `getVisualShapeData`, with paths of their files.
+        """Return the visual shapes, as in `getVisualShapeData`, with paths of their files.
 
         That function returns the name in the call, for which PyBullet has searched.
         """
@@ -201,7 +202,7 @@ class WatchedBody:
         return shapes
 
     def collisions(self, search_path: str) -> list[Any]:
-        """Return the collision shapes of links: the list of `getCollisionShapeData`, and hulls."""
+        """Return the links' collision shapes: the list of `getCollisionShapeData`, and hulls."""
         if self.soft or self.dynamics[0][10] == RIGID:  # PyBullet prints that it has none
             return []
         if not self.loaded.lists_shapes:
@@ -219,7 +220,7 @@ class WatchedBody:
         return found
 
     def _hull(self, link: int, shape: int) -> list[float]:
-        """Return the corners of the hull with which the engine replaces a mesh."""
+        """Return the vertices of the hull with which the engine replaces a mesh."""
         try:
             count, corners = self._p.getMeshData(self.id, link, shape, physicsClientId=self._client)
         except (self._p.error, TypeError):  # TypeError: of an earlier PyBullet
@@ -243,7 +244,7 @@ def packing(joints: int) -> Callable[[Any, int, Any], None]:
 
 
 def plain(value: Any) -> Any:
-    """Convert a result of PyBullet into a value that JSON can hold."""
+    """Convert a return value of PyBullet to a value that JSON can hold."""
     if isinstance(value, bytes):
         return value.decode(errors="replace")
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""Calls as rows of numbers: a line of a script passes the same form again and again.
+"""Sends calls as rows of numbers, since a script line repeats arguments of the same structure.
 
 A site is a place that calls a function with arguments of one form. It is described once; from then
 on a call from there is its number and the numbers in its arguments.
@@ -33,15 +33,16 @@ if TYPE_CHECKING:
     how many bytes that makes; the site."""
 
 LONGEST = 128
-"""Most values of a list that are reported; of a longer one the first, and their number."""
+"""Largest number of list values that are reported; of a longer list the first ones, and their
+number."""
 MOST_WHOLE = 1 << 53
-"""Whole numbers up to here are the same as doubles."""
+"""Largest integer that is exact as a double."""
 MOST_PLANS = 4096
-"""Most places and forms that are kept; beyond, all are made again."""
+"""Largest number of call plans that are cached; beyond it, all are rebuilt."""
 
 
 class CallWatch:
-    """Sends calls, and describes their sites."""
+    """Sends calls, and describes the sites from which they are made."""
 
     def __init__(self, host: ScriptWatch) -> None:
         self._pipe, self._place = host.pipe, host.sites.place
@@ -51,11 +52,11 @@ class CallWatch:
         self._sites: dict[tuple[Any, ...], int] = {}
 
     def plans(self, name: str) -> dict[tuple[int, int], Plan]:
-        """Return plans for sending calls of a function, by code and instruction."""
+        """Return the cached plans for sending calls of a function, by code and instruction."""
         return self._plans.setdefault(name, {})
 
     def forget(self) -> None:
-        """Discard all plans: a simulation has ended, or there are too many plans."""
+        """Discard all plans: a simulation has ended, or there are too many."""
         self._codes = []
         for plans in self._plans.values():
             plans.clear()
@@ -68,7 +69,7 @@ class CallWatch:
         kwargs: dict[str, Any],
         place: Any,
     ) -> None:
-        """Send a call made in a frame, and plan the sending of the next one of its form."""
+        """Send a call made in a frame, and plan how to send the next one with this structure."""
         form, caller = Form(name, args, kwargs), caller_of(place)
         code = caller.f_code
         described = (
@@ -153,7 +154,7 @@ def _compiled(source: str) -> Callable[[Any], Callable[..., Any]]:
 
 
 class Form:
-    """The arguments of a call, as a script would write them, with the numbers taken out."""
+    """The arguments of a call as source text, with the numbers taken out."""
 
     def __init__(self, name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
         self.numbers: list[float] = []
@@ -180,7 +181,7 @@ class Form:
         return "{}"
 
     def _text(self, value: Any, depth: int = 0) -> str:
-        """Return a value's text, without calling any code of the script."""
+        """Return a value as text, without running any of the script's code."""
         kind = type(value)
         if value is None or kind is bool:
             return repr(value)
@@ -208,10 +209,10 @@ class Form:
 
 
 def is_numpy(kind: type) -> bool:
-    """Return whether a type is an array or a number of numpy's."""
+    """Return whether a type is a numpy array or number."""
     return kind.__module__.partition(".")[0] == "numpy" and hasattr(kind, "tolist")
 
 
 def _escaped(text: str) -> str:
-    """Return a text as it stands in a form, in which only `{}` is a number."""
+    """Return a text escaped for an argument template, in which only `{}` is a number."""
     return text.replace("{", "{{").replace("}", "}}")

@@ -1,4 +1,4 @@
-"""Poses of capsules and cylinders that an MJCF file defines from point to point.
+"""Poses of capsules and cylinders that an MJCF file defines by their end points.
 
 PyBullet loads them correctly, but `getVisualShapeData` reports them upright, in the middle.
 """
@@ -12,18 +12,18 @@ from typing import Any
 from .links import walk
 
 CAPSULES = (4, 7)
-"""Kinds of shape in `getVisualShapeData`: cylinder and capsule."""
+"""Shape types in `getVisualShapeData`: cylinder and capsule."""
 LINK, KIND, SIZE, POSITION, ORIENTATION = 1, 2, 3, 5, 6
-"""Indices of these in its rows."""
+"""Column indices in `getVisualShapeData`."""
 UNKNOWN = -1
-"""Value in place of a kind where it is not known how the shape lies."""
+"""Shape type that marks an unknown pose."""
 UPRIGHT = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]
 
 Ends = tuple[list[float], list[float]]
 
 
 def lay(shapes: list[Any], names: list[str], path: str | None) -> None:
-    """Give the capsules among a body's shapes from an MJCF file their true orientation.
+    """Correct the poses of capsules among a body's shapes from an MJCF file.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def lay(shapes: list[Any], names: list[str], path: str | None) -> None:
 
 
 def ends_in(path: str) -> dict[str, list[Ends]]:
-    """Return the ends of shapes defined from point to point, by body; without repeated names."""
+    """Return the end points of shapes defined by them, by body; repeated names are omitted."""
     ends: dict[str, list[Ends]] = {}
     names: dict[int, str | None] = {}
     """The names of the bodies that an element is in, by their depth."""
@@ -79,7 +79,7 @@ def ends_in(path: str) -> dict[str, list[Ends]]:
 
 
 def _from_z_to(direction: list[float]) -> list[float]:
-    """Return the orientation, x, y, z, w, of a shape along a direction, in either sense."""
+    """Return the orientation, x, y, z, w, that turns the z axis to a direction, in either sense."""
     length = math.copysign(math.hypot(*direction), direction[2])
     x, y, z = (component / length for component in direction)
     norm = math.hypot(y, x, 1 + z)

@@ -1,4 +1,4 @@
-"""Changes by calls after which a simulation must be read again."""
+"""Decides what must be read again after a call that changes a simulation."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from .links import MODELS, links_in, path_of
 from .worlds import ALL, WatchedWorld
 
 FIELD = 9
-"""Type of shape, `GEOM_HEIGHTFIELD`."""
+"""Shape type `GEOM_HEIGHTFIELD`."""
 MERGE_FIXED_LINKS, ENABLE_SLEEPING = 1 << 19, 1 << 11
-"""Bits of the flags of `loadURDF`."""
+"""Flag bits of `loadURDF`."""
 
 
 def before_change(world: WatchedWorld, name: str, arguments: dict[str, Any]) -> None:
-    """Keep or send the properties that a call is about to change."""
+    """Save or send the properties that a call is about to change."""
     if name == "changeDynamics" and arguments.keys() & {"mass", "localInertiaDiagonal"}:
         # Of a btRigidBody the inertia changes the mass, too: PyBullet takes it to be 0 then.
         body = body_of(arguments)
@@ -127,7 +127,7 @@ def _loaded(name: str, arguments: dict[str, Any], world: WatchedWorld) -> Loaded
 
 
 def _hiding(world: WatchedWorld, name: str, arguments: dict[str, Any], ids: list[int]) -> list[int]:
-    """Return those bodies created by a call whose links PyBullet hides."""
+    """Return the bodies created by a call whose links PyBullet hides."""
     if name == "loadMJCF":
         rigid = not arguments.get("useMultiBody", 1)
     else:
@@ -161,6 +161,6 @@ def _set_engine(world: WatchedWorld, name: str, arguments: dict[str, Any]) -> No
 
 
 def _any(flags: Any) -> bool:
-    """Return whether a flag is set, or one of several."""
+    """Return whether a flag, or any of several flags, is set."""
     several = vector(flags)
     return any(several) if several is not None else bool(number(flags))

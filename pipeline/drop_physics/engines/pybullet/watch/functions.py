@@ -1,4 +1,4 @@
-"""Roles of pybullet's functions: their only table.
+"""The role of each pybullet function for the watch.
 
 A test compares it with the module. A function without a role, of another version, is treated as one
 that changes something: it is recorded.
@@ -67,11 +67,11 @@ ROLES: dict[str, str] = {
     "asks for the client": "getConnectionInfo getAPIVersion isNumpyEnabled setTimeOut "
     "submitProfileTiming syncBodyInfo",
 }
-"""Names of functions by role; a few have two."""
+"""Function names by role; a few functions have two roles."""
 
 
 def those_that(*roles: str) -> frozenset[str]:
-    """Return the functions with some roles."""
+    """Return the functions with the given roles."""
     return frozenset(name for role in roles for name in ROLES[role].split())
 
 
@@ -94,17 +94,17 @@ READ_AGAIN = CONSTRAINS | those_that(
     "makes shapes",
     "sets properties",
 )
-"""After these, something is read again; the others set what is known from the call."""
+"""Functions after which something is read again; the effect of others is known from the call."""
 RETURNS = frozenset(
     name
     for role in ROLES
     for name in ROLES[role].split()
     if name.startswith(("create", "load", "saveState"))
 )
-"""Functions that return a number which later calls name."""
+"""Functions that return an id that later calls use."""
 IK = those_that("asks for joints")
 POLLS = those_that("polls")
-"""Functions by which a script asks whether the user has done something."""
+"""Functions with which a script checks for user input."""
 DRAWS = those_that("draws")
 CONVERTS = those_that("converts")
 PHOTOGRAPHS = ROLES["photographs"]
@@ -117,4 +117,5 @@ CHANGES_NOTHING = READS | those_that(
     "keeps notes",
     "asks for the client",
 )
-"""Kinds of functions of which only the line is recorded, of what reads, and how they fail."""
+"""Roles of functions that change nothing: for reading ones only the line is recorded, and how they
+fail."""

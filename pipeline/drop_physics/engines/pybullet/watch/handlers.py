@@ -1,4 +1,4 @@
-"""Replacements of pybullet's functions while they are watched, by kind of function.
+"""Wrappers for pybullet's functions while they are watched, by role of the function.
 
 The common path of a step is short: few calls of Python; other cases go by name.
 """
@@ -36,11 +36,11 @@ if TYPE_CHECKING:
 Call = Callable[..., Any]
 
 ANSWERED = set(Window(SimpleNamespace(), 0).answers())
-"""Functions that a window would answer."""
+"""Functions whose result depends on a window."""
 
 
 def handler(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return the replacement of a function."""
+    """Return the wrapper for a function."""
     special = {
         "connects": connecting,
         "disconnects": disconnecting,
@@ -57,7 +57,7 @@ def handler(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def stepping(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return a function that makes a step, and sends a sample after it."""
+    """Return a wrapper that makes a step, and sends a sample after it."""
     host, pipe, worlds = watch.host, watch.pipe, watch.worlds
     lock = host.lock
     acquire, release, kept = lock.acquire, lock.release, lock.kept
@@ -87,7 +87,7 @@ def stepping(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def changing(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return a function that sends a call which changes a simulation, and reads the changes.
+    """Return a wrapper that sends a call which changes a simulation, and reads the changes.
 
     A call like an earlier one goes straight into the block; `Calls.tell` handles the others.
     """
@@ -154,7 +154,7 @@ def changing(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def _effects(name: str) -> tuple[Call | None, Call | None]:
-    """Return the actions before and after a call of a function, if any."""
+    """Return the handlers to run before and after a call of a function, if any."""
     if name in MOVES_BODY:
         return _before_move, None
     if name in PUSHES:
@@ -167,7 +167,7 @@ def _effects(name: str) -> tuple[Call | None, Call | None]:
 
 
 def _after_ik(watch: BulletWatch, _: WatchedWorld, __: str, ___: Any, result: Any) -> None:
-    """Send the largest number of an answer, by which targets taken from it are recognised."""
+    """Send the largest number of an inverse-kinematics result, to recognise its use as a target."""
     if type(result) is tuple and result:
         watch.pipe.send(protocol.RESULT, protocol.NUMBER.pack(max(result, key=abs)))
 
@@ -175,7 +175,7 @@ def _after_ik(watch: BulletWatch, _: WatchedWorld, __: str, ___: Any, result: An
 def _before_move(
     watch: BulletWatch, world: WatchedWorld, name: str, args: Any, kwargs: Any
 ) -> None:
-    """Note the body that a call moves, and the parts of its state that the call sets."""
+    """Note which body a call moves, and which parts of its state the call sets."""
     body = args[0] if args else kwargs.get("bodyUniqueId", kwargs.get("objectUniqueId"))
     if type(body) is not int:
         body = number(body)
@@ -231,7 +231,7 @@ def _raised(watch: BulletWatch, world: WatchedWorld | None, name: str, error: Ex
 
 
 def reading(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return a function that makes a reading call and counts it."""
+    """Return a wrapper that makes a reading call and counts it."""
     host, pipe, readings = watch.host, watch.pipe, watch.readings
     lock, real_time = host.lock, watch.real_time_since
     acquire, release, kept = lock.acquire, lock.release, lock.kept
@@ -277,7 +277,7 @@ def _failed(
     error: Exception,
     place: Any,
 ) -> None:
-    """Send a failed call that changes nothing, since its request explains the failure."""
+    """Send a failed call that changes nothing, since its arguments explain the failure."""
     with watch.host.lock:
         world = watch.worlds.get(client_of(name, args, kwargs))
         if world is not None:
@@ -286,7 +286,7 @@ def _failed(
 
 
 def passive(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return a function that makes a call without effect, or gives a window's answer."""
+    """Return a wrapper that makes a call without effect, or returns a window's answer."""
     polls, host, pipe, windows = name in POLLS, watch.host, watch.pipe, watch.windows
     has_answer, real_time = name in ANSWERED, watch.real_time_since
 
@@ -325,7 +325,7 @@ def _answer(window: Window, name: str, original: Any, args: Any, kwargs: Any) ->
 
 
 def searching(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return a function that notes PyBullet's search path for files."""
+    """Return a wrapper that notes PyBullet's search path for files."""
     call = passive(watch, name, original)
 
     def search(*args: Any, **kwargs: Any) -> Any:
@@ -339,7 +339,7 @@ def searching(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def connecting(watch: BulletWatch, _: str, original: Any) -> Call:
-    """Return a function that begins a simulation, never with a window."""
+    """Return a wrapper that begins a simulation, never with a window."""
     host = watch.host
 
     def connect(*args: Any, **kwargs: Any) -> Any:
@@ -365,7 +365,7 @@ def connecting(watch: BulletWatch, _: str, original: Any) -> Call:
 
 
 def disconnecting(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return a function that ends a simulation."""
+    """Return a wrapper that ends a simulation."""
 
     def disconnect(*args: Any, **kwargs: Any) -> Any:
         with watch.host.lock:  # no check for Stop: scripts clean up with this call
@@ -377,7 +377,7 @@ def disconnecting(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def resetting(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return a function that removes all bodies."""
+    """Return a wrapper that removes all bodies."""
     host = watch.host
 
     def reset(*args: Any, **kwargs: Any) -> Any:
@@ -401,7 +401,7 @@ def resetting(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def photographing(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return a function that sends the picture of the script's camera."""
+    """Return a wrapper that sends the image of the script's camera."""
     host = watch.host
 
     def photograph(*args: Any, **kwargs: Any) -> Any:

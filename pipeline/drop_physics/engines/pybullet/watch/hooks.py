@@ -1,4 +1,4 @@
-"""The functions of pybullet, each replaced by one that calls it and reports to the recorder.
+"""Wraps the functions of pybullet so that their calls are reported to the recorder.
 
 The script sees no difference: calls return the engine's own answer, except where a window would
 have to be open (`quiet`), and where time would have to pass (`clock`).
@@ -38,7 +38,7 @@ TYPE = "builtin_function_or_method"
 
 
 RELEASE = re.compile(r"pybullet-([\w.+!]+)\.(?:dist|egg)-info")
-"""Place of an installed package's version: PyBullet itself knows only that of its API."""
+"""Pattern of an installed package's version: PyBullet itself knows only its API version."""
 
 
 def release_of(file: str | None) -> str:
@@ -51,7 +51,7 @@ def release_of(file: str | None) -> str:
 
 
 class Hook:
-    """A function of pybullet, watched.
+    """A watched function of pybullet.
 
     Questions about it are passed to the function itself, so that it passes for a builtin one. Only
     to those do wrappers such as `BulletClient` bind the client's number (`inspect.isbuiltin`).
@@ -105,18 +105,19 @@ OF_HOOKS = frozenset(
     ("drop_plain", "drop_watch", "__call__", "__eq__", "__ne__", "__hash__", "__reduce__",
      "__reduce_ex__", "__setattr__", "__delattr__", "__sizeof__"),
 )  # fmt: skip
-"""Attributes that a hook has itself."""
+"""Attributes that belong to the hook itself."""
 
 LOOKS: dict[str, Any] = {
     "__slots__": (),
     "__module__": "builtins",
     "__doc__": property(lambda hook: hook.drop_plain.__doc__),  # `help` looks past the instance
 }
-"""Form of a hook's type; hooks have types of their own, because calls go by the type."""
+"""Class attributes of a hook's type; each hook has its own type, because special methods are looked
+up on the type."""
 
 
 class BulletWatch(EngineWatch):
-    """Observed use of pybullet by a script.
+    """Watches a script's use of pybullet.
 
     Parameters
     ----------
@@ -168,7 +169,7 @@ class BulletWatch(EngineWatch):
     # -- in place of pybullet's functions ---------------------------------------------------------
 
     def install(self, module: ModuleType) -> None:
-        """Replace the functions of pybullet in place; those of a reloaded module already are.
+        """Wrap pybullet's functions in place; those of a reloaded module already are.
 
         A copy of its file is another PyBullet, whose simulations have the same numbers: it is
         named.
@@ -207,7 +208,7 @@ class BulletWatch(EngineWatch):
                 self.begin(client, "before")
 
     def _stand_before(self, originals: dict[str, Any]) -> None:
-        """Make the replacements of PyBullet's functions."""
+        """Create the wrappers of PyBullet's functions."""
         calls = {}
         for name, original in originals.items():
             varied = self._variation and self._variation.of(self.p, name, original)
@@ -221,7 +222,7 @@ class BulletWatch(EngineWatch):
             )
 
     def _commanding(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a function that notes a motor's command as the script gives it."""
+        """Return a wrapper that notes a motor command as the script gives it."""
 
         def command(*args: Any, **kwargs: Any) -> Any:
             world = self.worlds.get(client_of(name, args, kwargs))
@@ -232,7 +233,7 @@ class BulletWatch(EngineWatch):
         return hiding(command)
 
     def _stopping(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        """Return the replacement of a function at which trials part from the run."""
+        """Return the wrapper of a function before which trials are forked from the run."""
 
         def stop(*args: Any, **kwargs: Any) -> Any:
             forks = self.host.forks
@@ -243,11 +244,11 @@ class BulletWatch(EngineWatch):
         return hiding(stop)
 
     def possible(self, rows: Sequence[dict[str, Any]]) -> list[Change]:
-        """Return the single changes of table rows that are possible in an observed run."""
+        """Return the single changes from table rows that are possible in an observed run."""
         return possible(self.p, rows, self._interventions.seen)
 
     def become(self, trial: dict[str, Any]) -> None:
-        """Continue as a trial, in a new fork."""
+        """Continue as a trial run, in a new fork."""
         self._differ(varied_by(trial["variation"]), trial["interventions"])
         for module, originals in self._modules:
             self._stand_before(originals)
@@ -257,7 +258,7 @@ class BulletWatch(EngineWatch):
     # -- simulations ------------------------------------------------------------------------------
 
     def observed(self) -> ObservedWorld | None:
-        """Return the simulation that was stepped last, in the form that expectations read."""
+        """Return the last stepped simulation, in the form that expectations read."""
         return None if self._stepped is None else self._observed_of(self._stepped)
 
     def _observed_of(self, world: WatchedWorld) -> ObservedWorld:
@@ -269,7 +270,7 @@ class BulletWatch(EngineWatch):
         return self._observed[world.number]
 
     def begin(self, client: int, method: str) -> None:
-        """Follow a new simulation."""
+        """Start following a new simulation."""
         step, time_s = self._last_end
         world = WatchedWorld(
             self.pipe,
@@ -286,7 +287,7 @@ class BulletWatch(EngineWatch):
             self.guarded(world, world.sync_engine)
 
     def end(self, client: int) -> None:
-        """Send the rest of a simulation that is disconnected."""
+        """Send the remaining data of a simulation that is disconnected."""
         world = self.worlds.get(client)
         if world is None:
             return
@@ -332,7 +333,7 @@ class BulletWatch(EngineWatch):
     def _varied_step(
         self, varied: Variation, world: WatchedWorld, original: Any, args: Any, kwargs: Any
     ) -> Any:
-        """Make several steps of the engine for one of the script's."""
+        """Make several engine steps for one step of the script."""
         client = world.client
         if varied.nudge(client, lambda: self._bodies(world)):
             world.moved[ALL], world.touched = set(), True
@@ -348,7 +349,7 @@ class BulletWatch(EngineWatch):
         return list(world.bodies.values())
 
     def _step(self, world: WatchedWorld, original: Any, args: Any, kwargs: Any) -> Any:
-        """Make a step of the engine, and send its changes."""
+        """Make an engine step, and send its changes."""
         asks = False
         try:
             if world.touched:
@@ -370,7 +371,7 @@ class BulletWatch(EngineWatch):
         return () if asks else result
 
     def set_real_time(self, world: WatchedWorld, *, on: bool) -> None:
-        """Switch a simulation's own stepping on or off; without a window it never steps."""
+        """Switch a simulation's real-time mode on or off; without a window, it never steps."""
         self.real_time_since.pop(world.client, None)
         if on and world.client in self.windows:
             self.real_time_since[world.client] = (self.host.clock.now_s(), world.time_s)
@@ -378,12 +379,12 @@ class BulletWatch(EngineWatch):
             self.pipe.note("real_time", world=world.number, step=world.step)
 
     def let_time_pass(self) -> None:
-        """Advance by the time that a call takes, if a simulation steps by itself."""
+        """Advance the clock by the duration of a call, if a simulation runs in real time."""
         if self.real_time_since:
             self.host.clock.wait(CALL_S)
 
     def catch_up(self) -> None:
-        """Make the steps that real-time simulations owe."""
+        """Make the steps that real-time simulations are due."""
         now_s = self.host.clock.now_s
         for client, (since_s, from_s) in list(self.real_time_since.items()):
             world = self.worlds[client]
@@ -397,13 +398,13 @@ class BulletWatch(EngineWatch):
                 self.step(world, self.p.stepSimulation, (client,), {})
 
     def stop(self) -> None:
-        """Let the script end at its next call."""
+        """End the script at its next call."""
         self.readings.look()
 
     # -- the end ----------------------------------------------------------------------------------
 
     def settle(self) -> None:
-        """Send the rest of all simulations."""
+        """Send the remaining data of all simulations."""
         for world in list(self.worlds.values()):
             self.guarded(world, world.end)
 
@@ -413,7 +414,7 @@ class BulletWatch(EngineWatch):
 
 
 def _library(module: ModuleType) -> object:
-    """Return the file from which a module was loaded, whatever its path."""
+    """Return the identity of the file from which a module was loaded, whatever its path."""
     try:
         status = os.stat(str(module.__file__))
     except OSError:  # it was removed, or is no file

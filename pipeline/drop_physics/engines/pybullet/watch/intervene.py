@@ -1,4 +1,4 @@
-"""An experiment in a script: calls that are changed, added, or omitted.
+"""Changes in a PyBullet script's run: calls are changed, added, or omitted.
 
 It stands above the hooks, so that the recording holds the actual requests to the engine, and every
 call still belongs to a line of the script. The changes arrive as data; the words of PyBullet are in
@@ -27,9 +27,9 @@ Operation = Mapping[str, Any]
 """
 
 JOINTS = "jointIndices"
-"""The argument of a call for several joints."""
+"""The argument with the joints of a call for several joints."""
 WHOLE = ("connect", "resetSimulation", "stepSimulation")
-"""Calls that are about no body, and so about every one."""
+"""Calls that concern no particular body, and so every one."""
 PLURAL = {
     "targetPosition": "targetPositions",
     "targetVelocity": "targetVelocities",
@@ -37,13 +37,14 @@ PLURAL = {
     "positionGain": "positionGains",
     "velocityGain": "velocityGains",
 }
-"""Arguments of a motor call for one joint, and of one for several."""
+"""Arguments of a motor call for one joint, and their names in the call for several."""
 GEAR_N, GEAR_ERP = 100.0, 0.5
-"""Largest force of a gear [N, N m], and the share of a gap that it closes in a step."""
+"""Largest force of a gear constraint [N, N m], and the share of its error that it corrects per
+step."""
 FORCE_AT = 10
 """Index of the largest force in `getConstraintInfo`."""
 UNSAID = {"force": 100000.0, "positionGain": 0.1, "velocityGain": 1.0, "targetVelocity": 0.0}
-"""PyBullet's defaults of the arguments that a motor call may leave out."""
+"""PyBullet's defaults for optional arguments of a motor call."""
 DYNAMICS, JOINT, ENGINE = "getDynamicsInfo", "getJointInfo", "getPhysicsEngineParameters"
 REPORTED: dict[str, tuple[str, int]] = {
     "mass": (DYNAMICS, 0),
@@ -56,7 +57,7 @@ REPORTED: dict[str, tuple[str, int]] = {
     "jointLowerLimit": (JOINT, 8),
     "jointUpperLimit": (JOINT, 9),
 }
-"""Function, and index in its answer, by which a script reads what `changeDynamics` sets."""
+"""Function, and index in its return value, by which a script reads what `changeDynamics` sets."""
 ABOUT = {
     "changeDynamics": ("bodyUniqueId", "linkIndex"),
     "setJointMotorControl2": ("bodyUniqueId", "jointIndex"),
@@ -65,7 +66,7 @@ ABOUT = {
     "changeConstraint": ("userConstraintUniqueId",),
     "setCollisionFilterPair": ("bodyUniqueIdA", "bodyUniqueIdB", "linkIndexA", "linkIndexB"),
 }
-"""Names of the arguments by which a call that is added says what it is about."""
+"""Names of the arguments by which an added call names its objects."""
 STANDS: dict[str, Callable[..., Mapping[str, Any]]] = {
     "setJointMotorControl2": lambda p, client, body, joint: {
         "targetPosition": p.getJointState(body, joint, client)[0]
@@ -74,11 +75,11 @@ STANDS: dict[str, Callable[..., Mapping[str, Any]]] = {
         zip(("posObj", "ornObj"), p.getBasePositionAndOrientation(body, client))
     ),
 }
-"""Place of a body or joint that a call sets or drives."""
+"""State of a body or joint that a call sets or drives."""
 
 
 class SeenCallSites:
-    """Calls of each line and contacts of a run, for the causal search."""
+    """Calls by line, and contacts of a run, as observed for the causal search."""
 
     def __init__(self) -> None:
         self.calls: dict[tuple[str, int, str], SeenCalls] = {}
@@ -89,7 +90,7 @@ class SeenCallSites:
     def call(
         self, function: str, arguments: Mapping[str, Any], client: int, keywords: Iterable[str]
     ) -> None:
-        """Note a call, and the arguments that it gives by name."""
+        """Note a call, and which arguments are passed by keyword."""
         frame = caller()
         key = shown_file(frame.f_code.co_filename), frame.f_lineno, function
         calls = self.calls.setdefault(key, SeenCalls())
@@ -99,7 +100,7 @@ class SeenCallSites:
 
 
 class SeenCalls:
-    """Calls of a function in one line."""
+    """Calls of a function at one line."""
 
     def __init__(self) -> None:
         self.arguments: dict[str, Any] = {}
@@ -125,7 +126,7 @@ class SeenCalls:
 
 
 class CallInterventions:
-    """Operations on a run.
+    """Carries out the operations on a run's calls.
 
     Parameters
     ----------
@@ -157,7 +158,7 @@ class CallInterventions:
         """The state of an operation: the last push of a place, the last motor of a joint."""
 
     def of(self, name: str, calls: dict[str, Call], p: SimpleNamespace) -> Call:
-        """Return the replacement of a watched function, given all of them and PyBullet's own."""
+        """Return the wrapper of a function, given all wrappers and PyBullet's own functions."""
         self._calls, self._p = calls, p
         call = calls[name]
         if not self._operations:
@@ -201,19 +202,19 @@ class CallInterventions:
         return hiding(intervened)
 
     def _make(self, client: int, name: str, *args: Any, **kwargs: Any) -> Any:
-        """Make a call that the script does not make."""
+        """Make a call that the script itself does not make."""
         self._made = True
         return self._calls[name](*args, **{**kwargs, CLIENT: client})
 
     def _called(self, name: str, call: Call, arguments: Mapping[str, Any]) -> Any:
-        """Make a call with named arguments; the older motor call accepts none."""
+        """Make a call with keyword arguments; the older motor call accepts none."""
         if name == UNNAMED:
             call = self._calls["setJointMotorControl2"]
             arguments = {each: value for each, value in arguments.items() if each}
         return call(**arguments)
 
     def came(self, name: str, client: Any, result: Any) -> None:
-        """Note the bodies of a client that a call has created."""
+        """Note the bodies that a call has created in a client."""
         if name in ("connect", "resetSimulation"):
             self.next_body[client] = 0
             for held in (self._told, self._ours):
@@ -261,17 +262,17 @@ class CallInterventions:
         return {n: v for n, v in arguments.items() if n not in left} if left else None
 
     def _held(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Pass the arguments of the line's first call for an element."""
+        """Replace the arguments of a call by those of the line's first call for the same object."""
         return self._kept.setdefault(_of_line(operation, arguments, client), _copied(arguments))
 
     def _late(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Pass the arguments of the previous call."""
+        """Replace the arguments of a call by those of the previous call."""
         key = _of_line(operation, arguments, client)
         before, self._kept[key] = self._kept.get(key, arguments), _copied(arguments)
         return before
 
     def _see(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Note a call, and the contacts before a step."""
+        """Record a call, and the contacts before a step, for the causal search."""
         (function,) = operation["functions"]
         if function == "stepSimulation":
             for point in self._p.getContactPoints(physicsClientId=client):
@@ -281,7 +282,7 @@ class CallInterventions:
         return arguments
 
     def _once(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Make calls once before the next step, about the objects that exist."""
+        """Make calls once before the next step, for the objects that exist."""
         key = "once", client, id(operation)
         if key not in self._kept:
             self._kept[key] = True
@@ -300,7 +301,7 @@ class CallInterventions:
         return {n: v for n, v in arguments.items() if n not in own}
 
     def _set(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Set arguments: all of them, or with `given` only those that are present."""
+        """Set arguments: all of them, or with `given` only those that the call has."""
         made = {**arguments}
         for name, how in operation["sets"].items():
             if name in arguments or not operation.get("given"):
@@ -311,7 +312,7 @@ class CallInterventions:
         return made
 
     def _motor(self, operation: Operation, arguments: Any, _: int) -> Any:
-        """Set the motors of joints; with links None, all joints of the call."""
+        """Set the motor arguments of joints; with links None, of all joints in the call."""
         links, made = operation.get("links"), {**arguments}
         if JOINTS not in arguments:
             if links is None or number(arguments.get("jointIndex")) in links:
@@ -333,7 +334,7 @@ class CallInterventions:
         return made
 
     def _redirect(self, operation: Operation, arguments: Any, _: int) -> Any:
-        """Redirect the motor calls of joints to others."""
+        """Redirect motor calls of joints to other joints."""
         to = dict(operation["links"])
         made = dict(arguments)
         if JOINTS in arguments:
@@ -345,7 +346,7 @@ class CallInterventions:
         return made
 
     def _centre(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Let a force act at the centre of mass."""
+        """Move a force's point of application to the centre of mass."""
         link, body = number(arguments.get("linkIndex")), body_of(arguments)
         at = [0.0, 0.0, 0.0]
         if arguments.get("flags") == self._p.WORLD_FRAME:
@@ -357,7 +358,7 @@ class CallInterventions:
         return {**arguments, "posObj": [*at]}
 
     def _frames(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Let a constraint join bodies in place: its frame on the child is the parent's."""
+        """Make a constraint join bodies in their current poses, by setting the child's frame."""
         p = self._p
         if arguments.get("jointType") not in (p.JOINT_FIXED, p.JOINT_POINT2POINT):
             return arguments
@@ -374,21 +375,21 @@ class CallInterventions:
         }
 
     def _frame(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Place a body's frame at the position meant for its centre of mass."""
+        """Place a body's frame at the position that was meant for its centre of mass."""
         info = self._p.getDynamicsInfo(body_of(arguments), -1, client)
         pose = arguments["posObj"], arguments["ornObj"]
         at, turned = self._p.multiplyTransforms(*pose, info[3], info[4])
         return {**arguments, "posObj": [*at], "ornObj": [*turned]}
 
     def _fall(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Keep a body's vertical velocity."""
+        """Keep a body's vertical velocity when a call sets its velocity."""
         if "linearVelocity" not in arguments:
             return arguments
         vertical = self._p.getBaseVelocity(body_of(arguments), client)[0][2]
         return {**arguments, "linearVelocity": [*[*arguments["linearVelocity"]][:2], vertical]}
 
     def _drive(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Drive joints by motors to the positions they are set to, after the first step."""
+        """Drive joints by motors to the positions that calls set, after the first step."""
         if "jointIndex" not in arguments:
             self._steps[client] = self._steps.get(client, 0) + 1
             return arguments
@@ -398,7 +399,7 @@ class CallInterventions:
         return None
 
     def _drive_to(self, client: int, arguments: Any, **force: Any) -> None:
-        """Give a joint's motor the set position as its target."""
+        """Set a joint's motor target to the position that a call sets."""
         joint, mode = arguments["jointIndex"], self._p.POSITION_CONTROL
         to = {"targetPosition": arguments["targetValue"], **force}
         self._make(client, "setJointMotorControl2", body_of(arguments), joint, mode, **to)
@@ -423,7 +424,7 @@ class CallInterventions:
                 self._give(operation, client, body, link)
 
     def _give(self, operation: Operation, client: int, *about: Any) -> None:
-        """Make a call about a body and a link, about other objects, or about none."""
+        """Make a call for a body and a link, for other objects, or without any."""
         name, sets = operation["call"], operation["sets"]
         named_as = {key: each for key, each in zip(ABOUT.get(name, ()), about) if each is not None}
         body, link = (*about, None, None)[:2]
@@ -438,7 +439,7 @@ class CallInterventions:
             self._ours[client, body, link, key] = self._reported(client, body, link, key)
 
     def _noted(self, client: int, body: Any, link: Any, names: Iterable[str]) -> dict[str, Any]:
-        """Note the values that the script is to read of a link, and return them."""
+        """Save the link properties that the script should still read, and return them."""
         for name in names:
             key = client, body, link, name
             now = self._reported(*key)
@@ -456,14 +457,14 @@ class CallInterventions:
             return None
 
     def _lift(self, operation: Operation, arguments: Any, _: int) -> Any:
-        """Place a body elsewhere than at its set position."""
+        """Move a body away from the position that a call sets."""
         if "posObj" not in arguments:
             return arguments
         moved = [each + by for each, by in zip(arguments["posObj"], operation["by_m"])]
         return {**arguments, "posObj": moved}
 
     def _lift_then(self, operation: Operation, arguments: Any, client: int) -> None:
-        """Place a new body elsewhere than at its initial position."""
+        """Move a new body away from its initial position."""
         body = operation["body"]
         if "posObj" in arguments:
             return
@@ -472,7 +473,7 @@ class CallInterventions:
         self._make(client, "resetBasePositionAndOrientation", body, at, [*turned])
 
     def _pull_then(self, operation: Operation, _: Any, client: int) -> None:
-        """Give a new constraint another largest force."""
+        """Change the largest force of a new constraint."""
         p = self._p
         made = p.getConstraintUniqueId(p.getNumConstraints(client) - 1, client)
         force_n = p.getConstraintInfo(made, client)[FORCE_AT]
@@ -480,7 +481,7 @@ class CallInterventions:
         self._make(client, "changeConstraint", made, maxForce=most_n)
 
     def _gear_then(self, operation: Operation, _: Any, client: int) -> None:
-        """Join two joints of a new body by a gear, with the follower's motor off."""
+        """Connect two joints of a new body by a gear, with the follower's motor off."""
         p, body, (leads, follows) = self._p, operation["body"], operation["links"]
         if max(leads, follows) >= p.getNumJoints(body, client):
             return
@@ -492,13 +493,13 @@ class CallInterventions:
         self._make(client, "changeConstraint", gear, **how)
 
     def _also_then(self, operation: Operation, arguments: Any, client: int) -> None:
-        """Repeat a call for another simulation."""
+        """Repeat a call in another simulation."""
         other, name = operation["of"], operation["functions"][0]
         if client != other and self._p.isConnected(other):
             self._make(other, name, **arguments)
 
     def _carry_then(self, _: Operation, arguments: Any, client: int) -> None:
-        """Give a body with set poses the velocity between them."""
+        """Give a body whose poses calls set the velocity between those poses."""
         body, at = body_of(arguments), [*arguments["posObj"]]
         key = "carried", client, body
         before, self._kept[key] = self._kept.get(key), at
@@ -509,7 +510,7 @@ class CallInterventions:
         self._make(client, "resetBaseVelocity", body, velocity)
 
     def _hold_then(self, _: Operation, arguments: Any, client: int) -> None:
-        """Give the motor of a reset joint its new position as the target."""
+        """Set the motor target of a reset joint to its new position."""
         p, body, joint = self._p, body_of(arguments), number(arguments.get("jointIndex"))
         if "controlMode" in arguments:
             force = arguments.get("force")
@@ -521,7 +522,7 @@ class CallInterventions:
             self._drive_to(client, arguments, **kept)
 
     def _again(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Repeat the last push of each place before every step without one."""
+        """Repeat the last external force of each line before every step that has none."""
         if "forceObj" in arguments or "torqueObj" in arguments:
             return arguments
         step = self._steps.get(client, 0)
@@ -571,7 +572,7 @@ class CallInterventions:
 
 
 def _becoming(held: Any, how: Sequence[Any]) -> Any:
-    """Return an argument after an operator; without one, flags become 0, and numbers the least."""
+    """Return an argument after an operator; without one, flags become 0, and numbers minimal."""
     if how[0] in ("|", "~", "^"):
         held = number(held) or 0
     elif held is None and how[0] == ">":
@@ -583,7 +584,7 @@ def _becoming(held: Any, how: Sequence[Any]) -> Any:
 
 
 def element_of(client: int, arguments: Mapping[str, Any]) -> tuple[int, int | None, int | None]:
-    """Return client, body, and joint or link of a call."""
+    """Return the client id, body id, and joint or link index in a call."""
     link = arguments.get("jointIndex", arguments.get("linkIndex"))
     return client, body_of({**arguments}), number(link)
 
@@ -591,7 +592,7 @@ def element_of(client: int, arguments: Mapping[str, Any]) -> tuple[int, int | No
 def elements_of(
     client: int, arguments: Mapping[str, Any]
 ) -> list[tuple[int, int | None, int | None]]:
-    """Return client, body, and joint or link of all objects of a call."""
+    """Return client id, body id, and joint or link index for each object in a call."""
     if JOINTS not in arguments:
         return [element_of(client, arguments)]
     return [(client, body_of({**arguments}), number(each)) for each in arguments[JOINTS]]
@@ -603,7 +604,7 @@ def _of_joints(
     elements: Sequence[Any],
     operation: Operation,
 ) -> Mapping[str, Any] | None:
-    """Return a call for several joints with changes only to those of an operation."""
+    """Return a call for several joints, changed only for the joints of an operation."""
     changed = [[*element] in operation["elements"] for element in elements]
     if all(changed):
         return made
@@ -653,7 +654,7 @@ def _copied(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _differ(made: Any, arguments: Any) -> bool:
-    """Return whether arguments differ; some may be arrays."""
+    """Return whether two sets of arguments differ; some may be arrays."""
     if made is arguments:
         return False
     return made is None or _copied(made) != _copied(arguments)
@@ -665,7 +666,7 @@ def _plain(value: Any) -> Any:
 
 
 def _bodies(name: str, result: Any) -> Iterator[int]:
-    """Yield the bodies created by a call."""
+    """Yield the engine ids of the bodies that a call created."""
     if name in MAKES_BODIES:
         for body in result if isinstance(result, (tuple, list)) else (result,):
             if isinstance(body, int) and body >= 0:

@@ -1,4 +1,4 @@
-"""Number of links of the models in a file: PyBullet shows only the base of a btRigidBody."""
+"""Counts the links of the models in a file, since PyBullet shows only the base of a btRigidBody."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ FOLDERS = (
 )
 """Folders in which PyBullet looks for a file (`b3BulletDefaultFileIO::findFile`)."""
 MOST_BYTES = 10_000_000
-"""Most bytes that are read of a file."""
+"""Largest number of bytes that are read from a file."""
 
 MODELS = {
     "loadURDF": (("robot",),),
     "loadSDF": (("sdf", "model"), ("sdf", "world", "model")),
     "loadMJCF": (("mujoco", "worldbody", "body"),),
 }
-"""The elements that are a model, by the call that loads them; the first are the document's."""
+"""XML elements that define a model, by the call that loads them; the first are root elements."""
 
 
 def path_of(name: str, search_path: str) -> str | None:
-    """Return the file that PyBullet reads for a name (`b3ResourcePath::findResourcePath`)."""
+    """Return the file that PyBullet opens for a name (`b3ResourcePath::findResourcePath`)."""
     names = [name, f"{search_path}/{name}"] if search_path else [name]
     paths = [folder + each for each in names for folder in FOLDERS]
     return next((path for path in paths if os.path.isfile(path)), None)
 
 
 def links_in(path: str, call: str, *, merged: bool) -> list[int]:
-    """Return the number of links of each model in a file; of a broken one, up to the break.
+    """Return the number of links of each model in a file; in an invalid file, up to the error.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def links_in(path: str, call: str, *, merged: bool) -> list[int]:
 
 
 def walk(path: str, start: Callable[[tuple[str, ...], dict[str, str]], None]) -> bool:
-    """Call a function with the tags, outermost first, and attributes of all elements of XML.
+    """Call a function for each XML element, with its tags, outermost first, and attributes.
 
     Return whether the whole file could be read.
     """

@@ -11,14 +11,14 @@ from .arguments import number, vector
 
 AXES = "xyz"
 NORMAL_N, ALONG_N, ACROSS_N = 9, 10, 12
-"""Places of the forces of a contact point in `getContactPoints`; the direction of friction follows
+"""Indices of the forces in a contact point of `getContactPoints`; the direction of friction follows
 each of the last two."""
 NORMAL = 7
-"""The place of the normal there, which points towards the first body."""
+"""Index of the contact normal there, which points towards the first body."""
 
 
 class ObservedWorld(Observed):
-    """An observed simulation of a client.
+    """An observed simulation of one client.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class ObservedWorld(Observed):
         return self._named
 
     def astray(self) -> dict[str, float]:
-        """Return the distance of joints from the targets of their motors."""
+        """Return the distance of joints from their motors' targets."""
         p, client, found = self._p, self._client, {}
         for (body, joint), (at, target) in self._targets.items():
             try:
@@ -105,7 +105,7 @@ class ObservedWorld(Observed):
         return found
 
     def command(self, arguments: Mapping[str, Any]) -> None:
-        """Note a motor call of the script, by the names of its arguments."""
+        """Note a motor command of the script, given its named arguments."""
         body, mode = number(arguments.get("bodyUniqueId")), arguments.get("controlMode")
         names = {
             self._p.POSITION_CONTROL: ("targetPosition", 0),
@@ -143,7 +143,7 @@ class ObservedWorld(Observed):
         return str(self._p.getJointInfo(body, link, self._client)[12].decode(errors="replace"))
 
     def _links(self) -> Iterator[tuple[str, tuple[int, int]]]:
-        """Yield the names of bodies and links, with their numbers."""
+        """Yield the names of bodies and links, with their ids."""
         p, client = self._p, self._client
         for body in self._bodies():
             root, name = (each.decode(errors="replace") for each in p.getBodyInfo(body, client))
@@ -156,7 +156,7 @@ class ObservedWorld(Observed):
                 yield f"{name or f'body{body}'}.{own}", (body, link)
 
     def _link(self, name: Any, link: Any = None) -> tuple[int, int]:
-        """Return body and link by a name, or by the engine's own numbers."""
+        """Return body id and link index for a name, or for the engine's own ids."""
         if not isinstance(name, str):
             return int(name), -1 if link is None else int(link)
         known: dict[str, tuple[int, int]] = {}
@@ -167,7 +167,7 @@ class ObservedWorld(Observed):
         return known[name]
 
     def _joint(self, name: Any, joint: Any = None) -> tuple[int, int]:
-        """Return body and joint by a name, or by the engine's own numbers."""
+        """Return body id and joint index for a name, or for the engine's own ids."""
         if joint is not None:
             return int(name), int(joint)
         p, client = self._p, self._client
@@ -194,7 +194,7 @@ class ObservedWorld(Observed):
         return float(self._p.getMatrixFromQuaternion(orientation)[8])
 
     def _force(self, sides: list[tuple[int, int]]) -> Callable[[], float]:
-        """Return a function that reads the force between two bodies, or of one on all others."""
+        """Return a function that reads the force between two bodies, or by one on all others."""
         p, client = self._p, self._client
         (body, link), other = sides[0], dict(zip(("bodyB", "linkIndexB"), (*sides[1:], ())[0]))
         if other.get("linkIndexB") == -1:
@@ -215,7 +215,7 @@ class ObservedWorld(Observed):
 
 
 def _points(centre: Any, turned: Any, radius_m: float) -> list[float]:
-    """Return a centre, and points at a radius from it along the turned axes x and z."""
+    """Return a centre, and points at a radius from it along the rotated x and z axes."""
     x, y, z, w = turned
     along_x = 1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)
     along_z = 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)

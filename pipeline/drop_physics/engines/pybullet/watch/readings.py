@@ -1,4 +1,4 @@
-"""Readings of a script: their number and steps, by place and form of the arguments.
+"""Counts a script's readings and the steps in which they occur, by line and argument structure.
 
 A reading takes PyBullet a microsecond, and counting it one more. So the frequent readings of a
 function are soon counted in one of 61 steps, with a weight of 61; rarer ones always are, and so is
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from .worlds import WatchedWorld
 
 EXACT, TOGETHER, SHARE = 256, 4, 61
-"""Every reading is looked at in so many steps; then in groups of so many, which are one of so many
-steps. The readings of a function that has read in the last two groups pass unseen between these: of
-one that reads in every tenth step none do."""
+"""Every reading is observed in this many first steps; then in groups of this many steps, one such
+group in this many. Readings of a function that has read in the last two groups are not counted
+between them: those of one that reads in every tenth step always are."""
 OF = {
     "bodyUniqueId": ("linkIndex", "linkIndices", "jointIndex", "jointIndices"),
     "objectUniqueId": ("linkIndex",),
@@ -34,15 +34,15 @@ OF = {
     "parentObjectUniqueId": ("parentLinkIndex",),
     "constraintUniqueId": (),
 }
-"""Arguments that name what is read, and those that name links of it."""
+"""Arguments that name the objects read, and those that name their links."""
 FLAGS = ("computeLinkVelocity", "computeForwardKinematics", "flags", "reportHitNumber", "renderer")
-"""Arguments that change what is read: with other values, it is another place."""
+"""Arguments that change what is read: with other values, it counts as another reading line."""
 PLAIN = {int, float, bool, str, type(None)}
-"""Types of arguments by which a reading is known again; vectors are mostly others each time."""
+"""Argument types by which a reading is recognised; vectors mostly differ each time."""
 
 
 class Readings:
-    """Counts a script's readings, and describes their places."""
+    """Counts a script's readings, and describes their lines."""
 
     def __init__(self, watch: BulletWatch) -> None:
         self._watch, self._fails = watch, False
@@ -70,11 +70,11 @@ class Readings:
         """The readings at each place."""
 
     def passing(self, name: str) -> set[int]:
-        """Return the instructions whose readings with a function are not counted."""
+        """Return the bytecode instructions whose calls of a function are currently not counted."""
         return self._passing.setdefault(name, set())
 
     def turn(self, steps: int) -> None:
-        """Begin or end a group of steps in which every reading is counted."""
+        """Start or end a group of steps in which every reading is counted."""
         self._all = not self._all
         if self._all:
             self.next_turn, self._read = steps + TOGETHER, set()
@@ -99,7 +99,7 @@ class Readings:
         self._unseen = {}
 
     def forget(self) -> None:
-        """Note that the numbers of bodies may have a new meaning."""
+        """Note that engine ids may now denote other bodies."""
         self._plans, self._codes, self._targets = {}, [], {}
 
     def count(
@@ -110,7 +110,7 @@ class Readings:
         place: Any,
         answer: Any = None,
     ) -> None:
-        """Count a reading made in a frame, and keep its result."""
+        """Count a reading made in a frame, and keep its return value."""
         key = name, id(place.f_code), place.f_lasti, args, *kwargs.items()
         try:
             at, world = self._plans[key]
@@ -133,7 +133,7 @@ class Readings:
         counters[at + 2] = world.step
 
     def _keep(self, at: int, values: list[float]) -> None:
-        """Keep the first and the last answer of a place, the least and the greatest."""
+        """Update the first, last, least and greatest return value of a line."""
         pipe = self._watch.pipe
         counters, kept = pipe.counters, pipe.answers
         begin, known = at // COUNTERS * ANSWERS * EXTREMES, counters[at + 3]
@@ -157,7 +157,7 @@ class Readings:
     def _found(
         self, name: str, args: tuple[Any, ...], kwargs: dict[str, Any], place: Any
     ) -> tuple[int, WatchedWorld] | None:
-        """Return the counter of a reading and its simulation; describe the reading if it is new."""
+        """Return the counter of a reading and its simulation; describe a new reading."""
         watch, pipe = self._watch, self._watch.pipe
         world = watch.worlds.get(client_of(name, args, kwargs))
         if world is None and name in CONVERTS:  # which reads no simulation
@@ -199,7 +199,7 @@ class Readings:
 
 
 def _targets(arguments: dict[str, Any]) -> list[Any]:
-    """Return the objects of a reading: one or two bodies, by engine ids, with links or None."""
+    """Return the objects of a reading: one or two bodies, by engine id, with links or None."""
     parts = []
     for body, links in OF.items():
         which = number(arguments.get(body))

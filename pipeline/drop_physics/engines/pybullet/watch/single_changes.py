@@ -1,4 +1,4 @@
-"""The single changes of a run of a PyBullet script, and the operations that make them.
+"""The possible single changes of a PyBullet script's run, and the operations that make them.
 
 The rows arrive as data (`interventions`): calls that are added before the first step, and patterns
 of functions and arguments with operators for the script's own calls.
@@ -17,14 +17,14 @@ from .intervene import SeenCalls, SeenCallSites, there
 
 STEP, TIMESTEP = "stepSimulation", "timestep"
 NOT_SAID = {"loadURDF": {"useFixedBase": 0, "flags": 0}}
-"""Arguments that matter though a call does not give them, and what PyBullet takes for them."""
+"""Optional arguments that matter even if a call omits them, with PyBullet's defaults."""
 OF_CALLS = ("left-out", "held", "late")
 
 Row = Mapping[str, Any]
 
 
 def possible(p: Any, rows: Sequence[Row], seen: SeenCallSites) -> list[Change]:
-    """Return the changes of table rows that have an effect in a run.
+    """Return the changes from table rows that have an effect in a run.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def possible(p: Any, rows: Sequence[Row], seen: SeenCallSites) -> list[Change]:
 
 
 def trial_of(change: Change) -> dict[str, Any]:
-    """Return the differences of a run with a change, as `BulletWatch.become` takes them."""
+    """Return how a run with a change differs, in the format of `BulletWatch.become`."""
     if change.change == TIMESTEP:
         return {"interventions": [], "variation": {"finer": int(change.how[1])}}
     function, _, argument = change.change.partition(".")
@@ -107,7 +107,7 @@ def name_of(p: Any, each: str, element: Sequence[Any]) -> str:
 def _of_calls(
     p: Any, site: tuple[str, int, str], calls: SeenCalls, patterns: Sequence[Row]
 ) -> Iterator[Change]:
-    """Yield the changes of the calls of a function in a line."""
+    """Yield the changes of the calls of a function at one line."""
     file, line, function = site
     ids, bodies = tuple(calls.elements), _bodies(p, calls.elements)
     names = tuple(name_of(p, "links", each) or calls.file for each in ids)
@@ -144,17 +144,17 @@ def _bodies(p: Any, elements: Iterable[Sequence[Any]]) -> tuple[str, ...]:
 
 
 def _row_of(named: str, patterns: Sequence[Row]) -> Row | None:
-    """Return the first row whose pattern matches a function, or an argument of it."""
+    """Return the first row whose pattern matches a function, or one of its arguments."""
     return next((row for row in patterns if re.fullmatch(row["change"], named)), None)
 
 
 def _tried(row: Row | None) -> list[tuple[str, bool]]:
-    """Return the operators of a row, with a flag for those that break the scene."""
+    """Return the operators of a row, each with a flag if it removes a part of the scene."""
     return [] if row is None else [(op, op in row["breaks"]) for op in row["tries"]]
 
 
 def _does(value: Any, how: tuple[str, Any]) -> bool:
-    """Return whether an operator changes a number, or numbers."""
+    """Return whether an operator changes a number or a list of numbers."""
     numbers = value if isinstance(value, list) else [value]
     if not numbers or not all(isinstance(number, (int, float)) for number in numbers):
         return False
@@ -168,7 +168,7 @@ def _does(value: Any, how: tuple[str, Any]) -> bool:
 
 
 def _together(changes: Sequence[Change]) -> Iterator[Change]:
-    """Yield changes of all lines of a function together, if there are several."""
+    """Yield changes that apply to all lines of a function together, if there are several."""
     alike: dict[tuple[str, str], list[Change]] = {}
     for change in changes:
         if change.op not in ("held", "late"):
@@ -183,7 +183,7 @@ def _together(changes: Sequence[Change]) -> Iterator[Change]:
 
 
 def _once(row: Row, op: str) -> dict[str, Any]:
-    """Return the added call, about all objects of a kind."""
+    """Return the added call, for all objects of a kind."""
     operator, value = how_of(op)
     sets = {**row["fixed"], **dict.fromkeys(row["takes"], (operator, _whole(value)))}
     return {"call": row["call"], "each": row["each"], "sets": sets}

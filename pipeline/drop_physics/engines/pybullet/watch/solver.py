@@ -1,4 +1,4 @@
-"""Detection of a contact solver that stopped before it converged."""
+"""Detects contact solvers that stop before they converge."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from types import SimpleNamespace
 from typing import Any
 
 LEAST_CHANGE = 0.01
-"""Largest change of a velocity by a last iteration after which no other is needed [m/s, rad/s].
-"""
+"""Largest velocity change in a last iteration at which the solver counts as converged [m/s,
+rad/s]."""
 ASKED_EVERY = 8
-"""One step in this many returns what the solver did: asking takes as long as recording a box."""
+"""One step in this many returns the solver's report: requesting it takes as long as recording a
+box."""
 MOST_ISLANDS = 64
-"""Groups of touching bodies that PyBullet has room for in what a step returns."""
+"""Number of groups of touching bodies for which PyBullet has room in a step's return value."""
 
 
 class Solver:
-    """A solver's reports for one client, which steps return on request."""
+    """The solver's reports for one client, which steps return on request."""
 
     def __init__(self, p: SimpleNamespace, client: int, *, returns: bool | None) -> None:
         self._p, self._client = p, client
@@ -29,7 +30,7 @@ class Solver:
         """Number of times that the solver was seen to reach each limit of iterations."""
 
     def ask(self, moving: int) -> bool:
-        """Have the next step return the solver's report; return whether it will.
+        """Make the next step return the solver's report; return whether it will.
 
         Only every few steps, since it takes two calls. It changes nothing else, but the engine has
         room for a limited number of islands of bodies, of which `moving` move, and reads beyond it.
@@ -39,7 +40,7 @@ class Solver:
         return False
 
     def report(self, *, on: bool) -> bool:
-        """Switch the solver's reports on or off; return whether this PyBullet has them."""
+        """Switch the solver's reports on or off; return whether this PyBullet supports them."""
         try:
             self._p.setPhysicsEngineParameter(
                 reportSolverAnalytics=int(on), physicsClientId=self._client
@@ -49,7 +50,7 @@ class Solver:
         return self._can
 
     def note(self, islands: Any, most: int, step: int) -> None:
-        """Note whether the solver reached its limit, and the effect of the last iteration.
+        """Note whether the solver reached its iteration limit, and the last velocity change.
 
         That is a change of velocity, non-finite for an island whose body the engine has lost.
         """
@@ -79,6 +80,6 @@ class Solver:
             early.update(last_change=last, worst_step=step)
 
     def noted(self) -> Iterator[dict[str, Any]]:
-        """Yield how often each iteration limit was too low; then start again."""
+        """Yield how often each iteration limit was too low; then reset the counts."""
         early, self._early = self._early, {}
         return (each for each in early.values() if each["steps"])

@@ -1,4 +1,4 @@
-"""A variation of a run: a difference in the engine, hidden from the script.
+"""A variation of a run: a change in the engine that the script cannot see.
 
 With a finer timestep, k steps of dt/k replace one of dt. Forces that last one step are given again
 before each; motors and constraints, which keep force × timestep of their call, are called while the
@@ -28,7 +28,7 @@ Call = Callable[..., Any]
 
 
 class Variation:
-    """Differences of a run from the script's own.
+    """How a run differs from the script's own.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Variation:
         """Clients whose next step is the first."""
 
     def of(self, p: SimpleNamespace, name: str, original: Call) -> Call:
-        """Return the replacement of a function of PyBullet, whose functions are `p`."""
+        """Return the wrapper of a function of PyBullet, whose functions are `p`."""
         self._p = p
         if name == "connect":
             return self._connecting(original)
@@ -130,7 +130,7 @@ class Variation:
         return set_engine
 
     def _vary(self, client: int) -> None:
-        """Note the script's settings, and apply the differences."""
+        """Save the script's settings, and apply the changes."""
         reported = self._p.getPhysicsEngineParameters(client)
         ours = {TIMESTEP: reported[TIMESTEP] / self.finer, **self.engine}
         if self._iterations != 1:
@@ -177,7 +177,7 @@ class Variation:
         return bool(mode == self._p.TORQUE_CONTROL)
 
     def again(self, client: int, tell: Call) -> None:
-        """Repeat forces that last one step, and report them."""
+        """Apply forces that last one step again, and report them."""
         for name, original, args, kwargs, place in self._lasting.get(client, []):
             tell(name, args, kwargs, place)
             try:
@@ -186,7 +186,7 @@ class Variation:
                 continue
 
     def stepped(self, client: int) -> None:
-        """Note the end of a step of the script."""
+        """Note the end of a script step."""
         if client in self._lasting:
             self._lasting[client].clear()
 
@@ -278,7 +278,7 @@ class Variation:
 
 
 def varied_by(given: dict[str, Any] | None) -> Variation | None:
-    """Return the variation, without the options of MuJoCo; None if nothing differs."""
+    """Create the variation, without the options for MuJoCo; None if nothing differs."""
     if given is None:
         return None
     return Variation(**{name: value for name, value in given.items() if name != "options"})

@@ -1,4 +1,4 @@
-"""One simulation in its engine: its bodies, and their current state.
+"""One simulation in the engine: its bodies, and their current state.
 
 Everything is read with PyBullet's own functions, and nothing here changes a number in it:
 `tests/test_watching.py` checks that over many scripts.
@@ -20,20 +20,20 @@ from .capsules import lay
 from .solver import Solver
 
 MOST_KEPT = 1 << 22
-"""Most bytes of a file whose content is sent."""
+"""Largest size of a file whose content is sent [bytes]."""
 GEAR = 6
-"""Type of constraint, as in `getConstraintInfo`."""
+"""Constraint type, as in `getConstraintInfo`."""
 ALL = None
-"""Value in place of a body where a call may have moved any of them."""
+"""Stands for any body, where a call may have moved any of them."""
 SAMPLE_HEAD = SET_HEAD = struct.Struct("<cIqq")
-"""Header and head of a sample, and of a state set by calls."""
+"""Frame header and sample header, for samples and for states set by calls."""
 SET_BASE = struct.Struct(SET_HEAD.format + "13d")
 POSE, POINT = struct.Struct("<13d"), struct.Struct("<23d")
-"""The numbers of a base, of a contact point."""
+"""Formats of the numbers of a base, and of a contact point."""
 
 
 class WatchedWorld:
-    """One client's simulation.
+    """The simulation of one client.
 
     Parameters
     ----------
@@ -46,11 +46,11 @@ class WatchedWorld:
     bodies_made = 0
     """Number of bodies in all simulations of this process."""
     search_path = ""
-    """Further folder in which PyBullet looks for files, for all simulations of this process."""
+    """Additional folder in which PyBullet looks for files, for all simulations of this process."""
     keeps_files = False
-    """Whether contents of files are sent."""
+    """Whether the contents of loaded files are sent."""
     varied: Mapping[str, Any] = MappingProxyType({})
-    """Settings that the engine does not report, and has whatever calls give."""
+    """Settings that the engine does not report, and keeps whatever values calls set."""
 
     def __init__(
         self,
@@ -121,7 +121,7 @@ class WatchedWorld:
     # -- what calls have changed ------------------------------------------------------------------
 
     def sync(self, *, sample_follows: bool = False) -> None:
-        """Send the changes made by calls since this was last called.
+        """Send the changes made by calls since the last sync.
 
         Changes that a sample will hold at once are left to it.
         """
@@ -156,7 +156,7 @@ class WatchedWorld:
         self._lay_out()
 
     def before_mass(self, engine_id: int) -> None:
-        """Keep the reports of a new body whose mass a call is about to change."""
+        """Save the dynamics info of a new body whose mass a call is about to change."""
         if engine_id in self.fresh and engine_id not in self.added:
             try:
                 links = range(-1, self._p.getNumJoints(engine_id, self.client))
@@ -169,7 +169,7 @@ class WatchedWorld:
     def inertial_of(
         self, engine_id: int, position: list[float] | None, orientation: list[float] | None
     ) -> Any:
-        """Return the centre of mass of a new btRigidBody in the frame of its placement.
+        """Return a new btRigidBody's centre of mass in the frame in which it was placed.
 
         `getDynamicsInfo` returns leftovers as that of a btRigidBody.
         """
@@ -260,7 +260,7 @@ class WatchedWorld:
         self.stale_engine = False
 
     def _read_constraints(self) -> None:
-        """List the constraints, after a step: before, PyBullet crashes when asked for a gear's."""
+        """List the constraints, after a step: before one, PyBullet crashes on queries of a gear."""
         p, client = self._p, self.client
         count, found = p.getNumConstraints(client), []
         self.held &= {p.getConstraintUniqueId(index, client) for index in range(count)}
@@ -312,7 +312,7 @@ class WatchedWorld:
         return base + joints if base else b""
 
     def _keep(self, body: WatchedBody, state: bytes) -> None:
-        """Note a sent state, in place of that in the last sample."""
+        """Remember a sent state, in place of that in the last sample."""
         body.last = state
         if body.base_at >= 0:
             self._buffer[body.base_at : body.base_at + POSE.size] = state[: POSE.size]
@@ -420,18 +420,18 @@ class WatchedWorld:
         self.sampled = True
 
     def before_step(self) -> None:
-        """Send the changes made by calls, and before the first step the first sample."""
+        """Send the changes made by calls, and the first sample before the first step."""
         self.sync(sample_follows=not self.sampled)
         if not self.sampled:
             self.sample()
         self.touched = False
 
     def asks_solver(self) -> bool:
-        """Have the next step return the solver's report; return whether it will."""
+        """Make the next step return the solver's report; return whether it will."""
         return self.solver.ask(len(self._moving))
 
     def after_step(self, islands: Any) -> None:
-        """Send the sample after a step, and note its solver's residual."""
+        """Send the sample after a step, and note the solver's residual."""
         if islands and self._engine is not None:
             most = int(self._engine["numSolverIterations"])
             self.solver.note(islands, most, self.step + 1)
@@ -443,7 +443,7 @@ class WatchedWorld:
         self.sample()
 
     def tell_file(self, name: str, path: str) -> None:
-        """Send the content of a file named by a call; a script may remove it soon."""
+        """Send the content of a file named by a call; a script may delete it soon."""
         try:
             if os.path.getsize(path) > MOST_KEPT:
                 return
@@ -454,7 +454,7 @@ class WatchedWorld:
         self._pipe.note("file", name=name, path=os.path.abspath(path), content=content)
 
     def end(self) -> None:
-        """Send the rest of a finished simulation, as far as it is known."""
+        """Send the remaining data of a finished simulation, as far as it is known."""
         self.sync(sample_follows=not self.sampled)
         for early in self.solver.noted():
             self._pipe.note("solver", world=self.number, **early)
