@@ -1,1 +1,1 @@
-"""The account: requests to each body, their outcome, and the terms of the sum behind it."""
+"""The account: requests to each body, their outcome, and the terms of the sum that explain it."""

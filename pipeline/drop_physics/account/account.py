@@ -1,4 +1,4 @@
-"""The account of a recording: rows from the states of all steps and the terms of the sum."""
+"""The account of a recording: rows built from the states of all steps and the terms of the sum."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from drop_physics.trace.history import Seen
 
 
 class Account:
-    """Gathers a recording piece by piece, and describes it in rows."""
+    """Collects a recording chunk by chunk, and summarizes it in rows."""
 
     def __init__(self, seen: Seen, times: Mapping[int, StepTimes]) -> None:
         freedoms = sum(
@@ -58,23 +58,23 @@ class Account:
         self._ledgers: dict[int, Ledger] = {}
         self._series: dict[int, list[JointSeries]] = {}
         self._controls: dict[int, list[Float64]] = {}
-        """The controls of a body's actuators, shape (n, actuators) for each piece."""
+        """The controls of a body's actuators, shape (n, actuators) for each chunk."""
         self._tracks: dict[int, BaseTrack] = {}
         self._written: dict[int, WrittenStates] = {}
         self._carried: dict[int, Carried] = {}
         self._gravity: dict[int, Float64] = {}
         """The strongest gravity that acted on each body, shape (3,)."""
         self._broken: dict[int, int] = {}
-        """The first sample of each body that is no number."""
+        """The first non-finite sample of each body."""
         self._touching, self._held, self._overlaps = TouchedPairs(), Held(seen), Overlaps(seen)
         self._sensed, self._pushed = Sensed(seen), PushedSoft()
         self._filtered: dict[frozenset[int], str] = {}
-        """The line that may have ended contacts of two bodies, or of one, by their numbers."""
+        """The script line that may have disabled contacts of two bodies, or of one, by body ids."""
         self._made: dict[tuple[int, int], set[str]] = {}
-        """The lines that made bodies, by client and the engine's id."""
+        """The script lines that created bodies, by client and the engine's id."""
 
     def see(self, explained: ExplainedPiece, joints: JointTable, touches: TouchTable) -> None:
-        """Add a piece."""
+        """Add a chunk."""
         normals = explained.piece.contacts["normal"]
         for number, judged in explained.bodies.items():
             for steps in judged.intervals:
@@ -99,7 +99,7 @@ class Account:
     def rows(
         self, joints: JointTable, totals: Mapping[int, Totals], about: str | None = None
     ) -> list[AccountRow]:
-        """Return all rows, the most salient first; `totals` are those of the explanation.
+        """Return all rows, sorted by salience; `totals` are those of the explanation.
 
         `about` names a body or a joint whose rows come first.
         """
@@ -119,7 +119,7 @@ class Account:
         return ranked(rows, read, about)
 
     def _placed(self, row: AccountRow) -> AccountRow:
-        """Return a row with the label of its body and the time of its step."""
+        """Return a row with its body's label and its step's time added."""
         body = row.subject
         if body is None:
             return row
@@ -255,7 +255,7 @@ class Account:
 
 
 def _not_finite(subject: MeasuredBody, step: int, words: RowWords) -> AccountRow:
-    """Return the row of a body whose state is no longer finite."""
+    """Return the row for a body whose state is no longer finite."""
     return AccountRow(
         kind="moved",
         told=Message(

@@ -1,4 +1,4 @@
-"""Rows of joints with a request: a position, a rate, a torque."""
+"""Rows for joints with a request: a position, a rate, a torque."""
 
 from __future__ import annotations
 
@@ -22,16 +22,17 @@ from drop_physics.quantities import number, quantity
 from drop_physics.trace.events import Actuator, Joint
 
 DRIVES = ("motors", GIVEN, GAP, RATE)
-"""Causes that are what a joint was commanded; they come first among a row's terms."""
+"""Causes that apply a joint's command; they come first among a row's terms."""
 COMMANDED = (GIVEN, GAP, RATE)
-"""Causes whose size a torque or a control sets; the engine's own motor acts beside them."""
+"""Causes whose size is set by a torque or a control; the engine's default motor acts
+beside them."""
 FEEBLE = 0.1
-"""A torque that begins with less than this share of the most is told with that."""
+"""A torque that starts below this share of its maximum is reported with its maximum."""
 SELDOM = 0.02
-"""A command in fewer of the steps than this share does not make the joint a commanded one."""
+"""A joint commanded in less than this share of the steps does not count as commanded."""
 HOLD_STEPS, LATE = 5, 0.85
-"""After a jump, a target that stands for HOLD_STEPS counts where the gap grows, and in the last
-part of the hold."""
+"""After a jump, a target held for HOLD_STEPS counts where the gap grows, and in the last part of
+the hold (LATE)."""
 ROUND = 1e-9
 
 
@@ -42,20 +43,20 @@ class Axis:
     joint: Joint
     name: str
     joint_rate: int
-    """Index among the rates of the joints."""
+    """Index of the rate among those of the joints."""
     rate: int
-    """Index in the generalised velocity."""
+    """Index of the rate in the generalised velocity."""
     scale: float
-    """Scale of a path: the size of the body for a slide, 1 rad for a turn."""
+    """Length scale of a path: the size of the body for a slide, 1 rad for a rotation."""
 
     @property
     def unit(self) -> str:
-        """The unit of its position."""
+        """The unit of the joint's position."""
         return "m" if self.joint.kind == "prismatic" else "rad"
 
     @property
     def force_unit(self) -> str:
-        """The unit of its force."""
+        """The unit of the joint's force or torque."""
         return "N" if self.joint.kind == "prismatic" else "N m"
 
 
@@ -76,7 +77,7 @@ def position_row(
     needs: float | None,
     stiffness: float | None = None,
 ) -> AccountRow | None:
-    """Return the row of a joint that has position targets, at its telling moment.
+    """Return the row for a joint that has position targets, at its most informative moment.
 
     `needs` is the effort that holding its last target takes [N] or [N m], None if not known;
     `stiffness` that by which the script itself drives it there [N/m] or [N m/rad], None if the
@@ -149,7 +150,7 @@ def position_row(
 def rate_row(
     subject: MeasuredBody, axis: Axis, series: JointSeries, words: RowWords
 ) -> AccountRow | None:
-    """Return the row of a joint with a velocity motor: its rate, and its total path."""
+    """Return the row for a joint with a velocity motor: its rate, and its total path."""
     k, steps = axis.joint_rate, series.steps
     asked, rate = series.asked_rate[:, k], series.rate[:, k]
     known = np.isfinite(asked)
@@ -206,7 +207,7 @@ def torque_row(
     words: RowWords,
     actuators: Mapping[Actuator, Float64],
 ) -> AccountRow | None:
-    """Return the row of a joint with a given torque: at its start, or where its balance breaks.
+    """Return the row for a joint with a given torque: at its start, or where its balance breaks.
 
     `actuators` has the motors on the joint with their controls, shape (n,) each.
     """
@@ -274,14 +275,14 @@ def torque_row(
 
 
 def given_j(subject: MeasuredBody, axis: Axis, words: RowWords) -> float:
-    """Return the energy given by the drives of a joint in all explained steps [J]."""
+    """Return the energy that the drives of a joint gave in all explained steps [J]."""
     works = subject.ledger.work
     driven = (works[term][:, axis.rate] for term in works if words.drives(term, DRIVES))
     return sum((float(work[work > 0].sum()) for work in driven), start=0.0)
 
 
 def _controls(actuators: Mapping[Actuator, Float64], width: int) -> Message:
-    """Return the script's controls of the motors on a joint, and the effect of range and gear."""
+    """Describe the script's controls of a joint's motors, and the effect of range and gear."""
     told = Message("")
     for actuator, given in actuators.items():
         if not np.isfinite(given).any():
@@ -301,7 +302,7 @@ def _controls(actuators: Mapping[Actuator, Float64], width: int) -> Message:
 def clamped_rows(
     subject: MeasuredBody, controls: Mapping[Actuator, Float64], steps: Int64
 ) -> Iterator[AccountRow]:
-    """Yield a row for each actuator whose control was clamped by its range in some steps."""
+    """Yield a row for each actuator whose control was clamped to its range in some steps."""
     for actuator, given in controls.items():
         if actuator.ctrl_range is None or not np.isfinite(given).any():
             continue
@@ -336,7 +337,7 @@ def clamped_rows(
 
 
 def _counting(before: Float64, target: Float64, gap: Float64) -> Flags:
-    """Flag the steps whose gap counts, without those on the way to a new target.
+    """Flag the steps whose gap counts, excluding those on the way to a new target.
 
     After a jump of the target, steps count while the gap is larger than at the jump, and in the
     last part of the hold; with a target that moves all the time, all count from the first step on
@@ -359,7 +360,7 @@ def _counting(before: Float64, target: Float64, gap: Float64) -> Flags:
 
 
 def _worst(gap: Float64, counts: Flags) -> int:
-    """Return the step with the largest gap; if that is a spike, the first of the usual large."""
+    """Return the step with the largest gap; if that is a spike, the first typical large gap."""
     limit = float(np.percentile(gap[counts], 98))
     large = np.flatnonzero(counts & (gap >= limit * 0.999))
     at = int(large[np.argmax(gap[large])])
@@ -367,7 +368,7 @@ def _worst(gap: Float64, counts: Flags) -> int:
 
 
 def _telling(gap: Float64, counts: Flags, worst: int, last: int) -> int:
-    """Return the moment of a row: the end, if the gap there is steady and nearly the largest.
+    """Return the moment to report: the end, if the gap there is steady and nearly the largest.
 
     A hold is described by its steady part, not by the bounce that precedes it.
     """
@@ -377,7 +378,7 @@ def _telling(gap: Float64, counts: Flags, worst: int, last: int) -> int:
 
 
 def _axes_in_world(subject: MeasuredBody, axis: Axis) -> tuple[Float64, Float64] | None:
-    """Return the axis of a joint as a recording begins and ends, unit vectors in world axes."""
+    """Return a joint's axis at the start and end of a recording, unit vectors in world axes."""
     ledger = subject.ledger
     known = np.flatnonzero(ledger.counts)
     if not len(known):
@@ -389,13 +390,13 @@ def _axes_in_world(subject: MeasuredBody, axis: Axis) -> tuple[Float64, Float64]
 
 
 def _axis_at_end(subject: MeasuredBody, axis: Axis) -> str:
-    """Return the world axis nearest to that of a joint at the end."""
+    """Return the world axis nearest to the axis of a joint at the end."""
     axes = _axes_in_world(subject, axis)
     return "?" if axes is None else main_axis(axes[1])
 
 
 def turned_axis(subject: MeasuredBody, axis: Axis) -> Message:
-    """Return the world axes of a joint whose axis turned by more than half a radian, or nothing."""
+    """Describe the world axes of a joint whose axis turned by over half a radian, else nothing."""
     axes = _axes_in_world(subject, axis)
     if axes is None:
         return Message("")
@@ -410,5 +411,5 @@ def turned_axis(subject: MeasuredBody, axis: Axis) -> Message:
 
 
 def magnitude(salience: float) -> int:
-    """Return the power of ten of a salience, which similar rows share."""
+    """Return the order of magnitude of a salience, by which similar rows are grouped."""
     return int(np.floor(np.log10(np.clip(np.nan_to_num(salience, nan=1.0), 1e-12, 1e12)) + 0.5))

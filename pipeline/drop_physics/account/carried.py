@@ -1,4 +1,4 @@
-"""The support of a body whose base is fixed: the base itself, or the bodies below it."""
+"""The support of a fixed-base body: the base itself, or the bodies below it."""
 
 from __future__ import annotations
 
@@ -17,20 +17,21 @@ from drop_physics.physics.tree import States, Tree
 from drop_physics.quantities import quantity
 
 INSTANT_S = 1e-6
-"""Time over which the way of the centres of mass gives their velocities."""
+"""Time over which the displacement of the centres of mass gives their velocities."""
 SETTLED = 0.1
-"""Share of the weight below which what takes up momentum has to be for a mean to tell anything."""
+"""Share of the weight below which the change of momentum must be for a mean force to be
+meaningful."""
 ROUNDED = 1e-9
-"""Share of the weight below which the force of contacts is rounding."""
+"""Share of the weight below which a contact force is rounding error."""
 OUTSIDE = {"applied", "constraints", "gravity compensation", "fluid", "remainder", "contacts"}
-"""Causes that act on a body from outside, besides gravity and contacts with a known force."""
+"""Causes that act on a body from outside, other than gravity and contacts with a known force."""
 FREE = ("site", "body")
-"""Targets of actuators whose forces are not between two links."""
+"""Targets of actuators whose forces do not act between two links."""
 
 
 @dataclass(eq=False)
 class Carried:
-    """Impulses of contacts on a body with a fixed base; grows piece by piece."""
+    """Impulses of contacts on a body with a fixed base; grows chunk by chunk."""
 
     impulse_n_s: Float64 = field(default_factory=lambda: np.zeros(3))
     """Impulse of all contacts, world axes [N s]."""
@@ -39,7 +40,7 @@ class Carried:
     last_n_s: Float64 = field(default_factory=lambda: np.zeros(3))
     """The momentum after the last one."""
     put: bool = False
-    """Whether its state was written in between, which gives momentum that no force does."""
+    """Whether the script wrote the state in between, which changes the momentum without a force."""
 
     def add(self, steps: BodySteps) -> None:
         """Add explained steps of the body."""
@@ -57,7 +58,7 @@ class Carried:
     def row(
         self, subject: MeasuredBody, gravity_m_s2: Float64, line: str | None
     ) -> AccountRow | None:
-        """Return the row of the base's load; None if it is not known.
+        """Return the row for the load on the base; None if it is unknown.
 
         `line` is that of the call which made the body, None where it is not known.
         The mean force of the base is the change of momentum without gravity's and contacts'; where
@@ -108,7 +109,7 @@ class Carried:
 
 
 def momentum_n_s(tree: Tree, state: States) -> Float64:
-    """Return the momentum of a tree in one state, shape (3,)."""
+    """Return the momentum of a tree in a single state, shape (3,)."""
     there = moved(tree, state, state.velocity, np.array([INSTANT_S]), np.inf)
     ways_m = [
         tree.masses_kg[link + 1] * (end.position_m(link) - begin.position_m(link))[0]

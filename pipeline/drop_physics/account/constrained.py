@@ -1,4 +1,4 @@
-"""Rows of constraints: the gap of their ends and their forces, gears and equalities."""
+"""Rows for constraints, gears and equality constraints: position errors and forces."""
 
 from __future__ import annotations
 
@@ -22,58 +22,59 @@ from drop_physics.trace.history import Seen
 from drop_physics.trace.writes import written_by
 
 EXACT = 0.1
-"""Share of a body's size that the gap of a constraint is measured by: its target distance is 0,
+"""Share of a body's size to which the gap of a constraint is compared: its target distance is 0,
 which gives no scale."""
 
 
 @dataclass(eq=False)
 class HeldEquality:
-    """An equality of a model; grows piece by piece."""
+    """An equality constraint of a model; grows chunk by chunk."""
 
     equality: Equality
     gap: float = 0.0
-    """The largest distance of its anchors [m], or of a joint from where the other leads it."""
+    """The largest distance between its anchors [m], or of a joint from the position required by the
+    other."""
     gap_step: int = -1
     end: float = 0.0
     """The gap after the last step in which the equality is active."""
     active: int = 0
-    """Steps in which it is active."""
+    """Number of steps in which the equality is active."""
     steps: int = 0
 
 
 @dataclass(eq=False)
 class HeldConstraint:
-    """A constraint that closes the distance between two points; grows piece by piece."""
+    """A constraint that closes the distance between two points; grows chunk by chunk."""
 
     last: ConstraintVersion
     gap_m: float = 0.0
-    """The largest distance of its ends after a step."""
+    """The largest distance between the constraint's ends after a step."""
     gap_step: int = -1
     end_m: float = 0.0
-    """Their distance after the last step."""
+    """The distance between the constraint's ends after the last step."""
     pull_n: float = 0.0
-    """Pull of the constraint at the largest distance."""
+    """Force of the constraint at the largest distance."""
     most_n: float = 0.0
     limit_n: float = np.inf
-    """The largest pull that it may have, at the largest distance."""
+    """Maximum force of the constraint, at the largest distance."""
 
 
 class Held:
-    """The constraints of a recording; grows piece by piece."""
+    """The constraints of a recording; grows chunk by chunk."""
 
     def __init__(self, seen: Seen) -> None:
         self._seen = seen
         self._held: dict[tuple[int, int], HeldConstraint] = {}
-        """Constraints, by client and number of calls before each was made."""
+        """Constraints, by client and number of calls before the constraint was created."""
         self._gears: dict[tuple[int, int], ConstraintVersion] = {}
         self._equalities = [HeldEquality(equality) for equality in seen.equalities]
         self._on: dict[tuple[int, int], bool] = {
             (equality.client, equality.at.call): equality.active for equality in seen.equalities
         }
-        """Whether each equality is active, by client and number."""
+        """Whether each equality is active, by client and index."""
 
     def add(self, explained: ExplainedPiece) -> None:
-        """Add a piece."""
+        """Add a chunk."""
         for told, steps, forces in explained.constraints.in_steps():
             which = np.searchsorted([each.at.step for each in told], steps, side="left") - 1
             for index in np.unique(which[which >= 0]).tolist():
@@ -91,7 +92,7 @@ class Held:
             self._look(held, explained)
 
     def _look(self, held: HeldEquality, explained: ExplainedPiece) -> None:
-        """Add a piece to an equality: its active steps, and the distance of its ends."""
+        """Add a chunk to an equality: its active steps, and the distance between its ends."""
         equality, first, end = held.equality, explained.piece.first, explained.piece.end
         last = self._seen.samples.get(equality.client, 0)
         samples = np.arange(max(first, 1), min(end, last))
@@ -112,7 +113,7 @@ class Held:
             held.end = float(off[np.flatnonzero(active)[-1]])
 
     def _active(self, equality: Equality, explained: ExplainedPiece, samples: Int64) -> Flags:
-        """Flag the steps to samples in which an equality is active, by the writes of calls."""
+        """Flag the steps to samples in which an equality is active, as the script's writes say."""
         key = equality.client, equality.at.call
         active = np.full(len(samples), self._on[key])
         for call in explained.piece.calls.of(Act.SET_ACTIVE, Act.RESET_STATE):
@@ -155,7 +156,7 @@ class Held:
         return np.nan
 
     def rows(self, subjects: Mapping[int, MeasuredBody], words: RowWords) -> Iterator[AccountRow]:
-        """Yield the rows of constraints, gears and equalities."""
+        """Yield the rows for constraints, gears and equalities."""
         for held in self._held.values():
             its = [subjects[body] for body in held.last.bodies if body in subjects]
             if its:
@@ -182,14 +183,14 @@ def _point_m(
 
 
 def _switched(call: Call, number: int) -> bool | None:
-    """Return whether a call switches an equality on; None if it does not name it."""
+    """Return whether a call enables an equality; None if the call does not name the equality."""
     written = written_by(call)
     mine = np.flatnonzero(written.indices == number)
     return bool(written.values[mine[-1]]) if len(mine) else None
 
 
 def _anchor_m(equality: Equality, side: int, explained: ExplainedPiece, samples: Int64) -> Float64:
-    """Return the point of an equality on one side at samples [m], shape (n, 3); nan if unknown."""
+    """Return the anchor of an equality on one side at samples [m], shape (n, 3); nan if unknown."""
     if not equality.anchors_m:
         return np.full((len(samples), 3), np.nan)
     anchor = np.asarray(equality.anchors_m[side])
@@ -201,7 +202,7 @@ def _anchor_m(equality: Equality, side: int, explained: ExplainedPiece, samples:
 
 
 def _off_joints(equality: Equality, explained: ExplainedPiece, samples: Int64) -> Float64:
-    """Return the distance of the first joint from the position given by the second, shape (n,)."""
+    """Return how far the first joint is from the position given by the second, shape (n,)."""
     at = [
         _joint_at(explained, body, link, samples)
         for body, link in ((equality.body_a, equality.link_a), (equality.body_b, equality.link_b))
@@ -211,7 +212,7 @@ def _off_joints(equality: Equality, explained: ExplainedPiece, samples: Int64) -
 
 
 def _joint_at(explained: ExplainedPiece, body: int, link: int, samples: Int64) -> Float64:
-    """Return the position of a joint at samples, shape (n,); nan where it is not known."""
+    """Return the position of a joint at samples, shape (n,); nan if unknown."""
     found = np.full(len(samples), np.nan)
     for steps in explained.bodies[body].intervals if body in explained.bodies else ():
         _, rows, its = np.intersect1d(steps.steps, samples, return_indices=True)
@@ -223,7 +224,7 @@ def _joint_at(explained: ExplainedPiece, body: int, link: int, samples: Int64) -
 def _equality_row(
     held: HeldEquality, subjects: Mapping[int, MeasuredBody], words: RowWords
 ) -> AccountRow | None:
-    """Return the row of an equality's gap; None if its bodies have no steps."""
+    """Return the row for an equality's gap; None if its bodies have no steps."""
     equality = held.equality
     sides = ((equality.body_a, equality.link_a), (equality.body_b, equality.link_b))
     its = [subjects[body] for body in dict.fromkeys(body for body, _ in sides) if body in subjects]
@@ -320,7 +321,7 @@ def _gap_row(held: HeldConstraint, its: list[MeasuredBody], words: RowWords) -> 
 def _gear_row(
     gear: ConstraintVersion, subjects: Mapping[int, MeasuredBody], words: RowWords
 ) -> AccountRow | None:
-    """Return the row of the motions of a gear's two joints; None if these are not known."""
+    """Return the row for the motions of a gear's two joints; None if these are unknown."""
     moved: list[tuple[str, float]] = []
     for body, link in zip(gear.bodies, gear.links, strict=True):
         subject = subjects.get(body)

@@ -21,40 +21,39 @@ from drop_physics.trace.episodes import Episode
 from drop_physics.trace.history import Seen
 
 SLIPS_M_S = 0.01
-"""A contact whose friction is at its limit slips from this speed on."""
+"""Minimum slip speed of a contact whose friction is at its limit."""
 LASTING, MOSTLY = 0.05, 0.9
-"""A joint that is at its limit to the end is named if that is so for this share of the episode, in
-MOSTLY of the steps."""
+"""A joint at its limit at the end is reported if that held for the share LASTING of the episode, in
+the share MOSTLY of those steps."""
 PairKey = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, kw_only=True)
 class AtEnd:
-    """A joint at a limit at the end of an episode, and for some time before it."""
+    """A joint at a limit at the end of an episode, and since some time before."""
 
     body: str
     """The label of its body."""
     joint: str
     """Name of the joint, with the axis where it has three."""
     at_stop: bool
-    """Whether that is its stop; else the limit of what drives it."""
+    """Whether the limit is the joint's stop; otherwise it is the limit of its drive."""
     limit: float | None
-    """The largest torque [N m] or force [N] that drives it; None where that is unknown, and of a
-    stop."""
+    """The largest torque [N m] or force [N] of the drive; None if unknown, and for a stop."""
     unit: str
     """The unit of the limit."""
     since_s: float
-    """Simulated time from which it is there, in nine of ten steps."""
+    """Simulated time since which the joint is there, in nine of ten steps."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FirstContact:
-    """A contact of two links that had none before in an episode."""
+    """A contact of two links that had no contact earlier in the episode."""
 
     links: tuple[str, str]
     """Names of the links."""
     step: int
-    """The first sample that it led to."""
+    """The sample after the first step in contact."""
     time_s: float
     """Simulated time of that sample."""
 
@@ -68,46 +67,48 @@ class EpisodeRow:
     client: int
     """The number of its simulation."""
     first_step: int
-    """The sample that it starts from."""
+    """The sample from which the episode starts."""
     last_step: int
-    """The sample that it ends with."""
+    """The sample with which the episode ends."""
     start_s: float
-    """Simulated time of the first, which goes on from episode to episode."""
+    """Simulated time of the first sample, which keeps counting over episodes."""
     end_s: float
-    """Simulated time of the last."""
+    """Simulated time of the last sample."""
     kept: bool
-    """Whether its steps are recorded; else how it ended is all that is known."""
+    """Whether the episode's steps are recorded; otherwise only its ending is known."""
     ended: str
-    """`terminated` or `truncated`, as its environment returned; `reset`, by a call or by a start
-    state that was written; or `run`: the run ended."""
+    """`terminated` or `truncated`, as returned by the environment; `reset`, by a call or by writing
+    an initial state; or `run`: the run ended."""
     why: str | None
-    """Reason for its termination, as far as the environment says."""
+    """Reason for the termination, as far as the environment reports one."""
     failed: bool
-    """Whether it was terminated, or, where the environment says so, its goal was not reached."""
+    """Whether the episode was terminated, or, if the environment reports its goal, whether the goal
+    was missed."""
     success: bool | None
-    """Whether the environment's goal was reached; None if it says nothing of one."""
+    """Whether the environment's goal was reached; None if the environment reports no goal."""
     length: int | None
     """Number of calls of the environment's `step`; None without an environment."""
     reward: float | None
-    """Return: the sum of the rewards; None without an environment."""
+    """The return: the sum of the rewards; None without an environment."""
     at_limit: float | None
-    """Share of its steps in which something that drives a joint is at its limit; None if nothing
+    """Share of the episode's steps in which the drive of a joint is at its limit; None without
     drives."""
     at_stop: float | None
-    """Share of its steps in which a joint is at its stop; None without joints."""
+    """Share of the episode's steps in which a joint is at its stop; None without joints."""
     slipping: float | None
-    """Share of its explained steps in which a contact slips with its friction at its limit; None
-    if none are."""
+    """Share of the episode's explained steps in which a contact slips with friction at its limit;
+    None if no step is explained."""
     at_end: Sequence[AtEnd]
-    """The joints that are at a limit or a stop as it ends; of the episode that the account is of,
-    and empty for others."""
+    """The joints that are at a limit or a stop at the end; only for the episode that the account
+    covers, empty for others."""
     first_contact: FirstContact | None
-    """The first contact in its second half of two links that did not touch in its first."""
+    """The first contact in the second half of the episode between two links that did not touch in
+    its first half."""
 
 
 @dataclass(eq=False)
 class _Counts:
-    """Counters of an episode."""
+    """Running counts for an episode."""
 
     driven: int = 0
     jointed: int = 0
@@ -116,12 +117,12 @@ class _Counts:
     touching: int = 0
     slipping: int = 0
     touched: dict[PairKey, int] = field(default_factory=dict)
-    """The first sample of each pair of links that touch."""
+    """The first sample in contact of each pair of links."""
 
 
 @dataclass(eq=False)
 class _Held:
-    """A joint's limit and stop in the steps of the examined episode."""
+    """Whether a joint is at its limit and at its stop, in the steps of the examined episode."""
 
     steps: list[Int64] = field(default_factory=list)
     at_limit: list[Flags] = field(default_factory=list)
@@ -130,7 +131,7 @@ class _Held:
 
 
 class EpisodeTable:
-    """The table of episodes; grows piece by piece.
+    """The table of episodes; grows chunk by chunk.
 
     Parameters
     ----------
@@ -155,13 +156,13 @@ class EpisodeTable:
         self._looked_at, self._names = looked_at, Names(seen.bodies, seen.dynamics)
         self._counts = [_Counts() for _ in episodes]
         self._held: dict[tuple[int, int], _Held] = {}
-        """Joints at their limits, by body and rate."""
+        """States of joints at their limits, by body and rate."""
         self._of_client: dict[int, list[int]] = {}
         for k, episode in enumerate(episodes):
             self._of_client.setdefault(episode.client, []).append(k)
 
     def see(self, explained: ExplainedPiece, joints: JointTable, touches: TouchTable) -> None:
-        """Add a piece."""
+        """Add a chunk."""
         for number, parts in joints.latest.items():
             client = self._seen.bodies[number].client
             for driven in parts:
@@ -170,11 +171,11 @@ class EpisodeTable:
         self._contacts(touches.pairs)
 
     def rows(self) -> list[EpisodeRow]:
-        """Return the row of each episode, in order."""
+        """Return one row per episode, in order."""
         return [*map(self._row, self._episodes, self._counts)]
 
     def _within(self, client: int, steps: Int64) -> Iterator[tuple[int, slice]]:
-        """Yield the episodes of steps, by index, with their steps."""
+        """Yield the episodes that overlap the given steps, by index, with those steps."""
         for k in self._of_client.get(client, ()):
             episode = self._episodes[k]
             if episode.first < steps[-1] and steps[0] <= episode.last:
@@ -258,7 +259,7 @@ class EpisodeTable:
         return FirstContact(links=links, step=step, time_s=self._times[episode.client].of(step))
 
     def _at_end(self, episode: Episode) -> Iterator[AtEnd]:
-        """Yield the joints at a limit up to the end of the examined episode."""
+        """Yield the joints that are at a limit up to the end of the examined episode."""
         times, least = self._times[episode.client], LASTING * (episode.last - episode.first)
         for (number, rate), held in self._held.items():
             body, steps = self._seen.bodies[number], np.concatenate(held.steps)
@@ -281,7 +282,7 @@ class EpisodeTable:
 
 
 def _since(flags: Flags) -> int:
-    """Return the first row from which on a flag is mostly set, up to the end; else the length."""
+    """Return the first row from which a flag is mostly set up to the end; otherwise the length."""
     n = len(flags)
     after = np.cumsum(flags[::-1])[::-1] >= MOSTLY * np.arange(n, 0, -1)
     found = np.flatnonzero(after & flags)
@@ -289,7 +290,7 @@ def _since(flags: Flags) -> int:
 
 
 def _limited(driven: JointTelemetry, explained: ExplainedPiece) -> tuple[Flags, Float64]:
-    """Flag the drives of joints at their limits, and return the largest torque of each.
+    """Flag the joint drives at their limits, and return the largest torque of each drive.
 
     A drive is a motor, or an actuator whose control or force is at an end of its range.
     """

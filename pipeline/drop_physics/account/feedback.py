@@ -1,4 +1,4 @@
-"""Rows of controls computed by a script from states: the joint, the delay, and the aim.
+"""Rows for controls that a script computes from joint states: which joint, delay, and target.
 
 A controller of a joint gives u = -K q(t - l) - D v(t - l) + s(t), where s is smooth: its aim. The
 joint of q and v, and the delay (l), are found by least squares: a controller is exact, so the right
@@ -25,22 +25,22 @@ from drop_physics.quantities import number, quantity
 from drop_physics.trace.events import Actuator
 
 LEAST, MOST, LATEST = 8, 240, (16, 4, 0)
-"""Fewest controls beyond what an aim is made of that are fitted; most that are, the last ones; and
-most by which a state may be late, the first that leaves enough of them."""
+"""Minimum number of controls to fit beyond the terms of the target; maximum number, taken from the
+end; and maximum delay of a state, so that enough controls remain."""
 MOST_LATE = LATEST[0]
 DEGREES = 0.0, 1 / 3, 2 / 3
-"""Chebyshev polynomials that an aim is made of, by control: none but a constant, or enough to
-follow a sine that has five controls in a period."""
+"""Chebyshev polynomials that model a target, by control: only a constant, or enough to follow a
+sine with five controls per period."""
 LEFT, APART = 1e-3, 30.0
-"""Share of a control that the right joint leaves at most, and factor by which all others leave
-more."""
+"""Maximum share of a control that the right joint leaves unexplained, and factor by which all other
+joints leave more."""
 NEAR = 10.0
-"""Factor of the former that it leaves at most in the controls that have a state of any lateness."""
+"""Maximum factor of that residual, over the controls that have a state at every delay."""
 SAME = 0.01
-"""Share of the larger gain by which those of either half of the controls differ at most."""
+"""Maximum relative difference between the gains fitted to each half of the controls."""
 FLAT, LEVELS = 0.2, 8
-"""Share of controls that are at exactly their largest or least from which that is told, and fewest
-different controls of which it is."""
+"""Share of controls that must be exactly at their maximum or minimum to be reported, and minimum
+number of distinct controls for that."""
 
 
 @dataclass(frozen=True)
@@ -48,13 +48,13 @@ class Feedback:
     """The joint state from which a control is computed."""
 
     joint: int
-    """Index of the joint among those that were compared."""
+    """Index of the joint among those compared."""
     late: int
-    """Number of controls by which the state is late."""
+    """Delay of the state, in controls."""
     stiffness: float
-    """K, per rad or m."""
+    """Fitted gain K, per rad or m."""
     damping: float
-    """D, per rad/s or m/s."""
+    """Fitted damping D, per rad/s or m/s."""
 
 
 def feedback_of(control: Float64, position: Float64, rate: Float64) -> Feedback | None:
@@ -112,7 +112,7 @@ def _fitted(
 
 
 def _aim(kept: Flags, latest: int, share: float) -> tuple[Float64, Int64]:
-    """Return the basis of a smooth aim, as orthonormal columns, in the rows of the controls to fit.
+    """Return orthonormal columns that span smooth targets, in the rows of the controls to fit.
 
     These are those from `latest` on, so that they have a state with any delay.
     """
@@ -125,12 +125,12 @@ def _aim(kept: Flags, latest: int, share: float) -> tuple[Float64, Int64]:
 
 
 def _without(aim: Float64, values: Float64) -> Float64:
-    """Return the residual of a smooth aim; `aim` has orthonormal columns."""
+    """Return values minus their fit by a smooth target; `aim` has orthonormal columns."""
     return np.asarray(values - aim @ (aim.T @ values))
 
 
 def _left(y: Float64, q: Float64, v: Float64) -> Float64:
-    """Return the residual of y after a fit of q and v of each joint, shape (joints,)."""
+    """Return the norm of y's residual after a fit of each joint's q and v, shape (joints,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         one = q / np.linalg.norm(q, axis=0)
         other = v - one * (one * v).sum(axis=0)
@@ -141,7 +141,7 @@ def _left(y: Float64, q: Float64, v: Float64) -> Float64:
 
 
 def _extreme(control: Float64) -> Flags:
-    """Flag the controls at the largest or the least value, if several share it."""
+    """Flag the controls at the maximum or the minimum, if several controls share that value."""
     extreme = np.zeros(len(control), np.bool_)
     for bound in (control.max(), control.min()):
         its = control == bound
@@ -152,12 +152,12 @@ def _extreme(control: Float64) -> Flags:
 
 @dataclass(frozen=True)
 class Aim:
-    """The position towards which a control drives a joint."""
+    """The target position to which a control drives a joint."""
 
     target: Float64
-    """Position in each step, shape (n,) [rad] or [m]."""
+    """Target position in each step, shape (n,) [rad] or [m]."""
     stiffness: float
-    """Force or torque of the drive by the gap [N m/rad] or [N/m]."""
+    """Force or torque of the drive per unit of gap [N m/rad] or [N/m]."""
 
 
 class GivenControls:
@@ -184,13 +184,14 @@ class GivenControls:
     ) -> None:
         self._subject, self._series, self._words = subject, series, words
         self.aims: dict[int, Aim] = {}
-        """Positions at which controls aim the joints that they are computed from without delay, by
-        rate."""
+        """Target positions of the joints from whose current states controls are computed,
+        by rate."""
         self.rows = [*self._rows(controls)]
-        """The rows of controls that are of another joint, late, drive away, or stay in bounds."""
+        """Rows for controls that follow another joint, are delayed, drive away, or stay
+        at bounds."""
 
     def stiffness(self, rate: int) -> float | None:
-        """Return the stiffness with which a joint is driven to an aim; None if unknown."""
+        """Return the stiffness with which a joint is driven to its target; None if unknown."""
         return self.aims[rate].stiffness if rate in self.aims else None
 
     def _rows(self, controls: Mapping[Actuator, Float64]) -> Iterator[AccountRow]:
@@ -223,7 +224,7 @@ class GivenControls:
                 self.aims[own] = self._aim(actuator, own, control, found, at)
 
     def _limit(self, controls: Mapping[Actuator, Float64]) -> None:
-        """Note the motors at their limit whose control is at an end of its range."""
+        """Record the motors at their limit whose control is at an end of its range."""
         series = self._series
         for actuator, given in controls.items():
             own = self._subject.body.rate_of(actuator)
@@ -234,7 +235,7 @@ class GivenControls:
     def _aim(
         self, actuator: Actuator, own: int, control: Float64, found: Feedback, at: Int64
     ) -> Aim:
-        """Return q + (u + D v) / K; between updates and at bounds, the values around."""
+        """Return the target q + (u + D v) / K; between updates and at bounds, interpolated."""
         q, v = self._series.before[at, own], self._series.rate[at - 1, own]
         target = q + (control + found.damping * v) / found.stiffness
         kept = ~_extreme(control)
@@ -243,7 +244,7 @@ class GivenControls:
         return Aim(np.round(held, 6), found.stiffness * actuator.gear * actuator.kp)
 
     def _bounded(self, actuator: Actuator, own: int, control: Float64) -> AccountRow | None:
-        """Return the row of a control that is often at the same bounds, within its range."""
+        """Return the row for a control that is often at the same bounds, within its range."""
         bound = float(control.max())
         low, high = actuator.ctrl_range or (-np.inf, np.inf)
         share = float((np.abs(control) == bound).mean())
@@ -271,7 +272,7 @@ class GivenControls:
         at: Int64,
         period: int,
     ) -> AccountRow | None:
-        """Return the row of a control that follows another joint, is late, or drives away."""
+        """Return the row for a control that follows another joint, is delayed, or drives away."""
         names, body = self._words.names, self._subject.body
         steps = self._series.steps[at[:1]]
         late_s = found.late * period * float(self._words.timesteps_s(self._subject, steps)[0])
@@ -322,7 +323,7 @@ class GivenControls:
 
 
 def _updates(controls: Mapping[Actuator, Float64]) -> tuple[Int64, int] | None:
-    """Return the rows before which controls are given, and the steps between two of them."""
+    """Return the rows before which controls are updated, and the steps between two updates."""
     if not controls:
         return None
     given = np.stack([*controls.values()], axis=1)

@@ -1,4 +1,4 @@
-"""Rows of idle causes: shapes that overlap without force, actuators without effect."""
+"""Rows for causes without effect: shapes that overlap without force, actuators without force."""
 
 from __future__ import annotations
 
@@ -24,41 +24,42 @@ from drop_physics.trace.history import Seen
 from drop_physics.trace.switches import NO_ACTUATION, NO_CONTACT, NO_GRAVITY, is_off
 
 LOOKS = 16
-"""Samples of a piece, evenly spread, at which overlaps are looked for."""
+"""Number of evenly spaced samples of a chunk that are checked for overlaps."""
 MOST_PAIRS = 400
-"""Most pairs of shapes that are looked at; in a world of more, filters are intended."""
+"""Maximum number of shape pairs that are checked: in a larger world, filters are intentional."""
 MOST_CORNERS = 1000
-"""Most corners of a hull that is looked at: one of more takes longer than all else."""
+"""Maximum number of corners of a hull that is checked, because larger hulls take too long."""
 DEEP = 0.05
-"""Share of the smaller body from which an overlap is one."""
+"""Share of the smaller body's size above which an overlap counts."""
 SELF_COLLISION, OF_PARENTS = 8, 16 | 32 | 8192
-"""`flags` of `loadURDF`: `URDF_USE_SELF_COLLISION`, and those that decide on parent and child."""
+"""`flags` of `loadURDF`: `URDF_USE_SELF_COLLISION`, and those that control contacts between parent
+and child."""
 
 NO_FORCES = ("bias", "integrator", "remainder")
-"""Causes of a sum that are no forces."""
+"""Causes of a sum that are not forces."""
 SLOW = 0.01
-"""A body that goes by less than this share of its size in a second stands still."""
+"""A body that moves by less than this share of its size per second counts as standing still."""
 
 Place = tuple[int, int]
-"""The number of a body, and a link."""
+"""A body id, and a link of the body."""
 
 
 @dataclass(eq=False)
 class Overlap:
-    """Two shapes between which no contact can be made."""
+    """Two overlapping shapes between which no contact is possible."""
 
     places: tuple[Place, Place]
     solids: tuple[Solid, Solid]
     why: Message
     at_first: bool | None = None
-    """Whether they overlap at the first look."""
+    """Whether the shapes overlap at the first check."""
     deepest_m: float = 0.0
     step: int = -1
 
 
 @dataclass(eq=False)
 class Overlaps:
-    """The overlaps of shapes that make no contact; grows piece by piece."""
+    """Overlaps of shapes that make no contact; grows chunk by chunk."""
 
     seen: Seen
     pairs: list[Overlap] = field(init=False)
@@ -68,7 +69,7 @@ class Overlaps:
         self.pairs = pairs if len(pairs) <= MOST_PAIRS else []
 
     def add(self, explained: ExplainedPiece) -> None:
-        """Add a piece."""
+        """Add a chunk."""
         piece = explained.piece
         for call, bodies in piece.calls.filters():
             self.pairs += _pairs_filtered(self.seen, call.site.place, bodies)
@@ -98,7 +99,7 @@ class Overlaps:
         touched: Collection[frozenset[int]],
         words: RowWords,
     ) -> Iterator[AccountRow]:
-        """Yield a row for each pair of links that overlapped without a contact to part them."""
+        """Yield a row for each pair of links that overlapped without a contact to separate them."""
         deepest: dict[frozenset[Place], Overlap] = {}
         for pair in self.pairs:
             key = frozenset(pair.places)
@@ -133,7 +134,7 @@ class Overlaps:
 
 
 def _pairs_without_contact(seen: Seen) -> Iterator[Overlap]:
-    """Yield the pairs of shapes that could meet but make no contact, with the reason."""
+    """Yield the pairs of shapes that could collide but make no contact, with the reason."""
     held = [
         (body, shape, solid, touchable)
         for body in seen.bodies.values()
@@ -166,7 +167,7 @@ def _pairs_without_contact(seen: Seen) -> Iterator[Overlap]:
 
 
 def _pairs_filtered(seen: Seen, line: str, bodies: Collection[int]) -> Iterator[Overlap]:
-    """Yield the pairs of shapes with filtered contacts; of one body with all others."""
+    """Yield the pairs of shapes with filtered contacts, between one body and all others."""
     held = {
         body.number: [
             (shape.link, solid)
@@ -184,7 +185,7 @@ def _pairs_filtered(seen: Seen, line: str, bodies: Collection[int]) -> Iterator[
 
 
 def _shapes(body: Body) -> Iterator[tuple[Collision, bool]]:
-    """Yield the shapes of a body, and whether anything can touch them; visible ones of a ghost."""
+    """Yield the shapes of a body, and whether each can collide; if none can, the visual shapes."""
     for shape in body.collisions:
         yield shape, shape.bits is None or any(shape.bits)
     if not body.collisions:
@@ -201,7 +202,7 @@ def _why(
     *,
     excluded: bool,
 ) -> Message | None:
-    """Return the reason why two shapes make no contact; None if they may."""
+    """Return the reason why two shapes make no contact; None if they can."""
     (shape_a, can_a), (shape_b, can_b) = one, other
     if not (can_a or can_b):
         return None
@@ -251,21 +252,21 @@ def _is_parent(body: Body, one: int, other: int) -> bool:
 
 
 def _root(body: Body, link: int) -> int:
-    """Return the first link of a chain of fixed joints."""
+    """Return the first link of a chain of fixed joints that contains a link."""
     while link > BASE and not body.joints[link].widths[1]:
         link = body.joints[link].parent
     return link
 
 
 class PushedSoft:
-    """The forces and torques of calls on soft bodies; grows piece by piece."""
+    """The forces and torques of calls on soft bodies; grows chunk by chunk."""
 
     def __init__(self) -> None:
         self._most: dict[int, tuple[Push, int]] = {}
-        """The strongest of each body, and how many there are, by its number."""
+        """The strongest push on each body, and the number of pushes, by body id."""
 
     def add(self, explained: ExplainedPiece) -> None:
-        """Add a piece."""
+        """Add a chunk."""
         for push in explained.piece.calls.pushes():
             if push.body.soft:
                 most, calls = self._most.get(push.body.number, (push, 0))
@@ -273,7 +274,7 @@ class PushedSoft:
                 self._most[push.body.number] = push if stronger else most, calls + 1
 
     def rows(self) -> Iterator[AccountRow]:
-        """Yield a row for each body that calls push without effect."""
+        """Yield a row for each soft body that calls push without effect."""
         for push, calls in self._most.values():
             unit = "N m" if push.torque else "N"
             most = float(np.linalg.norm(push.vector))
@@ -296,7 +297,7 @@ class PushedSoft:
 
 
 def unforced_row(subject: MeasuredBody, seen: Seen, gravity_m_s2: Float64) -> AccountRow | None:
-    """Return the row of a free body that no force acts on, at all or as it ends; None if one does.
+    """Return the row for a free body on which no force acts, ever or at its end; None otherwise.
 
     The end is the last tenth of its steps; a body that stands still there has no such row.
     """
@@ -338,7 +339,7 @@ def unforced_row(subject: MeasuredBody, seen: Seen, gravity_m_s2: Float64) -> Ac
 
 
 def _acts(impulses: Mapping[Term, Float64], window: slice, rates: int) -> bool:
-    """Return whether a force acts on any of the first rates of a body in a window."""
+    """Return whether a force acts on any of a body's first rates in a window."""
     forces = (each for term, each in impulses.items() if term.cause not in NO_FORCES)
     return any(each[window, :rates].any() for each in forces)
 
@@ -357,7 +358,7 @@ def _damping_of_base(body: Body, seen: Seen) -> Message:
 def idle_actuator_rows(
     subject: MeasuredBody, seen: Seen, controls: Mapping[Actuator, Float64]
 ) -> Iterator[AccountRow]:
-    """Yield a row for each actuator with a control that never gave a force.
+    """Yield a row for each actuator that has a control but never exerted a force.
 
     A servo that stands at its target has none to give.
     """

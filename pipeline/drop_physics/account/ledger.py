@@ -1,4 +1,4 @@
-"""The ledger of a body: impulse and work of each term over a recording, in bins of steps.
+"""The ledger of a body: impulse and work of each term over a recording, binned by step.
 
 A bin is one step while the recording is short; when the bins no longer fit, pairs are merged. So
 memory does not grow with a recording, and any window has its mean forces.
@@ -20,49 +20,49 @@ from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import States, Tree
 
 MOST_BINS = 1 << 10
-"""Most bins of a ledger."""
+"""Maximum number of bins of a ledger."""
 NUMBERS = 1 << 23
-"""Most numbers of all ledgers together, if each body has TERMS terms."""
+"""Maximum number of values in all ledgers together, if each body has TERMS terms."""
 TERMS = 8
 COVERED = 0.98
-"""Share of a window's steps that have to be explained for its mean forces to be told; for works,
-which add up, it is all of them."""
+"""Minimum share of explained steps in a window for its mean forces to be reported; works, which
+accumulate, need all steps."""
 
 OWN = Term("own inertia")
-"""The momentum that a rate itself takes up."""
+"""The momentum taken up by the rate itself."""
 OTHERS = Term(DRAG, "others")
-"""The inertia that couples rates to the acceleration of all others."""
+"""The term for inertia that couples a rate to the acceleration of all others."""
 
 
 def bins_for(freedoms: int) -> int:
-    """Return the number of bins of each ledger, given the freedoms of all bodies together."""
+    """Return the number of bins of each ledger, from the degrees of freedom of all bodies."""
     most = NUMBERS // max(1, 2 * TERMS * freedoms)
     return max(64, min(MOST_BINS, 1 << max(0, most.bit_length() - 1)))
 
 
 @dataclass(eq=False)
 class Ledger:
-    """Impulse and work by term of one body; rows are bins of `width` steps from `first` on."""
+    """Impulse and work by term of one body; rows are bins of `width` steps, starting at `first`."""
 
     tree: Tree
     first: int
-    """The sample that the first step led to."""
+    """The sample after the first step."""
     bins: int
-    """Most bins; an even number."""
+    """Maximum number of bins; an even number."""
     width: int = 1
-    """Steps of each bin."""
+    """Number of steps per bin."""
     last: int = -1
     """The last sample of the body, explained or not."""
     counts: Int64 = field(init=False)
-    """Explained steps of each bin, shape (bins,)."""
+    """Number of explained steps in each bin, shape (bins,)."""
     seconds: Float64 = field(init=False)
-    """Time of these steps [s], shape (bins,)."""
+    """Total time of these steps [s], shape (bins,)."""
     way: Float64 = field(init=False)
-    """Mean velocity of each step times its timestep, summed, shape (bins, size)."""
+    """Sum over the steps of mean velocity times timestep, shape (bins, size)."""
     gained: Float64 = field(init=False)
-    """Change of the generalised velocity in the steps, summed, shape (bins, size)."""
+    """Sum over the steps of the change of the generalised velocity, shape (bins, size)."""
     ends: States = field(init=False)
-    """A state in each bin: after its last step."""
+    """A state for each bin: the one after its last step."""
     impulse: dict[Term, Float64] = field(default_factory=dict)
     """Impulses [N s, N m s], shape (bins, size) each."""
     work: dict[Term, Float64] = field(default_factory=dict)
@@ -80,7 +80,7 @@ class Ledger:
         )
 
     def add(self, steps: BodySteps, impulses: Impulses) -> None:
-        """Add the explained steps among some.
+        """Add the explained steps among the given ones.
 
         `impulses` are those of all by term, shape (n, size) each.
         """
@@ -108,7 +108,7 @@ class Ledger:
                 np.add.at(kept[term], at, values)
 
     def _widen(self) -> None:
-        """Merge pairs of bins."""
+        """Halve the resolution by merging pairs of bins."""
         half, rest = self.bins // 2, self.bins - self.bins // 2
 
         def summed(values: Float64) -> Float64:
@@ -127,7 +127,7 @@ class Ledger:
         self.width *= 2
 
     def window(self, first: int, last: int) -> slice:
-        """Return the bins that hold the steps to the samples from `first` to `last`."""
+        """Return the bins that contain the steps to the samples from `first` to `last`."""
         low = max(0, (first - self.first) // self.width)
         return slice(low, max(low, (last - self.first) // self.width) + 1)
 
@@ -162,7 +162,7 @@ class Ledger:
         return {term: force for term, force in found.items() if force}
 
     def works(self, rates: Sequence[int], window: slice) -> dict[Term, Float64]:
-        """Return the work of each term on some rates in the bins of a window [J].
+        """Return the work of each term on given rates in the bins of a window [J].
 
         The inertia that couples them to all other rates is included. Empty where steps of the
         window are not explained.
@@ -175,7 +175,7 @@ class Ledger:
         return {term: values for term, values in found.items() if values.any()}
 
     def mean_kinetic_j(self, rates: Sequence[int], window: slice) -> float:
-        """Return the kinetic energy of the mean motion along some rates over a window [J]."""
+        """Return the kinetic energy of the mean motion along given rates over a window [J]."""
         seconds = float(self.seconds[window].sum())
         if not seconds:
             return 0.0
@@ -184,7 +184,7 @@ class Ledger:
         return float(0.5 * mean @ block @ mean)
 
     def _gained_j(self, rates: Sequence[int], window: slice) -> Float64:
-        """Return the gain of kinetic energy of some rates alone in the bins of a window [J].
+        """Return the gain of kinetic energy of the given rates alone in the bins of a window [J].
 
         With u the rates after a bin, and M their block of the mass matrix there, it is
         ½ u·M u - ½ (u - Δu)·M (u - Δu).
@@ -199,7 +199,7 @@ class Ledger:
 
     @cached_property
     def _inertias(self) -> Float64:
-        """The mass matrix at the end of each bin, shape (bins, size, size); 0 of empty ones."""
+        """The mass matrix at the end of each bin, shape (bins, size, size); 0 for empty bins."""
         found = np.zeros((self.bins, self.tree.size, self.tree.size))
         known = np.flatnonzero(self.counts)
         found[known] = mass_matrix(kinematics(self.tree, self.ends.at(known)))
@@ -213,7 +213,7 @@ class Ledger:
 
 
 def given_and_taken(works: Mapping[Term, Float64]) -> tuple[dict[Term, float], dict[Term, float]]:
-    """Return the terms that gave energy and those that took it [J]; both for alternating ones.
+    """Return the terms that gave energy and those that took it [J]; alternating terms are in both.
 
     A term whose net work is below a tenth of its gross work has both: its net would hide it.
     """

@@ -1,4 +1,4 @@
-"""Rows of motion without a command, and of bodies that were pushed and did not move."""
+"""Rows for motion without a command, and for bodies that were pushed and did not move."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from drop_physics.messages import Message
 from drop_physics.quantities import number, quantity
 
 MOVED = 0.01
-"""A way below this share of the body's size, or below this angle [rad], is no motion."""
+"""A displacement below this share of the body's size, or below this angle [rad], is no motion."""
 TURNED_RAD = 0.03
 APPLIED = Term("applied")
 UPRIGHT = 0.999
-"""Cosine from which gravity is along an axis."""
+"""Cosine above which gravity counts as parallel to an axis."""
 LITTLE = 0.1
-"""Share of the energy of its mean motion, and of what it loses, below which what forces gave a body
-did not move it."""
+"""Energy given by forces below this share of that of the mean motion, or of the losses, does not
+explain the motion."""
 BEGUN = 0.01
-"""Share of a turn from which it has begun."""
+"""Share of a turn above which the turn counts as begun."""
 STEADY = 0.5
-"""A push that acts in fewer of the steps than this share, or to and fro, has no mean to tell."""
+"""A push that acts in less than this share of the steps, or alternates, has no meaningful mean."""
 FALL = 5.0
-"""A fall by less than this many sizes, with nothing but gravity giving, is what falls do."""
+"""A fall by less than this many body sizes, driven by gravity alone, is ordinary."""
 
 
 def joint_row(
     subject: MeasuredBody, axis: Axis, series: JointSeries, words: RowWords
 ) -> AccountRow | None:
-    """Return the row of a joint without any request for a position, a rate or a torque."""
+    """Return the row for a joint without any request for a position, a rate or a torque."""
     k, ledger = axis.joint_rate, subject.ledger
     after = series.after[:, k]
     start = float(series.before[0, k])
@@ -108,7 +108,7 @@ def joint_row(
 
 
 def _mimicked(subject: MeasuredBody, axis: Axis) -> Message:
-    """Return the joint that the body's file makes a joint follow, or nothing."""
+    """Describe the joint that the body's file makes a joint follow, or nothing."""
     for each in subject.body.asked.mimics:
         if each.joint == axis.joint.name:
             return Message(
@@ -120,7 +120,7 @@ def _mimicked(subject: MeasuredBody, axis: Axis) -> Message:
 
 
 def _undamped(subject: MeasuredBody, axis: Axis) -> Message:
-    """Return the damping of a joint that is in its file and in no step, or nothing."""
+    """Describe a joint's damping that the file sets and no step shows, or nothing."""
     works = subject.ledger.work.get(Term("joint damping"))
     if works is not None and works[:, axis.rate].any():
         return Message("")
@@ -135,7 +135,7 @@ def _undamped(subject: MeasuredBody, axis: Axis) -> Message:
 
 
 def _reached(subject: MeasuredBody, axis: Axis) -> Message:
-    """Return the share of a push that reaches a joint at first and at last, if it changes."""
+    """Describe the force from calls on a joint at first and at last, if it changes."""
     ledger = subject.ledger
     if APPLIED not in ledger.impulse:
         return Message("")
@@ -155,22 +155,22 @@ def _reached(subject: MeasuredBody, axis: Axis) -> Message:
 
 @dataclass(frozen=True)
 class _Pushed:
-    """One degree of freedom that a force pushes."""
+    """One degree of freedom that is pushed by a force."""
 
     rate: int
-    """Index in the generalised velocity."""
+    """Index of the rate in the generalised velocity."""
     joint: str | None
-    """Name of the joint; None of a free base."""
+    """Name of the joint; None for a free base."""
     unit: str
-    """Unit of its position."""
+    """Unit of the position."""
     force_unit: str
-    """Unit of its force."""
+    """Unit of the force."""
 
 
 def _held(
     subject: MeasuredBody, pushed: _Pushed, way: float, step: int, words: RowWords
 ) -> AccountRow | None:
-    """Return the row of a degree of freedom that is pushed and hardly moves; None if it is not."""
+    """Return the row for a degree of freedom that is pushed and hardly moves; None if it moves."""
     ledger = subject.ledger
     given = ledger.impulse[APPLIED][:, pushed.rate]
     acting = np.flatnonzero(given)
@@ -211,7 +211,7 @@ def base_rows(
     written: WrittenStates,
     words: RowWords,
 ) -> Iterator[AccountRow]:
-    """Yield the path of a free base with the terms that drove it, and its rotation.
+    """Yield rows for the path of a free base, with the terms that drove it, and for its rotation.
 
     `written` are its states that the script wrote.
     """
@@ -262,7 +262,7 @@ def _way(
     written: WrittenStates,
     words: RowWords,
 ) -> AccountRow:
-    """Return the row of a path, described and explained along some of the world's axes."""
+    """Return the row for a path, described and explained along some of the world's axes."""
     ledger, step, main = subject.ledger, track.farthest_step, way * axes
     window = ledger.window(ledger.first, step)
     rates = [3 + int(k) for k in np.flatnonzero(axes)]
@@ -298,7 +298,7 @@ def _way(
 def _from_start(
     ledger: Ledger, rates: Sequence[int], window: slice, written: WrittenStates, step: int
 ) -> Message:
-    """Return the source of a motion along some rates up to a step if no force is, or nothing."""
+    """Describe the source of a motion that no force explains, up to a step; else nothing."""
     gave, took = given_and_taken(ledger.works(rates, window))
     moving_j = max(ledger.mean_kinetic_j(rates, window), -sum(took.values(), start=0.0))
     if not ledger.covers(window) or sum(gave.values()) >= LITTLE * moving_j:
@@ -309,7 +309,7 @@ def _from_start(
 
 
 def _along_axes(way: Float64, far: float) -> str:
-    """Return the parts of a path along the world axes that are not small."""
+    """Return the components of a path along the world axes that are not small."""
     large = [k for k in range(3) if abs(way[k]) > 0.1 * far]
     return ", ".join(f"{'xyz'[k]} {quantity(float(way[k]), 'm', '+')}" for k in large)
 
@@ -350,7 +350,7 @@ def _turn(
 
 
 def _pressed_beside(subject: MeasuredBody, window: slice, words: RowWords) -> Message:
-    """Return the arm of the contact on a body of one link as it began to turn, or nothing.
+    """Describe the arm of the contact on a single-link body as it began to rotate, or nothing.
 
     The arm of a force F about the centre of mass is T / F, with T the moment that it has about it.
     """
@@ -384,14 +384,14 @@ def _pressed_beside(subject: MeasuredBody, window: slice, words: RowWords) -> Me
 def _works(
     subject: MeasuredBody, gave: Mapping[Term, float], took: Mapping[Term, float], words: RowWords
 ) -> tuple[RowTerm, ...]:
-    """Return the causes that gave and took energy as terms, without small ones."""
+    """Return the causes that gave and took energy as terms, omitting small ones."""
     most = max(map(abs, (*gave.values(), *took.values())), default=0.0)
     sides = (words.terms(subject, side, "J", beside=most)[:3] for side in (gave, took))
     return tuple(term for side in sides for term in side)
 
 
 def _most(gave: Mapping[Term, float]) -> str | None:
-    """Return the cause that gave most."""
+    """Return the cause that gave most energy."""
     return max(gave, key=lambda term: gave[term]).cause if gave else None
 
 

@@ -27,11 +27,11 @@ WORDS = {
     "remainder": Message("unexplained"),
     GIVEN: Message("torque as given"),
 }
-"""Names of causes in a row, where they differ from those of an energy's causes."""
+"""Names of causes in a row, where they differ from those in the energy balance."""
 
 
 class Names:
-    """The names of a recording's bodies, their links and terms."""
+    """Looks up the names of a recording's bodies, links and terms."""
 
     def __init__(self, bodies: Mapping[int, Body], dynamics: Sequence[Dynamics] = ()) -> None:
         self._bodies = bodies
@@ -39,7 +39,7 @@ class Names:
         self._counts = Counter(_short(body) for body in bodies.values())
 
     def body(self, number: int) -> str:
-        """Return the name of a body, with its number if the name is shared; `world` for none."""
+        """Return the name of a body, with its id if the name is shared; `world` for None."""
         body = self._bodies.get(number)
         if body is None:
             return Message("world")
@@ -47,18 +47,18 @@ class Names:
         return short if self._counts[short] == 1 else body.label
 
     def label(self, number: int) -> str | None:
-        """Return the label of a body; None if there is none."""
+        """Return the label of a body; None for no body."""
         return self._bodies[number].label if number in self._bodies else None
 
     def link(self, number: int, link: int) -> str:
-        """Return the name of a link, or of its body if that has no other link."""
+        """Return the name of a link, or the name of its body if the body has no other link."""
         body = self._bodies.get(number)
         if body is None or len(body.links) == 1 or not -1 <= link < len(body.links) - 1:
             return self.body(number)
         return body.links[link + 1]
 
     def partner(self, number: int, term: Term) -> str:
-        """Return the name of the other side of a contact of a body."""
+        """Return the name of the other side of a body's contact."""
         assert term.other is not None
         assert term.other_link is not None
         name = self.link(term.other, term.other_link)
@@ -68,7 +68,7 @@ class Names:
         return f"{self.body(term.other)}.{name}"
 
     def rate(self, body: Body, joint_rate: int) -> str:
-        """Return the name of a joint's rate, with the axis where the joint has three.
+        """Return the name of a joint's rate, with the axis if the joint has three.
 
         Its rates are about the principal axes of the link's inertia; the name has that of the
         link's own axes which is nearest.
@@ -85,7 +85,7 @@ class Names:
         return self.body(body.number)
 
     def term(self, body: Body, term: Term, first_rate: int) -> str:
-        """Return the name of a term of a body, with its partner."""
+        """Return the name of a body's term, with its partner."""
         if term.cause in (CONTACT, FRICTION):
             assert term.link is not None
             own, other = self.link(body.number, term.link), self.partner(body.number, term)
@@ -115,12 +115,12 @@ class Names:
 
 
 def main_axis(direction: Float64) -> str:
-    """Return the axis that a direction is nearest to: `x`, `-z`."""
+    """Return the signed axis nearest to a direction: `x`, `-z`."""
     most = int(np.argmax(np.abs(direction)))
     return ("-" if direction[most] < 0 else "") + "xyz"[most]
 
 
 def _short(body: Body) -> str:
-    """Return a body's label without its number."""
+    """Return a body's label without its id."""
     number, _, name = body.label.partition("_")
     return name if number.isdigit() and name else body.label

@@ -1,4 +1,4 @@
-"""The order of an account's rows: one measure for all kinds, similar rows as one."""
+"""The order of an account's rows: one measure for all kinds, with similar rows merged."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from pathlib import PurePath
 from drop_physics.account.rows import AccountRow
 
 MOST = 2.5
-"""The largest salience: beyond 1 it grows with the logarithm."""
+"""The maximum salience; above 1 it grows only logarithmically."""
 READ = 1.3
-"""Factor for the rows of a body that the script reads, where it does not read all."""
+"""Factor for the rows of a body that the script reads, if it does not read all bodies."""
 RAISED = 0.9
-"""The only joint that drives a body counts so much of how far that came."""
+"""Share of a body's salience that its only driving joint inherits."""
 
 
 def ranked(
     rows: Iterable[AccountRow], read: Collection[int], about: str | None = None
 ) -> list[AccountRow]:
-    """Return the rows, the most salient first; equal ones as one row that counts them.
+    """Sort the rows by salience; merge similar rows into one that counts them.
 
     `read` has the numbers of the bodies that the script reads, empty if it reads all or none.
     `about` names a body or a joint whose rows come first.
@@ -47,7 +47,7 @@ def ranked(
 
 
 def is_about(row: AccountRow, about: str | None) -> bool:
-    """Return whether a row is about a body, a link or a joint, or touches it."""
+    """Return whether a row is about a body, a link or a joint, or about contact with it."""
     if about is None:
         return False
     names = {row.body, row.joint, row.link, row.actuator, row.constraint, *(row.pair or ())}
@@ -56,7 +56,7 @@ def is_about(row: AccountRow, about: str | None) -> bool:
 
 
 def _raised(rows: Sequence[AccountRow]) -> Iterator[AccountRow]:
-    """Yield rows, with those of joints raised by their share in driving a moving body."""
+    """Yield rows, raising those of joints by their share in driving a moving body."""
     moves: dict[str | None, float] = {}
     gave_j: dict[str | None, float] = {}
     for row in rows:

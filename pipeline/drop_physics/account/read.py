@@ -1,4 +1,4 @@
-"""Rows of the script's readings of contacts and joints, beside the sum's values."""
+"""Rows for the script's readings of contacts and joints, compared with the sum's values."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from drop_physics.trace.readings import Subject as Target
 
 LEAST_N = 1e-9
 LOOKS = 64
-"""Contact points of a piece at which the site of a sensor is looked at."""
+"""Number of contact points of a chunk that are compared with a sensor's site."""
 
 
 def reading_rows(
@@ -45,7 +45,7 @@ def reading_rows(
     filtered: Mapping[frozenset[int], str],
     words: RowWords,
 ) -> Iterator[AccountRow]:
-    """Yield the rows of places that read contacts or the reaction of a joint.
+    """Yield a row for each script line that reads contacts or a joint's reaction force.
 
     `filtered` has the line that filters the contacts of bodies, by their numbers.
     """
@@ -83,7 +83,7 @@ def reading_rows(
 
 
 class Sensed:
-    """Distances of contacts from the sites of touch sensors; grows piece by piece."""
+    """Distances of contacts from the sites of touch sensors; grows chunk by chunk."""
 
     def __init__(self, seen: Seen) -> None:
         self._sensors = [
@@ -91,10 +91,10 @@ class Sensed:
         ]
         self._solids = [solid_of(sensor.place) for sensor in self._sensors if sensor.place]
         self.outside_m = {sensor.name: np.inf for sensor in self._sensors}
-        """Distance of the nearest contact point outside a site [m], by the sensor's name."""
+        """Distance of the nearest contact point outside a site [m], by sensor name."""
 
     def add(self, explained: ExplainedPiece, points: Points) -> None:
-        """Add the contact points of a piece."""
+        """Add the contact points of a chunk."""
         for sensor, solid in zip(self._sensors, self._solids, strict=True):
             mine = (points.body == sensor.body) & (points.link == sensor.link)
             rows = np.flatnonzero(mine.any(axis=1) & (points.normal_n > 0))
@@ -120,7 +120,7 @@ class Sensed:
         pairs: Mapping[PairKey, Touched],
         words: RowWords,
     ) -> Iterator[AccountRow]:
-        """Yield the rows of a model's sensors of touch and force."""
+        """Yield the rows for a model's touch and force sensors."""
         for sensor in seen.sensors:
             subject = subjects.get(sensor.body)
             if subject is None or sensor.kind not in ("touch", "force") or not sensor.answers:
@@ -209,7 +209,7 @@ def tendon_rows(
 
 
 def _whom(reading: Reading, words: RowWords) -> str:
-    """Return the names of the bodies whose contacts a place reads."""
+    """Return the names of the bodies whose contacts a script line reads."""
     for target in reading.targets[:1]:
         one = words.names.link(target.body, BASE if target.link is None else target.link)
         if target.other is None:
@@ -241,7 +241,7 @@ def _count(points: float) -> Message:
 
 
 def _range(answer: Answer) -> Message:
-    """Return the least and the greatest value of an answer; empty if both are equal."""
+    """Describe the minimum and maximum of a return value; empty if both are equal."""
     if answer.greatest - answer.least <= 1e-3 * max(abs(answer.greatest), abs(answer.least)):
         return Message("")
     return Message(
@@ -254,7 +254,7 @@ def _range(answer: Answer) -> Message:
 def _pressing(
     reading: Reading, pairs: Mapping[PairKey, Touched], filtered: Mapping[frozenset[int], str]
 ) -> Message:
-    """Return the force of all contacts between the subjects of a reading."""
+    """Return the force of all contacts between the bodies of a reading."""
     its = [
         touched
         for key, touched in pairs.items()
@@ -274,7 +274,7 @@ def _pressing(
 
 
 def _meant(target: Target, key: PairKey) -> bool:
-    """Return whether two touching links are the subjects of a reading."""
+    """Return whether two touching links are those that a reading is about."""
     sides = ((key[0], key[2]), (key[1], key[3]))
     for one, other in (sides, sides[::-1]):
         here = one[0] == target.body and target.link in (None, one[1])
@@ -302,7 +302,7 @@ def _reaction(answers: Mapping[str, Answer]) -> Message:
 
 
 def _balance(reading: Reading, subject: MeasuredBody, words: RowWords) -> Message | None:
-    """Return the effort of inverse dynamics where it balances gravity worst; None without one.
+    """Describe the inverse-dynamics effort that least balances gravity; None without one.
 
     Without velocities and accelerations it is the opposite of what gravity gives the joint.
     """
@@ -331,7 +331,7 @@ def _balance(reading: Reading, subject: MeasuredBody, words: RowWords) -> Messag
 
 
 def _beyond(subject: MeasuredBody, link: int) -> Message:
-    """Return the weight that hangs on a joint."""
+    """Describe the weight that is carried by a joint."""
     mass_kg = mass_beyond_kg(subject, {link})
     pull = subject.weight_n / subject.mass_kg if subject.mass_kg else 0.0
     return Message(
@@ -342,7 +342,7 @@ def _beyond(subject: MeasuredBody, link: int) -> Message:
 
 
 def mass_beyond_kg(subject: MeasuredBody, links: Collection[int]) -> float:
-    """Return the mass of links and of all that hangs on them [kg]."""
+    """Return the mass of links and of everything attached to them [kg]."""
     tree, held = subject.tree, set(links)
     for link, parent in enumerate(tree.parents):
         if parent in held:

@@ -1,4 +1,4 @@
-"""The rows of an account: one thing asked, given, moved or held, with the terms behind it."""
+"""The rows of an account: a request, drive, motion or hold, with the terms that explain it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ Kind = Literal[
     "asked", "given", "moved", "turned", "held", "set", "press", "slips", "energy", "reads", "idle"
 ]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""The kinds of rows: what a script asked a joint or a constraint for; what it gave, as a torque or
-a control; what moved or turned though nothing commanded it; what was pushed and did not move;
+"""The kinds of rows: what a script requested of a joint or a constraint; what it applied, as a
+torque or a control; what moved or turned without a command; what was pushed and did not move;
 states that the script wrote; links that press each other, and that slip; energy given and taken;
 readings; and what could have acted and did not."""
 
@@ -25,17 +25,18 @@ class RowTerm:
     cause: str
     """The cause: `gravity`, `motors`, `contact`, `friction`, `drag` …"""
     words: str
-    """The cause and its partner, as readers see them."""
+    """The displayed name of the cause and its partner."""
     body: str | None = None
-    """Label of the partner's body, in a contact or a constraint."""
+    """Label of the partner's body, for a contact or a constraint."""
     link: str | None = None
-    """Name of the partner's link, likewise, or of the joint whose acceleration drags."""
+    """Name of the partner's link, for a contact or a constraint, or of the joint whose acceleration
+    drags."""
     value: float
-    """Mean force [N] or torque [N m] over the row's moment, or work [J] up to it."""
+    """Mean force [N] or torque [N m] over the row's moment, or work [J] up to that moment."""
     unit: str
     """The unit of the value."""
     towards: bool
-    """Whether it acts towards what was asked, or gave the motion or energy."""
+    """Whether the term acts towards the request, or gave the motion or energy."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,57 +47,56 @@ class AccountRow:
     """`asked`, `given`, `moved`, `turned`, `held`, `set`, `press`, `slips`, `energy`, `reads` or
     `idle`."""
     body: str | None = None
-    """Label of the body that it is about."""
+    """Label of the body that the row is about."""
     joint: str | None = None
-    """Name of the joint, with its axis where it has three."""
+    """Name of the joint, with the axis if it has three."""
     link: str | None = None
     """Name of the link."""
     pair: tuple[str, str] | None = None
-    """The two links that touch, or should."""
+    """The two links that touch, or should touch."""
     constraint: str | None = None
-    """Name of the constraint or equality, or of the links that it holds."""
+    """Name of the constraint or equality, or of the links that the constraint holds."""
     actuator: str | None = None
     """Name of the actuator."""
     site: str | None = None
-    """File and line of the call or the reading that it is about."""
+    """File and line of the call or the reading that the row is about."""
     told: str
-    """The row as a sentence, without its subject and its terms."""
+    """The row as a sentence, without the subject and the terms."""
     asked: float | None = None
-    """The number that was asked for, or given."""
+    """The value that was requested, or applied."""
     got: float | None = None
-    """The number that came."""
+    """The resulting value."""
     gap: float | None = None
-    """Got minus asked."""
+    """The resulting value minus the requested one."""
     unit: str | None = None
-    """The unit of these numbers, in SI."""
+    """The SI unit of these values."""
     step: int | None = None
-    """The sample that the row's moment ends with."""
+    """The sample at the end of the row's moment."""
     time_s: float | None = None
     """Simulated time of that sample."""
     at_limit: bool = False
     """Whether the drive is at its limit at that moment."""
     terms: tuple[RowTerm, ...] = ()
-    """The terms at that moment, the largest first."""
+    """The terms at that moment, in descending order of size."""
     salience: float = 0.0
-    """The measure by which rows are ranked; of no meaning besides."""
+    """The measure by which rows are ranked; it has no other meaning."""
     alike: int = 0
-    """Number of further bodies or joints that the row stands for."""
+    """Number of further bodies or joints that the row represents."""
     subject: Body | None = field(default=None, repr=False, metadata={"json": False})
     """The body itself."""
     other: str | None = field(default=None, repr=False, metadata={"json": False})
     """Label of the other body of a pair."""
     besides: tuple[tuple[float, str], ...] = field(default=(), repr=False, metadata={"json": False})
-    """The further numbers that its sentence tells, with their units."""
+    """Further numbers in the row's sentence, with their units."""
     joints: tuple[str, ...] = field(default=(), repr=False, metadata={"json": False})
-    """The further joints of the same body that it stands for."""
+    """Further joints of the same body that the row represents."""
     gives_j: float = field(default=0.0, repr=False, metadata={"json": False})
-    """Energy that the drive of its joint gave: rows of a body that moves raise those of what
-    moves it."""
+    """Energy given by the drive of the row's joint, which raises the row if the body moves."""
     misled: bool = field(default=False, repr=False, metadata={"json": False})
-    """Whether it is of a control that is of another joint, late, of the wrong sign or cut off: told
-    of a run that ended well, too."""
+    """Whether the row is about a control that follows another joint, is delayed, has the wrong sign
+    or is cut off: reported even if the run ended well."""
     group: Hashable = field(default=None, repr=False, metadata={"json": False})
-    """Rows of equal groups are alike: the first stands for all."""
+    """Key of similar rows: the first row with a key represents all."""
 
     @property
     def who(self) -> str:
@@ -112,17 +112,17 @@ class AccountRow:
 
     @property
     def numbers(self) -> tuple[tuple[float, str], ...]:
-        """The numbers of the row, with their units."""
+        """The values of the row, with their units."""
         pushed = self.asked if self.kind == "held" else None
         told = [(value, self.unit or "") for value in (self.got, self.gap, pushed)]
         return tuple((value, unit) for value, unit in (*told, *self.besides) if value)
 
     @property
     def towards(self) -> tuple[RowTerm, ...]:
-        """The terms that act towards the target, or gave."""
+        """The terms that act towards the target, or that gave energy."""
         return tuple(each for each in self.terms if each.towards)
 
     @property
     def against(self) -> tuple[RowTerm, ...]:
-        """The terms that act against it, or took."""
+        """The terms that act against the target, or that took energy."""
         return tuple(each for each in self.terms if not each.towards)

@@ -14,33 +14,33 @@ from drop_physics.trace.motors import VELOCITY
 
 @dataclass(frozen=True, eq=False)
 class JointSeries:
-    """The joints of a body in n steps; arrays have the shape (n, joint_rates) except `steps`."""
+    """The joints of a body over n steps; arrays have the shape (n, joint_rates) except `steps`."""
 
     steps: Int64
-    """The sample that each step led to, shape (n,)."""
+    """The sample after each step, shape (n,)."""
     before: Float64
-    """Positions before each step [rad] or [m]; nan of a spherical joint."""
+    """Positions before each step [rad] or [m]; nan for a spherical joint."""
     after: Float64
     rate: Float64
-    """Rates after each step."""
+    """Joint rates after each step."""
     target: Float64
-    """Position asked for; nan where none is."""
+    """Commanded position; nan if there is none."""
     asked_rate: Float64
-    """Rate asked of a velocity motor that may act; nan where none is."""
+    """Commanded rate of an enabled velocity motor; nan if there is none."""
     default: Flags
-    """Whether the engine's own motor holds the joint, as no call commanded it."""
+    """Whether the engine's default motor holds the joint, because no call commanded it."""
     torque_asked: Flags
-    """Whether a call or an actuator gives a torque."""
+    """Whether a call or an actuator applies a torque."""
     torque: Float64
     """Efforts of motors [N m] or [N]."""
     limit: Float64
-    """The largest torque that the motor may give."""
+    """Maximum torque of the motor."""
     at_limit: Flags
     at_stop: Flags
 
     @staticmethod
     def of(driven: JointTelemetry) -> JointSeries:
-        """Return the columns of a piece."""
+        """Return the columns for a chunk."""
         asked = driven.asked
         turns = (asked.mode == VELOCITY) & (asked.impulse > 0) & (asked.pd != 1)
         default = asked.mode == DEFAULT
@@ -61,7 +61,7 @@ class JointSeries:
 
     @staticmethod
     def joined(parts: list[JointSeries]) -> JointSeries:
-        """Return consecutive parts as one."""
+        """Concatenate consecutive parts."""
         names = [field.name for field in fields(JointSeries)]
         return JointSeries(
             **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
@@ -74,20 +74,20 @@ class JointSeries:
 
 @dataclass(eq=False)
 class BaseTrack:
-    """Displacement and rotation of a free base; grows piece by piece."""
+    """Displacement and rotation of a free base; grows chunk by chunk."""
 
     start_m: Float64
     """First position of the base [m], shape (3,)."""
     start_orientation: Float64
     """First orientation, a unit quaternion x, y, z, w."""
     farthest_m: Float64
-    """Position farthest from the first [m], shape (3,)."""
+    """The position farthest from the first one [m], shape (3,)."""
     farthest_step: int = -1
     most_turned_rad: float = 0.0
     most_turned_step: int = -1
 
     def add(self, steps: Int64, position_m: Float64, orientation: Float64) -> None:
-        """Add the poses after some steps, shapes (n, 3) and (n, 4)."""
+        """Add the poses after the given steps, shapes (n, 3) and (n, 4)."""
         way = np.linalg.norm(position_m - self.start_m, axis=1)
         far = int(np.argmax(np.nan_to_num(way)))
         if way[far] > np.linalg.norm(self.farthest_m - self.start_m):

@@ -12,15 +12,15 @@ from drop_physics.quantities import quantity
 from drop_physics.trace.events import Collision, Joint
 
 ROUND = ("sphere", "cylinder", "capsule")
-"""Kinds of shapes that turn about their axle without a change of contact, where they are on it."""
+"""Kinds of shapes that rotate about an axle through their axis without a change of contact."""
 ALONG = 0.99
-"""Cosine from which the axis of a shape is that of a joint."""
+"""Cosine above which the axis of a shape counts as parallel to that of a joint."""
 OFF = 0.01
-"""Share of its radius, and of a shape's size, from which an offset is told."""
+"""Share of the shape's radius, or size, above which an offset is reported."""
 
 
 def off_axle(subject: MeasuredBody, joint: Joint) -> Message:
-    """Return the distance of a link's round shape from its axle of rotation, or nothing."""
+    """Describe the distance of a link's round shape from its axle of rotation, or nothing."""
     if joint.kind != "revolute":
         return Message("")
     axis, place = np.array(joint.axis), subject.tree.centres_m[joint.link]
@@ -44,7 +44,7 @@ def off_axle(subject: MeasuredBody, joint: Joint) -> Message:
 
 
 def mass_outside(subject: MeasuredBody) -> Message:
-    """Return the distance of a one-link body's centre of mass from its shapes, or nothing."""
+    """Describe how far a single-link body's centre of mass is outside its shapes, or nothing."""
     shapes = subject.body.collisions
     if subject.tree.links or not shapes or any(shape.kind in UNBOUNDED for shape in shapes):
         return Message("")
@@ -62,7 +62,7 @@ def _axes(shape: Collision) -> Float64:
 
 
 def _box(shape: Collision) -> tuple[Float64, Float64]:
-    """Return the corners of the box around a shape, from the centre of mass, in its axes [m]."""
+    """Return the corners of a shape's bounding box, from the centre of mass, in its axes [m]."""
     centre, axes = np.array(shape.position_m), _axes(shape)
     if shape.hull_m:
         corners = centre + np.reshape(shape.hull_m, (-1, 3)) @ axes.T

@@ -1,4 +1,4 @@
-"""Scales of the rows: size and weight of a body, and a key of equal bodies."""
+"""Scales for the rows: size and weight of a body, and a key for equal bodies."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from drop_physics.physics.tree import BASE, Tree
 from drop_physics.trace.events import Body
 
 UNBOUNDED = ("plane", "hfield", "heightfield")
-"""Kinds of shapes that have no size."""
+"""Kinds of shapes without a size."""
 STANDARD_GRAVITY_M_S2 = 9.81
-"""Stands in for the gravity of a scene that has none, where weights are compared."""
+"""Gravity for comparisons of weights in a scene without gravity."""
 LEAST_M = 0.1
-"""The size of a body that has no shape."""
+"""The size assumed for a body without a shape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,14 +27,14 @@ class MeasuredBody:
     body: Body
     ledger: Ledger
     size_m: float
-    """The longest edge of its largest part, or how far its joints reach if that is more."""
+    """The longest edge of its largest part, or the reach of its joints if that is larger."""
     mass_kg: float
-    """The mass of what can move."""
+    """The mass of the movable links."""
     weight_n: float
 
     @property
     def kind(self) -> Hashable:
-        """A key that equal bodies share."""
+        """A key that is equal for equal bodies."""
         return len(self.body.links), round(self.mass_kg, 9), round(self.size_m, 9)
 
     @property

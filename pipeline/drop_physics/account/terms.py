@@ -1,4 +1,4 @@
-"""The terms of a body's sum by partner: the links that press, and the parts of servos."""
+"""The terms of a body's sum by partner: links in contact, and the components of servos."""
 
 from __future__ import annotations
 
@@ -15,34 +15,37 @@ from drop_physics.physics.vectors import distinct, distinct_rows
 from drop_physics.trace.events import Body
 
 CONTACT, FRICTION, DRAG, GIVEN, GAP, RATE = "contact", "friction", "drag", "given", "gap", "rate"
-"""Causes that the sum of a step has as parts of others: the normal and the tangential force of a
-contact; the inertia that couples a rate to another one's acceleration; the torque of a call; the
-two parts of a position servo, its stiffness times the gap and its damping times the rate."""
+"""Causes into which the terms of a step's sum are split: the normal and the tangential
+force of a contact; the inertia that couples a rate to the acceleration of another one;
+the torque of a call; the two components of a position servo, its stiffness times the gap
+and its damping times the rate."""
 HELD = "constraints"
-"""Cause of what constraints and equalities pull with, by name where these are known apart."""
+"""The cause for the forces of constraints and equalities, by name where these are known
+separately."""
 ROUNDED = 1e-9
-"""A part of a term below this share of it is rounding."""
+"""A component of a term below this share of the term is rounding."""
 SINGLE = 1e-6
-"""The same of contacts, whose points an engine may report in single precision."""
+"""The same threshold for contacts, which an engine may report in single precision."""
 MOST_PARTNERS = 24
-"""Most pairs of links whose contacts are told apart in one piece; the weakest others are summed."""
+"""Maximum number of link pairs whose contacts are kept apart in one chunk; the weakest others are
+summed."""
 
 
 @dataclass(frozen=True)
 class Term:
-    """A cause that acts on a body, with its partner if it has one."""
+    """A cause that acts on a body, with its partner if there is one."""
 
     cause: str
-    """A cause of the sum, or one of the parts above."""
+    """A cause in the sum, or one of the components above."""
     name: str = ""
-    """The actuator, for the parts of its force."""
+    """Name of the actuator, for components of its force."""
     link: int | None = None
-    """The body's own link, in a contact."""
+    """The body's own link, for a contact."""
     other: int | None = None
-    """The number of the other body, in a contact."""
+    """Id of the other body, for a contact."""
     other_link: int | None = None
     rate: int | None = None
-    """The rate whose acceleration drags, as an index into the generalised velocity."""
+    """Index, in the generalised velocity, of the rate whose acceleration drags."""
 
 
 Impulses = dict[Term, Float64]
@@ -52,9 +55,9 @@ Impulses = dict[Term, Float64]
 def impulses_by_term(
     steps: BodySteps, normals: Float64, servos: Mapping[str, tuple[int, float]]
 ) -> Impulses:
-    """Return the impulses on a body in its steps, contacts by partner and servos by part.
+    """Return the impulses on a body in its steps: contacts by partner, servos by component.
 
-    `normals` are those of the contact points of the piece, shape (points, 3). `servos` has, for
+    `normals` are those of the contact points of the chunk, shape (points, 3). `servos` has, for
     each actuator that is a position servo, the rate that it drives and its damping
     [N m s/rad] or [N s/m] there.
     """
@@ -76,7 +79,7 @@ def impulses_by_term(
 
 
 def servos_of(body: Body) -> dict[str, tuple[int, float]]:
-    """Return the rate and the damping of each position servo, by the name of its term."""
+    """Return the rate and the damping of each position servo, by term name."""
     return {
         f"actuator {each.name}": (rate, each.kv * each.gear**2)
         for each in body.actuators
@@ -87,7 +90,7 @@ def servos_of(body: Body) -> dict[str, tuple[int, float]]:
 def _servo(
     steps: BodySteps, cause: str, impulse: Float64, joint_rate: int, damping: float
 ) -> Impulses:
-    """Return the impulse of a servo, kp × gap apart from kv × rate."""
+    """Split the impulse of a servo into kp × gap and kv × rate."""
     rate = steps.law.tree.first_rate + joint_rate
     damped = np.zeros_like(impulse)
     damped[:, rate] = -damping * steps.before.velocity[:, rate] * steps.reported.timestep_s
@@ -97,7 +100,7 @@ def _servo(
 
 
 def _applied(steps: BodySteps, impulse: Float64) -> Impulses:
-    """Return the impulses applied by calls, joint torques of commands apart from pushes."""
+    """Return the impulses applied by calls, separating commanded joint torques from pushes."""
     commanded = np.zeros_like(impulse)
     first = steps.law.tree.first_rate
     commanded[:, first:] = steps.reported.commanded * steps.reported.timestep_s[:, None]
@@ -108,7 +111,7 @@ def _applied(steps: BodySteps, impulse: Float64) -> Impulses:
 
 
 def _pulls(steps: BodySteps, impulse: Float64) -> Impulses:
-    """Return the impulses of constraints by what pulls; what gears give apart."""
+    """Return the impulses of constraints by what exerts them, separating gears."""
     found = {
         Term(HELD, pull.name, other=pull.other, other_link=pull.other_link): part
         for pull, part in steps.pulls.items()
@@ -121,7 +124,7 @@ def _pulls(steps: BodySteps, impulse: Float64) -> Impulses:
 
 
 def _contacts(steps: BodySteps, normals: Float64, impulse: Float64) -> Impulses:
-    """Return the impulses of contacts by partner, normal forces apart from friction."""
+    """Return the impulses of contacts by partner, separating normal forces from friction."""
     contacts, sides = steps.reported.contacts, steps.sides
     if not len(contacts) or len(contacts) != len(sides.other_body):
         return {Term("contacts"): impulse}

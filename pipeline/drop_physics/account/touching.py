@@ -1,4 +1,4 @@
-"""Rows of links that touch: pressing, slipping, and overlap without any force."""
+"""Rows for links that touch: pressing, slipping, and overlap without any force."""
 
 from __future__ import annotations
 
@@ -21,55 +21,55 @@ from drop_physics.quantities import quantity
 from drop_physics.trace.history import Seen
 
 PairKey = tuple[int, int, int, int]
-"""The numbers of two bodies, and their links."""
+"""Ids of two bodies, and their links."""
 MOST_PAIRS = 1 << 12
-"""Most pairs of links that are told apart."""
+"""Maximum number of link pairs that are kept apart."""
 WEIGHTS, DEEP, SLID = 8.0, 0.03, 0.03
-"""Least press in weights of the lighter body; least overlap and slide as shares of the smaller
-body's size."""
+"""Minimum contact force in weights of the lighter body; minimum overlap and slide as shares of the
+smaller body's size."""
 FRICTIONLESS, SLIDING = 1, 3
-"""Dimensions of the force of a contact without friction, and with sliding friction alone."""
+"""`dim` of a contact without friction, and of one with sliding friction only."""
 TURNING_RAD_S = 0.05
 STEADY = 1.5
-"""Factor by which what turns on at one rate may be faster or slower than shortly before."""
+"""Maximum factor between a steady rotation rate and the rate shortly before."""
 LIMIT = 0.98
-"""Share of its limit from which friction counts as at its limit."""
+"""Share of its limit above which friction counts as at its limit."""
 
 
 @dataclass(eq=False)
 class Touched:
-    """Two links that touched; grows piece by piece."""
+    """Two links that touched; grows chunk by chunk."""
 
     first_step: int
     last_step: int = -1
     steps: int = 0
-    """Steps in which a normal force acts."""
+    """Number of steps in which a normal force acts."""
     normals_n: list[Float64] = field(default_factory=list)
-    """The normal force of each of these [N], piece by piece."""
+    """The normal force in each of these steps [N], by chunk."""
     deepest_m: float = 0.0
     deepest_step: int = -1
     slid_m: float = 0.0
     at_limit: int = 0
-    """Steps in which the friction of all points together is at its limit."""
+    """Number of steps in which the friction of all points together is at its limit."""
     friction: float = 0.0
-    """The largest coefficient."""
+    """The largest friction coefficient."""
     rubs: bool = False
-    """Whether friction acted at all."""
+    """Whether any friction acted."""
 
     @property
     def normal_n(self) -> float:
-        """The median normal force of the steps in which one acts [N]."""
+        """The median normal force over the steps in which one acts [N]."""
         return float(np.median(np.concatenate(self.normals_n))) if self.steps else 0.0
 
 
 class TouchedPairs:
-    """All pairs of links that touched; grows piece by piece."""
+    """All pairs of links that touched; grows chunk by chunk."""
 
     def __init__(self) -> None:
         self.pairs: dict[PairKey, Touched] = {}
 
     def add(self, pairs: Pairs) -> None:
-        """Add the contact points of a piece."""
+        """Add the contact points of a chunk."""
         points = pairs.points
         if not len(points):
             return
@@ -108,7 +108,7 @@ class TouchedPairs:
     def rows(
         self, subjects: Mapping[int, MeasuredBody], seen: Seen, words: RowWords
     ) -> Iterator[AccountRow]:
-        """Yield the rows of all pairs."""
+        """Yield the rows for all pairs."""
         for key, touched in self.pairs.items():
             its = [subjects[number] for number in dict.fromkeys(key[:2]) if number in subjects]
             if its:
@@ -125,7 +125,7 @@ class TouchedPairs:
         seen: Seen,
         words: RowWords,
     ) -> AccountRow | None:
-        """Return the row of a one-link body that turns for ever on something fixed."""
+        """Return the row for a single-link body that spins forever on something fixed."""
         number, ledger = subject.body.number, subject.ledger
         late = ledger.last - max(1, (ledger.last - ledger.first) // 10)
         keys = [key for key in self.pairs if number in key[:2] and self.pairs[key].last_step > late]
@@ -180,7 +180,7 @@ def _resists_turning(key: PairKey, seen: Seen) -> bool:
 def _rows(
     key: PairKey, touched: Touched, its: list[MeasuredBody], seen: Seen, words: RowWords
 ) -> Iterator[AccountRow]:
-    """Yield the rows of two links: what they press each other with, and how far they slid."""
+    """Yield the rows for two links: the force with which they press, and how far they slid."""
     pair = (str(words.names.link(key[0], key[2])), str(words.names.link(key[1], key[3])))
     weight_n = min(subject.weight_n for subject in its)
     size_m = min(subject.size_m for subject in its)

@@ -1,4 +1,4 @@
-"""Words of the rows for times, windows and terms."""
+"""Formatting of times, windows and terms in the rows."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from drop_physics.quantities import number
 from drop_physics.trace.events import Body
 
 MOST_TERMS = 6
-"""Most terms of a row."""
+"""Maximum number of terms in a row."""
 SMALL = 1e-3
-"""The same share, beside a value that is told next to it."""
+"""Terms below this share of a value displayed beside them are omitted."""
 LEAST_SHARE = 0.05
-"""A term below this share of the largest is left out."""
+"""Terms below this share of the largest are omitted."""
 
 
 class RowWords:
-    """Facts about a recording for the wording of rows."""
+    """Data of a recording that the wording of rows needs."""
 
     def __init__(self, names: Names, times: Mapping[int, StepTimes]) -> None:
         self.names, self._times = names, times
@@ -34,7 +34,7 @@ class RowWords:
         return self._times[body.client].of(step)
 
     def time(self, subject: MeasuredBody, step: int) -> Message:
-        """Return the time of a sample in readers' form."""
+        """Format the time of a sample."""
         return Message("{time} s", time=number(self.seconds(subject.body, step)))
 
     def timesteps_s(self, subject: MeasuredBody, steps: Int64) -> Float64:
@@ -42,16 +42,16 @@ class RowWords:
         return self._times[subject.body.client].of_steps(steps)[0]
 
     def around(self, subject: MeasuredBody, step: int, steps: int) -> slice:
-        """Return the bins around a sample of a recording of `steps` steps: a hundredth each way."""
+        """Return the bins around a sample of a recording of `steps` steps: 1 % on either side."""
         half = max(2, steps // 100)
         return subject.ledger.window(step - half, step + half)
 
     def drives(self, term: Term, drives: Collection[str]) -> bool:
-        """Return whether a term is the joint's command."""
+        """Return whether a term comes from the joint's command."""
         return term.cause in drives or term.cause.startswith("actuator ")
 
     def opposing(self, forces: Mapping[Term, float]) -> object:
-        """Return the strongest term against the motion, as a key for grouping equal rows."""
+        """Return the strongest term against the motion, as a key for grouping similar rows."""
         against = {t: f for t, f in forces.items() if f < 0 and t != OWN}
         if not against:
             return None

@@ -1,4 +1,4 @@
-"""Rows of states that the script wrote between steps, and of energy given and taken."""
+"""Rows for states that the script wrote between steps, and for energy given and taken."""
 
 from __future__ import annotations
 
@@ -20,36 +20,36 @@ from drop_physics.physics.tree import States
 from drop_physics.quantities import number, quantity
 
 ODD = ("integrator", "solver", "clamp", "remainder")
-"""Causes that physics has not: they give energy only where a step is wrong."""
+"""Non-physical causes, which give energy only if a step is wrong."""
 UNKNOWN = 0.05
-"""Share of the turnover from which what is unexplained leaves no terms to tell."""
+"""Unexplained share of the turnover above which no terms are reported."""
 ROUNDING = 1e-9
-"""Share of the turnover below which an energy is rounding."""
+"""Share of the turnover below which an energy is rounding error."""
 TURNOVER = 0.02
-"""Share of a body's turnover of energy from which what an odd cause gives counts."""
+"""Share of a body's energy turnover above which the energy from a non-physical cause counts."""
 
 
 @dataclass(eq=False)
 class WrittenStates:
-    """The states of a body that calls wrote between steps; grows piece by piece."""
+    """The states of a body that calls wrote between steps; grows chunk by chunk."""
 
     steps: int = 0
-    """Steps of the body."""
+    """Number of steps of the body."""
     written: int = 0
-    """Steps before which its state was written."""
+    """Number of steps before which the script wrote the body's state."""
     way: float = 0.0
-    """Total displacement and rotation by calls [m] and [rad]."""
+    """Total displacement and rotation due to calls [m] and [rad]."""
     stepped: float = 0.0
-    """Total displacement and rotation by steps [m] and [rad]."""
+    """Total displacement and rotation due to steps [m] and [rad]."""
     velocity: float = 0.0
-    """Total change of velocities by calls [m/s] and [rad/s]."""
+    """Total change of velocities due to calls [m/s] and [rad/s]."""
     first_step: int | None = None
-    """The first sample that a step led to from a state that the script wrote."""
+    """The first sample after a step from a state that the script wrote."""
     last_step: int = -1
     deepest_m: float = 0.0
-    """The deepest overlap with another body in a state that calls wrote."""
+    """The deepest overlap with another body in a state that the script wrote."""
     into: tuple[int, int] | None = None
-    """The number of that body, and its link."""
+    """The other body's id, and its link."""
     _last: States | None = None
 
     def add(self, steps: BodySteps, points: Points) -> None:
@@ -70,7 +70,7 @@ class WrittenStates:
         self._last = after.at(np.array([len(steps) - 1]))
 
     def _meet(self, number: int, points: Points, steps: Int64) -> None:
-        """Look for the deepest overlap of a body, by its number, as steps to samples begin."""
+        """Update the deepest overlap of a body, by its id, at the start of the steps to samples."""
         its = (points.body == number).sum(axis=1) == 1
         rows = np.flatnonzero(its & np.isin(points.step, steps))
         if len(rows) and -points.distance_m[rows].min() > self.deepest_m:
@@ -80,7 +80,7 @@ class WrittenStates:
             self.into = int(points.body[row, other]), int(points.link[row, other])
 
     def _jump(self, step: int, end: States, begin: States) -> None:
-        """Add the change from the end of a step to the beginning of the next, to a sample."""
+        """Add the change made by calls between a step and the next one, which leads to a sample."""
         self.written += 1
         self.first_step = step if self.first_step is None else self.first_step
         self.last_step = step
@@ -91,7 +91,7 @@ class WrittenStates:
     def row(
         self, subject: MeasuredBody, subjects: Mapping[int, MeasuredBody], words: RowWords
     ) -> AccountRow | None:
-        """Return the row of a body with written states, None if the writes changed nothing."""
+        """Return the row for a body with written states; None if the writes changed nothing."""
         way = self.way / subject.size_m
         if not self.written or (way <= 0.01 and self.velocity <= 0.01):
             return None
@@ -142,7 +142,7 @@ def energy_row(
     end_j: float,
     words: RowWords,
 ) -> AccountRow | None:
-    """Return the row of the sources and sinks of a body's energy; contacts by partner."""
+    """Return the row for the sources and sinks of a body's energy; contacts by partner."""
     values = {Term(cause): value for cause, value in by_cause_j.items() if value}
     for cause, parts in (("contacts", (CONTACT, FRICTION)), (HELD, (HELD,))):
         apart = {
@@ -187,5 +187,5 @@ def energy_row(
 
 
 def _rounded(energy_j: float, turnover_j: float) -> float:
-    """Return an energy, or 0 if it is rounding beside the turnover."""
+    """Return an energy, or 0 if it is rounding error relative to the turnover."""
     return energy_j if abs(energy_j) > ROUNDING * turnover_j else 0.0

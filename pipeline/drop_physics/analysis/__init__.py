@@ -1,1 +1,1 @@
-"""The analysis of recordings: the judge, independent of engines and of the recorder."""
+"""The analysis of recordings, which judges runs independently of engines and of the recorder."""

@@ -1,4 +1,4 @@
-"""The analysis of one body, piece by piece."""
+"""The analysis of one body, chunk by chunk."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from drop_physics.rules.answer import Scene
 from drop_physics.trace.events import Body, order
 
 KEPT = ("set", "integrator", "remainder")
-"""Causes that are listed even where they changed nothing."""
+"""Causes that are listed even if they changed nothing."""
 
 
 class BodyStory:
-    """One body; `add` takes its pieces, `result` returns its motion.
+    """The analysis of one body: `add` takes its chunks, `result` returns its motion.
 
     Parameters
     ----------
     scene
-        All that is known besides the pieces.
+        All that is known besides the chunks.
     body
         The body.
     at_s
@@ -69,7 +69,7 @@ class BodyStory:
         *,
         detailed: bool,
     ) -> SampleRows:
-        """Take a piece, and its runs in contact; return a row for each of its samples."""
+        """Add a chunk, with its runs in contact; return a table row for each of its samples."""
         # A flight's theory is the law of an engine that reports no sum of its own.
         errors_m = {} if self._is_replayed else self._flights.add(judged)
         self._phases.add(touched)
@@ -98,7 +98,7 @@ class BodyStory:
         return Explained(totals.explained, totals.samples, totals.remainder, until_s, why)
 
     def result(self, totals: Totals | None) -> BodyAnalysis:
-        """Return the motion of the body, after the last piece."""
+        """Return the motion of the body, once all chunks have been added."""
         body, scene = self._body, self._scene
         reported = [each for each in scene.seen.dynamics if each.body.number == body.number]
         return BodyAnalysis(
@@ -136,7 +136,7 @@ class BodyStory:
         return counts
 
     def _there(self, last: int) -> int:
-        """Return the number of samples at which a body without samples of its own existed."""
+        """Return the number of samples during which a body without recorded samples existed."""
         there = 0
         mine = [
             appearance
@@ -152,7 +152,7 @@ class BodyStory:
         return there
 
     def _moves(self, last: int) -> int:
-        """Return the number of steps after which calls moved it."""
+        """Return the number of steps before which calls moved the body."""
         came = {
             order(appearance.at)
             for appearance in self._scene.seen.appearances

@@ -1,4 +1,4 @@
-"""Findings with the same content as rows of the account: they replace and cite them."""
+"""Match findings with the account rows of the same content, which they replace and cite."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from drop_physics.account.rows import AccountRow
 from drop_physics.rules.answer import Finding
 
 SAME, ALIKE = 0.02, 2.0
-"""A number is that of a finding if it differs by SAME of it; of the same joint or pair, where a row
-takes it at its worst moment and a finding in the mean, if they differ by this factor."""
+"""Tolerances for matching a finding's number with a row's: SAME as a relative difference; for the
+same joint or pair, where a row uses its worst moment and a finding the mean, ALIKE as a factor."""
 
 
 def citing(findings: Iterable[Finding], account: Sequence[AccountRow]) -> Iterator[Finding]:
-    """Yield findings with the row of the account that has the same subject and content."""
+    """Yield findings, each with the account row that has the same subject and content."""
     for finding in findings:
         rows = [row for row in account if _tells(row, finding)]
         rows.sort(key=lambda row: row.who in (row.body, ""))  # of a joint or a pair first
@@ -22,7 +22,7 @@ def citing(findings: Iterable[Finding], account: Sequence[AccountRow]) -> Iterat
 
 
 def _tells(row: AccountRow, finding: Finding) -> bool:
-    """Return whether a row has the subject and the number of a finding."""
+    """Return whether a row has the same subject and number as a finding."""
     effect = finding.effect
     if effect is None or finding.body is None or finding.body not in (row.body, row.other):
         return False

@@ -1,4 +1,4 @@
-"""The flights of a body: falls of their own, with a theory from their beginning on."""
+"""The flights of a body: phases of free fall, each compared with theory from its start."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class _OpenFlight:
 
     law: Law
     start: Motion
-    """First row."""
+    """Motion at the first row."""
     first_step: int
     last_step: int
     position_m: Float64
@@ -32,13 +32,13 @@ class _OpenFlight:
     held: bool = False
     """Whether a velocity was clamped."""
     samples: int = 0
-    """The number of its samples, without a start that a call set."""
+    """The number of the flight's samples, without an initial state that a call set."""
     asked: dict[int, tuple[Float64, bool]] = field(default_factory=dict)
-    """Position at steps that were asked for, and whether a velocity was clamped by then."""
+    """Position at the requested steps, and whether a velocity was clamped by then."""
 
 
 class Flights:
-    """The flights of one body without links; grow piece by piece."""
+    """The flights of one single-link body; grow chunk by chunk."""
 
     def __init__(self, times: StepTimes, asked_steps: Sequence[int]) -> None:
         self._times, self._asked = times, np.array(sorted(asked_steps), np.int64)
@@ -46,7 +46,7 @@ class Flights:
         self._done: list[BodyFlight] = []
 
     def add(self, judged: SampleStatus) -> dict[int, Float64]:
-        """Take a piece; return the distance of samples in flight from free fall [m], by row."""
+        """Add a chunk; return the distance of flight samples from free fall [m], by row."""
         errors_m: dict[int, Float64] = {}
         for steps in judged.intervals:
             if steps.law.tree.links or steps.law.tree.fixed:
@@ -61,12 +61,12 @@ class Flights:
         return errors_m
 
     def all(self) -> list[BodyFlight]:
-        """Return all flights, after the last piece."""
+        """Return all flights, once all chunks have been added."""
         self._close()
         return self._done
 
     def _take(self, steps: Steps, first: int, end: int, counted: int) -> None:
-        """Add steps in flight, under one law."""
+        """Add steps in flight under a single law."""
         reported, before = steps.reported, motion_of(steps.before)
         law = law_of(steps.config, float(reported.timestep_s[first]), reported.gravity_m_s2[first])
         assert law is not None  # it was explained
@@ -124,7 +124,7 @@ class Flights:
 
 
 def _breaks(steps: Steps) -> Flags:
-    """Flag the steps that begin anew: from a state that a call set, or under another law."""
+    """Flag the steps that start anew: from a state that a call set, or under another law."""
     reported = steps.reported
     breaks = steps.put.copy()
     breaks[1:] |= (np.diff(steps.steps) != 1) | (np.diff(reported.timestep_s) != 0)
@@ -133,7 +133,7 @@ def _breaks(steps: Steps) -> Flags:
 
 
 def _runs(held: Flags, breaks: Flags) -> list[tuple[int, int]]:
-    """Return first row and end of each run of true values; a break begins a new run."""
+    """Return first row and end of each run of true values; a break starts a new run."""
     before = np.concatenate(([False], held[:-1]))
     after = np.concatenate((held[1:], [False]))
     ends = np.concatenate((breaks[1:], [True]))

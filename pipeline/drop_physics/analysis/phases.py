@@ -1,4 +1,4 @@
-"""The contacts of a body: consecutive samples that contact led to, and the bodies that pushed."""
+"""The contact phases of a body: consecutive samples in contact, and the bodies that pushed."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ class ContactRun:
     largest_force_n: float = 0.0
     energy_j: float = 0.0
     most_given_j: float = 0.0
-    """The most energy that one of its steps gave, and the first such step."""
+    """The maximum energy that contact gave in one step, and the first such step."""
     most_given_step: int | None = None
     by: dict[tuple[int, int], tuple[Float64, float]] = field(default_factory=dict)
-    """Impulse and energy of each link of each other body."""
+    """Impulse and energy given by each link of each other body."""
 
     def add(self, run: ContactRun) -> None:
-        """Add the following steps."""
+        """Add the steps that follow."""
         self.last_step = run.last_step
         self.impulse_n_s = self.impulse_n_s + run.impulse_n_s
         self.largest_force_n = max(self.largest_force_n, run.largest_force_n)
@@ -48,7 +48,7 @@ class ContactRun:
 
 
 def runs_of(explained: ExplainedPiece) -> dict[int, list[ContactRun]]:
-    """Return the runs of steps in contact of each body of a piece, in order, by its number."""
+    """Return the runs of steps in contact of each body in a chunk, in order, by body id."""
     found: dict[int, list[ContactRun]] = {}
     for batch, verdict in explained.batches:
         for number, run in _runs(batch, verdict):
@@ -59,7 +59,7 @@ def runs_of(explained: ExplainedPiece) -> dict[int, list[ContactRun]]:
 
 
 def _runs(batch: StepBatch, verdict: StepVerdicts) -> Iterator[tuple[int, ContactRun]]:
-    """Yield the runs of steps in contact of a batch, with the number of their body."""
+    """Yield the runs of steps in contact in a batch, with the body id."""
     steps = batch.whole
     touched = verdict.segment == CONTACT
     rows = np.flatnonzero(touched)
@@ -106,7 +106,7 @@ def _runs(batch: StepBatch, verdict: StepVerdicts) -> Iterator[tuple[int, Contac
 def _by_other(
     run: Int64, sides: Sides, impulses: Float64, point_j: Float64
 ) -> dict[int, dict[tuple[int, int], tuple[Float64, float]]]:
-    """Return impulse and energy of each link of each other body, by run."""
+    """Return impulse and energy given by each link of each other body, for each run."""
     found: dict[int, dict[tuple[int, int], tuple[Float64, float]]] = {}
     if not len(run):
         return found
@@ -121,7 +121,7 @@ def _by_other(
 
 
 def pushers_in(steps: Steps, row: int) -> dict[tuple[int, int], tuple[Float64, float]]:
-    """Return impulse [N s] and energy [J] of each link of each other body in one step."""
+    """Return impulse [N s] and energy [J] given by each link of each other body in one step."""
     contacts = steps.reported.contacts
     points = np.flatnonzero(contacts.step == row)
     impulses = contacts.force_n[points] * steps.reported.timestep_s[row]
@@ -131,7 +131,7 @@ def pushers_in(steps: Steps, row: int) -> dict[tuple[int, int], tuple[Float64, f
 
 
 class BodyContacts:
-    """The contacts of one body; grow piece by piece."""
+    """The contact phases of one body; grow chunk by chunk."""
 
     def __init__(self, times: StepTimes, bodies: Mapping[int, Body]) -> None:
         self._times, self._bodies = times, bodies
@@ -139,7 +139,7 @@ class BodyContacts:
         self._done: list[BodyContact] = []
 
     def add(self, runs: Sequence[ContactRun]) -> None:
-        """Take the contacts of a piece."""
+        """Add the contacts of a chunk."""
         for run in runs:
             contact = self._open
             if contact is None or contact.last_step + 1 != run.first_step:
@@ -148,7 +148,7 @@ class BodyContacts:
             contact.add(run)
 
     def all(self) -> list[BodyContact]:
-        """Return all contacts, after the last piece."""
+        """Return all contacts, once all chunks have been added."""
         self._close()
         return self._done
 
@@ -176,7 +176,7 @@ class BodyContacts:
 def pushers(
     by: Mapping[tuple[int, int], tuple[Float64, float]], bodies: Mapping[int, Body]
 ) -> list[Pusher]:
-    """Return the links that pushed a body, in the order of their bodies' numbers."""
+    """Return the links that pushed a body, ordered by body id."""
     return [
         Pusher(
             bodies[body].label if body in bodies else str(body),

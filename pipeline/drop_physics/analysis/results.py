@@ -26,25 +26,25 @@ if TYPE_CHECKING:
     import polars as pl
 
 JSON_NAMES = {"other": "with"}
-"""Names of fields that JSON has in place of Python's."""
+"""JSON names of the fields that have another name in Python."""
 REPORT = "drop_physics.report.analysis"
-"""The module that reports an analysis."""
+"""Name of the module that reports an analysis."""
 HIDDEN = ("rows", "table", "by_body", "contact_j", "curves", "sources")
-"""Fields that JSON leaves out."""
+"""Fields that are not written to JSON."""
 
 
 @dataclass(frozen=True)
 class FlightSample:
-    """A sample of a flight, and its error."""
+    """A sample of a flight, with its error."""
 
     step: int
     """Number of the step."""
     time_s: float
     """Simulated time."""
     error_m: Vector
-    """Simulated minus free fall."""
+    """Simulated minus free-fall position."""
     terms_m: VectorTerms | None
-    """Terms of the error; None as for the flight."""
+    """Terms of the error; None under the same conditions as for the flight."""
 
 
 @dataclass(frozen=True)
@@ -52,20 +52,21 @@ class BodyFlight:
     """Consecutive samples in which a body touches nothing and follows the law of free flight."""
 
     first_step: int
-    """The step that it starts from: its sample, or the state that a call then set."""
+    """The step at which the flight starts: from a sample, or from a state that a call then set."""
     last_step: int
-    """The last sample that the law of flight led to."""
+    """The last sample predicted by the law of flight."""
     start_s: float
-    """Time of the first."""
+    """Time of the first step."""
     end_s: float
-    """Time of the last."""
+    """Time of the last step."""
     error_m: Vector
-    """Simulated minus free fall at the last sample, from the state at the first on."""
+    """Simulated minus free-fall position at the last sample, computed from the state at
+    the first."""
     terms_m: VectorTerms | None
     """Terms of the error; None if a velocity was clamped to the engine's limit, or gravity is not
     along z."""
     at: list[FlightSample]
-    """The samples nearest to `--at`."""
+    """The samples nearest to the times requested by `--at`."""
 
 
 @dataclass(frozen=True)
@@ -75,65 +76,66 @@ class Pusher:
     body: str
     """Label of the body."""
     id: int
-    """Number of the body in the recording."""
+    """Id of the body in the recording."""
     link: int
-    """-1 is the base."""
+    """Index of the link; -1 is the base."""
     impulse_n_s: Vector
-    """Sum over its forces."""
+    """Sum of the impulses of its forces."""
     energy_j: float
-    """Energy that it gave to the body; negative where it took some."""
+    """Energy that the link gave to the body; negative if it took energy."""
 
 
 @dataclass(frozen=True)
 class BodyContact:
-    """Consecutive samples that contact led to."""
+    """Consecutive samples after steps in contact."""
 
     first_step: int
-    """The first of them."""
+    """The first of these samples."""
     last_step: int
-    """The last of them."""
+    """The last of these samples."""
     start_s: float
-    """Time of the first."""
+    """Time of the first sample."""
     end_s: float
-    """Time of the last."""
+    """Time of the last sample."""
     impulse_n_s: Vector
-    """Sum over all contact forces on the body."""
+    """Total impulse of all contact forces on the body."""
     largest_force_n: float
-    """The largest in a step, of all points together."""
+    """The largest contact force in a step, summed over all points."""
     energy_j: float
-    """Energy that contact gave to the body; negative where it took some."""
+    """Energy that contact gave to the body; negative if it took energy."""
     most_given_j: float
-    """The most that it gave in a step; 0 where it only took."""
+    """The maximum energy that contact gave in one step; 0 if it only took energy."""
     most_given_step: int | None
-    """The step in which it gave most."""
+    """The step in which contact gave most energy."""
     by: list[Pusher]
     """The links that pushed it."""
 
 
 @dataclass(frozen=True)
 class Unexplained:
-    """Samples to which the law does not lead, for one reason."""
+    """Samples that the law does not explain, for a given reason."""
 
     reason: str
-    """Reason: a feature that the law does not cover, or `remainder`."""
+    """Reason: a feature that the law does not support, or `remainder`."""
     samples: int
     """Number of these samples."""
     first_step: int
-    """The first of them."""
+    """The first of these samples."""
     remainder: float | None
-    """The largest over the largest term of its step; None where the law has no sum."""
+    """The largest ratio of the remainder to the largest term of its step; None if the law has no
+    sum."""
 
 
 @dataclass(frozen=True)
 class Energy:
-    """Kinetic and potential energy of a body; heights count from the origin."""
+    """Kinetic and potential energy of a body; heights are measured from the origin."""
 
     start_j: float
-    """Energy at its first sample [J]."""
+    """Energy at the first sample [J]."""
     end_j: float
-    """Energy at its last sample [J]."""
+    """Energy at the last sample [J]."""
     by_cause_j: dict[str, float]
-    """Changes by cause; they add up to the whole change."""
+    """Changes by cause; their sum is the total change."""
 
 
 @dataclass(frozen=True)
@@ -141,11 +143,11 @@ class Momentum:
     """Linear momentum of a body whose base can move."""
 
     start_kg_m_s: Vector
-    """Momentum at its first sample [kg m/s]."""
+    """Momentum at the first sample [kg m/s]."""
     end_kg_m_s: Vector
-    """Momentum at its last sample [kg m/s]."""
+    """Momentum at the last sample [kg m/s]."""
     by_cause_kg_m_s: dict[str, Vector]
-    """Changes by cause; they add up to the whole change."""
+    """Changes by cause; their sum is the total change."""
 
 
 @dataclass(frozen=True)
@@ -153,73 +155,74 @@ class StepSum:
     """One step of a body, as the sum of its named impulses."""
 
     step: int
-    """The sample that it led to."""
+    """The sample after the step."""
     time_s: float
     """Simulated time of that sample."""
     segment: str
-    """Kind of the sample."""
+    """Segment of the sample."""
     terms: dict[str, list[float]] | None
-    """Impulse of each term per degree of freedom [N s, N m s]; None where the law has no sum."""
+    """Impulse of each term per degree of freedom [N s, N m s]; None if the law has no sum."""
     remainder: list[float] | None
-    """Remainder that the terms do not explain."""
+    """The part of the change that the terms do not explain."""
     contact_by: list[Pusher] = field(default_factory=list)
-    """The links that pushed it in this step: of its contact, what each gave."""
+    """The links that pushed the body in this step, with the contact impulse of each."""
 
 
 @dataclass(frozen=True)
 class BodyAnalysis:
-    """Motion of one body, with its terms."""
+    """Motion of one body, with the terms that explain it."""
 
     name: str
-    """The file that it was loaded from, or its name."""
+    """The file from which it was loaded, or its name."""
     label: str
-    """Number and name, as in findings and in the recording's entities."""
+    """Id and name, as in findings and in the recording's entities."""
     id: int
-    """Number in the recording: the engine's own id, unless another body had it before."""
+    """Id in the recording: the engine's own id, unless another body had that id before."""
     soft: bool
-    """Whether it is a soft body, whose motion is not recorded: it has no samples."""
+    """Whether it is a soft body, whose motion is not recorded, so that it has no samples."""
     links: list[str]
-    """Base and links."""
+    """Names of the base and the links."""
     mass_kg: float
-    """Their total mass at the end; of a btRigidBody, the base's alone."""
+    """Total mass at the end; for a btRigidBody, the mass of the base alone."""
     segments: dict[str, int]
-    """Number of samples by kind: set, unexplained, still, pushed, constrained, contact, driven,
+    """Number of samples by segment: set, unexplained, still, pushed, constrained, contact, driven,
     flight."""
     flights: list[BodyFlight]
-    """Flights of a body without links, with their errors."""
+    """Flights of a single-link body, with their errors."""
     contacts: list[BodyContact]
-    """Contacts of the body."""
+    """Contact phases of the body."""
     unexplained: list[Unexplained]
     """Unexplained samples, by reason."""
     energy: Energy | None
-    """None for a body without samples, and where the law has no sum."""
+    """Energy balance; None for a body without samples, and if the law has no sum."""
     momentum: Momentum | None
-    """None for a body without samples, without a sum, or whose base cannot move."""
+    """Momentum balance; None for a body without samples, without a sum, or with a fixed base."""
     joints: Sequence[JointRow]
-    """Degrees of freedom of the joints."""
+    """Joint states, one entry per degree of freedom."""
     actuators: Sequence[ActuatorRow]
-    """Actuators with a law of their own, if the engine has any."""
+    """Actuators with a control law of their own, if the engine has any."""
     touches: Sequence[Touch]
     """The bodies that it touched."""
     at: list[StepSum]
-    """The steps nearest to `--at`."""
+    """The steps nearest to the times requested by `--at`."""
 
 
 @dataclass(frozen=True)
 class Explained:
-    """Share of a recording, or of a body, that is explained."""
+    """The explained share of a recording, or of a body."""
 
     samples: int
-    """Explained ones."""
+    """Number of explained samples."""
     of: int
-    """All of them."""
+    """Total number of samples."""
     remainder: float
-    """The largest of an explained sample, over the largest term of its step."""
+    """The largest ratio of the remainder to the largest term of its step, over explained
+    samples."""
     until_s: float | None
-    """Time of the first sample that is not explained, None if all are; of a drop, of the last one
-    before that."""
+    """Time of the first unexplained sample, None if all are explained; for a drop, of the last
+    sample before it."""
     why: str | None
-    """Reason why that one is not."""
+    """Reason why that sample is unexplained."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,62 +230,61 @@ class Analysis(Printable, reported_by=REPORT):
     """All results of the analysis of a recording."""
 
     origin: dict[str, Any] | None
-    """The script, its arguments, and how it ended; None of a drop."""
+    """The script, its arguments, and how it ended; None for a drop."""
     engine: dict[str, Any] | EngineReport
-    """The last timestep, gravity … of the engine, by client; of a drop what the engine reported."""
+    """The engine's last timestep, gravity, etc., by client; for a drop, what the engine
+    reported."""
     samples: int
-    """Steps of the longest simulation, and one."""
+    """Number of samples of the longest simulation: its steps plus one."""
     explained: Explained
-    """Explained share of all bodies, or of that of `--body`."""
+    """Explained share of all bodies, or of the body selected by `--body`."""
     bodies: list[BodyAnalysis]
-    """All bodies that ever existed, or that of `--body`."""
+    """All bodies that ever existed, or the one selected by `--body`."""
     findings: list[Finding]
-    """Findings: what was asked and what happened instead, and why; the gravest first."""
+    """Findings: what was requested, what happened instead, and why; the gravest first."""
     account: Sequence[AccountRow] = ()
-    """Rows on what was asked, given, moved and held, with the terms of the sum; the most salient
-    first."""
+    """Account rows on what was requested, applied, moved and held, with the terms of the sum; the
+    most salient first."""
     episodes: Sequence[EpisodeRow] = ()
     """The episodes of all simulations, in the order in which they ended."""
     episode: int | None = None
-    """Number of the episode whose last two seconds the account and the joints are of; None if they
-    are of the whole run."""
+    """Number of the episode whose last two seconds the account and the joints cover; None if they
+    cover the whole run."""
     left_out: int = 0
-    """Number of further findings left out by the command, the script or the project."""
+    """Number of further findings that the command, the script or the project suppressed."""
     by_body: dict[int, Explained]
-    """Explained share of the bodies, by number."""
+    """Explained share of each body, by body id."""
     rows: Sequence[SampleRows]
-    """The samples of each body; of long recordings what is shown, unless all were asked for."""
+    """The samples of each body; for long recordings only those shown, unless all were requested."""
     curves: CurveTable | None = None
-    """Curves of joints, friction and energy for plots and the viewer; None where there is no sum.
-    """
+    """Curves of joints, friction and energy for plots and the viewer; None if there is no sum."""
     kind: Literal["drop", "script"] = "script"
-    """Whose recording it is; the analysis of a drop has more (`DropAnalysis`)."""
+    """Type of the recording; the analysis of a drop has more fields (`DropAnalysis`)."""
     recording: Path | None = None
     """The recording that was analyzed."""
     sources: dict[str, Path] = field(default_factory=dict)
-    """The files that findings cite, by the name that they cite, where their text is the recorded
-    one."""
+    """The files that findings cite, by cited name, if their text is the recorded one."""
     layer: Path | None = None
-    """The layer that shows the analysis."""
+    """The layer file that shows the analysis."""
     partial: bool = False
-    """Whether the recording was never finished, so that only its beginning was analyzed."""
+    """Whether the recording was never finished, so that only its first part was analyzed."""
     notes: list[str] = field(default_factory=list)
-    """Sentences on missing parts of the recording: steps of other processes, for example."""
+    """Notes on missing parts of the recording: steps of other processes, for example."""
     lacks: str | None = None
-    """Contents that the recording lacks because of an earlier schema; None if it lacks none."""
+    """Contents that the recording lacks because of an older schema; None if it lacks none."""
 
     @cached_property
     def table(self) -> pl.DataFrame:
-        """A row per sample and body, those of `rows`."""
+        """The rows as a table: one row per sample and body."""
         return table_of(self.rows)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the documented JSON object; missing values are null."""
+        """Return the analysis as the documented JSON object; missing values are null."""
         values = {name: value for name, value in vars(self).items() if name not in HIDDEN}
         return dict(renamed(jsonable(values)))
 
     def of_body(self, number: int) -> Self:
-        """Return the analysis of one body, with its findings."""
+        """Return the analysis restricted to one body, with its findings."""
         (body,) = (body for body in self.bodies if body.id == number)
         findings = [finding for finding in self.findings if finding.body in (None, body.label)]
         account = [row for row in self.account if row.body == body.label]
@@ -296,7 +298,7 @@ class Analysis(Printable, reported_by=REPORT):
 
 
 def renamed(value: Any) -> Any:  # noqa: ANN401
-    """Return a JSON value with its documented names."""
+    """Convert a value to JSON, with the documented field names."""
     if isinstance(value, dict):
         return {JSON_NAMES.get(name, name): renamed(item) for name, item in value.items()}
     return [*map(renamed, value)] if isinstance(value, list) else value

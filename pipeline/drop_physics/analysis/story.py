@@ -1,4 +1,4 @@
-"""The way from a recording to the verdict: every body explained, every rule asked."""
+"""The pipeline from a recording to its analysis: every body explained, every rule applied."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from drop_physics.trace.history import Piece, Seen
 
 
 class Story:
-    """Goes through a recording once.
+    """Reads a recording once, and collects everything that the analysis needs.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Story:
     reports
         Whether a finding is reported, or left out.
     also
-        Called with each piece.
+        Called with each chunk.
     """
 
     def __init__(
@@ -104,7 +104,7 @@ class Story:
         self._rules = Rules(self.scene) if asked else None
         self._account = Account(seen, times) if asked else None
         self._joints = self.scene.joints if episode is None else JointTable(seen)
-        """The joints that are told: in all steps, or as the episode ends."""
+        """The joints to report: over all steps, or at the end of the episode."""
         shown = episodes[0] if len(episodes) == 1 else episode
         self._episodes = EpisodeTable(seen, times, episodes, shown)
         self._episode, self._about = episode, about
@@ -124,7 +124,7 @@ class Story:
         }
 
     def see(self, explained: recording.ExplainedPiece) -> None:
-        """Take a piece."""
+        """Add a chunk."""
         self.scene.see(explained)
         if self._also is not None:
             self._also(explained.piece)
@@ -146,7 +146,7 @@ class Story:
         self.scene.forget()
 
     def _is_told(self, piece: Piece) -> bool:
-        """Return whether the account covers a piece: all of it is covered, or nothing."""
+        """Return whether the account covers a chunk, which it does completely or not at all."""
         if self._window is None:
             return True
         _, first, last = self._window
@@ -154,7 +154,7 @@ class Story:
 
     @np.errstate(all="ignore")  # of states that are not finite: reported
     def analysis(self) -> Analysis:
-        """Go through all pieces, each freed before the next is made; return the results."""
+        """Process all chunks, freeing each before the next is read; return the results."""
         for _ in map(self.see, self.explanation.pieces()):
             pass
         totals = self.explanation.totals
@@ -183,15 +183,15 @@ class Story:
         )
 
     def findings(self, *, reported: bool = True) -> list[Finding]:
-        """Return the findings of rules, or those left out, the gravest first.
+        """Return the findings of rules, or the suppressed ones, the gravest first.
 
-        After the last piece.
+        After the last chunk.
         """
         found = ranked(each for each in self._found if self._reports(each) == reported)
         return [*self._placed(told_apart(found, self._seen.bodies.values()))]
 
     def _placed(self, findings: Iterable[Finding]) -> Iterator[Finding]:
-        """Yield findings with the episode of their steps, if there are several."""
+        """Yield findings with the episode of their steps, if there are several episodes."""
         episodes = self.scene.episodes
         clients = {body.label: body.client for body in self._seen.bodies.values()}
         for finding in findings:

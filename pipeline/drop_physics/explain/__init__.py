@@ -1,1 +1,1 @@
-"""Every body as a tree of links, every step of it as a sum of named impulses."""
+"""Explain recordings: each body as a tree of links, each step as a sum of named impulses."""

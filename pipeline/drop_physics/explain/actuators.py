@@ -1,4 +1,4 @@
-"""The actuators of a recording: control, force, and steps at a limit of each."""
+"""The actuators of a recording: control, force, and number of steps at a limit."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from drop_physics.trace.events import Actuator, Body
 from drop_physics.trace.history import Piece
 
 AT_LIMIT = 1 - 1e-6
-"""Share of its force range from which on an actuator counts as at its limit."""
+"""Share of its force range above which an actuator counts as at its limit."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ActuatorRow:
-    """An actuator at the last sample."""
+    """The state of an actuator at the last sample."""
 
     name: str
     """The name in the model."""
@@ -29,45 +29,45 @@ class ActuatorRow:
     acts_on: str
     """`joint`, `tendon`, `site`, `slider-crank` or `body`."""
     target: str
-    """Name of that."""
+    """Name of the joint, tendon, site, slider-crank or body."""
     given: float | None
-    """Control given by the script in the last step."""
+    """Control set by the script in the last step."""
     ctrl_range: tuple[float, float] | None
-    """Range to which the control is clamped; null without one."""
+    """Range to which the control is clamped; null if it has none."""
     beyond_range_steps: int
-    """The number of steps in which it was given something beyond that."""
+    """The number of steps in which its control was outside the range."""
     force: float | None
-    """Force in the last step [N] or [N m], before its gear; null where that is not known."""
+    """Force in the last step [N] or [N m], before the gear ratio; null if unknown."""
     force_range: tuple[float, float] | None
-    """Range to which the force is clamped; null without one."""
+    """Range to which the force is clamped; null if it has none."""
     at_force_limit_steps: int
     """The number of steps in which its force was at a limit."""
     energy_j: float
-    """Energy given to the body."""
+    """Energy that the actuator gave to the body."""
 
 
 @dataclass
 class _Sums:
-    """The sums of one actuator so far."""
+    """Running sums for one actuator."""
 
     given: float = np.nan
     force: float = np.nan
     most: float = 0.0
-    """The greatest size of what it was given."""
+    """The largest magnitude of its control."""
     beyond: int = 0
     at_limit: int = 0
     energy_j: float = 0.0
 
 
 class ActuatorTable:
-    """The table of actuators; grows piece by piece."""
+    """The table of actuators; grows chunk by chunk."""
 
     def __init__(self) -> None:
         self._sums: dict[tuple[int, int], _Sums] = {}
-        """Sums by the number of the body and of the actuator."""
+        """Sums by body id and actuator index."""
 
     def add(self, explained: ExplainedPiece) -> None:
-        """Add a piece."""
+        """Add a chunk."""
         for judged in explained.bodies.values():
             for steps in judged.intervals if judged.body.actuators else ():
                 for actuator in judged.body.actuators:
@@ -79,7 +79,7 @@ class ActuatorTable:
         return [self._row(body, actuator) for actuator in body.actuators]
 
     def sends(self, body: Body) -> bool:
-        """Return whether a position actuator of a body was ever given anything but 0."""
+        """Return whether a position actuator of a body ever had a control other than 0."""
         places = (actuator.number for actuator in body.actuators if actuator.kind == "position")
         return any(self._sums[body.number, place].most for place in places)
 
@@ -119,7 +119,7 @@ class ActuatorTable:
 
 
 def _force(actuator: Actuator, steps: BodySteps, name: str) -> Float64 | None:
-    """Return the force of an actuator in steps, shape (n,); None unless it drives one joint."""
+    """Return the force of an actuator in each step, shape (n,); None unless it drives one joint."""
     place = steps.body.rate_of(actuator)
     if place is None or not actuator.gear or not steps.covered:
         return None

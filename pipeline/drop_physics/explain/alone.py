@@ -1,4 +1,4 @@
-"""Explain steps of a rigid body without joints that the sum does not cover, by its own law.
+"""Explain steps of a rigid body without joints by its own law, where the sum does not apply.
 
 A btRigidBody follows another law than a tree, and with several substeps PyBullet reports the
 contacts of the last one only. Flight is then checked against the law of free fall, and contact
@@ -23,7 +23,7 @@ from drop_physics.physics.tree import States
 from drop_physics.physics.vectors import lengths, summed
 
 ALONE: frozenset[Reason] = frozenset(("engine", "substeps", "maximal", "massless"))
-"""Reasons for which the sum does not cover a body, but the law of a body without joints may."""
+"""Reasons for which the sum does not cover a body, while the law of a single body may."""
 
 
 def motion_of(states: States) -> Motion:
@@ -63,7 +63,7 @@ def explained(
     *,
     exact: bool,
 ) -> Int8:
-    """Return the segment of each step by the law of a body alone, shape (n,).
+    """Return the segment of each step under the law of a single body, shape (n,).
 
     The numbers are those of `segments`. `exact`: whether the machine rounds each operation once.
     """
@@ -93,14 +93,14 @@ def explained(
 
 
 def _rolling(contacts: Forces, steps: int) -> Flags:
-    """Flag the steps in which contact may have exerted a torque that is not reported."""
+    """Flag the steps in which contact may have exerted a torque that the engine does not report."""
     rolls = np.zeros(steps, np.bool_)
     rolls[contacts.step[contacts.rolling]] = True
     return rolls
 
 
 def _pushes(applied: Forces, before: Motion) -> Pushes | None:
-    """Return forces and torques of calls about the centre of mass; None without any."""
+    """Return forces and torques of calls about the centre of mass; None if there are none."""
     if not len(applied):
         return None
     n, step = len(before), applied.step

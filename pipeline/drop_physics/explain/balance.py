@@ -1,4 +1,4 @@
-"""The balance of a step with contact: the law's step, plus the impulse of each contact point.
+"""The balance of a step with contact: the law's step plus the impulse of each contact point.
 
 An engine that works with impulses makes the law's step first, and then adds the impulses:
 
@@ -26,7 +26,7 @@ from drop_physics.physics.rowed import Rowed
 from drop_physics.physics.vectors import any_of, cross, largest, lengths, summed
 
 CLOSES = 1e-12
-"""Share of a step's summands to which the balance closes; measured: 2e-13."""
+"""Share of a step's summands within which the balance must close; measured: 2e-13."""
 ULPS = 16
 """Allowed deviation of velocities while a body turns, in units of rounding of a step's terms.
 
@@ -38,14 +38,14 @@ body was 80 times as fast.
 
 @dataclass(frozen=True)
 class Pushes(Rowed):
-    """Forces and torques of a script on a body in the steps to samples, in world axes."""
+    """Forces and torques applied by a script to a body in the steps to samples, in world axes."""
 
     force_n: Float64
     """Sum of its forces, shape (samples, 3)."""
     torque_n_m: Float64
-    """Sum of its torques about the centre of mass, (samples, 3)."""
+    """Sum of the torques about the centre of mass, (samples, 3)."""
     force_scale_n: Float64
-    """Sum of the magnitudes of the forces, which may cancel, shape (samples,)."""
+    """Sum of the magnitudes of forces that may cancel, shape (samples,)."""
     torque_scale_n_m: Float64
 
     @property
@@ -56,30 +56,31 @@ class Pushes(Rowed):
 
 @dataclass(frozen=True)
 class Balance:
-    """The effect of contact on one body; the row of a sample is that of the step that led to it.
+    """The effect of contact on one body; each sample's row describes the step that led to it.
 
     No step led to the first sample: its row is zeros. Vectors are in world axes, (samples, 3).
     """
 
     law: Motion
-    """The motion that the law alone gives from the sample before."""
+    """The motion that the law alone predicts from the previous sample."""
     impulse_n_s: Float64
     angular_impulse_n_m_s: Float64
-    """About the centre of mass."""
+    """Angular impulse about the centre of mass."""
     touched: Flags
-    """Whether a force acted."""
+    """Whether a contact force acted."""
     velocity_m_s: Float64
-    """The velocity that law and impulses give."""
+    """The velocity predicted by the law and the impulses."""
     spin_rad_s: Float64
     velocity_scale_m_s: Float64
     """Sum of the magnitudes of the velocity's summands, shape (samples,)."""
     spin_scale_rad_s: Float64
     held: Flags
-    """Whether the engine clamped a velocity when forces or contact were added."""
+    """Whether the engine clamped a velocity when it added forces or contact impulses."""
     near: Flags
     """Whether there is a contact point, with or without a force."""
     tried_m_s: Float64
-    """Magnitude of the velocity that the solver may have added and taken back, shape (samples,)."""
+    """Magnitude of the velocity that the solver may have added and removed again, shape
+    (samples,)."""
     tried_rad_s: Float64
     """The same for the spin."""
 
@@ -90,13 +91,13 @@ class Balance:
         return np.asarray(self.closes_linear(motion) & (angular <= most))
 
     def closes_linear(self, motion: Motion) -> Flags:
-        """Flag the samples whose linear velocity follows from them, regardless of spin."""
+        """Flag the samples whose linear velocity follows from law and impulses; spin is ignored."""
         linear = largest(motion.velocity_m_s - self.velocity_m_s)
         most = CLOSES * self.velocity_scale_m_s + self._rounding(self.tried_m_s)
         return np.asarray(linear <= most)
 
     def _rounding(self, tried: Float64) -> Float64:
-        """Bound the rounding left by impulses that the solver added and took back."""
+        """Bound the rounding error left by impulses that the solver added and removed again."""
         return np.where(self.touched, 0.0, ULPS * ROUNDING * tried)
 
 
@@ -159,7 +160,7 @@ def balance_of(
 
 
 def _impulses(touches: Touches, before: Motion, step_s: float) -> tuple[Float64, Float64, Float64]:
-    """Return the impulse of contact in each step, its moment, and their magnitudes.
+    """Return the contact impulse of each step, its moment, and the sum of magnitudes.
 
     The first two have the shape (samples, 3); the last has the sums of the magnitudes of the
     summands of both, shape (samples, 2).
@@ -175,7 +176,7 @@ def _impulses(touches: Touches, before: Motion, step_s: float) -> tuple[Float64,
 
 
 def _spun(law: Law, before: Motion, turned_n_m_s: Float64) -> Float64:
-    """Return the change of spin by angular impulses [rad/s], world axes, (samples, 3)."""
+    """Return the change of spin due to angular impulses [rad/s], world axes, (samples, 3)."""
     own = law.turned_by(rotate_inverse(before.orientation, turned_n_m_s), before)
     return rotate(before.orientation, own)
 
@@ -183,7 +184,7 @@ def _spun(law: Law, before: Motion, turned_n_m_s: Float64) -> Float64:
 def _tried(
     law: Law, before: Motion, motion: Motion, touches: Touches
 ) -> tuple[Flags, Float64, Float64]:
-    """Flag the samples with contact points; bound the changes that the solver may have tried, (n,).
+    """Flag samples with contact points; bound the changes that the solver may have tried, (n,).
 
     The solver adds impulses and takes them back. Their rounding stays, even in a velocity that ends
     at 0. An impulse changes the velocity of its point by v at most: enough to stop it, and to move
@@ -206,7 +207,7 @@ def _tried(
 
 
 def _limited(law: Law, *velocities: Float64) -> Flags:
-    """Flag the samples in which a velocity is beyond the engine's limit."""
+    """Flag the samples in which a velocity exceeds the engine's limit."""
     beyond = [np.isfinite(velocity) & (velocity != law.held(velocity)) for velocity in velocities]
     return any_of(np.hstack(beyond))
 

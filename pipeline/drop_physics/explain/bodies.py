@@ -1,4 +1,4 @@
-"""Bodies over steps: trees of links, under settings that calls change."""
+"""Each body as a tree of links over the steps, with the settings that calls change."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from drop_physics.trace.poses import inertial_frames, tree_of
 DISABLE_SLEEPING = 2
 """Bit of `activationState` that keeps a body awake."""
 AT_ORIGIN = np.array([0.0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0])
-"""State of a base of which nothing is recorded."""
+"""Default state of a base of which nothing is recorded."""
 KEPT = frozenset(
     (
         "linearDamping",
@@ -36,40 +36,41 @@ KEPT = frozenset(
         "activationState",
     )
 )
-"""Properties that a step depends on, and that the engine does not report once a call set them."""
+"""Properties that affect a step, and that the engine does not report after a call has set them."""
 
 
 @dataclass(frozen=True, eq=False)
 class BodyConfig:
-    """A body under constant settings."""
+    """A body over a period in which its settings do not change."""
 
     life: int
-    """Counts from 0 the bodies that had this number: a script may remove and load it again."""
+    """Index of the body among those that used the same id, from 0: a script may remove a body and
+    load it again."""
     law: DampedTree
     reasons: tuple[Reason, ...]
-    """Reasons why its steps need not be a sum, as far as settings tell."""
+    """Reasons why its steps may not equal the sum, as far as the settings tell."""
     cone_friction: bool
-    """`enableConeFriction`."""
+    """Value of the engine setting `enableConeFriction`."""
     substeps: int
     """Number of substeps per step, at least 1 (`numSubSteps`)."""
     damping: tuple[float | None, float | None]
-    """Linear and angular damping that calls set; None if no call did."""
+    """Linear and angular damping set by calls; None if no call set it."""
     other: Law | None
-    """The law of one body in flight in another engine; None where the engine's own is known."""
+    """The law of free flight of a single body in another engine; None for the engine's own law."""
     step_law: StepLaw | None
-    """The engine's law; None if the engine itself reports what acted."""
+    """The engine's integration rule; None if the engine itself reports every impulse."""
 
 
 @dataclass(eq=False)
 class Record:
-    """The events of one body, in their order."""
+    """The events of one body, in chronological order."""
 
     body: Body
     came: list[Appearance] = field(default_factory=list)
     dynamics: list[Dynamics] = field(default_factory=list)
     puts: list[Put] = field(default_factory=list)
     given: list[Given] = field(default_factory=list)
-    """The calls so far that set properties in KEPT; more come with each piece."""
+    """Calls so far that set properties in KEPT; more are added with each chunk."""
     given_steps: list[int] = field(default_factory=list)
     """The step of each of these calls."""
 
@@ -84,7 +85,7 @@ class Record:
         self._coefficients: dict[str, tuple[Int64, Float64]] = {}
 
     def base_at(self, steps: Int64) -> Float64:
-        """Return the state of the base that calls last set before samples, shape (n, 13).
+        """Return the state of the base that calls last set before the samples, shape (n, 13).
 
         A state that was set at a step follows the sample of that step, unless it is the first
         sample of all.
@@ -98,7 +99,7 @@ class Record:
         return np.array([self.puts[one].base for one in used.tolist()]).reshape(-1, 13)[rows]
 
     def coefficients(self, name: str) -> tuple[Int64, Float64]:
-        """Return the steps of m reports of a coefficient, and its values, shape (m, links + 1).
+        """Return the steps of the m reports of a coefficient, and its values, shape (m, links + 1).
 
         Values are nan if the engine reports none.
         """
@@ -115,7 +116,7 @@ class Record:
         return self.puts[at[0] : at[1]]
 
     def lives(self, steps: Int64) -> Int64:
-        """Return the index of the body that had this number at each sample, counted from 0.
+        """Return the index of the body's life at each sample, from 0, since ids are reused.
 
         A sample at the step at which a body appeared is its own, unless the sample was taken
         before.
@@ -127,14 +128,14 @@ class Record:
 
 
 class Records(dict[int, Record]):
-    """The events of each body that is not soft, by its number."""
+    """The events of each rigid body, by body id."""
 
     def __init__(self, records: Mapping[int, Record] | None = None) -> None:
         super().__init__(records or {})
         self._tables: dict[str, tuple[Float64, dict[int, tuple[Int64, Float64]]]] = {}
 
     def coefficients(self, name: str, steps: Int64, bodies: Int64, links: Int64) -> Float64:
-        """Return a coefficient of links at the beginning of the steps to samples, shape (n,).
+        """Return a coefficient of links at the start of the steps to samples, shape (n,).
 
         It is nan where the engine reports none, and for bodies without a record.
         """
@@ -148,13 +149,13 @@ class Records(dict[int, Record]):
         return found
 
     def any(self, name: str) -> bool:
-        """Return whether any link was ever reported with a coefficient other than 0."""
+        """Return whether any link was ever reported with a nonzero coefficient."""
         latest, changing = self._table(name)
         tables = latest, *(numbers for _, numbers in changing.values())
         return any(np.nan_to_num(table).any() for table in tables)
 
     def _table(self, name: str) -> tuple[Float64, dict[int, tuple[Int64, Float64]]]:
-        """Return the last reports by body and link, and all reports of bodies that changed.
+        """Return the last reports by body and link, and all reports for bodies that changed.
 
         The last row of the former stands for bodies without a record.
         """
@@ -179,7 +180,7 @@ def _step_of(put: Put) -> int:
 
 
 def records_of(seen: Seen) -> Records:
-    """Return the events of each body that is not soft."""
+    """Return the events of each rigid body."""
     records = Records(
         {number: Record(body) for number, body in sorted(seen.bodies.items()) if not body.soft}
     )
@@ -241,7 +242,7 @@ class BodyConfigs:
             yield slice(rows[k], end), self._config(keys[k])
 
     def _at(self, began: int) -> tuple[int, ...]:
-        """Return the indices of settings, dynamics, calls and life of a step that began then."""
+        """Return the indices of settings, dynamics, calls and life that apply to a step."""
         settings, dynamics, given, life = (
             bisect_right(changed, began)
             for changed in (self._settings, self._dynamics, self._record.given_steps, self._came)
@@ -284,7 +285,7 @@ class BodyConfigs:
 
 
 def _content(value: Any) -> Hashable:  # noqa: ANN401 - arrays, dataclasses, and what they hold
-    """Return a key that values with the same content share, arrays to the bit."""
+    """Return a key that is equal for values with equal content; arrays are compared bitwise."""
     if isinstance(value, np.ndarray):
         return value.shape, value.tobytes()
     if is_dataclass(value):
@@ -293,7 +294,7 @@ def _content(value: Any) -> Hashable:  # noqa: ANN401 - arrays, dataclasses, and
 
 
 def _damping(calls: Sequence[Given]) -> tuple[float | None, float | None]:
-    """Return linear and angular damping that calls have set; PyBullet ignores a negative one."""
+    """Return the linear and angular damping set by calls; PyBullet ignores a negative value."""
     given = [
         [_number(call.values.get(f"{which}Damping", -1.0)) for call in calls]
         for which in ("linear", "angular")
@@ -305,13 +306,13 @@ def _damping(calls: Sequence[Given]) -> tuple[float | None, float | None]:
 
 
 def _kind(engine: Mapping[str, float | Sequence[float]]) -> tuple[int, bool]:
-    """Return the settings that decide whether a step is the sum: substeps and cone friction."""
+    """Return the settings that decide whether the sum applies: substeps and cone friction."""
     cone = _number(engine.get("set_enableConeFriction", 1.0)) != 0
     return substeps_of(engine), cone
 
 
 def substeps_of(engine: Mapping[str, float | Sequence[float]]) -> int:
-    """Return the number of substeps of a step; the engine's 0 means 1, too."""
+    """Return the number of substeps of a step; the engine's 0 also means 1."""
     return max(int(_number(engine["numSubSteps"])), 1)
 
 
@@ -321,7 +322,7 @@ def law_of(
     calls: Sequence[Given],
     step_law: StepLaw | None,
 ) -> DampedTree:
-    """Return a body as a tree, with the properties that calls have set.
+    """Return a body's tree of links, with the properties that calls have set.
 
     PyBullet ignores a negative damping or velocity limit, and a lower limit above the upper one
     (`pybullet_changeDynamicsInfo`). Joint damping and limits apply to the link that a call reached,
@@ -366,7 +367,7 @@ def law_of(
 
 
 def _armature(reported: Mapping[str, Float64]) -> Float64 | None:
-    """Return the reported armature of the joints; None if there is none, or all of it is 0."""
+    """Return the reported armature of the joints; None if there is none, or it is 0 for all."""
     found = reported.get("armature")
     return None if found is None or not found.any() else found
 
@@ -395,7 +396,7 @@ def configs_of(
     other: Law | None,
     step_law: StepLaw | None,
 ) -> dict[int, BodyConfigs]:
-    """Return the configurations of each body, by its number; equal bodies share their law."""
+    """Return the configurations of each body, by body id; equal bodies share their law."""
     laws: dict[Hashable, DampedTree] = {}
     return {
         number: BodyConfigs(record, settings[record.body.client], other, step_law, laws)

@@ -1,4 +1,4 @@
-"""The states of one body in a piece: samples, and states that calls set between two samples."""
+"""The states of one body in a chunk: samples, and states that calls set between two samples."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from drop_physics.trace.states import Joints, Rows, motion_of
 
 @dataclass(frozen=True, eq=False)
 class BodyHistory(Rowed):
-    """Consecutive states of a body; either a step or calls lead from one to the next.
+    """Consecutive states of a body; each follows from the previous one by a step or by calls.
 
     Arrays have one row per state.
     """
@@ -29,7 +29,7 @@ class BodyHistory(Rowed):
     velocity: Float64
     """Rates of the joints, shape (n, rates)."""
     effort: Float64
-    """Efforts of the joints' motors in the step that led to it, shape (n, rates)."""
+    """Motor efforts of the joints in the step that led to the state, shape (n, rates)."""
     steps: Int64
     """Number of steps of the simulation before each state."""
     sampled: Flags
@@ -38,7 +38,7 @@ class BodyHistory(Rowed):
     """Whether a step led from the previous state to this one."""
 
     def states(self, tree: Tree) -> States:
-        """Return the states as those of a tree."""
+        """Return the states as `States` of a tree."""
         base = [] if tree.fixed else [self.base[:, 10:13], self.base[:, 7:10]]
         u = np.hstack([*base, self.velocity])
         return States(self.base[:, :3], self.base[:, 3:7], self.position, u)
@@ -66,16 +66,16 @@ class BodyHistory(Rowed):
 def history_of(
     record: Record, bases: Rows | None, joints: Joints | None, last: BodyHistory | None
 ) -> BodyHistory | None:
-    """Return the states of a body in a piece; None if it has no sample there.
+    """Return the states of a body in a chunk; None if it has no sample in it.
 
     Parameters
     ----------
     record
         The events of the body.
     bases, joints
-        Its samples in the piece.
+        Its samples in the chunk.
     last
-        The last states of the piece before, with which the history begins.
+        The last states of the chunk before, with which the history begins.
     """
     samples = _samples(record, bases, joints)
     if samples is None:
@@ -117,7 +117,7 @@ def _samples(record: Record, bases: Rows | None, joints: Joints | None) -> BodyH
 
 
 def put_states(puts: Sequence[Put], like: BodyHistory) -> BodyHistory:
-    """Return states that calls set; `like` gives the number of joint efforts."""
+    """Return the states that calls set; `like` provides the number of joint efforts."""
     n = len(puts)
     return BodyHistory(
         base=np.array([put.base for put in puts]),

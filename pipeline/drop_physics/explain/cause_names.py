@@ -1,4 +1,4 @@
-"""The names of causes, as readers see them."""
+"""The display names of causes."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ CAUSES = {
     "solver": Message("solver not converged"),
     "another engine": Message("another engine"),
 }
-"""Names of causes that change energy or momentum."""
+"""Display names of causes that change energy or momentum."""
 NAMED_CAUSES = {
     "actuator": Message("actuator {name}"),
     "tendon": Message("tendon {name}"),
 }
-"""Names of kinds of which a body may have several."""
+"""Display names of kinds of causes of which a body may have several."""
 
 
 def cause_in_words(cause: str) -> Message:
-    """Return the name of a cause."""
+    """Return the display name of a cause."""
     kind, _, name = cause.partition(" ")
     if cause in CAUSES:
         return CAUSES[cause]

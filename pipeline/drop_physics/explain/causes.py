@@ -1,4 +1,4 @@
-"""The totals of one body over a recording: samples explained, energy and momentum by cause."""
+"""Totals of one body over a recording: samples explained, energy and momentum by cause."""
 
 from __future__ import annotations
 
@@ -18,35 +18,36 @@ CAUSES = (
     "gravity", "damping", "joint damping", "motors", "applied", "contacts", "rolling",
     "constraints", "stops", "set", "clamp", "integrator", "remainder",
 )  # fmt: skip
-"""Causes of changes of momentum. Energy has the same without gravity, which only converts potential
-energy into kinetic energy and back."""
+"""Causes of changes of momentum. Those of energy are the same except for gravity, which only
+converts potential energy into kinetic energy and back."""
 
 OF_REPLAYS = (
     *("spring", "fluid", "friction loss", "gravity compensation", "tendon", "adhesion"),
     *("passive callback", "joint force range", "solver", "another engine"),
 )
-"""Further causes, in engines that report what acted in a step."""
+"""Additional causes, in engines that report every impulse of a step."""
 
 
 TENDON_LIMIT = "tendon limit "
-"""Beginning of the name of what holds a tendon at the end of its range; the name without `limit` is
-that of its spring and damper."""
+"""Prefix of the name of the cause that holds a tendon at the end of its range; the name without
+`limit` is that of the tendon's spring and damper."""
 
 
 def family(cause: str) -> str:
-    """Return the group of a cause: `motors` of an actuator, `tendon` of a tendon, else itself."""
+    """Return the group of a cause: `motors` for an actuator, `tendon` for a tendon, else itself."""
     kind, _, name = cause.partition(" ")
     return {"actuator": "motors", "tendon": "tendon"}.get(kind, cause) if name else cause
 
 
 @dataclass
 class UnexplainedSamples:
-    """The samples that are unexplained for one reason."""
+    """The samples that are unexplained for a given reason."""
 
     samples: int = 0
     first_step: int = -1
     remainder: float = 0.0
-    """The largest remainder over the largest term of its step; infinite if the law has no sum."""
+    """The largest ratio of the remainder to the largest term of its step; infinite if the law has
+    no sum."""
 
 
 def _no_energy() -> dict[str, float]:
@@ -59,7 +60,7 @@ def _no_momentum() -> dict[str, Float64]:
 
 @dataclass
 class Totals:
-    """One body over a whole recording; grows piece by piece."""
+    """Totals of one body over a whole recording; grows chunk by chunk."""
 
     body: Body
     samples: int = 0
@@ -67,18 +68,19 @@ class Totals:
     """Number of samples of each segment, in the order of SEGMENTS."""
     unexplained: dict[Why, UnexplainedSamples] = field(default_factory=dict)
     remainder: float = 0.0
-    """The largest remainder of an explained sample, over the largest term of its step."""
+    """The largest ratio of the remainder to the largest term of its step, over explained
+    samples."""
     start_j: float = 0.0
-    """Kinetic and potential energy at the start; heights count from the origin."""
+    """Kinetic and potential energy at the start; heights are measured from the origin."""
     changed_j: float = 0.0
     energy_j: dict[str, float] = field(default_factory=_no_energy)
-    """Changes of energy by cause, which add up to `changed_j`."""
+    """Changes of energy by cause; they add up to `changed_j`."""
     start_kg_m_s: Float64 = field(default_factory=lambda: np.zeros(3))
     moved_kg_m_s: Float64 = field(default_factory=lambda: np.zeros(3))
     momentum_kg_m_s: dict[str, Float64] = field(default_factory=_no_momentum)
-    """Changes of linear momentum by cause, (3,) each; 0 while the base cannot move."""
+    """Changes of linear momentum by cause, (3,) each; 0 if the base cannot move."""
     covered: bool = True
-    """Whether the law has a sum for all steps; otherwise the causes are not known."""
+    """Whether the law has a sum for all steps; otherwise the causes are unknown."""
     _last: _End | None = None
 
     @property
@@ -97,7 +99,7 @@ class Totals:
         return self.samples - int(self.segments[UNEXPLAINED])
 
     def add(self, judged: SampleStatus) -> None:
-        """Add a piece."""
+        """Add a chunk."""
         self.samples += len(judged.steps)
         self.segments += np.bincount(judged.segment, minlength=len(SEGMENTS))
         kept = judged.unexplained[judged.explained]
@@ -115,7 +117,7 @@ class Totals:
             self._add(steps)
 
     def _jump_to(self, steps: BodySteps) -> None:
-        """Add the change between two intervals, by calls or because another body has the number."""
+        """Add the change between two intervals, due to calls, or to a new body with that id."""
         begin, last = _End.first(steps), self._last
         if last is not None and last.same(begin):
             return
@@ -148,7 +150,7 @@ class Totals:
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """The beginning or the end of an interval."""
+    """The start or the end of an interval."""
 
     law: DampedTree
     state: States
@@ -157,23 +159,23 @@ class _End:
 
     @staticmethod
     def first(steps: BodySteps) -> _End:
-        """Return the beginning of the first step."""
+        """Return the state at the start of the first step."""
         one, whole = np.array([steps.rows.start]), steps.whole
         return _End(steps.law, whole.before.at(one), whole.reported.gravity_m_s2[one])
 
     @staticmethod
     def last(steps: BodySteps) -> _End:
-        """Return the end of the last step."""
+        """Return the state at the end of the last step."""
         one, whole = np.array([steps.rows.stop - 1]), steps.whole  # copies, so the batch is freed
         return _End(steps.law, whole.after.at(one), whole.reported.gravity_m_s2[one])
 
     def energy(self) -> tuple[float, Float64]:
-        """Return energy [J] and linear momentum, shape (3,)."""
+        """Return the energy [J] and the linear momentum, shape (3,)."""
         energy, momentum = energy_of(self.law, self.state, self.gravity_m_s2)
         return float(energy[0]), momentum[0]
 
     def same(self, other: _End) -> bool:
-        """Return whether both are the same, to the bit."""
+        """Return whether two states are bitwise equal."""
         names = "position_m", "orientation", "joints", "velocity"
         return (
             self.law is other.law

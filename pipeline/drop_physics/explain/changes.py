@@ -1,4 +1,4 @@
-"""Changes of a body's energy and momentum: by causes within steps, and by calls between."""
+"""Changes of a body's energy and momentum: by cause within steps, and by calls between steps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from drop_physics.physics.tree import BASE, States
 
 @dataclass(frozen=True, eq=False)
 class Transitions:
-    """Transitions between m + 1 successive states: n steps, and calls that set a state."""
+    """Transitions between m + 1 successive states: n are steps, in the others calls set a state."""
 
     real: Flags
     """Whether a transition is a step, shape (m,)."""
@@ -26,16 +26,16 @@ class Transitions:
 
     @property
     def where(self) -> Int64:
-        """The transitions that are steps, shape (n,)."""
+        """The indices of the transitions that are steps, shape (n,)."""
         return np.flatnonzero(self.real)
 
     @property
     def gravity_then(self) -> Float64:
-        """Gravity in each transition, shape (m, 3); between steps it is that of the step before."""
+        """Gravity in each transition, shape (m, 3); between steps it is the previous step's."""
         return np.asarray(self.gravity_m_s2[np.maximum(np.cumsum(self.real) - 1, 0)])
 
     def spread(self, values: Float64) -> Float64:
-        """Return values of steps, shape (n, …), as those of all transitions: 0 in the others."""
+        """Scatter values of steps, shape (n, …), to all transitions, with 0 in the others."""
         out = np.zeros((len(self.real), *values.shape[1:]))
         out[self.real] = values
         return out
@@ -48,22 +48,22 @@ class Changes:
     energy_j: Mapping[str, Float64]
     """Changes of kinetic and potential energy by cause, shape (n,) each."""
     given_j: Mapping[str, float]
-    """The same, summed over the steps."""
+    """Changes of energy by cause, summed over the steps."""
     set_j: float
-    """Change of energy between these steps by calls that set states or gravity."""
+    """Change of energy between these steps, due to calls that set states or gravity."""
     changed_j: float
-    """Change of energy in total."""
+    """Total change of energy."""
     momentum_kg_m_s: Mapping[str, Float64]
     """Changes of linear momentum by cause, shape (n, 3) each; empty if the base cannot move."""
     given_kg_m_s: Mapping[str, Float64]
-    """The same, summed over the steps, shape (3,) each."""
+    """Changes of linear momentum by cause, summed over the steps, shape (3,) each."""
     set_kg_m_s: Float64
     moved_kg_m_s: Float64
-    """Change of linear momentum in total, shape (3,)."""
+    """Total change of linear momentum, shape (3,)."""
     begin_j: float
-    """Kinetic and potential energy before the first step; heights count from the origin."""
+    """Kinetic and potential energy before the first step; heights are measured from the origin."""
     after_j: Float64
-    """The same after each step, shape (n,)."""
+    """Kinetic and potential energy after each step, shape (n,)."""
 
 
 def changes_of(
@@ -141,7 +141,7 @@ def _moving(kin: Kinematics, states: States) -> tuple[Float64, Float64]:
 
 
 def _potential(kin: Kinematics, gravity_m_s2: Float64) -> Float64:
-    """Return -Σ m g·c [J], shape (n,)."""
+    """Return the potential energy -Σ m g·c [J], shape (n,)."""
     out = np.zeros(len(kin))
     for link in range(0 if kin.tree.fixed else BASE, kin.tree.links):
         pull = np.einsum("ni,ni->n", kin.position_m(link), gravity_m_s2)
@@ -150,7 +150,7 @@ def _potential(kin: Kinematics, gravity_m_s2: Float64) -> Float64:
 
 
 def _weighed(law: DampedTree, states: States, steps: Transitions, starts: Int64) -> Float64:
-    """Return the change of potential energy by setting gravity before each step [J], shape (n,).
+    """Return the change of potential energy when gravity is set before each step [J], shape (n,).
 
     `starts`: the first step of each part, before which gravity is not known.
     """

@@ -1,4 +1,4 @@
-"""The commands in effect for joints: motors, which stay; torques for one step; and PD_CONTROL.
+"""The joint commands in effect: motors, which persist; torques, for one step; and PD_CONTROL.
 
 PyBullet stores a motor's limit as an impulse, force × the timestep at the call, whatever the
 timestep is later. Each revolute and prismatic joint begins with a velocity motor that may exert
@@ -29,17 +29,17 @@ from drop_physics.trace.history import Piece, Seen
 from drop_physics.trace.motors import PD, POSITION, TORQUE, VELOCITY, Command
 
 DEFAULT = -1
-"""Mode of a joint whose motor no call has set since its body was loaded."""
+"""Mode of a joint whose motor no call has set since the body was loaded."""
 LOADED, BEFORE = -2, -3
-"""Pseudo-modes: the body was loaded here; the value is carried over from the previous piece."""
+"""Pseudo-modes: the body was loaded here; the value is carried over from the previous chunk."""
 DEFAULT_IMPULSES = {1: 1.0, 3: 1000.0}
-"""Impulse limit of the motor that a joint begins with, by its degrees of freedom [N s or N m s]."""
+"""Impulse limit of a joint's default motor, by its degrees of freedom [N s or N m s]."""
 TIMESTEP_S = 1 / 240
 
 
 @dataclass(frozen=True, eq=False)
 class Commanded(Rowed):
-    """The commands in effect for the joints in n steps; shape (n, joint_rates) each."""
+    """The commands in effect for the joints over n steps; shape (n, joint_rates) each."""
 
     mode: Float64
     """Mode of the motor: DEFAULT, VELOCITY, POSITION."""
@@ -49,19 +49,19 @@ class Commanded(Rowed):
     kp: Float64
     kd: Float64
     impulse: Float64
-    """Largest impulse of the motor in a step [N s or N m s]."""
+    """Maximum impulse of the motor in a step [N s or N m s]."""
     force: Float64
-    """Force limit in the call [N or N m]; nan if no call set the motor."""
+    """Force limit given in the call [N or N m]; nan if no call set the motor."""
     max_velocity: Float64
-    """Velocity limit of a position motor; nan without one."""
+    """Velocity limit of a position motor; nan if it has none."""
     site: Float64
-    """Number of the call's site; nan if no call set the motor."""
+    """Id of the call site; nan if no call set the motor."""
     began: Float64
-    """The step at which a call last changed the motor's numbers."""
+    """The step at which a call last changed the motor's parameters."""
     told: Float64
-    """The step at which a call last set the motor, even to the same numbers."""
+    """The step at which a call last set the motor, even to the same parameters."""
     torque_since: Float64
-    """The step of the first TORQUE_CONTROL since a call of another mode; nan if there is none."""
+    """The step of the first TORQUE_CONTROL since a call with another mode; nan if there is none."""
     torque_site: Float64
     pd: Float64
     """Whether PD_CONTROL acts: 1 or nan."""
@@ -72,7 +72,7 @@ class Commanded(Rowed):
     pd_force: Float64
 
     def motors(self, tree: Tree, reported: Float64) -> Float64:
-        """Return the reported efforts of the motors, without those that are off, (n, joint_rates).
+        """Return the reported efforts of the motors; 0 for motors that are off, (n, joint_rates).
 
         PyBullet keeps reporting the last effort of a motor that was switched off.
         """
@@ -82,7 +82,7 @@ class Commanded(Rowed):
         return np.where((self.force == 0) & (np.repeat(counts, counts) == 1), 0.0, reported)
 
     def servos(self, law: DampedTree, before: States) -> Float64:
-        """Return PD_CONTROL's efforts, shape (n, joint_rates)."""
+        """Return the efforts of PD_CONTROL, shape (n, joint_rates)."""
         tree = law.tree
         efforts = np.zeros((len(before), tree.joint_rates))
         for rates, place in zip(tree.rates, tree.coordinates, strict=True):
@@ -107,27 +107,27 @@ BEGAN_AT, TORQUE_AT, PD_AT = map(NAMES.index, ("began", "torque_since", "pd"))
 
 @dataclass(eq=False)
 class _JointCommands:
-    """The commands of one joint of a body; for PD_CONTROL, of one joint of an id of the engine."""
+    """The commands of one joint of a body; for PD_CONTROL, of one joint of an engine's body id."""
 
     now: Float64
-    """The commands at the end of the piece, shape (NAMES, width of the joint)."""
+    """The commands at the end of the chunk, shape (NAMES, width of the joint)."""
     calls: list[tuple[Float64, Float64]] = field(default_factory=list)
-    """The calls of the piece: step and call from which each counts, its own number and its mode,
-    shape (4, m); and its columns, shape (m, NAMES, width)."""
+    """The calls of the chunk: the step and call from which each is in effect, its own index and its
+    mode, shape (4, m); and its columns, shape (m, NAMES, width)."""
     steps: Int64 | None = None
-    """Step from which each row of `columns` counts; None if the piece has no calls."""
+    """Step from which each row of `columns` is in effect; None if the chunk has no calls."""
     columns: Float64 = field(default_factory=lambda: np.empty(0))
-    """The commands before the piece, and after each call; shape (1 + m, NAMES, width)."""
+    """The commands before the chunk, and after each call; shape (1 + m, NAMES, width)."""
     torques: list[tuple[Int64, Int64, Float64]] = field(default_factory=list)
-    """Calls of TORQUE_CONTROL: their numbers and steps, shape (m,), and efforts, (m, width)."""
+    """Calls of TORQUE_CONTROL: their indices and steps, shape (m,), and efforts, (m, width)."""
 
     def begin(self, first: int) -> None:
-        """Drop torques that no step to sample `first` or a later one needs."""
+        """Drop the torques that no step to sample `first` or later needs."""
         self.steps = None
         self.torques = [torque for torque in self.torques if torque[1][-1] + 1 >= first]
 
     def take(self) -> None:
-        """Sort the calls of a piece, and fill in the columns that each left unchanged."""
+        """Sort the calls of a chunk, and fill in the columns that each call left unchanged."""
         if not self.calls:
             return
         moments, columns = (
@@ -142,7 +142,7 @@ class _JointCommands:
         self.now = self.columns[-1].copy()
 
     def at(self, ends: Int64, which: slice) -> Float64:
-        """Return some columns in the steps to samples, shape (columns, n or 1, width)."""
+        """Return the given columns for the steps to samples, shape (columns, n or 1, width)."""
         if self.steps is None:
             return self.now[which, None]
         rows = np.searchsorted(self.steps, ends - 1, side="right") - 1
@@ -175,22 +175,22 @@ def _fill(steps: Int64, modes: Float64, columns: Float64) -> None:
 
 
 class MotorCommands:
-    """The commands of the joints of all bodies; calls are added piece by piece."""
+    """The commands of the joints of all bodies; calls are added chunk by chunk."""
 
     def __init__(self, seen: Seen) -> None:
         self._came = [appearance for appearance in seen.appearances if appearance.came]
         self._first = {each.client: each for each in reversed(seen.settings)}
         self._timesteps: dict[int, float] = {}
-        """Timestep of each client [s]."""
+        """Current timestep of each client [s]."""
         self._reports = list(seen.settings)
-        """The reports of settings that are later than the pieces so far, in order."""
+        """The reports of settings that lie after the chunks so far, in order."""
         self._joints: dict[tuple[int, int], _JointCommands] = {}
-        """Motors and torques, by body and link."""
+        """Commands of motors and torques, by body and link."""
         self._servos: dict[tuple[int, int, int], _JointCommands] = {}
-        """PD_CONTROL, by client, the engine's id and link."""
+        """Commands of PD_CONTROL, by client, the engine's id and link."""
 
     def take(self, piece: Piece) -> None:
-        """Add the calls of a piece."""
+        """Add the calls of a chunk."""
         joints = [*self._joints.values(), *self._servos.values()]
         for joint in joints:
             joint.begin(piece.first)
@@ -216,7 +216,7 @@ class MotorCommands:
             joint.take()
 
     def asked(self, body: Body, ends: Int64) -> Commanded:
-        """Return the commands in effect in the steps to samples of the piece, shape (n,)."""
+        """Return the commands in effect in the steps to samples of the chunk, shape (n,)."""
         fresh, key = _fresh(_widths(body)), (body.client, body.engine_id)
         found = np.empty((len(NAMES), len(ends), fresh.shape[1]))
         found[:] = fresh[:, None]
@@ -300,7 +300,7 @@ class MotorCommands:
         return found
 
     def _initially(self, piece: Piece, client: int) -> float:
-        """Return the timestep of a simulation before the first call that sets it [s]."""
+        """Return the initial timestep of a simulation, before any call sets it [s]."""
         first = self._first.get(client)
         if first is None or any(
             call.client == client and order(call.at) <= order(first.at)
@@ -358,7 +358,7 @@ def _columns(command: Command, steps: Int64, width: int, timestep_s: Float64) ->
 
 @cache
 def _fresh(widths: tuple[int, ...]) -> Float64:
-    """Return the commands of a body that was just loaded, shape (NAMES, rates)."""
+    """Return the commands of a newly loaded body, shape (NAMES, rates)."""
     motor = (DEFAULT, np.nan, 0.0, 0.0, 1.0, np.nan, np.nan, np.nan, np.nan, 0.0, 0.0)
     fresh = np.full((len(NAMES), sum(widths)), np.nan)
     fresh[: len(motor)] = np.array(motor)[:, None]

@@ -1,4 +1,4 @@
-"""The contact points of a piece with both of their sides, and sums over them by pair of bodies."""
+"""The contact points of a chunk with both of their sides, and sums over each pair of bodies."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from drop_physics.physics.vectors import distinct, distinct_rows, groups, length
 from drop_physics.trace.states import Rows
 
 COMMON = 0.99
-"""Least cosine of the angle between two normals that share a line."""
+"""Minimum cosine of the angle between two normals that count as one line."""
 
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """k contact points, ordered by step and pair; side 0 is the body with the lower number."""
+    """The k contact points, ordered by step and pair; side 0 is the body with the lower id."""
 
     step: Int64
-    """The sample that the step of the contact led to, shape (k,)."""
+    """The sample after the step in which the contact existed, shape (k,)."""
     body: Int64
-    """Numbers of the bodies on both sides, shape (k, 2)."""
+    """Ids of the bodies on both sides, shape (k, 2)."""
     link: Int64
     at_m: Float64
-    """The point on each side, shape (k, 2, 3)."""
+    """The contact point on each side, shape (k, 2, 3)."""
     normal: Float64
     """Unit vector towards side 0, shape (k, 3)."""
     distance_m: Float64
-    """Distance as the step began, negative where the sides overlap."""
+    """Distance at the start of the step, negative where the sides overlap."""
     normal_n: Float64
     tangential_n: Float64
     """Friction force on side 0, shape (k, 3)."""
@@ -47,15 +47,15 @@ class Points:
     restitution: Float64
     """Coefficient of restitution, the product of both sides' coefficients."""
     began_m_s: Float64
-    """Velocities of the points on both sides as the step began, shape (k, 2, 3)."""
+    """Velocities of the points on both sides at the start of the step, shape (k, 2, 3)."""
     ended_m_s: Float64
-    """Velocities as the step ended, shape (k, 2, 3)."""
+    """Velocities at the end of the step, shape (k, 2, 3)."""
     carried_m_s: Float64
-    """Velocities as the step ended, of the points turned with their links: as of a point of a
-    wheel."""
+    """Velocities at the end of the step, of the points moved along with their links: as for a point
+    on a wheel."""
     timestep_s: Float64
     explained: Flags
-    """Whether the step of each side is explained, shape (k, 2); True for what cannot move."""
+    """Whether the step of each side is explained, shape (k, 2); True for immovable sides."""
     moves: Flags
     """Whether each side can move, shape (k, 2)."""
 
@@ -77,37 +77,37 @@ class Points:
 
     @cached_property
     def approach_m_s(self) -> Float64:
-        """Speed at which the sides approached along the normal as the step began, shape (k,)."""
+        """Speed of approach along the normal at the start of the step, shape (k,)."""
         return -_along(self.began_m_s[:, 0] - self.began_m_s[:, 1], self.normal)
 
     @cached_property
     def parting_m_s(self) -> Float64:
-        """Speed at which the sides parted along the normal as the step ended, shape (k,)."""
+        """Speed of separation along the normal at the end of the step, shape (k,)."""
         return _along(self.ended_m_s[:, 0] - self.ended_m_s[:, 1], self.normal)
 
     @cached_property
     def slip_m_s(self) -> Float64:
-        """Tangential velocity of side 0 relative to side 1 as the step ended, shape (k, 3)."""
+        """Tangential velocity of side 0 relative to side 1 at the end of the step, shape (k, 3)."""
         return _across(self.ended_m_s[:, 0] - self.ended_m_s[:, 1], self.normal)
 
     @cached_property
     def slipped_m_s(self) -> Float64:
-        """Tangential velocity of side 0 relative to side 1 as the step began, shape (k, 3)."""
+        """Tangential velocity of side 0 relative to side 1 at the start of the step, (k, 3)."""
         return _across(self.began_m_s[:, 0] - self.began_m_s[:, 1], self.normal)
 
 
 @dataclass(frozen=True, eq=False)
 class PairGroups:
-    """Rows grouped by a key: g groups in ascending order of the key, rows in their own order."""
+    """Rows grouped by a key: g groups, sorted by key, with the rows in their original order."""
 
     order: Int64
-    """The rows, one group after the other."""
+    """The row indices, one group after the other."""
     starts: Int64
-    """First element of each group in `order`, shape (g,)."""
+    """Index in `order` of the first element of each group, shape (g,)."""
 
     @staticmethod
     def of(keys: Int64) -> PairGroups:
-        """Return the groups of rows with the same key."""
+        """Group the rows by key."""
         order = np.argsort(keys, kind="stable")
         return PairGroups(order, np.flatnonzero(np.diff(keys[order], prepend=-1)))
 
@@ -125,11 +125,11 @@ class PairGroups:
         return np.asarray(np.add.reduceat(values[self.order], self.starts, axis=0))
 
     def most(self, values: Float64) -> Float64:
-        """Return the greatest of each group's values, shape (g,)."""
+        """Return the maximum of each group's values, shape (g,)."""
         return np.asarray(np.maximum.reduceat(values[self.order], self.starts))
 
     def last_of_most(self, values: Float64) -> Int64:
-        """Return the last row of each group that has its greatest value, shape (g,)."""
+        """Return the last row in each group that has its maximum value, shape (g,)."""
         greatest = np.repeat(self.most(values), np.diff([*self.starts, len(self.order)]))
         places = np.where(values[self.order] == greatest, np.arange(len(self.order)), -1)
         return np.asarray(self.order[np.maximum.reduceat(places, self.starts)])
@@ -137,7 +137,7 @@ class PairGroups:
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """The contact points of pairs of bodies, summed per step; m rows, ordered by step and pair."""
+    """The contact points of body pairs, summed per step; m rows, ordered by step and pair."""
 
     points: Points
     starts: Int64
@@ -145,12 +145,12 @@ class Pairs:
 
     @cached_property
     def step(self) -> Int64:
-        """The sample that each step led to, shape (m,)."""
+        """The sample after each row's step, shape (m,)."""
         return self.points.step[self.starts]
 
     @cached_property
     def body(self) -> Int64:
-        """Numbers of both bodies, shape (m, 2)."""
+        """Ids of both bodies, shape (m, 2)."""
         return self.points.body[self.starts]
 
     @cached_property
@@ -160,7 +160,7 @@ class Pairs:
 
     @cached_property
     def row(self) -> Int64:
-        """The row that each point belongs to, shape (k,)."""
+        """Index of the row to which each point belongs, shape (k,)."""
         counts = np.diff([*self.starts, len(self.points)])
         return np.repeat(np.arange(len(self.starts)), counts)
 
@@ -171,7 +171,7 @@ class Pairs:
 
     @cached_property
     def available_n(self) -> Float64:
-        """The largest possible friction, Σ μN, shape (m,)."""
+        """The maximum possible friction, Σ μN, shape (m,)."""
         return self.summed(self.points.friction * self.points.normal_n)
 
     @cached_property
@@ -186,7 +186,7 @@ class Pairs:
 
     @cached_property
     def pressed_n(self) -> Float64:
-        """Vector sum of the normal forces, shape (m, 3): 0 in a grip from two sides."""
+        """Vector sum of the normal forces, shape (m, 3); 0 in a grip from two sides."""
         return self.summed(self.points.normal * self.points.normal_n[:, None])
 
     @cached_property
@@ -196,12 +196,12 @@ class Pairs:
 
     @cached_property
     def depth_m(self) -> Float64:
-        """The deepest overlap, shape (m,); 0 without any."""
+        """The deepest overlap, shape (m,); 0 without overlap."""
         return np.maximum(self.most(-self.points.distance_m), 0.0)
 
     @cached_property
     def line(self) -> Float64:
-        """The normal of the point with the largest normal force, shape (m, 3)."""
+        """The normal at the point with the largest normal force, shape (m, 3)."""
         if not len(self.starts):
             return np.zeros((0, 3))
         greatest = self.most(self.points.normal_n)[self.row]
@@ -211,59 +211,59 @@ class Pairs:
 
     @cached_property
     def one_line(self) -> Flags:
-        """True if the normals of all points with a force share a line, shape (m,)."""
+        """Flag the rows in which the normals of all loaded points are parallel, shape (m,)."""
         cosine = np.abs(_along(self.points.normal, self.line[self.row]))
         alike = np.where(self.points.normal_n > 0, cosine, 1.0) >= COMMON
         return np.asarray(-self.most(-alike.astype(float)) > 0)
 
     @cached_property
     def slip_m_s(self) -> Float64:
-        """Slip speed as the step ended: the mean over points, weighted by normal force, (m,)."""
+        """Slip speed at the end of the step, averaged over points by normal force, (m,)."""
         return self._weighted(lengths(self.points.slip_m_s))
 
     @cached_property
     def began_slip_m_s(self) -> Float64:
-        """Slip speed as the step began, weighted in the same way."""
+        """Slip speed at the start of the step, weighted by normal force."""
         return self._weighted(lengths(self.points.slipped_m_s))
 
     @cached_property
     def approach_m_s(self) -> Float64:
-        """Speed of approach along the normals as the step began, weighted in the same way."""
+        """Speed of approach along the normals at the start of the step, weighted by force."""
         return self._weighted(self.points.approach_m_s)
 
     @cached_property
     def parting_m_s(self) -> Float64:
-        """Speed of parting along the normals as the step ended, weighted in the same way."""
+        """Speed of separation along the normals at the end of the step, weighted by force."""
         return self._weighted(self.points.parting_m_s)
 
     @cached_property
     def gap_m(self) -> Float64:
-        """Gap between the sides as the step began, weighted in the same way."""
+        """Gap between the sides at the start of the step, weighted by normal force."""
         return self._weighted(np.maximum(self.points.distance_m, 0.0))
 
     @cached_property
     def centre_m(self) -> Float64:
-        """The centre of contact on each side, weighted in the same way, shape (m, 2, 3)."""
+        """The centre of contact on each side, weighted by normal force, shape (m, 2, 3)."""
         return self._weighted(self.points.at_m)
 
     @cached_property
     def began_m_s(self) -> Float64:
-        """Velocity of each side as the step began, weighted in the same way, shape (m, 2, 3)."""
+        """Velocity of each side at the start of the step, weighted by force, shape (m, 2, 3)."""
         return self._weighted(self.points.began_m_s)
 
     @cached_property
     def ended_m_s(self) -> Float64:
-        """Velocity of each side as the step ended, weighted in the same way."""
+        """Velocity of each side at the end of the step, weighted by normal force."""
         return self._weighted(self.points.ended_m_s)
 
     @cached_property
     def carried_m_s(self) -> Float64:
-        """`Points.carried_m_s`, weighted in the same way."""
+        """The mean of `Points.carried_m_s`, weighted by normal force."""
         return self._weighted(self.points.carried_m_s)
 
     @cached_property
     def held_n_m(self) -> Float64:
-        """The largest moment of friction about the centre of contact, by side, shape (m, 2)."""
+        """Maximum moment of friction about the centre of contact, per side, shape (m, 2)."""
         points = self.points
         arms_m = np.cross(points.at_m - self.centre_m[self.row], points.normal[:, None])
         return self.summed(
@@ -277,23 +277,23 @@ class Pairs:
 
     @cached_property
     def explained(self) -> Flags:
-        """True if the steps of both bodies are explained, shape (m, 2)."""
+        """Flag the rows in which the steps of both bodies are explained, shape (m, 2)."""
         return self.points.explained[self.starts]
 
     @cached_property
     def of_body(self) -> dict[int, Int64]:
-        """The points at which each body touches others, by the body's number."""
+        """The contact points of each body, by body id."""
         sides = np.flatnonzero(self.points.body[:, 0] != self.points.body[:, 1])
         bodies = self.points.body[sides]
         return {number: np.sort(sides[its // 2]) for number, its in groups(bodies.reshape(-1))}
 
     @cached_property
     def grouped(self) -> PairGroups:
-        """The rows of each pair of bodies, in ascending order of their numbers."""
+        """The rows of each pair of bodies, sorted by their ids."""
         return PairGroups.of(self.body @ [self.body.max(initial=0) + 1, 1])
 
     def by_pair(self, which: Flags | None = None) -> Iterator[tuple[int, int, Int64]]:
-        """Yield the numbers of each pair, the lower first, and its rows, limited to `which`."""
+        """Yield the ids of each pair, the lower first, and its rows, restricted to `which`."""
         for rows in self.grouped.rows():
             its = rows if which is None else rows[which[rows]]
             if len(its):
@@ -307,7 +307,7 @@ class Pairs:
         return np.asarray(np.add.reduceat(values, self.starts, axis=0))
 
     def most(self, values: Float64) -> Float64:
-        """Return the greatest of the points' values in each row, shape (m,)."""
+        """Return the maximum of the points' values in each row, shape (m, …)."""
         if not len(self.starts):
             return np.zeros(0)
         return np.asarray(np.maximum.reduceat(values, self.starts))
@@ -319,7 +319,7 @@ class Pairs:
 
 
 def pairs_of(explained: ExplainedPiece) -> Pairs:
-    """Return the contact points of a piece, by pair of bodies."""
+    """Return the contact points of a chunk, grouped by pair of bodies."""
     points = _points(explained)
     keys = np.column_stack((points.step, points.body))
     new = np.ones(len(keys), np.bool_)
@@ -382,7 +382,7 @@ def _points(explained: ExplainedPiece) -> Points:
 
 
 def _by_side(table: Rows, what: str, unit: str, swapped: Flags) -> NDArray[Any]:
-    """Return a column of both sides of each point, that of the body with the lower number first."""
+    """Return a column for both sides of each point, with the body of the lower id first."""
     both = np.stack([table[f"{what}_{side}{unit}"] for side in "ab"], axis=1)
     both[swapped] = both[swapped, ::-1]
     return both
@@ -401,7 +401,7 @@ class _Sides:
         self.moves = np.zeros((count, 2), np.bool_)
 
     def move(self, explained: ExplainedPiece, places: Int64, swapped: Flags) -> None:
-        """Compute the velocities; `places` has the row here of each of the engine's points."""
+        """Compute the velocities; `places` maps the engine's points to rows of this table."""
         for batch, verdict in explained.batches:
             if len(batch.whole.sides.step) and batch.whole.law.tree.size:
                 self._take(batch.whole, verdict.why < 0, places, swapped)
@@ -459,7 +459,7 @@ class _Sides:
 
 
 def _base_at(explained: ExplainedPiece, number: int, ends: Int64) -> Float64:
-    """Return the state of a base without mass at samples, shape (n, 13): a belt's is recorded."""
+    """Return the state of a massless base at samples, shape (n, 13): a belt's is recorded."""
     base = explained.records[number].base_at(ends)
     history = explained.histories.get(number)
     if history is not None:
@@ -473,7 +473,7 @@ def _base_at(explained: ExplainedPiece, number: int, ends: Int64) -> Float64:
 def _known(
     frictions: Mapping[tuple[int, int, int, int], float], bodies: Int64, links: Int64
 ) -> Float64:
-    """Return the coefficient of friction of each contact point, shape (k,); nan if unknown."""
+    """Return the friction coefficient of each contact point, shape (k,); nan if unknown."""
     pairs = np.column_stack((bodies[:, 0], links[:, 0], bodies[:, 1], links[:, 1]))
     keys, _, which = distinct_rows(pairs)
     known = [

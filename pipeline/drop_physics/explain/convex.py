@@ -73,7 +73,7 @@ def _mesh(shape: Collision, local: Float64) -> tuple[Float64, Float64]:
 
 @lru_cache(maxsize=64)
 def hull_faces(corners_m: tuple[float, ...]) -> Float64 | None:
-    """Return the faces of a convex hull: normals outwards and offsets, shape (f, 4).
+    """Return the faces of a convex hull: outward normals and offsets, shape (f, 4).
 
     `corners_m` has three numbers for each corner. None if they lie in a plane.
     """
@@ -93,4 +93,5 @@ OUTSIDE: dict[str, Callable[[Collision, Float64], tuple[Float64, Float64]]] = {
     "capsule": _capsule,
     "mesh": _mesh,
 }
-"""Signed distances of points from a shape of each kind, by the shape and the points in its axes."""
+"""Functions that return the signed distances of points, in a shape's axes, from a shape of each
+kind."""

@@ -19,25 +19,25 @@ from drop_physics.trace.history import Seen
 from drop_physics.trace.motors import POSITION, VELOCITY
 
 POINTS = 2000
-"""Most points of a curve: more than a screen has pixels."""
+"""Maximum number of points of a curve: more than a screen has pixels."""
 NUMBERS = 1 << 20
-"""Most points of all bodies together, for one kind of curve."""
+"""Maximum number of points of all bodies together, for one kind of curve."""
 FORCES = (*CAUSES[1:], *OF_REPLAYS)
 """The causes that change energy."""
 
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Some curves over n samples."""
+    """Several curves over the same n samples."""
 
     steps: Int64
     """Shape (n,)."""
     columns: dict[str, Float64]
-    """Values by name, shape (n,), for joints (n, joint_rates); nan where there is none."""
+    """Values by name, shape (n,), for joints (n, joint_rates); nan where there is no value."""
 
     @staticmethod
     def of(parts: Sequence[Curves], names: Iterable[str]) -> Curves:
-        """Return consecutive parts as one; a column that a part lacks is 0 there."""
+        """Concatenate consecutive parts; a column missing from a part is 0 there."""
         columns = {
             name: np.concatenate(
                 [part.columns.get(name, np.zeros(len(part.steps))) for part in parts]
@@ -48,7 +48,7 @@ class Curves:
 
 
 class CurveTable:
-    """The curves of all bodies; grows piece by piece. Long ones keep every second, third … step."""
+    """The curves of all bodies; grows chunk by chunk. Long ones are thinned to every k-th step."""
 
     def __init__(self, seen: Seen, times: Mapping[int, StepTimes]) -> None:
         self._times = {
@@ -60,11 +60,11 @@ class CurveTable:
         self._every = 1 + max(seen.samples.values(), default=0) // points
         self._parts: dict[tuple[str, int, int], list[Curves]] = {}
         self._given: dict[int, Float64] = {}
-        """Energy given by each of FORCES so far, by body."""
+        """Cumulative energy given by each of FORCES, by body."""
         self._start_j: dict[int, float] = {}
 
     def add(self, explained: ExplainedPiece, joints: JointTable, touches: TouchTable) -> None:
-        """Add a piece, after it was added to the tables of joints and touches."""
+        """Add a chunk that was already added to the tables of joints and touches."""
         for number, judged in explained.bodies.items():
             self._energy(number, judged)
         for number, found in joints.latest.items():
@@ -73,15 +73,15 @@ class CurveTable:
         self._friction(touches.pairs)
 
     def times_s(self, body: int, steps: Int64) -> Float64:
-        """Return the times of steps of a body [s]."""
+        """Return the times of the steps of a body [s]."""
         return self._times[body].of_all(steps)
 
     def joints(self, body: int) -> Curves | None:
-        """Return `position`, `target`, `rate`, `target_rate`, `torque`, `limit` of its joints."""
+        """Return a body's `position`, `target`, `rate`, `target_rate`, `torque` and `limit`."""
         return self._whole("joints", body)
 
     def energy(self, body: int) -> Curves | None:
-        """Return the change of a body's energy from its first sample [J]: `whole`, and by cause."""
+        """Return the change of a body's energy since its first sample [J]: `whole`, by cause."""
         return self._whole("energy", body, names=(*FORCES, "whole", "set"))
 
     def friction(self, body: int, other: int) -> Curves | None:

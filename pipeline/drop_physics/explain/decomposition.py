@@ -1,4 +1,4 @@
-"""Break down the error of a flight through the air.
+"""Decompose the error of a flight through the air into its causes.
 
     simulated - free fall = timestep + damping + interaction + rounding
 
@@ -24,20 +24,20 @@ from drop_physics.physics.vectors import triple
 
 TERMS = ("timestep", "damping", "interaction", "rounding")
 STIFF = 1e3
-"""Number of times that drag could stop a throw within its flight; integrating a stiffer one takes
-too long."""
+"""Number of times that drag could stop a throw within its flight; integration of a stiffer one
+takes too long."""
 
 
 @dataclass(frozen=True)
 class VectorTerms:
-    """The four terms of an error along x, y and z [m]; they add up to it."""
+    """The four terms of a position error along x, y and z [m]; their sum is the error."""
 
     timestep: Vector
     """Error of semi-implicit Euler without damping."""
     damping: Vector
     """Effect of damping in continuous time."""
     interaction: Vector
-    """Interaction of the two."""
+    """Interaction of timestep and damping."""
     rounding: Vector
     """Rounding of double precision."""
 
@@ -65,7 +65,7 @@ def decompose(
     first: int = 0,
     path: Path | None = None,
 ) -> Decomposition:
-    """Break down simulated minus free-fall position, sample by sample.
+    """Decompose simulated minus free-fall position, sample by sample.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def decompose(
 def error_and_terms(
     start: Motion, position_m: Float64, law: Law, *, steps: int
 ) -> tuple[Vector, VectorTerms | None]:
-    """Return the error of a flight after some steps, and its terms [m].
+    """Return the error of a flight after given steps, and its terms [m].
 
     Parameters
     ----------

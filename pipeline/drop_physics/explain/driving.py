@@ -1,4 +1,4 @@
-"""The controls of actuators, expressed as commands of the joints that they drive."""
+"""The controls of actuators, converted to commands for the joints that they drive."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from drop_physics.trace.history import Piece
 from drop_physics.trace.motors import POSITION, VELOCITY
 
 LOUDER = {"motor": 0, "general": 0, "muscle": 0, "velocity": 1, "position": 2}
-"""Rank of an actuator's kind: of several on one joint, the highest is taken for its command."""
+"""Rank of an actuator's kind: of several actuators on a joint, the highest-ranked gives its
+command."""
 
 
 def control_of(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float64:
@@ -28,7 +29,7 @@ def control_of(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Flo
 def control_changed_at(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float64:
     """Return the step at which an actuator's control last changed, shape (n,); nan if unknown.
 
-    If that was before the piece, it is the step at which any actuator's control last changed.
+    If that was before the chunk, it is the step at which any actuator's control last changed.
     """
     steps, values = piece.controls.get(body.client, (np.empty(0, np.int64), np.empty((0, 0))))
     found = np.full(len(ends), np.nan)
@@ -47,13 +48,13 @@ def clamped(actuator: Actuator, given: Float64) -> Float64:
 
 
 def at_bound(actuator: Actuator, given: Float64) -> Flags:
-    """Flag the steps with a control at an end of its range, or beyond it, shape (n,)."""
+    """Flag the steps with a control at an end of its range, or outside it, shape (n,)."""
     low, high = actuator.ctrl_range or (-np.inf, np.inf)
     return np.asarray((given <= low) | (given >= high))
 
 
 def largest_force(actuator: Actuator) -> float:
-    """Return the force that a motor exerts at the end of its control's range [N] or [N m]."""
+    """Return the force that a motor exerts at the end of its control range [N] or [N m]."""
     most = max(map(abs, actuator.ctrl_range)) if actuator.ctrl_range else np.inf
     return most * abs(actuator.gear * actuator.kp)
 
@@ -66,7 +67,7 @@ def limit_of(actuator: Actuator) -> float:
 
 
 def actuator_commands(body: Body, piece: Piece, ends: Int64, timestep_s: Float64) -> Commanded:
-    """Return the commands of a body's joints in the steps to samples, from their actuators.
+    """Convert actuator controls to commands for a body's joints in the steps to samples.
 
     A joint without an actuator has a motor that is off.
     """

@@ -1,4 +1,4 @@
-"""Constraints between bodies, as set by calls, and the forces on their bodies."""
+"""Constraints between bodies, as set by calls, and the forces that they exert."""
 
 from __future__ import annotations
 
@@ -22,81 +22,81 @@ from drop_physics.trace.events import At
 Vector = tuple[float, ...]
 
 FIXED, POINT, GEAR = 4, 5, 6
-"""`jointType` of `createConstraint`."""
+"""Values of `jointType` for `createConstraint`."""
 LIMIT_N_S = 500.0
-"""Default of the largest impulse of a constraint in a step (`b3RigidBodyBase`)."""
+"""Default maximum impulse of a constraint in a step (`b3RigidBodyBase`)."""
 TIMESTEP_S = 1 / 240
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 Poses = Callable[[int, Int64], tuple[Tree, States]]
-"""Returns a body and its states at the beginning of the steps to some samples."""
+"""Returns a body's tree and its states at the start of the steps to given samples."""
 
 
 @dataclass(frozen=True)
 class ConstraintVersion:
-    """A constraint as calls have set it, from a moment on."""
+    """A constraint as defined by calls, from a given moment on."""
 
     at: At
     kind: int
     bodies: tuple[int, int]
-    """Numbers of parent and child."""
+    """Ids of the parent and child bodies."""
     links: tuple[int, int]
     pivots_m: tuple[Vector, Vector]
-    """The pivot in the axes of each link, or of the world."""
+    """The pivot point in the axes of each link, or of the world."""
     orientations: tuple[Vector, Vector]
     """Both frames in the axes of each link, or of the world: quaternions x, y, z, w."""
     made: Call
-    """The call that created it."""
+    """The call that created the constraint."""
     moved: int
-    """The step of the last call that moved one of its frames, or made it."""
+    """The step of the last call that moved one of its frames, or created it."""
     ratio: float = 1.0
-    """Ratio of a gear."""
+    """Ratio of a gear constraint."""
     limit_n_s: float = LIMIT_N_S
-    """The largest impulse of a step along an axis: a call's force × the timestep at that call."""
+    """Maximum impulse in a step along an axis: a call's force × the timestep at that call."""
     limited: Call | None = None
-    """The last call that changed the force."""
+    """The last call that changed the maximum force."""
     limited_since: int = -1
-    """The step since which its limit in newtons is what it is."""
+    """The step since which its limit in newtons is unchanged."""
 
 
 class Pull(NamedTuple):
-    """A name for what holds a body: that of an equality, or else what it is held to."""
+    """The name of what holds a body: an equality, or the other body."""
 
     name: str
     other: int | None = None
-    """Number of the other body."""
+    """Id of the other body."""
     other_link: int | None = None
 
 
 class ConstraintEffect(NamedTuple):
-    """The effect of constraints on one body in n steps."""
+    """The effect of constraints on one body over n steps."""
 
     forces: Forces
     geared: Float64 | None
-    """Impulses of gears, shape (n, joint_rates); None without gears."""
+    """Impulses of gears, shape (n, joint_rates); None if there are no gears."""
     unknown: Flags
-    """Whether a constraint acts that the law does not cover, shape (n,)."""
+    """Whether a constraint acts that the law does not support, shape (n,)."""
     by_partner: Mapping[Pull, Forces]
-    """The forces by what the constraints hold the body to."""
+    """The forces, by the body or equality that exerts them."""
 
 
 class Constraints:
-    """The constraints of a recording; calls are added piece by piece."""
+    """The constraints of a recording; calls are added chunk by chunk."""
 
     def __init__(self, law: StepLaw | None) -> None:
         self._law = law
         self._versions: dict[tuple[int, int], list[ConstraintVersion]] = {}
-        """The versions of each constraint in order, by client and the engine's id."""
+        """The versions of each constraint in chronological order, by client and the engine's id."""
         self._forces: Mapping[tuple[int, int], tuple[Int64, Float64]] = {}
         self._timesteps_s: dict[int, float] = {}
-        """Timestep of each client [s]."""
+        """Current timestep of each client [s]."""
 
     def begin(self, forces: Mapping[tuple[int, int], tuple[Int64, Float64]]) -> None:
-        """Set the forces of a piece, and drop versions that its steps no longer need."""
+        """Set the forces of a chunk, and drop versions that later steps do not need."""
         self._forces = forces
         self._versions = {key: versions[-1:] for key, versions in self._versions.items()}
 
     def create(self, call: Call, at: At, bodies: tuple[int, int]) -> None:
-        """Add a call of `createConstraint`; `bodies` are the numbers of parent and child."""
+        """Add a call of `createConstraint`; `bodies` are the ids of parent and child."""
         values = call.values
         roles = "parent", "child"
         parent, child = (int(values.get(f"{role}LinkIndex", (-1,))[0]) for role in roles)
@@ -142,7 +142,7 @@ class Constraints:
             versions.append(replace(held, at=call.at))
 
     def set_timestep(self, call: Call) -> None:
-        """Add a call that may set the timestep, by which limits in newtons follow from impulses."""
+        """Process a call that may set the timestep, which converts impulse limits to newtons."""
         if call.timestep_s is None:
             return
         self._timesteps_s[call.client] = call.timestep_s
@@ -151,11 +151,11 @@ class Constraints:
                 versions.append(replace(versions[-1], at=call.at, limited_since=call.at.step))
 
     def timestep_s(self, client: int) -> float:
-        """Return the timestep of a simulation as calls have set it so far [s]."""
+        """Return the current timestep of a simulation, as set by calls so far [s]."""
         return self._timesteps_s.get(client, TIMESTEP_S)
 
     def in_steps(self) -> Iterator[tuple[list[ConstraintVersion], Int64, Float64]]:
-        """Yield the versions of each constraint of the latest piece, its steps, and its forces."""
+        """Yield the versions of each constraint in the latest chunk, with its steps and forces."""
         for key, (steps, forces) in self._forces.items():
             if key in self._versions and len(steps):
                 yield self._versions[key], steps, forces
@@ -165,17 +165,17 @@ class Constraints:
         return [versions[-1] for (of, _), versions in self._versions.items() if of == client]
 
     def is_only_one_on(self, body: int) -> bool:
-        """Return whether a single constraint holds a body."""
+        """Return whether exactly one constraint acts on a body."""
         holds = (True for versions in self._versions.values() if body in versions[-1].bodies)
         return len([*islice(holds, 2)]) == 1
 
     def gears(self, body: int) -> bool:
-        """Return whether a gear acts on a body, or did in the latest piece."""
+        """Return whether a gear acts on a body, or did so in the latest chunk."""
         held = (version for versions in self._versions.values() for version in versions)
         return any(each.kind == GEAR and body in each.bodies for each in held)
 
     def acting(self, sample: int) -> list[ConstraintVersion]:
-        """Return the constraints that acted in the step to a sample of the piece."""
+        """Return the constraints that acted in the step to a given sample of the chunk."""
         found = []
         for key, versions in self._versions.items():
             before = [held for held in versions if held.at.step < sample]
@@ -245,14 +245,14 @@ def _is_geared(tree: Tree, link: int) -> bool:
 
 
 def _turned(orientation: Vector, default: Vector = UPRIGHT) -> Vector:
-    """Return a frame's orientation; PyBullet ignores one that is not four numbers."""
+    """Return a frame's orientation; PyBullet ignores a value that is not four numbers."""
     return orientation if len(orientation) == 4 else default
 
 
 def _axes(
     held: ConstraintVersion, side: int, kin: Kinematics, ends: Int64, poses: Poses
 ) -> Float64:
-    """Return the parent's frame in the world, shape (n, 3, 3)."""
+    """Return the axes of the parent's frame in the world, shape (n, 3, 3)."""
     if held.kind == POINT:
         return np.zeros((len(ends), 3, 3))
     if side == 1:

@@ -1,4 +1,4 @@
-"""The joints of a recording: commands, positions, torques, and the torques that poses need."""
+"""The joints of a recording: commands, positions, torques, and static torques of poses."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ Control = Literal["position", "velocity", "torque", "pd", "default", "off", "unk
 
 REST_STEPS = 10
 REST_SHARE, REST, NEVER_MOVED = 1e-3, 1e-3, 1e-5
-"""A joint is at rest while its rate is below REST_SHARE of its greatest rate, or below REST [SI] if
-that is less; a joint whose rate never exceeded NEVER_MOVED is at rest, too."""
+"""A joint is at rest while its rate is below REST_SHARE of its highest rate, or below REST [SI] if
+that is lower; a joint whose rate never exceeded NEVER_MOVED is also at rest."""
 WAY_POSES = 32
-"""Number of poses on the way to a target at which the static torque is computed."""
+"""Number of poses between start and target at which the static torque is computed."""
 AT_LIMIT = 1 - 1e-6
 STOPPED = 1e-6
-"""A stop whose impulse is below this share of the step's largest is not counted."""
+"""A joint stop whose impulse is below this share of the step's largest impulse is ignored."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,34 +36,33 @@ class JointRow:
     """One degree of freedom at the last sample; torques [N m] or [N] have the joint's sign."""
 
     name: str
-    """Name in the body's file."""
+    """Name of the joint in the body's file."""
     index: int
-    """Number of its link, as PyBullet counts joints."""
+    """Index of the joint's link, which is PyBullet's joint index."""
     axis: int | None
-    """Axis of a spherical joint, 0 to 2; None for others."""
+    """Axis of a spherical joint, 0 to 2; None for other joints."""
     kind: str
     """`revolute`, `prismatic` or `spherical`."""
     control: Control
-    """Mode of the last call that commanded it; `default` is the motor that PyBullet gives it."""
+    """Control mode of the last command; `default` is PyBullet's initial motor."""
     target: float | None
     """Target [rad] or [m]; for a velocity motor [rad/s] or [m/s]."""
     reached: float | None
-    """Position or rate that it reached, in the target's unit."""
+    """Position or rate at the last sample, in the target's unit."""
     off: float | None
-    """Reached minus target."""
+    """Position or rate minus target."""
     torque: float | None
-    """Torque of its motor in the last step; with several substeps, in the last of them."""
+    """Torque of the joint's motor in the last step; with several substeps, in the last substep."""
     force_limit: float | None
-    """Largest torque of its motor in the last step; PyBullet allows it in each of several
-    substeps."""
+    """Maximum torque of the joint's motor in the last step; PyBullet allows it in each substep."""
     needs: float | None
-    """Torque that holding the last pose takes; None where that is not defined."""
+    """Torque required to hold the last pose; None if undefined."""
     needs_at_target: float | None
-    """Torque that holding takes with the joint at its target."""
+    """Torque required to hold the pose with the joint at its target."""
     at_force_limit_steps: int
-    """Number of steps in which its motor was at its limit."""
+    """Number of steps in which the motor was at its limit."""
     at_stop_steps: int
-    """Number of steps in which one of its limits pushed it."""
+    """Number of steps in which one of the joint's position limits pushed it."""
 
     @property
     def unit(self) -> str:
@@ -79,7 +78,7 @@ class JointRow:
 
 @dataclass(frozen=True, eq=False)
 class JointTelemetry:
-    """The joints of a body in n steps; shape (n, joint_rates) unless stated otherwise."""
+    """The joints of a body over n steps; shape (n, joint_rates) unless stated otherwise."""
 
     body: Body
     steps: BodySteps
@@ -87,14 +86,14 @@ class JointTelemetry:
     """Positions of the joints [rad] or [m] before each step; nan for spherical joints."""
     after: Float64
     rate: Float64
-    """Rates after each step."""
+    """Joint rates after each step."""
     torque: Float64
     """Torques of the motors."""
     limit: Float64
-    """Largest torque of each motor; with several substeps, the sum over all of them."""
+    """Maximum torque of each motor; with several substeps, the sum over all of them."""
     at_limit: Flags
     at_stop: Flags
-    """Whether a joint limit pushed."""
+    """Whether a position limit of the joint pushed it."""
     resting: Flags
     """Whether the joint has been at rest for the last ten steps."""
     all_resting: Flags
@@ -102,19 +101,19 @@ class JointTelemetry:
 
     @property
     def asked(self) -> Commanded:
-        """The commands in effect."""
+        """The motor commands in effect."""
         return self.steps.asked
 
 
 @dataclass(eq=False)
 class _Track:
-    """Facts known of a body so far."""
+    """Running values for a body."""
 
     body: Body
     greatest: Float64
-    """The greatest rate so far of each entry of u."""
+    """The highest rate so far of each entry of u."""
     quiet: Int64
-    """Number of steps since each came to rest."""
+    """Number of steps since each entry of u came to rest."""
     at_limit: Int64
     at_stop: Int64
     last: JointTelemetry | None = None
@@ -125,7 +124,7 @@ class _Track:
 
 
 class JointTable:
-    """The table of joints; grows piece by piece."""
+    """The table of joints; grows chunk by chunk."""
 
     def __init__(self, seen: Seen) -> None:
         self._seen = seen
@@ -133,10 +132,10 @@ class JointTable:
         self._tracks: dict[int, _Track] = {}
         self._explained: ExplainedPiece | None = None
         self.latest: dict[int, list[JointTelemetry]] = {}
-        """Joints of the latest piece, by the body's number."""
+        """Telemetry of the joints in the latest chunk, by body id."""
 
     def add(self, explained: ExplainedPiece) -> None:
-        """Add a piece."""
+        """Add a chunk."""
         self._sites = explained.piece.calls.sites
         self._explained, self.latest = explained, {}
         for number, judged in explained.bodies.items():
@@ -152,15 +151,15 @@ class JointTable:
             self._end(self._tracks[number], found[-1])
 
     def forget(self) -> None:
-        """Free the latest piece."""
+        """Free the latest chunk."""
         self._explained, self.latest = None, {}
 
     def site(self, number: float) -> Site | None:
-        """Return a call's site by its number in a `Commanded`."""
+        """Return the call site with this id, as used in `Commanded`."""
         return None if np.isnan(number) else self._sites.get(int(number))
 
     def holding(self, driven: JointTelemetry, row: int) -> PoseSupport:
-        """Return the support of a body's pose after a step of the latest piece."""
+        """Return the forces that support a body's pose after a step of the latest chunk."""
         assert self._explained is not None
         return holding(
             self._explained,
@@ -172,7 +171,7 @@ class JointTable:
         )
 
     def on_the_way(self, body: int, joint_rate: int) -> float:
-        """Return the largest torque that a motor at its limit would need on the way to its target.
+        """Return the maximum torque that a motor at its limit would need on the way to its target.
 
         The way goes straight from the last pose to the targets of all joints; the torque is that of
         holding a pose on it against the motion, or holding the last one [N] or [N m]. It is nan
@@ -181,7 +180,7 @@ class JointTable:
         return float(self._tracks[body].on_the_way[joint_rate])
 
     def rows(self, body: int) -> Sequence[JointRow]:
-        """Return the joints of a body, by its number."""
+        """Return the joints of a body, by body id."""
         track = self._tracks.get(body)
         if track is None:
             return []
@@ -205,7 +204,7 @@ class JointTable:
         return driven
 
     def _end(self, track: _Track, driven: JointTelemetry) -> None:
-        """Record the state of the joints at the end of a piece."""
+        """Record the state of the joints at the end of a chunk."""
         row = len(driven.steps) - 1
         tree = driven.steps.law.tree
         held, target = self.holding(driven, row), target_of(driven)[row]
@@ -227,7 +226,7 @@ class JointTable:
 
 
 def target_of(driven: JointTelemetry) -> Float64:
-    """Return the position targets, nan where there is none, shape (n, joint_rates)."""
+    """Return the position targets, shape (n, joint_rates); nan where there is none."""
     asked = driven.asked
     motor = np.where((asked.mode == POSITION) & (asked.impulse > 0), asked.target, np.nan)
     return np.where(asked.pd == 1, asked.pd_target, motor)
@@ -272,7 +271,7 @@ def _driven(body: Body, steps: BodySteps, track: _Track) -> JointTelemetry:
 
 
 def _coordinates(tree: Tree) -> list[int | None]:
-    """Return the index of each rate's coordinate among those of the joints; None if it has none."""
+    """Return the position coordinate of each joint rate; None if it has none."""
     found: list[int | None] = []
     for rates, at in zip(tree.rates, tree.coordinates, strict=True):
         width = rates.stop - rates.start

@@ -1,4 +1,4 @@
-"""Results as plain JSON values."""
+"""Conversion of results to plain JSON values."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def jsonable(value: Any) -> Any:  # noqa: ANN401
-    """Return a value as plain objects and lists; nan and infinities become null.
+    """Convert a value to plain objects and lists; nan and infinities become null.
 
     A field of a dataclass whose metadata say `json` is False is left out.
     """

@@ -1,4 +1,4 @@
-"""The windows of a long run that are explained first, named by the states of all its steps."""
+"""Choose the windows of a long run to explain first, from the states of all its steps."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ from drop_physics.trace.states import by_body
 from drop_physics.trace.sums import Window
 
 MOST_CLIENTS = 4
-"""Simulations that get windows, the longest first."""
+"""Maximum number of simulations that get windows, the longest first."""
 SPAN, LEAST_SPAN, FREEDOMS = 200, 20, 30
-"""Most and least steps around a moment, and degrees of freedom up to which it is the most."""
+"""Maximum and minimum number of steps around a moment, and the number of degrees of freedom up to
+which the maximum applies."""
 LAST_S = 2.0
-"""Length of an episode's end that is examined [s]."""
+"""Duration of the end of an episode that is examined [s]."""
 STATES = 1 << 22
-"""Most numbers of states that are held at once."""
+"""Maximum number of state values held in memory at once."""
 
 
 def end_of(episode: Episode, times: StepTimes) -> Window:
-    """Return the window of an episode's last two seconds, or of all of a shorter one."""
+    """Return the last two seconds of an episode as a window, or the whole of a shorter episode."""
     begin_s = times.of(episode.last) - LAST_S
     first = times.nearest(begin_s, episode.first, episode.last)
     return episode.client, episode.first if first is None else first, episode.last
@@ -56,7 +57,7 @@ def moments_of(seen: Seen, steps: Mapping[int, int]) -> list[Window]:
 
 
 class _Extremes:
-    """The largest velocity of a simulation, and the largest change of one."""
+    """The largest velocity of a simulation, and the largest change of a velocity."""
 
     def __init__(self) -> None:
         self._fastest = self._hardest = -1.0
@@ -65,11 +66,11 @@ class _Extremes:
 
     @property
     def steps(self) -> Sequence[int]:
-        """The samples of both."""
+        """The samples of the largest velocity and of the largest change."""
         return self._at
 
     def take(self, steps: Int64, velocities: Float64) -> None:
-        """Take the velocities of samples, shape (n, k)."""
+        """Update the extremes with the velocities of samples, shape (n, k)."""
         if not velocities.size:
             return
         speed = np.nan_to_num(np.abs(velocities)).max(axis=1)
@@ -90,7 +91,7 @@ def _freedoms(seen: Seen, client: int) -> int:
 
 
 def _velocities(seen: Seen, piece: Piece, client: int) -> tuple[Int64, Float64]:
-    """Return the samples of a piece that a step led to, and all velocities in them, (n, k)."""
+    """Return the samples in a chunk that follow a step, and all velocities in them, (n, k)."""
     columns: list[Float64] = []
     steps = np.empty(0, np.int64)
     for number, rows in by_body(piece.bases).items():
@@ -106,7 +107,7 @@ def _velocities(seen: Seen, piece: Piece, client: int) -> tuple[Int64, Float64]:
 
 
 def _joined(spans: Sequence[tuple[int, int]], n: int) -> list[tuple[int, int]]:
-    """Return spans within the run, those that overlap as one."""
+    """Clip spans to the run, and merge those that overlap."""
     found: list[tuple[int, int]] = []
     for first, end in sorted((max(a, 0), min(b, n)) for a, b in spans):
         if end <= first:

@@ -1,4 +1,4 @@
-"""Torques of joints' motors that hold a body in its pose.
+"""Static motor torques that hold a body in its pose.
 
 It balances gravity, forces that calls apply, and what the body carries by constraints or contacts.
 What the pose does not need is left out: a table or a stop that the body leans on. If a load has
@@ -26,27 +26,28 @@ from drop_physics.trace.events import Body
 from drop_physics.trace.states import between
 
 Place = tuple[int, int]
-"""Number of a body, and its link."""
+"""A body id, and a link of the body."""
 
 PASSIVE = "spring", "gravity compensation", "tendon "
-"""Beginnings of the names of causes that depend on the pose alone, but for those of `HOLDS`."""
+"""Prefixes of causes that depend on the pose alone, other than those in `HOLDS`."""
 HOLDS = "constraints", TENDON_LIMIT
-"""Beginnings of the names of causes that give what others ask of them."""
+"""Prefixes of causes whose force reacts to other forces."""
 ACTS = 1e-9
-"""A force below this share of the largest counts as none."""
+"""A force below this share of the largest counts as zero."""
 
 
 @dataclass(eq=False)
 class Load:
-    """Bodies that hang together, can move, and are carried by another body."""
+    """Connected movable bodies that are carried by another body."""
 
     bodies: set[int]
     anchored: bool = False
-    """Whether anything else supports them, too."""
+    """Whether anything else also supports the load."""
     links: set[int] = field(default_factory=set)
-    """The links of the carrying body that they touch or are joined to."""
+    """The links of the carrying body that the load touches or is joined to."""
     joined: dict[int, int] = field(default_factory=dict)
-    """The links of the carrying body that constraints join them to, with the constraint's kind."""
+    """The links of the carrying body to which constraints join the load, with the constraint's
+    kind."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +55,9 @@ class PoseSupport:
     """The forces that hold a body in its pose after a step; shape (joint_rates,) unless noted."""
 
     needs: Float64
-    """Static torques [N] or [N m]; nan where they are not determined."""
+    """Static torques [N] or [N m]; nan where undetermined."""
     contacts: Mapping[int, Float64]
-    """Torques by the contacts with each other body, by its number."""
+    """Torques due to contacts with each other body, by body id."""
     constraints: Float64
     stops: Float64
     _steps: Steps
@@ -65,17 +66,17 @@ class PoseSupport:
     """Whether springs or the like act, whose force would differ in another pose."""
     _loads: tuple[Load, ...]
     _masses: Mapping[int, tuple[float, Float64]]
-    """Total mass and centre of mass of each load, by its index in `_loads`."""
+    """Total mass and centre of mass of each load, by index in `_loads`."""
 
     def from_one_side(self, body: int, joint_rate: int) -> Load | None:
-        """Return a body's load if only links that the joint moves, and fixed bodies, support it."""
+        """Return a body's load if only links moved by the joint, and fixed bodies, support it."""
         tree = self._steps.law.tree
         moved = _beyond(tree, tree.first_rate + joint_rate)
         its = (load for load in self._loads if body in load.bodies and load.links <= moved)
         return next(its, None)
 
     def weighs(self, joint_rate: int) -> float:
-        """Return the torque that the weight on a joint takes in this pose.
+        """Return the torque that carries the weight on a joint in this pose.
 
         It includes the weight of what touches the links that the joint moves; nan if something else
         bears a part of that weight, whether it is at rest or trembles.
@@ -99,7 +100,7 @@ class PoseSupport:
         return np.asarray(self.along(positions[None])[0])
 
     def along(self, positions: Float64) -> Float64:
-        """Return the static torques in several poses, with joined loads, and the base where it is.
+        """Return the static torques in several poses, with joined loads, and an unmoved base.
 
         `positions` have the shape (n, joint_coordinates), the torques (n, joint_rates).
         """
@@ -135,12 +136,12 @@ def holding(
     number: int,
     resting: bool,
 ) -> PoseSupport:
-    """Return the support of a body's pose after a step.
+    """Return the forces that support a body's pose after a step.
 
     Parameters
     ----------
     explained
-        The piece that the step is in.
+        The chunk that the step is in.
     bodies
         All bodies, by number.
     steps, row
@@ -206,7 +207,7 @@ def _alone(
     *,
     resting: bool,
 ) -> Flags:
-    """Flag the rates that carry the loads on them alone, shape (size,)."""
+    """Flag the rates that carry their loads without other support, shape (size,)."""
     sizes = [np.abs(each).max(initial=0.0) for each in (constraints, *contacts.values())]
     least = ACTS * max(float(max(sizes)), 1e-300)
     alone, pulled = np.ones(tree.size, np.bool_), np.abs(constraints) > least
@@ -228,7 +229,7 @@ def _still(state: States) -> States:
 
 
 def _touching(steps: Steps, row: int) -> tuple[Float64, Int64]:
-    """Return the generalised force of each contact point of a step, and the other body of each."""
+    """Return the generalised force and the other body of each contact point of a step."""
     contacts, sides = steps.reported.contacts, steps.sides
     first, end = np.searchsorted(contacts.step, (row, row + 1))
     kin = kinematics(steps.law.tree, steps.before.at(np.array([row])))
@@ -269,7 +270,7 @@ def _loads(
 
 
 def _edges(explained: ExplainedPiece, sample: int) -> Iterable[tuple[Place, Place, int | None]]:
-    """Return the pairs that touch or are joined in the step to a sample; and constraints' kinds."""
+    """Return the pairs that touch or are joined in the step to a sample, and constraint kinds."""
     here = between(explained.piece.contacts, sample, sample + 1)
     force = np.abs(here["normal_force_n"])
     names = ["body_a", "link_a", "body_b", "link_b"]
@@ -289,7 +290,7 @@ def _moves(bodies: Mapping[int, Body], number: int, link: int) -> bool:
 
 
 def _beyond(tree: Tree, rate: int) -> set[int]:
-    """Return the links that a rate moves: all of them for a rate of the base."""
+    """Return the links that a rate moves, which are all links for a rate of the base."""
     if rate < tree.first_rate:
         return {BASE, *range(tree.links)}
     joint = next(one for one, at in enumerate(tree.rates) if at.start <= rate < at.stop)
@@ -315,7 +316,7 @@ def _pulled(kin: Kinematics, link: int, force: Float64, point_m: Float64) -> Flo
 def _masses(
     explained: ExplainedPiece, loads: Iterable[Load], sample: int
 ) -> dict[int, tuple[float, Float64]]:
-    """Return the mass and centre of mass of each load for which they are known, by its index."""
+    """Return the mass and centre of mass of each load for which they are known, by load index."""
     found = {}
     for number, load in enumerate(loads):
         mass, moment = 0.0, np.zeros(3)

@@ -21,16 +21,16 @@ from drop_physics.trace.events import Collision
 TURNS = 400
 """Number of projections onto each shape."""
 NEARLY = 0.9
-"""Share of the shrinking by which a point must be inside: projections only approach it."""
+"""Share of the shrinkage by which a point must be inside: projections only converge to it."""
 SETTLED = 1e-3
-"""Share of the shrinking below which a projection moves a point no more."""
+"""Share of the shrinkage below which a projection no longer moves a point."""
 DEEP_INSIDE_M = 1e6
-"""Depth of a plane, taken as a half space."""
+"""Depth to which a plane, as a half space, extends."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlacedShape:
-    """A shape of a link in n samples."""
+    """A shape of a link, placed at n samples."""
 
     shape: Collision
     position_m: Float64
@@ -39,12 +39,12 @@ class PlacedShape:
     """Quaternions x, y, z, w, shape (n, 4)."""
 
     def only(self, rows: Int64) -> PlacedShape:
-        """Return the shape in some of the samples."""
+        """Return the shape at the selected samples."""
         return PlacedShape(self.shape, self.position_m[rows], self.orientation[rows])
 
     @cached_property
     def radius_m(self) -> float:
-        """Radius of a ball around its centre that contains it."""
+        """Radius of a bounding sphere around the shape's centre."""
         size, kind = np.abs(self.shape.size_m), self.shape.kind
         if kind == "plane":
             return DEEP_INSIDE_M
@@ -58,7 +58,7 @@ class PlacedShape:
         return float(np.linalg.norm(corners, axis=1).max(initial=0.0))
 
     def outside(self, points_m: Float64) -> tuple[Float64, Float64]:
-        """Return the signed distance of points from it [m], negative inside, and its gradient.
+        """Return signed distances of points from the shape [m], negative inside; and gradients.
 
         The results have the shapes (n,) and (n, 3).
         """

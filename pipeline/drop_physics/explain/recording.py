@@ -1,4 +1,4 @@
-"""Explain every body of a recording, piece by piece."""
+"""Explain every body of a recording, chunk by chunk."""
 
 from __future__ import annotations
 
@@ -43,35 +43,36 @@ from drop_physics.trace.states import by_body
 Rows = NDArray[np.intp]
 
 MOST_STEPS, NUMBERS = 1 << 12, 1 << 17
-"""Most steps of a piece, and most degrees of freedom of all bodies over its steps: about 100 MB."""
+"""Maximum number of steps of a chunk, and of degrees of freedom of all bodies over its steps: about
+100 MB."""
 FORCES = ("normal_force_n", "friction_1_n", "friction_2_n")
-"""The forces of a contact point."""
+"""Names of the force columns of a contact point."""
 NOBODY = -1
-"""Stands for the world where the number of a body is expected."""
+"""Placeholder for the world where a body id is expected."""
 
 
 @dataclass(frozen=True, eq=False)
 class ExplainedPiece:
-    """A piece of a recording, explained."""
+    """A chunk of a recording with its explanation."""
 
     piece: Piece
     bodies: Mapping[int, SampleStatus]
-    """The bodies that have samples in the piece, by number."""
+    """The bodies that have samples in the chunk, by body id."""
     histories: Mapping[int, BodyHistory]
-    """The states of the same bodies, which begin with the last ones of the piece before."""
+    """The states of the same bodies, starting with the last states of the previous chunk."""
     constraints: Constraints
-    """The constraints as calls have set them by the end of the piece."""
+    """The constraints as defined by calls at the end of the chunk."""
     records: Records
     batches: Sequence[tuple[StepBatch, StepVerdicts]]
-    """The steps of `bodies` again; equal bodies share a batch."""
+    """The steps of `bodies` in batches: equal bodies share a batch."""
     frictions: Mapping[tuple[int, int, int, int], float] | None = None
-    """Coefficient of friction of each pair of bodies and links, if the engine has one per pair;
-    None if it is the product of both bodies' coefficients."""
+    """Friction coefficient of each pair of bodies and links, if the engine has one per pair; None
+    if it is the product of both bodies' coefficients."""
 
     def steps_at(
         self, bodies: Int64, steps: Int64
     ) -> Iterator[tuple[StepBatch, StepVerdicts, Rows, Rows]]:
-        """Find the steps that led to some samples of some bodies; both arguments have shape (n,).
+        """Find the steps that led to given samples of given bodies; both arguments have shape (n,).
 
         Yields each batch that has any of them, its verdicts, the indices of these samples in the
         arguments, and the rows of their steps in the batch.
@@ -86,7 +87,7 @@ class ExplainedPiece:
     def placed(
         self, number: int, link: int, samples: Int64, *, after: bool = True
     ) -> tuple[Float64, Float64]:
-        """Return the position of a link at samples [m], and its axes; shapes (n, 3) and (n, 3, 3).
+        """Return a link's position at samples [m], and its axes; shapes (n, 3) and (n, 3, 3).
 
         Without `after`, at the start of the steps that lead to the samples. A body that no step
         moves is where calls put it; unknown values are nan.
@@ -105,7 +106,7 @@ class ExplainedPiece:
 
     @cached_property
     def _places(self) -> list[Int64]:
-        """The body and step of each row of each batch, as one ascending number."""
+        """Search keys of the rows of each batch, ascending: body and step in one number."""
         return [batch.body * STEPS + batch.whole.steps for batch, _ in self.batches]
 
 
@@ -131,10 +132,10 @@ class Explanation:
         self._pushes: dict[int, list[Push]] = {}
         self._lasts: dict[int, BodyHistory] = {}
         self.totals: dict[int, Totals] = {}
-        """Energy, momentum and counts of each body so far, by its number."""
+        """Energy, momentum and counts of each body so far, by body id."""
 
     def pieces(self, steps: int = 0) -> Iterator[ExplainedPiece]:
-        """Yield each piece of the recording once; `steps` sets its length unless it is 0."""
+        """Yield each chunk of the recording once; `steps` sets its length if nonzero."""
         substeps = max((substeps_of(each.values) for each in self.seen.settings), default=1)
         steps = steps or self.seen.piece_steps(MOST_STEPS, NUMBERS // substeps)
         # Unlike a loop variable, `map` does not keep a piece in memory while the next is read.
@@ -175,7 +176,7 @@ class Explanation:
         )
 
     def prepared(self, piece: Piece) -> Piece:
-        """Process the calls of a piece, and return it with forces averaged over whole steps."""
+        """Process the calls of a chunk; return it with contact forces corrected for substeps."""
         self._pushes = self._take_calls(piece)
         return replace(piece, contacts=self._in_substeps(piece.contacts))
 
@@ -186,7 +187,7 @@ class Explanation:
         touching: Touching,
         histories: Mapping[int, tuple[BodyHistory, int]],
     ) -> list[tuple[StepBatch, StepVerdicts]]:
-        """Return the steps of a piece with their verdicts; equal bodies share a batch."""
+        """Return the steps of a chunk with their verdicts; equal bodies share a batch."""
         assert self._law is not None  # other engines are explained by `Replayed`
         around = PieceContext(
             law=self._law,
@@ -206,7 +207,7 @@ class Explanation:
         return StepVerdicts.of(batch.whole, law, before=body.before, soft_there=soft)
 
     def _in_substeps(self, contacts: StateRows) -> StateRows:
-        """Return contact points with the forces of the last substep of their step.
+        """Return contact points with the actual forces of the last substep of their step.
 
         PyBullet divides the impulses of the last of several substeps by the whole timestep.
         """
@@ -224,7 +225,7 @@ class Explanation:
         return contacts
 
     def _histories(self, piece: Piece) -> dict[int, tuple[BodyHistory, int]]:
-        """Return the states of each body, and how many of them are from the piece before."""
+        """Return the states of each body, and how many of them are from the previous chunk."""
         bases, found = by_body(piece.bases), {}
         for number, record in self.records.items():
             last = self._lasts.get(number)
@@ -236,7 +237,7 @@ class Explanation:
     def _poses(
         self, histories: Mapping[int, tuple[BodyHistory, int]], number: int, ends: Int64
     ) -> tuple[Tree, States]:
-        """Return a body as a tree, and its states at the beginning of the steps to `ends`."""
+        """Return a body as a tree, and its states at the start of the steps to `ends`."""
         record = self.records[number]
         _, config = next(self._configs[number].of(ends[:1] - 1))
         tree = config.law.tree
@@ -252,7 +253,7 @@ class Explanation:
     # -- calls ------------------------------------------------------------------------------------
 
     def _take_calls(self, piece: Piece) -> dict[int, list[Push]]:
-        """Process the calls of a piece; return the pushes that its steps need, by body."""
+        """Process the calls of a chunk; return the pushes that its steps need, by body."""
         pushes = {
             number: [each for each in held if each.at.step + 1 >= piece.first]
             for number, held in self._pushes.items()
@@ -269,7 +270,7 @@ class Explanation:
         return pushes
 
     def _join(self, call: Call, calls: Log) -> None:
-        """Process a call that makes or changes a constraint, or sets the timestep."""
+        """Process a call that creates or changes a constraint, or sets the timestep."""
         if call.act in SETS_TIMESTEP:
             self._constraints.set_timestep(call)
         elif call.act is Act.CHANGE_CONSTRAINT:

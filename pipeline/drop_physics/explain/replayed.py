@@ -1,4 +1,4 @@
-"""Explain a recording whose engine replayed each step, so that the impulses are recorded.
+"""Explain a recording from recorded impulses, where the engine replayed each step.
 
 Each step is still judged: with the mass matrix from our own kinematics, the recorded impulses must
 add up to the change of momentum, and the velocities at the end of the step must lead to its pose.
@@ -46,18 +46,18 @@ from drop_physics.trace.history import Piece, Seen
 
 ACTUATOR = "actuator"
 ANOTHER = "another engine"
-"""Excess of an imported step over this engine's: its pose is rounded, too."""
+"""Additional tolerance for an imported step over this engine's, whose pose is also rounded."""
 NAMED = (ACTUATOR, "tendon", TENDON_LIMIT.strip())
-"""The kinds of causes of which a body has several, told apart by name."""
+"""The kinds of causes of which a body has several, distinguished by name."""
 CONSTRAINTS = "constraints"
 ALWAYS = (PULLED, MOVED, "damping", "applied", "contacts", CONSTRAINTS, "stops")
-"""Causes that every step has a term for, even where they do not act."""
+"""Causes for which every step has a term, even where they do not act."""
 NEVER, LATER = REPLAYS.index("not replayed"), REPLAYS.index("not asked")
 RUNGE_KUTTA = 1.0
 """Value of the setting `integrator` for RK4, whose pose follows from velocities within the step."""
 MOVED_BY = 1e-12
-"""Largest deviation [m, rad] of a pose from where the velocities lead that counts as rounding, for
-a body within 1 m of the origin; measured: 3e-15."""
+"""Maximum deviation [m, rad] of a pose from integrated velocities that counts as rounding, for a
+body within 1 m of the origin; measured: 3e-15."""
 SEGMENT_OF = (
     (DRIVEN, f"{ACTUATOR} "),
     (CONTACT, "contacts"),
@@ -65,11 +65,11 @@ SEGMENT_OF = (
     (CONSTRAINED, "tendon "),
     (PUSHED, "applied"),
 )
-"""Kind of a step in which a cause acts whose name begins like this; the last match counts."""
+"""Segment of a step by prefix of a cause that acts in it; the last match counts."""
 
 
 def cause_name(cause: ImpulseCause) -> str:
-    """Return the name of the term that a cause is part of."""
+    """Return the name of the term to which a cause belongs."""
     return f"{cause.kind} {cause.name}" if cause.kind in NAMED else cause.kind
 
 
@@ -82,7 +82,7 @@ class Replayed(Explanation):
         self._absent = LATER if seen.can_replay else NEVER
 
     def prepared(self, piece: Piece) -> Piece:
-        """Return a piece unchanged: its calls are not needed to know what acted."""
+        """Return a chunk unchanged, because the impulses are recorded."""
         return piece
 
     def batches(
@@ -92,7 +92,7 @@ class Replayed(Explanation):
         touching: Touching,
         histories: Mapping[int, tuple[BodyHistory, int]],  # noqa: ARG002 - some need it
     ) -> list[tuple[StepBatch, StepVerdicts]]:
-        """Return the steps of each interval of a piece with their verdicts."""
+        """Return the steps of each interval of a chunk with their verdicts."""
         acted = {
             client: _Acted(parts, self.seen.causes, self._absent)
             for client, parts in piece.impulses.items()
@@ -164,7 +164,7 @@ class Replayed(Explanation):
         return batch, _verdicts(whole, status, strays)
 
     def _by_stages(self, client: int, ends: Int64) -> Flags:
-        """Flag the steps made by RK4."""
+        """Flag the steps integrated by RK4."""
         settings = self._settings[client]
         which = np.searchsorted([each.at.step for each in settings], ends - 1, side="right") - 1
         by = np.array([each.values.get("integrator") == RUNGE_KUTTA for each in settings])
@@ -172,7 +172,7 @@ class Replayed(Explanation):
 
 
 class _Acted:
-    """The impulses of one simulation in the steps of a piece."""
+    """The recorded impulses of one simulation in the steps of a chunk."""
 
     def __init__(
         self, parts: Sequence[Impulses], causes: Mapping[int, ImpulseCause], absent: int
@@ -191,21 +191,22 @@ class _Acted:
         order = np.argsort(self._numbers, kind="stable")
         bounds = np.flatnonzero(np.diff(self._numbers[order], prepend=-1, append=-2))
         self._of: dict[int, list[tuple[ImpulseCause, Int64, Int64]]] = {}
-        """Causes of a body, with the rows of their steps, and the start of their values."""
+        """Causes that act on a body, with the rows of their steps, and the index of their first
+        value."""
         for a, b in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
             its = order[a:b]
             cause = causes[int(self._numbers[its[0]])]
             self._of.setdefault(cause.body, []).append((cause, rows[its], begin[its]))
 
     def status_of(self, ends: Int64) -> Int64:
-        """Return the outcome of replaying the steps to some samples, as indices into REPLAYS."""
+        """Return the outcome of replaying the steps to samples, as indices into REPLAYS."""
         found, at = rows_of(ends, self.steps)
         status = np.full(len(ends), self._absent)
         status[found] = self._status[at]
         return status
 
     def terms_of(self, body: Body, ends: Int64, size: int) -> dict[str, Float64]:
-        """Return the impulses on a body by cause in the steps to some samples, (n, size) each."""
+        """Return the impulses on a body by cause in the steps to samples, (n, size) each."""
         terms = {name: np.zeros((len(ends), size)) for name in ALWAYS}
         for cause, impulse in self._impulses(body, ends, size):
             name = cause_name(cause)
@@ -213,7 +214,7 @@ class _Acted:
         return terms
 
     def pulls_of(self, body: Body, ends: Int64, size: int) -> dict[Pull, Float64]:
-        """Return the impulses of constraints on a body by their names, (n, size) each."""
+        """Return the impulses of constraints on a body, by constraint name, (n, size) each."""
         its = self._impulses(body, ends, size)
         return {Pull(cause.name): impulse for cause, impulse in its if cause.kind == CONSTRAINTS}
 
@@ -237,7 +238,7 @@ def _sum(
     terms: Mapping[str, Float64],
     turned: Float64 | None,
 ) -> Summed:
-    """Return transitions as sums; the terms of one that is no step are 0."""
+    """Return transitions as sums of impulses; the terms are 0 in transitions that are not steps."""
     kin = kinematics(law.tree, states)
     matrices, where = mass_matrix(kin), rows.where
     spread = {name: rows.spread(term) for name, term in terms.items()}
@@ -251,7 +252,7 @@ def _sum(
 
 
 def _without_causes(added: Summed, unknown: Int64) -> Summed:
-    """Return sums whose changes are all the remainder's in steps without known impulses."""
+    """Assign all changes to the remainder in steps whose impulses are unknown."""
     if not len(unknown):
         return added
     parts = (added.energy_j, added.changed_j), (added.momentum_kg_m_s, added.moved_kg_m_s)
@@ -266,7 +267,7 @@ def _without_causes(added: Summed, unknown: Int64) -> Summed:
 
 
 def _but(values: Float64, rows: Int64, others: Float64 | float) -> Float64:
-    """Return values with others in some rows."""
+    """Return a copy of an array with some rows replaced."""
     found = values.copy()
     found[rows] = others
     return found
@@ -281,7 +282,7 @@ def _arms(record: Record, states: States) -> Float64:
 
 
 def _frame_turn(record: Record, before: States, after: States) -> Float64:
-    """Return the difference between the engine's u' - u and ours, for a free base, shape (n, size).
+    """Return the difference between the engine's u' - u and ours, for a free base, (n, size).
 
     The engine's u has the spin in the base's own axes, and the velocity of the frame's origin,
     which is at -a from the centre of mass. With Q the rotation from the base's axes to the world's
@@ -301,7 +302,7 @@ def _frame_turn(record: Record, before: States, after: States) -> Float64:
 
 
 def _strays(record: Record, steps: Steps) -> Flags:
-    """Flag the steps whose final velocities do not lead to their final pose, shape (n,).
+    """Flag the steps whose final velocities do not match their final pose, shape (n,).
 
     A free base is moved by the velocity of its frame's origin (`mj_integratePos`).
     """
@@ -319,7 +320,7 @@ def _strays(record: Record, steps: Steps) -> Flags:
 
 
 def _verdicts(steps: Steps, status: Int64, strays: Flags) -> StepVerdicts:
-    """Return the verdicts: a step is explained if its replay and our own kinematics agree."""
+    """Return verdicts: a step is explained if its replay matches, and so do our kinematics."""
     n = len(steps)
     why = np.full(n, -1, np.int8)
     if steps.law.tree.size:

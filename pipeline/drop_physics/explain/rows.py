@@ -1,4 +1,4 @@
-"""The table of samples: segment, position, deviation from free fall, and energy of each."""
+"""The table of samples: segment, position, deviation from free fall, and energy."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ COLUMNS = {
     "error_x_m": "Float64", "error_y_m": "Float64", "error_z_m": "Float64",
     "energy_j": "Float64", "contact_j": "Float64", "remainder": "Float64",
 }  # fmt: skip
-"""Columns of the table, and their types in Polars.
+"""Columns of the table, and their Polars types.
 
 An error is null except in a flight; the remainder is that of the step that led to the sample, over
 its largest term.
 """
 MOST_ROWS = 1 << 17
-"""Most rows of a table that was not asked to be complete, besides rows at which something
+"""Maximum number of rows of a table that need not be complete, besides rows at which something
 changes."""
 SHOWN_PER_S = 60.0
-"""Most rows per second of a body where not all are kept."""
+"""Maximum number of rows per second of a body where not all are kept."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class SampleRows:
     """
 
     def shown(self, *, per_s: float) -> SampleRows:
-        """Thin the rows to `per_s` a second, but keep those where segment or flight change."""
+        """Thin the rows to `per_s` per second, but keep those where segment or flight changes."""
         if np.isinf(per_s):
             return self
         due = np.floor(self.columns["time_s"] * per_s + 1e-9)
@@ -61,7 +61,7 @@ class SampleRows:
 
 
 def joined(parts: Sequence[SampleRows]) -> list[SampleRows]:
-    """Return one set of rows for each body, by number; a column that a part lacks is nan there."""
+    """Concatenate the rows of each body, by body id; missing columns of a part become nan."""
     of_bodies: dict[int, list[SampleRows]] = {}
     for part in parts:
         of_bodies.setdefault(part.body.number, []).append(part)
@@ -82,7 +82,7 @@ def _joined(parts: Sequence[SampleRows]) -> SampleRows:
 
 
 def table_of(bodies: Sequence[SampleRows]) -> pl.DataFrame:
-    """Return the rows of all bodies as one table; a column that a body lacks is null there."""
+    """Concatenate the rows of all bodies into one table; missing columns become null."""
     import polars as pl  # slow to load, and few need it
 
     more = dict.fromkeys(name for body in bodies for name in body.columns if name not in COLUMNS)
@@ -115,7 +115,7 @@ def rows_of(
     *,
     detailed: bool,
 ) -> SampleRows:
-    """Return a row for each sample of a body in a piece.
+    """Return a row for each sample of a body in a chunk.
 
     `base_m`: position of its base, shape (n, 3); `errors_m`: deviation from free fall, by row;
     `detailed`: whether to add columns for each joint and each term (`details_of`).
@@ -146,7 +146,7 @@ def rows_of(
 
 
 def details_of(judged: SampleStatus) -> dict[str, Float64]:
-    """Return further columns: position and motor of each joint, and energy given by each term.
+    """Return extra columns: position and motor of each joint, and energy given by each term.
 
     Spherical joints are left out.
     """

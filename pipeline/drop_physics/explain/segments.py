@@ -1,4 +1,4 @@
-"""Kinds of samples: the law of the step that led to a sample, or unexplained.
+"""Segments of samples: the law of the step that led to each sample, or unexplained.
 
     x' = x + v' dt        holds in every phase to the last bit, and so does the turn by ω'
     v', ω'                follow from the law in flight, else from law and contacts (`balance`)
@@ -30,7 +30,7 @@ SEGMENTS: tuple[Segment, ...] = get_args(Segment)
 FLIGHT, CONTACT, PUSHED, SET, UNEXPLAINED = range(len(SEGMENTS))
 
 BLOCK = 1 << 14
-"""Samples judged at a time, few enough for the processor's cache."""
+"""Number of samples classified at a time, small enough for the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def segments_of(
     before: Motion | None = None,
     rolls: Flags | None = None,
 ) -> Segments:
-    """Return the segment of every sample of one rigid body that was stepped.
+    """Return the segment of every sample of a single rigid body.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def _of_block(
     before: Motion,
     rolls: Flags | None,
 ) -> Segments:
-    """Return the segments of some samples in a row."""
+    """Return the segments of consecutive samples."""
     balance = balance_of(motion, law, touches, pushes, before=before)
     several, bits = law.substeps > 1, law.bits(before)
     exactly, ulps = 0.0 if exact else FUSED, ULPS * ROUNDING
@@ -160,7 +160,7 @@ def _of_block(
 
 
 def _at_limit(law: Law, before: Motion, motion: Motion) -> Flags:
-    """Flag the samples with a velocity newly at the engine's limit, (n,)."""
+    """Flag the samples in which a velocity has just reached the engine's limit, (n,)."""
     limited = np.zeros(len(motion), dtype=bool)
     for name in ("velocity_m_s", "spin_rad_s"):
         was, now = getattr(before, name), getattr(motion, name)
@@ -171,5 +171,5 @@ def _at_limit(law: Law, before: Motion, motion: Motion) -> Flags:
 
 
 def _off(values: Float64, reference: Float64) -> Float64:
-    """Return the largest difference in each sample, shape (samples,)."""
+    """Return the maximum absolute difference in each sample, shape (samples,)."""
     return largest(values - reference)

@@ -18,27 +18,27 @@ from drop_physics.physics.columns import rotation
 from drop_physics.trace.events import Collision
 
 LEVELS = (-1.0, -0.5, 0.0, 0.5, 1.0)
-"""Places of points along the edges or the axis of a shape, as shares of half its length."""
+"""Positions of points along the edges or the axis of a shape, as shares of half its length."""
 ROUND = 8
 """Number of points around an axis."""
 MOST_CORNERS = 64
-"""Most points of a hull."""
+"""Maximum number of points of a hull."""
 AT_ONCE = 1 << 16
-"""Most distances of a point from a face that are computed without leaving out any."""
+"""Maximum number of point-to-face distances that are computed without pruning."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A shape in the axes of its link."""
+    """A shape with sample points, in the axes of its link."""
 
     collision: Collision
     points_m: Float64
     """Points of the shape, shape (m, 3); none for a half space."""
     radius_m: float
-    """Radius of a ball around its centre that holds it; infinite for a half space."""
+    """Radius of a bounding sphere around the centre; infinite for a half space."""
 
     def depth_m(self, points_m: Float64) -> Float64:
-        """Return a lower bound on the depth of points inside; negative outside, shape (n,).
+        """Return a lower bound on the depth of points in the shape; negative outside, shape (n,).
 
         `points_m` are in the shape's own axes, shape (n, 3).
         """
@@ -62,7 +62,7 @@ class Solid:
 
 
 def solid_of(collision: Collision) -> Solid | None:
-    """Return a collision shape with points; None for a kind that is not supported."""
+    """Return a collision shape with sample points; None for an unsupported kind."""
     kind, size = collision.kind, np.array(collision.size_m)
     if kind == "plane":
         return Solid(collision, np.empty((0, 3)), np.inf)

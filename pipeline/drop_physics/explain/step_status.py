@@ -1,4 +1,4 @@
-"""The status of each sample: the kind of step that led to it, or why that step is unexplained."""
+"""The status of each sample: the kind of the preceding step, or why that step is unexplained."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ Segment = Literal[
     "set", "unexplained", "still", "pushed", "constrained", "contact", "driven", "flight"
 ]
 SEGMENTS: tuple[Segment, ...] = get_args(Segment)
-"""The segments of samples; of several that apply, the first."""
+"""The segments of samples, in order of precedence."""
 (SET, UNEXPLAINED, STILL, PUSHED, CONSTRAINED, CONTACT, DRIVEN, FLIGHT) = range(len(SEGMENTS))
 
 ALONE = {segments.FLIGHT: FLIGHT, segments.CONTACT: CONTACT, segments.PUSHED: PUSHED}
-"""Segments by the law of a body alone, and their names here."""
+"""Segments by the law of a single body, and the corresponding names here."""
 
 Unsolved = Literal[
     "nothing moves",
@@ -52,24 +52,24 @@ WHYS: tuple[Why, ...] = (
     "remainder",
     *get_args(Unsolved),
 )
-"""Reasons for unexplained samples: first the law's, then those found in the numbers."""
+"""Reasons for unexplained samples: first those of the law, then those found in the data."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampleStatus:
-    """One body in a piece; arrays have one row per sample, shape (n,)."""
+    """The status of one body's samples in a chunk; one row per sample, shape (n,)."""
 
     body: Body
     steps: Int64
     segment: Int8
     """Indices into SEGMENTS."""
     kind: Int8
-    """Kind of the step that led to the sample, even if calls had set its start: indices into
-    SEGMENTS; SET if no step led to it, or the body only kept the velocity that a call gave it."""
+    """Kind of the step that led to the sample, even if calls had set its initial state, as indices
+    into SEGMENTS; SET if no step led to it, or the body only kept the velocity that a call set."""
     why: Int8
     """Indices into WHYS; -1 if the sample is explained."""
     unexplained: Float64
-    """Remainder over the largest term of the step that led to the sample; 0 if no step did."""
+    """Ratio of the remainder to the largest term of the preceding step; 0 if there was no step."""
     intervals: Sequence[BodySteps]
     """The steps that led to samples, in order, each under constant settings."""
 
@@ -86,13 +86,14 @@ class StepVerdicts:
     kind: Int8
     why: Int8
     unexplained: Float64
-    """Remainder over the largest term; 0 if another law explains the step, or the body sleeps."""
+    """Ratio of the remainder to the largest term; 0 if another law explains the step, or the body
+    sleeps."""
     put: Flags
-    """Whether calls had set the state that the step began with."""
+    """Whether calls had set the initial state of the step."""
 
     @staticmethod
     def of(steps: Steps, law: StepLaw, *, before: bool, soft_there: bool) -> StepVerdicts:
-        """Return the verdicts on steps by an engine's law.
+        """Return the verdicts on steps under an engine's law.
 
         `before`: whether the bodies existed before the recording began; `soft_there`: whether the
         simulation has soft bodies.
@@ -150,7 +151,7 @@ def _kinds(steps: Steps) -> Int8:
 
 
 def stands(steps: Steps) -> Flags:
-    """Flag the steps in which nothing moved: equal states to the bit, without velocity."""
+    """Flag the steps in which nothing moved: bitwise equal states, without velocity."""
     before, after = steps.before, steps.after
     moved = before.velocity.any(axis=1) | after.velocity.any(axis=1)
     for name in ("position_m", "orientation", "joints"):
@@ -208,7 +209,7 @@ def _whys(steps: Steps, law: StepLaw, *, before: bool, soft_there: bool) -> Int8
 
 
 def _followed(steps: Steps) -> Flags:
-    """Flag the steps that the law of a body alone explains."""
+    """Flag the steps that the law of a single body explains."""
     if steps.alone is None:
         return np.zeros(len(steps), np.bool_)
     return np.isin(steps.alone, [*ALONE])

@@ -31,21 +31,21 @@ from drop_physics.trace.calls import Push
 from drop_physics.trace.events import Body, order
 
 NEVER, TRIALS = 1 << 30, 8
-"""The number of pushes in a step before the poses of links were refreshed: NEVER, or less than
-TRIALS. It is not recorded, so the one that explains the step best is taken."""
+"""The number of pushes in a step before the link poses were refreshed: NEVER, or less than TRIALS.
+It is not recorded, so the value that explains the step best is used."""
 WITHOUT_SUM: frozenset[Reason] = frozenset(
     ("engine", "substeps", "soft", "maximal", "massless", "planar")
 )
-"""Reasons for which the law has no sum. With others, the sum holds until the reason applies."""
+"""Reasons for which the law has no sum. For others, the sum holds until the reason applies."""
 SUBSTEPS: Reason = "substeps"
 
 
 @dataclass(frozen=True, eq=False)
 class PieceContext:
-    """Bodies of a piece of a recording, with their steps."""
+    """Data shared by the steps of all bodies in a chunk of a recording."""
 
     law: StepLaw
-    """The law of the engine that stepped them."""
+    """The law of the engine that stepped the bodies."""
     times: Mapping[int, StepTimes]
     """Times of each client's steps."""
     commands: MotorCommands
@@ -58,17 +58,17 @@ class PieceContext:
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """Consecutive states of one body under constant settings; the first one begins a step."""
+    """Consecutive states of one body under constant settings, starting with a step."""
 
     record: Record
     whole: BodyHistory
-    """All states of the body in the piece."""
+    """All states of the body in the chunk."""
     first: int
     end: int
-    """The interval is states `first` up to `end` of these."""
+    """End index: the interval consists of the states `first` up to `end` of `whole`."""
     config: BodyConfig
     pushes: Sequence[Push] = ()
-    """All pushes of the body in the piece."""
+    """All pushes on the body in the chunk."""
 
     @property
     def states(self) -> BodyHistory:
@@ -76,7 +76,7 @@ class Interval:
         return self.whole.at(slice(self.first, self.end))
 
     def kind(self, around: PieceContext) -> Hashable:
-        """Return a key that intervals share if they may be one batch."""
+        """Return a key that is equal for intervals that may share a batch."""
         config, body = self.config, self.record.body
         if self.pushes or {*config.reasons} & WITHOUT_SUM:
             return id(self)
@@ -109,36 +109,36 @@ class Steps:
 
     config: BodyConfig
     law: DampedTree
-    """The configured tree, with all joints fixed if the law does not cover them."""
+    """The configured tree, with all joints fixed where the law does not support them."""
     steps: Int64
-    """The sample that each step led to."""
+    """The sample after each step."""
     before: States
     after: States
     put: Flags
-    """Whether calls had set the state that a step began with."""
+    """Whether calls had set the initial state of a step."""
     asked: Commanded
     """The motor commands in effect."""
     reported: Reported
-    """Reports of the engine; `step` of a row of Forces is the row of its step here."""
+    """Forces reported by the engine; `step` of a row of Forces is the row of its step here."""
     sides: Sides
     """The contact points, in the order of `reported.contacts`."""
     terms: Mapping[str, Float64]
-    """Impulses by cause [N s, N m s], shape (n, size) each; empty where the law has no sum."""
+    """Impulses by cause [N s, N m s], shape (n, size) each; empty if the law has no sum."""
     remainder: Float64
-    """Remainder that no term explains, shape (n, size)."""
+    """The part of the change that no term explains, shape (n, size)."""
     largest: Float64
     """The largest entry of any term, or the largest impulse of a single force if that is larger."""
     unexplained: Float64
-    """The largest entry of the remainder over `largest`; infinite where the law has no sum."""
+    """Ratio of the largest entry of the remainder to `largest`; infinite if the law has no sum."""
     closes: Flags
-    """Whether `unexplained` is within rounding, or within what substeps may leave."""
+    """Whether `unexplained` is within rounding, or within the error that substeps may leave."""
     unknown: Flags
-    """Whether a constraint acts that the law does not cover."""
+    """Whether a constraint acts that the law does not support."""
     alone: Int8 | None
-    """Segments by the law of a body without links (`alone`); None for other bodies."""
+    """Segments by the law of a single body (`alone`); None for other bodies."""
     pulls: Mapping[Pull, Float64] = field(default_factory=dict)
-    """The parts of the constraints' impulses by what pulls, shape (n, size) each, where they are
-    known apart."""
+    """The constraints' impulses by what exerts them, shape (n, size) each, where these are known
+    separately."""
 
     def __len__(self) -> int:
         """Return the number of steps."""
@@ -151,12 +151,12 @@ class Steps:
 
     @property
     def covered(self) -> bool:
-        """True if the law has a sum for these steps."""
+        """Whether the law has a sum for these steps."""
         return bool(self.terms)
 
     @cached_property
     def point_energy_j(self) -> Float64:
-        """The energy that each contact point gave the body: ½ (u' + u)·P, shape (points,)."""
+        """The energy that each contact point gave to the body: ½ (u' + u)·P, shape (points,)."""
         contacts, tree = self.reported.contacts, self.law.tree
         if not len(contacts) or not tree.size:
             return np.zeros(len(contacts))
@@ -169,13 +169,13 @@ class Steps:
 
     @cached_property
     def contact_j(self) -> Float64:
-        """The energy that all contact points together gave the body in each step."""
+        """The energy that all contact points together gave to the body in each step."""
         step = self.reported.contacts.step
         return np.bincount(step, self.point_energy_j, minlength=len(self)).astype(np.float64)
 
 
 class BodyColumn:
-    """A column of `Steps`, of which a body's rows are cut out when it is first read."""
+    """A column of `Steps`, from which a body's rows are sliced when it is first read."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -207,7 +207,7 @@ class BodySteps(Steps):
     """The rows of their contact points in the batch."""
 
     def cut(self, column: Any) -> Any:  # noqa: ANN401
-        """Return the rows of this body of a column of the batch."""
+        """Return this body's rows of a column of the batch."""
         if isinstance(column, Mapping):
             return {name: each[self.rows] for name, each in column.items()}
         if isinstance(column, Sides):
@@ -222,12 +222,12 @@ class BodySteps(Steps):
 
     @cached_property
     def point_energy_j(self) -> Float64:
-        """The energy that each contact point gave the body: ½ (u' + u)·P, shape (points,)."""
+        """The energy that each contact point gave to the body: ½ (u' + u)·P, shape (points,)."""
         return self.whole.point_energy_j[self.points]
 
     @cached_property
     def contact_j(self) -> Float64:
-        """The energy that all contact points together gave the body in each step."""
+        """The energy that all contact points together gave to the body in each step."""
         return self.whole.contact_j[self.rows]
 
 
@@ -245,13 +245,13 @@ class StepBatch:
 
     @cached_property
     def body(self) -> Int64:
-        """The number of the body of each step, shape (n,)."""
+        """The body id of each step, shape (n,)."""
         numbers = np.array([each.body.number for each in self.bodies], np.int64)
         return np.repeat(numbers, [len(each) for each in self.bodies])
 
 
 def columns_of(added: Summed | None, real: Flags, size: int) -> dict[str, Any]:
-    """Return the columns of `Steps` that come from a sum of transitions; zeros without one."""
+    """Return the columns of `Steps` derived from a sum of transitions; zeros without a sum."""
     if added is None:
         n = np.count_nonzero(real)
         return {"terms": {}, "remainder": np.zeros((n, size)), "largest": np.zeros(n)}
@@ -260,7 +260,7 @@ def columns_of(added: Summed | None, real: Flags, size: int) -> dict[str, Any]:
 
 
 def batches_of(intervals: Iterable[Interval], around: PieceContext) -> list[StepBatch]:
-    """Return the steps of intervals; equal bodies share a batch."""
+    """Return the steps of intervals in batches: equal bodies share a batch."""
     groups: dict[Hashable, list[Interval]] = {}
     kept = [part for interval in intervals for part in _known_apart(interval, around)]
     for each in kept:
@@ -269,7 +269,7 @@ def batches_of(intervals: Iterable[Interval], around: PieceContext) -> list[Step
 
 
 def _known_apart(interval: Interval, around: PieceContext) -> Iterator[Interval]:
-    """Split an interval into runs of steps whose substeps are known, and runs of the others."""
+    """Split an interval into runs of steps whose substeps are known, and runs of other steps."""
     config = interval.config
     if {*config.reasons} & WITHOUT_SUM != {SUBSTEPS} or not config.law.tree.size:
         yield interval
@@ -284,7 +284,7 @@ def _known_apart(interval: Interval, around: PieceContext) -> Iterator[Interval]
 
 
 def _closes(steps: Steps) -> Flags:
-    """Flag the steps that close; a body without links must follow its law of flight to the bit."""
+    """Flag the steps whose sum closes; a single body must follow its law of flight bitwise."""
     if steps.alone is None:
         return steps.closes
     acting = ("applied", "contacts", "rolling", "constraints")
@@ -421,7 +421,7 @@ def _pulls(
 def _coasts(
     tree: Tree, begins: BodyHistory, ends: BodyHistory, timestep_s: Float64, most_turn_rad: float
 ) -> Flags:
-    """Flag the steps in which a base without mass keeps its velocity and moves with it."""
+    """Flag the steps in which a massless base keeps its velocity and moves with it."""
     free = replace(tree, fixed=False)
     before, after = begins.states(free), ends.states(free)
     kept = (before.velocity == after.velocity).all(axis=1)
@@ -460,7 +460,7 @@ def _closing(
     states: States,
     found: Reported,
 ) -> tuple[Summed, Reported]:
-    """Return the sum, with pushes acting at the poses of links with which each step closes best.
+    """Return the sum, with pushes at the link poses for which each step closes best.
 
     `one` is the first interval of the batch: bodies that are pushed are not batched with others.
     """
@@ -494,7 +494,7 @@ def _closing(
 
 
 def _spread(reported: Reported, rows: Transitions) -> Reported:
-    """Return reports of steps as rows of all transitions; one that is no step takes no time."""
+    """Scatter reports of steps to all transitions; a transition that is no step takes no time."""
     if rows.real.all():
         return reported
     where, spread = rows.where, rows.spread
@@ -516,7 +516,7 @@ def _spread(reported: Reported, rows: Transitions) -> Reported:
 
 
 def _still(law: DampedTree) -> DampedTree:
-    """Return a body with all of its joints fixed."""
+    """Return a copy of a body with all of its joints fixed."""
     nothing = np.empty(0)
     tree = replace(law.tree, joints=tuple("fixed" for _ in law.tree.joints))
     return replace(law, tree=tree, joint_damping=nothing, lower=nothing, upper=nothing)

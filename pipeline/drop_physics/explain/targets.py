@@ -1,4 +1,4 @@
-"""Targets of the joints' position motors, and the gaps that they left when they changed.
+"""Targets of the joints' position motors, and the gaps left when the targets changed.
 
 A motor's law, off its limit, with e the position minus the target (`btMultiBodyJointMotor.cpp`):
 
@@ -20,17 +20,17 @@ from drop_physics.explain.joints import REST_STEPS, JointTelemetry, target_of
 from drop_physics.trace.motors import POSITION, VELOCITY
 
 KEYS = ("target", "target_velocity", "kp", "kd", "mode", "pd")
-"""Two targets are the same one if all of these are equal."""
+"""Columns that identify a target: two targets with equal values are the same one."""
 STRAIGHT = 0.2
-"""A joint trembles where it gets no farther than this share of its ways to and fro."""
+"""A joint trembles if its net displacement is less than this share of its path."""
 SETTLED_STEPS, SETTLED = 60, 1e-3
-"""A joint that stays within SETTLED [rad] or [m] over SETTLED_STEPS is at rest, too, even if it
-bounces off its stop, or creeps."""
+"""A joint that stays within SETTLED [rad] or [m] over SETTLED_STEPS also counts as at rest, even if
+it bounces off its stop, or creeps."""
 
 
 @dataclass(frozen=True, eq=False)
 class HeldTargets:
-    """Successive targets of one rate of a body, m of them; arrays have the shape (m,)."""
+    """Successive targets of one joint rate of a body, m of them; arrays have shape (m,)."""
 
     k: int
     """Index of the rate among those of all joints."""
@@ -38,33 +38,34 @@ class HeldTargets:
     """The first sample after each target was set."""
     last: Int64
     row: Int64
-    """Row of the last step in the steps at hand; -1 if it is not among them."""
+    """Row of the target's last step in the current steps; -1 if it is not among them."""
     steps: Int64
     at_limit: Int64
-    """Number of these steps in which the motor was at its limit."""
+    """Number of the target's steps in which the motor was at its limit."""
     target: Float64
-    """The target that PyBullet uses: one beyond the joint's limits is clamped to them."""
+    """The target as PyBullet uses it: clamped to the joint's limits."""
     gap: Float64
     """Position minus target after the last step."""
     before: Float64
     """Position minus target when the target was set."""
     lawful: Float64
-    """The gap that the motor's law would leave; nan where that is not known."""
+    """The gap predicted by the motor's control law; nan if unknown."""
     kp: Float64
     rate: Float64
-    """Mean rate in the last SETTLED_STEPS steps, or in fewer where the target stood for fewer; 0 of
-    what trembles in its place, and goes nowhere."""
+    """Mean rate over the last SETTLED_STEPS steps, or fewer if the target was in effect for fewer;
+    0 for a joint that only trembles in place."""
     resting: Flags
     """Whether the joint came to rest while the target was in effect."""
     left: Flags
-    """Whether calls reset the joint where this target begins, and did not set the target again."""
+    """Whether calls reset the joint at the start of this target, and did not set the
+    target again."""
 
     def __len__(self) -> int:
         """Return the number of targets."""
         return len(self.first)
 
     def only(self, which: Int64) -> HeldTargets:
-        """Return some of the targets."""
+        """Return the selected targets."""
         return HeldTargets(
             **{name: value if name == "k" else value[which] for name, value in vars(self).items()}
         )
@@ -72,7 +73,7 @@ class HeldTargets:
 
 @dataclass(eq=False)
 class _OpenTarget:
-    """The target that is in effect at the end of the steps so far."""
+    """The target that is in effect at the end of the steps processed so far."""
 
     key: Float64
     first: int
@@ -85,17 +86,17 @@ class _OpenTarget:
 
 
 class Targets:
-    """The targets of one body; its steps come in order."""
+    """The targets of one body, whose steps must be added in order."""
 
     def __init__(self) -> None:
         self._open: dict[int, _OpenTarget] = {}
         self._tail = np.empty((0, 0))
-        """The last positions before these steps."""
+        """The last positions before the current steps."""
         self._tail_step = -1
         self._path = self._tail
 
     def see(self, driven: JointTelemetry) -> Iterator[tuple[HeldTargets, bool]]:
-        """Yield, for each rate, the targets that ended in some steps, and the one in effect.
+        """Yield, for each rate, the targets that ended in the steps, and the one still in effect.
 
         The latter comes with True: it may go on.
         """

@@ -1,4 +1,4 @@
-"""Timestep, gravity and time of a simulation's steps, as its settings change."""
+"""Timestep, gravity and time of a simulation's steps, under changing settings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ENGINE = ("fixedTimeStep", *(f"gravityAcceleration{axis}" for axis in "XYZ"))
 
 
 class StepTimes:
-    """Times of the steps of one simulation, which may change its timestep."""
+    """Times of the steps of one simulation, whose timestep may change."""
 
     def __init__(self, seen: Seen, client: int) -> None:
         settings = [each for each in seen.settings if each.client == client]
@@ -32,7 +32,7 @@ class StepTimes:
         return self._timesteps_s[which], self._gravity_m_s2[which]
 
     def _latest(self, ends: Int64) -> NDArray[np.intp]:
-        """Return the index of the settings with which the steps to samples began, shape (n,)."""
+        """Return the index of the settings in effect at the start of each step, shape (n,)."""
         return np.maximum(0, np.searchsorted(self._steps, ends - 1, side="right") - 1)
 
     def of_all(self, steps: Int64) -> Float64:
@@ -47,7 +47,7 @@ class StepTimes:
 
     @property
     def falls(self) -> bool:
-        """True if gravity ever acted."""
+        """Whether gravity ever acted."""
         return bool(self._gravity_m_s2.any())
 
     @property

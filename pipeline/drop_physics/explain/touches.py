@@ -1,4 +1,4 @@
-"""Pairs of bodies that touched: friction used and needed, sliding distance, energy and impulse."""
+"""Pairs of bodies that touched: friction used and required, sliding distance, energy, impulse."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from drop_physics.trace.history import Seen
 WHOLE = ("gravity", "damping", "applied", "constraints", "contacts")
 """The terms that act on a whole tree from outside."""
 PRESSED = 1e-9
-"""A force below this counts as none [N]."""
+"""A force below this value counts as zero [N]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,38 +28,38 @@ class Touch:
     steps: int
     """Number of steps in which a force acted."""
     friction: float | None
-    """Coefficient: the product of both, in MuJoCo the larger; None where several parts with
-    different ones touched."""
+    """Friction coefficient: the product of both, in MuJoCo the larger; None if several parts with
+    different coefficients touched."""
     used: float | None
     """Largest share of Σ μN that the pair used."""
     available_n: float | None
-    """Σ μN at the step that needs most friction."""
+    """Maximum possible friction Σ μN at the step that requires most friction."""
     needed_n: float | None
-    """Friction needed to balance all other forces on the body."""
+    """Friction required to balance all other forces on the body."""
     friction_needed: float | None
-    """Coefficient that would be enough; None where the normals share no line."""
+    """Smallest sufficient friction coefficient; None if the normals are not parallel."""
     slid_m: float
-    """Tangential distance while touching, the mean of the points with a force."""
+    """Tangential distance while touching: the mean of the points with a force."""
     deepest_m: float
     """The largest overlap."""
     impulse_n_s: tuple[float, float, float] | None
-    """Given to this body, world axes; None where `numSubSteps` hides a part of it."""
+    """Impulse given to this body, world axes; None where `numSubSteps` hides a part of it."""
     energy_j: float | None
-    """Given to this body; likewise."""
+    """Energy given to this body; None where `numSubSteps` hides a part of it."""
     energy_of_pair_j: float | None
-    """Given to both; likewise."""
+    """Energy given to both bodies; None where `numSubSteps` hides a part of it."""
 
 
 @dataclass
 class _Total:
-    """One pair, seen from one of its bodies; grows piece by piece."""
+    """Totals of one pair, seen from one of its bodies; grows chunk by chunk."""
 
     steps: int = 0
     coefficients: tuple[float, float] = (np.inf, -np.inf)
-    """The lowest and the highest coefficient of friction."""
+    """The lowest and the highest friction coefficient."""
     used: float = -1.0
     needed_n: float = -1.0
-    """Friction needed at the step that needs most."""
+    """Friction required at the step that requires most."""
     available_n: float = 0.0
     normal_n: float = 0.0
     slid_m: float = 0.0
@@ -68,10 +68,10 @@ class _Total:
     energy_j: float = 0.0
     energy_of_pair_j: float = 0.0
     whole: bool = True
-    """Whether the forces of all steps are known; False if some are of a last substep only."""
+    """Whether the forces of all steps are known; False if some are only those of a last substep."""
 
     def add(self, numbers: Mapping[str, Float64], row: int, side: int, *, itself: bool) -> None:
-        """Add the totals of the pair in a piece (`_numbers`)."""
+        """Add the totals of the pair in a chunk (`_numbers`)."""
         now = {name: number[row] for name, number in numbers.items()}
         low, high = self.coefficients
         self.steps += int(now["steps"])
@@ -86,7 +86,7 @@ class _Total:
         self.whole &= not now["hidden"]
 
     def need(self, needs: _Needs, row: int) -> None:
-        """Keep the step of a piece that needs most friction, if it needs most so far."""
+        """Update the step that requires most friction, if a step of this chunk requires more."""
         needed_n = float(needs.needed_n[row])
         if needed_n >= 0 and _digits(needed_n) >= _digits(self.needed_n):
             self.needed_n = needed_n
@@ -95,21 +95,21 @@ class _Total:
 
 
 class TouchTable:
-    """The table of touching pairs; grows piece by piece."""
+    """The table of touching pairs; grows chunk by chunk."""
 
     def __init__(self, seen: Seen) -> None:
         self._seen = seen
         self._totals: dict[int, dict[int, _Total]] = {}
-        """Totals by the number of a body and of the other one."""
+        """Totals, by body id and the other body's id."""
         self.pairs: Pairs
-        """The contact points of the latest piece, until `forget`."""
+        """The contact points of the latest chunk, until `forget`."""
 
     def forget(self) -> None:
-        """Free the latest piece."""
+        """Free the latest chunk."""
         del self.pairs
 
     def add(self, explained: ExplainedPiece) -> None:
-        """Add a piece."""
+        """Add a chunk."""
         pairs = self.pairs = pairs_of(explained)
         if not len(pairs.starts):
             return
@@ -126,7 +126,7 @@ class TouchTable:
                     total.need(needs[side], row)
 
     def rows(self, body: int) -> Sequence[Touch]:
-        """Return the pairs of a body, by its number."""
+        """Return the touching pairs of a body, by body id."""
         its = self._totals.get(body, {})
         return [self._touch(other, its[other]) for other in sorted(its) if its[other].steps]
 
@@ -151,7 +151,7 @@ class TouchTable:
 
 
 def _hidden(explained: ExplainedPiece, pairs: Pairs) -> Flags:
-    """Flag the pairs of which only a last substep's forces are known, shape (m,)."""
+    """Flag the pairs for which only the forces of a last substep are known, shape (m,)."""
     hidden = np.zeros(len(pairs.starts), np.bool_)
     if any(batch.whole.substeps > 1 for batch, _ in explained.batches):
         for side in (0, 1):
@@ -161,7 +161,7 @@ def _hidden(explained: ExplainedPiece, pairs: Pairs) -> Flags:
 
 
 def _numbers(pairs: Pairs, hidden: Flags) -> dict[str, Float64]:
-    """Return the totals of each pair in a piece, shape (pairs, …)."""
+    """Return the totals of each pair in a chunk, shape (pairs, …)."""
     grouped, dt = pairs.grouped, pairs.timestep_s
     pressed, friction = pairs.points.normal_n > PRESSED, pairs.points.friction
     acts = pairs.normal_n > PRESSED
@@ -182,19 +182,19 @@ def _numbers(pairs: Pairs, hidden: Flags) -> dict[str, Float64]:
 
 @dataclass(frozen=True, eq=False)
 class _Needs:
-    """The step of each pair that needs most friction to balance all other forces on one side.
+    """The step of each pair that requires most friction to balance all other forces on one side.
 
     Arrays have the shape (pairs,).
     """
 
     needed_n: Float64
-    """Friction needed; negative where it is not known."""
+    """Friction required; negative if unknown."""
     available_n: Float64
     normal_n: Float64
 
     @staticmethod
     def of(explained: ExplainedPiece, pairs: Pairs, side: int) -> _Needs:
-        """Return the steps that need most friction, for the bodies on one side of each pair."""
+        """Return the steps that require most friction, for the bodies on one side of each pair."""
         needed = np.full(len(pairs.starts), -1.0)
         known = pairs.one_line & pairs.explained[:, side] & (pairs.normal_n > PRESSED)
         rows, sign = np.flatnonzero(known), -1.0 if side else 1.0
@@ -213,5 +213,5 @@ class _Needs:
 
 
 def _digits(value: float | Float64) -> Float64:
-    """Return a number that values share if they agree to three digits."""
+    """Return a number that is equal for values that agree to three digits."""
     return np.floor(1e3 * np.log(np.maximum(value, PRESSED)))

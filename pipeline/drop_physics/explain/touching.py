@@ -17,24 +17,24 @@ from drop_physics.physics.tree import BASE
 from drop_physics.trace.states import Rows
 
 STEPS = 1 << 40
-"""A factor larger than any step: body × STEPS + step is a unique key."""
+"""A factor larger than any step, so that body × STEPS + step is a unique key."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sides(Rowed):
-    """Contact points, one row for each of their two sides; in step order."""
+    """The sides of contact points, two rows per point, ordered by step."""
 
     step: Int64
-    """The sample that the step of the contact led to."""
+    """The sample after the step in which the contact existed."""
     body: Int64
     link: Int64
     other_body: Int64
     other_link: Int64
     is_a: Flags
     point: Int64
-    """Row of the contact point in the piece."""
+    """Row index of the contact point in the chunk."""
     row: Int64
-    """Row of this side among all of the piece."""
+    """Row index of this side among all sides of the chunk."""
     rolling: Flags
     """Whether either link has a coefficient of rolling or spinning friction."""
 
@@ -45,23 +45,23 @@ class Touches(Rowed):
 
     step: Int64
     position_m: Float64
-    """Point at which the force on this link acts."""
+    """Point of application of the force on this link."""
     force_n: Float64
-    """Sum of normal force and both frictions on this link."""
+    """Sum of the normal force and both friction forces on this link."""
     distance_m: Float64
     """Distance, negative where the bodies overlap, (points,)."""
     other_body: Int64
-    """Number of the other body, (points,)."""
+    """Id of the other body, (points,)."""
     other_link: Int64
 
     def since(self, first: int, points: slice) -> Touches:
-        """Return some of the points, whose steps count from `first`."""
+        """Return the selected points, with steps counted from step `first`."""
         some = self.at(points)
         return replace(some, step=some.step - first)
 
 
 class Touching:
-    """The contact points of a piece, with the force on each side that belongs to some bodies."""
+    """The contact points of a chunk, with the force on each side of the given bodies."""
 
     def __init__(self, contacts: Rows, records: Records, bodies: Collection[int]) -> None:
         step, a, b, link_a, link_b = (
@@ -104,7 +104,7 @@ class Touching:
         )
 
     def of(self, bodies: Sequence[int], which: Int64, ends: Int64) -> tuple[Sides, Int64]:
-        """Return the contact points of bodies in some of their steps, and the rows of these steps.
+        """Return the contact points of bodies in given steps, and the rows of these steps.
 
         `which` has the index of the body of each step, `ends` the sample that it led to, shape
         (n,); both ascend.
@@ -121,14 +121,14 @@ class Touching:
         return held.at(points), rows
 
     def forces(self, sides: Sides, row: Int64) -> Forces:
-        """Return the forces at contact points on their body; `row` has the row of each step."""
+        """Return the contact forces on the bodies; `row` has the row of each step."""
         rows: slice | Int64 = sides.row
         if len(row) and sides.row[-1] - sides.row[0] == len(row) - 1:
             rows = slice(int(sides.row[0]), int(sides.row[-1]) + 1)
         return replace(self._forces.at(rows), step=row)
 
     def touches(self, sides: Sides, forces: Forces) -> Touches:
-        """Return contact points with their forces, as those of a body without links."""
+        """Return contact points with their forces, in the form for a body without links."""
         return Touches(
             step=forces.step,
             position_m=forces.point_m,
@@ -152,7 +152,7 @@ def touches_of(contacts: Rows, body: int, link: int = BASE) -> Touches:
 
 
 def among(numbers: Collection[int], bodies: Int64) -> Flags:
-    """Flag the bodies that are among the numbers."""
+    """Flag the bodies whose ids are among the given ones."""
     are = np.zeros(max([*numbers, int(bodies.max(initial=0))]) + 1, np.bool_)
     are[[*numbers]] = True
     return np.asarray((bodies >= 0) & are[bodies])
@@ -169,7 +169,7 @@ def _rolls(records: Records, step: Int64, body: Int64, link: Int64) -> Flags:
 
 
 def rows_of(steps: Sequence[int] | Int64, ends: Int64) -> tuple[NDArray[np.intp], Int64]:
-    """Flag the samples that are among `ends`, which ascends, and return their rows there."""
+    """Flag the samples that are contained in the sorted `ends`, and return their indices there."""
     asked = np.asarray(steps, np.int64)
     rows = np.minimum(np.searchsorted(ends, asked), len(ends) - 1)
     found = np.flatnonzero(ends[rows] == asked) if len(ends) else np.empty(0, np.intp)

@@ -1,1 +1,1 @@
-"""The theory of a flight, and the discrete steps that engines take."""
+"""The theory of a body's flight, and the discrete steps that engines take."""

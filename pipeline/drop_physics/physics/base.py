@@ -1,4 +1,4 @@
-"""A law of motion: one step of an engine with one rigid body."""
+"""A law of motion: how an engine steps one rigid body."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ from drop_physics.arrays import Flags, Float64, Vector
 from drop_physics.physics.rowed import Rowed
 
 EXACT_MACHINES = ("x86_64", "AMD64")
-"""Machines on which each operation rounds once."""
+"""Machines on which each floating-point operation is rounded once."""
 FUSED = 1e-12
-"""Relative difference allowed on other machines, where compilers may fuse multiply and add."""
+"""Relative difference allowed on other machines, whose compilers may fuse multiply and add."""
 
 
 ROUNDING = 2.0**-52
-"""Relative unit of rounding of the engines' numbers."""
+"""Relative rounding unit of the engines' numbers."""
 ORIENTED = 18 * ROUNDING
 """Allowed deviation of the components of an orientation after a step: it is read back through a
-matrix, and sin and cos are not the engine's. Measured: 3 units of rounding."""
+matrix, and our sin and cos differ from the engine's. Measured: 3 rounding units."""
 
 
 class Drag(NamedTuple):
-    """The drag of v' = g - a v - b |v| v, in continuous time."""
+    """The drag in v' = g - a v - b |v| v, in continuous time."""
 
     linear_per_s: float
-    """a; infinite where the drag stops a body at once."""
+    """The coefficient a; infinite if the drag stops a body at once."""
     quadratic_per_m: float
-    """b"""
+    """The coefficient b."""
 
 
 @dataclass(frozen=True)
 class Motion(Rowed):
-    """The motion of one rigid part, a row per sample; vectors in world axes, (samples, 3)."""
+    """The motion of one rigid part, one row per sample; vectors in world axes, (samples, 3)."""
 
     position_m: Float64
     """Position of the centre of mass."""
     orientation: Float64
-    """World from body axes: unit quaternions x, y, z, w, shape (samples, 4)."""
+    """Rotation from body axes to world axes: unit quaternions x, y, z, w, shape (samples, 4)."""
     velocity_m_s: Float64
     spin_rad_s: Float64
 
@@ -53,18 +53,18 @@ class Motion(Rowed):
         return Motion(*(getattr(self, field.name)[samples] for field in fields(Motion)))
 
     def before(self) -> Motion:
-        """Return the sample before each; for the first, itself."""
+        """Return the sample before each one; the first sample is its own predecessor."""
         return self.at(np.maximum(np.arange(len(self)) - 1, 0))
 
 
 class ExactPath(NamedTuple):
-    """Positions in two doubles [m], shape (n, 3): the nearest double, and the rest."""
+    """Positions as sums of two doubles [m], shape (n, 3): the nearest double, and the rest."""
 
     nearest_m: Float64
     left_out_m: Float64
 
     def difference(self, reference_m: Float64) -> Float64:
-        """Return reference - exact [m], to the last bit; the shape of `reference_m`.
+        """Return reference - exact [m], accurate to the last bit; same shape as `reference_m`.
 
         Doubles close to each other have an exact difference (Sterbenz), so only the second
         subtraction rounds.
@@ -73,7 +73,7 @@ class ExactPath(NamedTuple):
 
 
 def exactly(path: Iterator[Sequence[Decimal]], samples: int, start_m: Vector) -> ExactPath:
-    """Return the next positions of a path (`Law.exact_path`), computed with 40 digits.
+    """Return the next positions on a path (`Law.exact_path`), computed with 40 digits.
 
     A vertical path leaves out x and y, which stay those of its start.
     """
@@ -89,7 +89,7 @@ def exactly(path: Iterator[Sequence[Decimal]], samples: int, start_m: Vector) ->
 
 @dataclass(frozen=True, kw_only=True)
 class FreeBody:
-    """A rigid body and the settings that its step depends on, in any engine."""
+    """A rigid body and the engine-independent settings that its step depends on."""
 
     timestep_s: float
     """Time between two samples [s]."""
@@ -99,7 +99,7 @@ class FreeBody:
     """Gravity in world axes."""
     mass_kg: float
     inertia_kg_m2: Vector
-    """Principal moments, about the body's axes."""
+    """Principal moments of inertia, about the body's axes."""
 
     @property
     def step_s(self) -> float:
@@ -108,7 +108,7 @@ class FreeBody:
 
 
 class Law(FreeBody, ABC):
-    """The discrete law of one rigid body in the air; arrays have one row per sample.
+    """An engine's discrete law of one rigid body in the air; arrays have one row per sample.
 
     Its defaults are those of an engine without a limit of velocities.
     """
@@ -120,7 +120,7 @@ class Law(FreeBody, ABC):
 
     @property
     def semi_implicit(self) -> bool:
-        """True if the body moves with the end-of-step velocity, as in semi-implicit Euler.
+        """True if the body moves with the velocity at the end of the step (semi-implicit Euler).
 
         Else along the mean of both, which is exact where only gravity acts.
         """
@@ -129,38 +129,38 @@ class Law(FreeBody, ABC):
     @property
     @abstractmethod
     def moves_exactly(self) -> bool:
-        """True if `moved` has the engine's positions to the last bit."""
+        """True if `moved` reproduces the engine's positions to the last bit."""
 
     def released(self, start: Motion) -> Motion:
-        """Return a state as the engine stores it."""
+        """Return a state as the engine stores it when a body is released."""
         return start
 
     @abstractmethod
     def step(self, before: Motion) -> Motion:
-        """Return each sample one timestep later."""
+        """Advance each sample by one timestep."""
 
     @abstractmethod
     def turned_by(self, angular_impulse_n_m_s: Float64, before: Motion) -> Float64:
-        """Return the change of spin by angular impulses [rad/s], in the body's axes, (n, 3).
+        """Return the change of spin due to angular impulses [rad/s], in body axes, (n, 3).
 
         In steps from the samples `before`.
         """
 
     def unlimited(self, before: Motion) -> Motion:
-        """Return the same as `step`, without the engine's velocity limit."""
+        """Advance each sample by one timestep, without the engine's velocity limit."""
         return self.step(before)
 
     @abstractmethod
     def moved(self, before: Motion, velocity_m_s: Float64, spin_rad_s: Float64) -> Motion:
-        """Return each sample moved by one integrator step with these velocities."""
+        """Move each sample by one integrator step with the given velocities."""
 
     @abstractmethod
     def bits(self, before: Motion) -> Flags:
-        """Flag the samples from which `step` has the engine's velocities to the last bit, (n,)."""
+        """Flag the samples from which `step` reproduces the engine's velocities bitwise, (n,)."""
 
     @abstractmethod
     def terms(self, before: Motion) -> tuple[Float64, Float64]:
-        """Return the size of the summands of velocity and spin in a timestep, shape (n,).
+        """Return the magnitude of the summands of velocity and spin in a timestep, shape (n,).
 
         [m/s] and [rad/s]; summands that cancel count, since their rounding does not cancel.
         """
@@ -184,7 +184,7 @@ class Law(FreeBody, ABC):
     def exact_path(
         self, position_m: Vector, velocity_m_s: Vector, *, first: int = 0
     ) -> Iterator[Sequence[Decimal]]:
-        """Yield the positions of a flight from sample `first` on, for `exactly`.
+        """Yield the positions of a flight, starting at sample `first`, for `exactly`.
 
         For a vertical flight, only z.
         """

@@ -1,4 +1,4 @@
-"""Arithmetic on vectors and matrices of many steps, the steps last: shapes (3, n) and (3, 3, n).
+"""Arithmetic on vectors and matrices for many steps; steps last: shapes (3, n) and (3, 3, n).
 
 Each component is one contiguous run of numbers, which numpy works through several times as fast as
 through rows of three.
@@ -31,23 +31,23 @@ def length(a: Float64) -> Float64:
 
 
 def times(matrix: Float64, vector: Float64) -> Float64:
-    """Return the products of matrices and vectors, shape (3, n)."""
+    """Return the matrix-vector products, shape (3, n)."""
     out = matrix[:, 0] * vector[0] + matrix[:, 1] * vector[1] + matrix[:, 2] * vector[2]
     return np.asarray(out)
 
 
 def fixed_vector(matrix: Float64, vector: Float64) -> Float64:
-    """Return the products of matrices, (3, 3, n), and one vector, (3,): shape (3, n)."""
+    """Return the products of matrices, (3, 3, n), with one vector, (3,): shape (3, n)."""
     return np.asarray(vector @ matrix)
 
 
 def fixed_matrix(matrix: Float64, right: Float64) -> Float64:
-    """Return the products of matrices, (3, 3, n), and one matrix, (3, 3): shape (3, 3, n)."""
+    """Return the products of matrices, (3, 3, n), with one matrix, (3, 3): shape (3, 3, n)."""
     return np.asarray(right.T @ matrix)
 
 
 def turning_back(matrix: Float64, vector: Float64) -> Float64:
-    """Return the products of transposed matrices and vectors, shape (3, n)."""
+    """Return the products of transposed matrices with vectors, shape (3, n)."""
     return np.asarray(matrix[0] * vector[0] + matrix[1] * vector[1] + matrix[2] * vector[2])
 
 
@@ -66,11 +66,11 @@ def rotation(quaternion: Float64) -> Float64:
 
 
 def product(a: Float64, b: Float64) -> Float64:
-    """Return the products of matrices, (3, 3, n) both."""
+    """Return the matrix products, both factors (3, 3, n)."""
     return np.stack([times(a, b[:, column]) for column in range(3)], axis=1)
 
 
 def skew(vector: Float64) -> Float64:
-    """Return the matrix of the cross product with one vector, shape (3, 3)."""
+    """Return the matrix that performs the cross product with one vector, shape (3, 3)."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

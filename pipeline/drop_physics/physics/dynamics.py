@@ -1,4 +1,4 @@
-"""Mass matrix, bias, gravity and energies of a tree of links, in any of its states.
+"""Mass matrix, bias, gravity and energies of a tree of links, for given states.
 
 Source: Featherstone, *Rigid Body Dynamics Algorithms* (2008): the mass matrix by the composite
 rigid body algorithm (chapter 6), the bias by the recursive Newton-Euler algorithm without
@@ -19,7 +19,7 @@ from drop_physics.physics.tree import RATES
 
 
 def mass_matrix(kin: Kinematics) -> Float64:
-    """Return M, with kinetic energy ½ u·M u, shape (n, size, size)."""
+    """Return the mass matrix M, with kinetic energy ½ u·M u, shape (n, size, size)."""
     tree, n = kin.tree, len(kin)
     out = np.zeros((tree.size, tree.size, n))
     composites = _composites(kin)
@@ -46,11 +46,11 @@ def mass_matrix(kin: Kinematics) -> Float64:
 
 
 Composite = tuple[float, Float64, Float64]
-"""Mass [kg], centre of mass, (3, n), and inertia about it, (3, 3, n)."""
+"""Mass [kg], centre of mass, (3, n), and inertia about that centre, (3, 3, n)."""
 
 
 def _composites(kin: Kinematics) -> list[Composite]:
-    """Return mass, centre and inertia of the branches that begin at the base and at the links."""
+    """Return mass, centre and inertia of the branches that start at the base and at each link."""
     tree = kin.tree
     found: list[Composite] = []
     for mass, inertia, turned, centre in zip(
@@ -65,14 +65,14 @@ def _composites(kin: Kinematics) -> list[Composite]:
 
 
 def _in_world(turned: Float64, inertia: Float64) -> Float64:
-    """Return R diag(I) Rᵀ, shape (3, 3, n)."""
+    """Return the inertia in world axes, R diag(I) Rᵀ, shape (3, 3, n)."""
     if inertia[0] == inertia[1] == inertia[2]:
         return np.asarray(np.broadcast_to((np.eye(3) * inertia[0])[:, :, None], turned.shape))
     return product(turned * inertia[None, :, None], np.swapaxes(turned, 0, 1))
 
 
 def _joined(a: Composite, b: Composite) -> Composite:
-    """Return two bodies as one: the parallel axis theorem."""
+    """Combine two bodies into one, by the parallel axis theorem."""
     mass = a[0] + b[0]
     if mass == 0:
         return a[0], a[1], a[2] + b[2]
@@ -83,7 +83,7 @@ def _joined(a: Composite, b: Composite) -> Composite:
 
 
 def _about(arm: Float64) -> Float64:
-    """Return |r|² 1 - r rᵀ, shape (3, 3, n)."""
+    """Return the inertia of a unit point mass at r, |r|² 1 - r rᵀ, shape (3, 3, n)."""
     x, y, z = arm
     xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, -x * y, -x * z, -y * z
     return np.array([[yy + zz, xy, xz], [xy, xx + zz, yz], [xz, yz, xx + yy]])
@@ -98,7 +98,7 @@ def _fill_row(
     momentum: Float64,
     angular: Float64,
 ) -> None:
-    """Fill the row of one rate, up to the base, from the momentum that it gives to its branch."""
+    """Fill the mass matrix's row for one rate, up to the base, from its branch's momentum."""
     tree = kin.tree
     for joint in tree.branch(link):
         if not RATES[tree.joints[joint]]:
@@ -116,7 +116,7 @@ def _fill_row(
 def _fill_base(
     kin: Kinematics, out: Float64, mass: float, centre: Float64, inertia: Float64
 ) -> None:
-    """Fill the rows of a base that moves: the whole tree as one body."""
+    """Fill the rows for a moving base: the whole tree as one body."""
     arm = centre - kin.centres[0]
     out[0:3, 0:3] = inertia + mass * _about(arm)
     for k, axis in enumerate(np.eye(3)[:, :, None]):
@@ -125,7 +125,7 @@ def _fill_base(
 
 
 def gravity(kin: Kinematics, gravity_m_s2: Float64) -> Float64:
-    """Return the generalised force of gravity, shape (n, size); `gravity_m_s2` has (n, 3)."""
+    """Return the generalised force of gravity, shape (n, size); `gravity_m_s2` is (n, 3)."""
     tree = kin.tree
     pull = gravity_m_s2.T
     return generalised(kin, {link: tree.masses_kg[link + 1] * pull for link in tree.moving}, {})
@@ -173,7 +173,7 @@ def _inertia_times(kin: Kinematics, link: int) -> Callable[[Float64], Float64]:
 
 
 def angular_momenta(kin: Kinematics, moved: LinkVelocities) -> dict[int, Float64]:
-    """Return I ω of each link with mass, about its centre of mass [kg m²/s], shape (3, n)."""
+    """Return I ω of each massive link, about its centre of mass [kg m²/s], shape (3, n)."""
     return {link: _inertia_times(kin, link)(moved.spins[link + 1]) for link in kin.tree.moving}
 
 

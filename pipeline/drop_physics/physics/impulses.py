@@ -1,4 +1,4 @@
-"""A step of a tree as a sum of named impulses, whatever the engine.
+"""A step of a tree as a sum of named impulses, for any engine.
 
     M (u' - u) = the sum of all terms + remainder
 
@@ -22,11 +22,11 @@ from drop_physics.physics.tree import RATES, Tree
 from drop_physics.physics.vectors import largest, lengths, summed
 
 MOVED = "bias"
-"""Term that counts as the integrator's once the pose has moved."""
+"""Term that is counted with the integrator in the changes of energy and momentum."""
 SOLVED = "integrator"
-"""Term by which an engine's integrator differs from the forces at the beginning of a step."""
+"""Term for the difference between an engine's integrator and the forces at the start of a step."""
 PULLED = "gravity"
-"""The term whose energy is potential energy."""
+"""The term whose energy is potential energy (gravity)."""
 
 
 def _no_rows() -> Int64:
@@ -39,22 +39,22 @@ def _no_vectors() -> Float64:
 
 @dataclass(frozen=True, eq=False)
 class Forces(Rowed):
-    """Forces and torques on single links, one row each, in world axes, for one step."""
+    """Forces and torques on single links during one step each, one row per force, in world axes."""
 
     step: Int64 = field(default_factory=_no_rows)
     """Index of the step, shape (k,)."""
     link: Int64 = field(default_factory=_no_rows)
-    """Link that the force acts on, shape (k,); `tree.BASE` for the base."""
+    """Link on which the force acts, shape (k,); `tree.BASE` for the base."""
     force_n: Float64 = field(default_factory=_no_vectors)
     point_m: Float64 = field(default_factory=_no_vectors)
-    """Point that the force acts at, shape (k, 3)."""
+    """Point of application of the force, shape (k, 3)."""
     torque_n_m: Float64 = field(default_factory=_no_vectors)
-    """Torque in addition to the force's moment, shape (k, 3)."""
+    """Torque in addition to the moment of the force, shape (k, 3)."""
     rolling: Flags = field(default_factory=lambda: np.empty(0, np.bool_))
-    """Whether the contact has rolling or spinning friction, which is not in the force."""
+    """Whether the contact has rolling or spinning friction, which the force does not include."""
 
     def between(self, first: int, last: int) -> Forces:
-        """Return the rows of the steps from `first` up to `last`, counted from 0."""
+        """Return the rows of the steps from `first` up to `last`, with steps counted from 0."""
         if self._rises:
             kept = self.at(slice(*np.searchsorted(self.step, (first, last))))
         else:
@@ -78,7 +78,7 @@ def impulses_of(kin: Kinematics, forces: Forces, timestep_s: Float64) -> Float64
 
 
 def per_step(forces: Forces, impulses: Float64, *, steps: int) -> Float64:
-    """Return the impulses of rows, (k, size), summed over each step, shape (steps, size)."""
+    """Sum the impulses of rows, (k, size), over each step, shape (steps, size)."""
     if not impulses.size:
         return np.zeros((steps, impulses.shape[1]))
     return summed(forces.step, impulses, count=steps)
@@ -87,7 +87,7 @@ def per_step(forces: Forces, impulses: Float64, *, steps: int) -> Float64:
 def largest_per_step(
     tree: Tree, forces: Forces, gravity_m_s2: Float64, timestep_s: Float64
 ) -> Float64:
-    """Return the largest impulse of a single force on a link that moves [N s], shape (n,).
+    """Return the largest impulse of a single force on a movable link [N s], shape (n,).
 
     Weights count, too; `gravity_m_s2` has the shape (n, 3).
     """
@@ -103,49 +103,50 @@ def largest_per_step(
 
 
 EXPLAINED = 1e-9
-"""A remainder up to this share of the largest term is rounding."""
+"""A remainder up to this share of the largest term counts as rounding."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Summed:
-    """n steps of a tree as sums of impulses, with changes of energy and momentum by cause."""
+    """The n steps of a tree as sums of impulses, with changes of energy and momentum by cause."""
 
     terms: Mapping[str, Float64]
     """Impulses by cause [N s, N m s], shape (n, size) each."""
     remainder: Float64
-    """Remainder that no term explains, shape (n, size)."""
+    """The part of the change that no term explains, shape (n, size)."""
     largest: Float64
     """The largest entry of any term, or impulse of a single force, in each step, shape (n,)."""
     unexplained: Float64
-    """The largest entry of the remainder over `largest`, shape (n,)."""
+    """Ratio of the largest entry of the remainder to `largest`, shape (n,)."""
     allowed: Float64
-    """Largest share that counts as rounding, or as what substeps leave, shape (n,)."""
+    """Maximum ratio that counts as rounding, or as the error that substeps leave, shape (n,)."""
     energy_j: Mapping[str, Float64]
     """Changes of kinetic and potential energy by cause, shape (n,) each."""
     changed_j: Float64
-    """Change of energy in total, shape (n,)."""
+    """Total change of energy, shape (n,)."""
     momentum_kg_m_s: Mapping[str, Float64]
     """Changes of linear momentum by cause, shape (n, 3) each; empty if the base cannot move."""
     moved_kg_m_s: Float64
-    """Change of linear momentum in total, shape (n, 3)."""
+    """Total change of linear momentum, shape (n, 3)."""
 
 
 ROUNDED = 1e-6
-"""Share of the momentum that counts as a term: rounding is 1e-15 of it, which is 1e-9 of this."""
+"""Share of the momentum that counts as a term: rounding error is 1e-15 of it, and 1e-9 of this
+share."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sum:
-    """n steps of a tree, each as a sum of impulses; arrays have one row per step."""
+    """The n steps of a tree, each as a sum of impulses; arrays have one row per step."""
 
     matrices: Float64
-    """M before each step and after the last, shape (n + 1, size, size)."""
+    """Mass matrix M before each step and after the last one, shape (n + 1, size, size)."""
     velocity: Float64
-    """u before each step and after the last, shape (n + 1, size)."""
+    """Velocity u before each step and after the last one, shape (n + 1, size)."""
     terms: Mapping[str, Float64]
     """Impulses by cause [N s, N m s], shape (n, size) each."""
     remainder: Float64
-    """Momentum that the terms do not explain, shape (n, size)."""
+    """Change of momentum that the terms do not explain, shape (n, size)."""
     lifted_j: Float64
     """Changes of potential energy [J], shape (n,)."""
     forces_n_s: Float64
@@ -153,7 +154,7 @@ class Sum:
 
     @property
     def matrix(self) -> Float64:
-        """M before each step, shape (n, size, size)."""
+        """Mass matrix M before each step, shape (n, size, size)."""
         return self.matrices[:-1]
 
     @cached_property
@@ -170,7 +171,7 @@ class Sum:
 
     @cached_property
     def unexplained(self) -> Float64:
-        """The largest entry of the remainder over the largest of any term, shape (n,).
+        """Ratio of the largest entry of the remainder to that of any term, shape (n,).
 
         0 where there is neither; not finite where a state is not.
         """
@@ -180,7 +181,7 @@ class Sum:
         )
 
     def summed(self, *, fixed: bool) -> Summed:
-        """Return the sums, with energy and momentum; `fixed`: whether the base never moves."""
+        """Return the sums, with energy and momentum; `fixed` tells whether the base never moves."""
         n = len(self.remainder)
         return Summed(
             terms=self.terms,
@@ -211,7 +212,7 @@ class Sum:
         return worked | {"integrator": integrator}
 
     def energy_change_j(self) -> Float64:
-        """Return the change of kinetic and potential energy [J], shape (n,)."""
+        """Return the total change of kinetic and potential energy [J], shape (n,)."""
         kinetic = 0.5 * _rowwise(self.velocity, _applied(self.matrices, self.velocity))
         return np.asarray(np.diff(kinetic) + self.lifted_j)
 
@@ -227,16 +228,16 @@ class Sum:
         return changes | {"integrator": moved + self._turned()[:, 3:6]}
 
     def momentum_change_kg_m_s(self) -> Float64:
-        """Return the change of the tree's linear momentum, shape (n, 3)."""
+        """Return the total change of the tree's linear momentum, shape (n, 3)."""
         return np.diff(_applied(self.matrices, self.velocity)[:, 3:6], axis=0)
 
     def _turned(self) -> Float64:
-        """Return (M' - M) u', shape (n, size)."""
+        """Return the effect of the changed mass matrix, (M' - M) u', shape (n, size)."""
         return _applied(self.matrices[1:] - self.matrices[:-1], self.velocity[1:])
 
 
 def change_of(matrices: Float64, velocity: Float64) -> Float64:
-    """Return M (u' - u), shape (n, size), from n + 1 matrices and velocities."""
+    """Return the momentum change M (u' - u), shape (n, size), from n + 1 matrices and rates."""
     return _applied(matrices[:-1], np.diff(velocity, axis=0))
 
 

@@ -1,4 +1,4 @@
-"""Poses and velocities of a tree's links, and the effect of forces on links on the tree.
+"""Poses and velocities of a tree's links, and the generalised forces of forces on links.
 
 Source: Featherstone, *Rigid Body Dynamics Algorithms* (2008), chapters 4 and 5, with the vectors in
 world axes and about each link's centre of mass. Vectors have the steps last (`columns`).
@@ -28,15 +28,15 @@ from drop_physics.physics.tree import BASE, RATES, States, Tree
 
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """Poses of all links; lists have one entry per link, the first of `rotations` is the base."""
+    """Poses of all links; lists have one entry per link, but `rotations` also the base first."""
 
     tree: Tree
     rotations: list[Float64]
-    """World from the link's axes, shape (3, 3, n)."""
+    """Rotations from each link's axes to world axes, shape (3, 3, n)."""
     centres: list[Float64]
     """Centres of mass [m], shape (3, n)."""
     pivots: list[Float64]
-    """A point of each link on its joint, about which it turns [m], shape (3, n)."""
+    """A point of each link on its joint axis [m], shape (3, n)."""
     axes: list[list[Float64]]
     """Axis of each rate of a link's joint, in world axes, shape (3, n)."""
 
@@ -59,17 +59,17 @@ class Kinematics:
         return self.centres[link + 1].T
 
     def matrix(self, link: int) -> Float64:
-        """Return the rotation from a link's axes to the world's, shape (n, 3, 3)."""
+        """Return the rotation from a link's axes to world axes, shape (n, 3, 3)."""
         return np.moveaxis(self.rotations[link + 1], -1, 0)
 
     def point_m(self, link: int, local_m: Sequence[float] | Float64) -> Float64:
-        """Return the position of a link's point [m], shape (n, 3); `local_m` in the link's axes."""
+        """Return the position of a point on a link [m], shape (n, 3); `local_m` in link axes."""
         local = fixed_vector(self.rotations[link + 1], np.asarray(local_m, np.float64))
         return (self.centres[link + 1] + local).T
 
 
 class LinkVelocities(NamedTuple):
-    """Velocities of base and links, per link: vectors in world axes, shape (3, n)."""
+    """Velocities of base and links, one entry per link: vectors in world axes, shape (3, n)."""
 
     spins: list[Float64]
     """Angular velocities [rad/s]."""
@@ -104,7 +104,7 @@ def kinematics(tree: Tree, states: States) -> Kinematics:
 
 
 def _turned(matrix: Float64, axis: Float64, angle: Float64) -> Float64:
-    """Return matrices times the rotations by angles about a unit vector: Rodrigues' formula."""
+    """Multiply matrices by rotations about a unit vector, by Rodrigues' formula."""
     c, s = np.cos(angle), np.sin(angle)
     turned = c * matrix + s * fixed_matrix(matrix, skew(axis))
     rest = (1.0 - c) * fixed_vector(matrix, axis)
@@ -135,7 +135,7 @@ def motion(kin: Kinematics, velocity: Float64) -> LinkVelocities:
 
 
 def across(kin: Kinematics, u: Float64, link: int) -> tuple[Float64 | None, Float64 | None]:
-    """Return spin and velocity of a link relative to its parent, at the joint; u: (size, n)."""
+    """Return a link's spin and velocity relative to its parent, at the joint; u: (size, n)."""
     rates = u[kin.tree.rates[link]]
     if not len(rates):
         return None, None
@@ -147,7 +147,7 @@ def across(kin: Kinematics, u: Float64, link: int) -> tuple[Float64 | None, Floa
 def generalised(
     kin: Kinematics, forces: Mapping[int, Float64], torques: Mapping[int, Float64]
 ) -> Float64:
-    """Return the generalised force of forces at centres of mass, and torques, shape (n, size).
+    """Return the generalised force of forces at centres of mass and torques, shape (n, size).
 
     Jᵀ f of each link, summed from the outermost links to the base (Featherstone, table 5.1). Both
     map links to vectors of shape (3, n); missing links have none.
@@ -174,7 +174,7 @@ def generalised(
 
 
 def _on_joint(kin: Kinematics, link: int, force: Float64, moment: Float64) -> list[Float64]:
-    """Return the effort of a force, with its moment about the pivot, on each rate of a joint."""
+    """Return the effort of a force, with its moment about the pivot, for each rate of a joint."""
     acting = force if kin.tree.joints[link] == "prismatic" else moment
     return [dot(axis, acting) for axis in kin.axes[link]]
 
@@ -214,7 +214,7 @@ def link_numbers(links: Int64) -> list[int]:
 
 
 def spin_jacobian(kin: Kinematics, link: int, rows: Int64 | None = None) -> Float64:
-    """Return the matrices from u to the spin of a link, shape (n, 3, size).
+    """Return the matrices that map u to the spin of a link, shape (n, 3, size).
 
     They are given for all states, or for those in `rows`.
     """
@@ -231,5 +231,5 @@ def spin_jacobian(kin: Kinematics, link: int, rows: Int64 | None = None) -> Floa
 
 
 def in_world(kin: Kinematics, link: int, step: Int64, vectors: Float64) -> Float64:
-    """Return vectors of a link's axes, shape (k, 3), in world axes, in the states `step`."""
+    """Rotate vectors from a link's axes, shape (k, 3), to world axes, in the states `step`."""
     return times(kin.rotations[link + 1][:, :, step], vectors.T).T

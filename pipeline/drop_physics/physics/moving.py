@@ -1,4 +1,4 @@
-"""The motion of a body in a step, from the velocities at its end.
+"""Integrate a body's pose over a step, from the velocities at the step's end.
 
 x' = x + v' dt        q' = q + q̇' dt        orientations turn by the exponential map
 """
@@ -12,15 +12,16 @@ from drop_physics.physics.rotations import products, same_way
 from drop_physics.physics.tree import RATES, States, Tree
 
 ROUNDED = 1e-13
-"""Share of a number and its change up to which they are the same; measured: 4e-16."""
+"""Maximum relative difference between equal numbers, as a share of the number and its change;
+measured: 4e-16."""
 TURNED = 1e-12
-"""Largest difference of quaternions that is rounding; measured: 2e-15 [1]."""
+"""Maximum difference of quaternions that counts as rounding; measured: 2e-15 [1]."""
 
 
 def moved(
     tree: Tree, before: States, velocity: Float64, timestep_s: Float64, most_rad: float
 ) -> States:
-    """Return the states that velocities lead to, shape (n, size); turns end at `most_rad`.
+    """Integrate velocities over a step, shape (n, size); rotations end at `most_rad`.
 
     Source: `btMultiBody::stepPositionsMultiDof`; MuJoCo's `mj_integratePos`, which has no limit.
     """
@@ -43,7 +44,7 @@ def moved(
 def moved_on(
     tree: Tree, before: States, after: States, timestep_s: Float64, most_rad: float
 ) -> Flags:
-    """Flag the steps whose final velocities lead to their final pose, shape (n,).
+    """Flag the steps whose final velocities integrate to their final pose, shape (n,).
 
     Turns end at `most_rad`; spherical joints are ignored. False where a state is not finite.
     """
@@ -61,7 +62,7 @@ def moved_on(
 
 
 def way_between(tree: Tree, states: States, others: States) -> Float64:
-    """Return the displacement from states to others nearby, in the order of u, shape (n, size)."""
+    """Return the displacement between two nearby states, in the order of u, shape (n, size)."""
     way = np.zeros((len(states), tree.size))
     if not tree.fixed:
         way[:, :3] = _turn_between(states.orientation, others.orientation)
@@ -83,7 +84,7 @@ def _near(before: Float64, reached: Float64, after: Float64) -> Flags:
 
 
 def _turn(vectors: Float64, most_rad: float) -> Float64:
-    """Return rotations by these vectors [rad] as quaternions x, y, z, w, shape (n, 4).
+    """Return the quaternions x, y, z, w of rotations by these vectors [rad], shape (n, 4).
 
     Beyond the limit, the sine of half the angle is that of the limit; the axis is not shortened.
     """
@@ -94,6 +95,6 @@ def _turn(vectors: Float64, most_rad: float) -> Float64:
 
 
 def _turn_between(orientation: Float64, other: Float64) -> Float64:
-    """Return the small rotation that leads from orientations to others [rad], shape (n, 3)."""
+    """Return the small rotation vectors between two orientations [rad], shape (n, 3)."""
     back = orientation * [-1, -1, -1, 1]
     return 2 * products(same_way(other, orientation), back)[:, :3]

@@ -1,4 +1,4 @@
-"""Contacts, pushes and frames as forces on links, in world axes."""
+"""Contacts, pushes and frames, converted to forces on links, in world axes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def contact_forces(
     force_n: Float64,
     rolling: Flags,
 ) -> Forces:
-    """Return contact points as forces on links of one of the two bodies that touch.
+    """Return contact points as forces on links of one of the two touching bodies.
 
     A body that touches itself has two rows per point. `point_m` lies on the body; `force_n` is the
     force on a, (k, 3). `rolling`: whether either link has a coefficient of rolling or spinning
@@ -40,7 +40,7 @@ def contact_forces(
 def points_force_n(
     normal: Float64, normal_force_n: Float64, friction_n: Float64, directions: Sequence[Float64]
 ) -> Float64:
-    """Return the forces on a at contact points, shape (k, 3).
+    """Return the forces on body a at contact points, shape (k, 3).
 
     `normal` points from b to a, (k, 3); `friction_n` has both lateral frictions, (k, 2), and
     `directions` those of each, (k, 3).
@@ -60,7 +60,7 @@ def pushes(
     in_link_frame: Flags,
     pose: Int64,
 ) -> Forces:
-    """Return forces and torques from outside as forces on links, k rows.
+    """Return external forces and torques as forces on links, k rows.
 
     `pose` has the state whose pose of the link counts: the force acts at the centre of mass where
     the link is, but its frame and its moment are those of that pose.
@@ -86,5 +86,5 @@ def pushes(
 
 
 def frame_axes(kin: Kinematics, link: int, orientation: Sequence[float]) -> Float64:
-    """Return a link's frame, turned by a quaternion x, y, z, w, in the world, shape (n, 3, 3)."""
+    """Return the world axes of a link's frame rotated by a quaternion x, y, z, w, (n, 3, 3)."""
     return np.asarray(kin.matrix(link) @ rotation(np.asarray(orientation, np.float64)))

@@ -1,4 +1,4 @@
-"""Rotate vectors between the world's axes and a body's."""
+"""Rotate vectors between world axes and body axes."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ def rotate(orientation: Float64, vectors: Float64) -> Float64:
 
 
 def rotate_inverse(orientation: Float64, vectors: Float64) -> Float64:
-    """Rotate vectors back by unit quaternions x, y, z, w; shapes (n, 4) and (n, 3)."""
+    """Rotate vectors by the inverse of unit quaternions x, y, z, w; shapes (n, 4) and (n, 3)."""
     return rotate(orientation * [-1, -1, -1, 1], vectors)
 
 
 def products(a: Float64, b: Float64) -> Float64:
-    """Return Hamilton's products of quaternions x, y, z, w, shape (n, 4): b's rotation first."""
+    """Return products of quaternions x, y, z, w, shape (n, 4), which apply b's rotation first."""
     axis_a, w_a, axis_b, w_b = a[:, :3], a[:, 3:], b[:, :3], b[:, 3:]
     axes = w_a * axis_b + w_b * axis_a + cross(axis_a, axis_b)
     return np.hstack((axes, w_a * w_b - sums(axis_a * axis_b)[:, None]))
 
 
 def same_way(orientation: Float64, reference: Float64) -> Float64:
-    """Return quaternions, (n, 4), with the signs of others: q and -q are the same orientation."""
+    """Return quaternions, (n, 4), negated where needed to match others: q and -q are equivalent."""
     agree = sums(orientation * reference)[:, None]
     return np.where(agree < 0, -orientation, orientation)
 
 
 def quaternions(matrices: Float64) -> Float64:
-    """Return rotation matrices, shape (3, 3, n), as unit quaternions x, y, z, w, shape (n, 4).
+    """Convert rotation matrices, shape (3, 3, n), to unit quaternions x, y, z, w, shape (n, 4).
 
     Source: the largest component is found first, which keeps the others accurate (Shepperd 1978,
     Journal of Guidance and Control 1, p. 223).
@@ -59,5 +59,5 @@ def quaternions(matrices: Float64) -> Float64:
 
 
 def matrix(orientation: Sequence[float]) -> Float64:
-    """Return the rotation matrix of a unit quaternion x, y, z, w, shape (3, 3)."""
+    """Convert a unit quaternion x, y, z, w to a rotation matrix, shape (3, 3)."""
     return rotate(np.tile(orientation, (3, 1)), np.eye(3)).T

@@ -1,4 +1,4 @@
-"""Arrays that belong together: one row of each describes one thing."""
+"""Equal-length arrays that belong together: row i of each describes item i."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 
 class Rowed:
-    """A dataclass of arrays with one row each."""
+    """A dataclass of equal-length arrays: row i of every array describes item i."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
@@ -23,12 +23,12 @@ class Rowed:
         return type(self)(*(column[rows] for column in self._columns()))
 
     def then(self, more: Self) -> Self:
-        """Return these rows, followed by more."""
+        """Return these rows, followed by further ones."""
         return self.joined((self, more))
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Concatenate tables of rows; a single table is returned as it is."""
+        """Concatenate tables of rows; return a single table unchanged."""
         if len(parts) == 1:
             return parts[0]
         columns = zip(*(part._columns() for part in parts), strict=True)

@@ -1,4 +1,4 @@
-"""Growth and decay of degrees of freedom on springs and dampers under an integrator's step.
+"""Growth and decay of spring-damper systems under an integrator's step.
 
 With a mass matrix M, stiffness k, damping d taken at the end of a step and e at its beginning, all
 diagonal, a timestep h makes of position x and rate v, by semi-implicit Euler with its dampers on
@@ -31,26 +31,26 @@ from numpy.typing import NDArray
 Float64 = NDArray[np.float64]
 
 HALVINGS = 30
-"""Bisections of a limit, of which two digits are told."""
+"""Number of bisections for a limit, of which two digits are reported."""
 RANGE = 1e12
-"""A limit is searched for between the current value divided by this and multiplied by this."""
+"""A limit is searched for between the current value divided by this factor and multiplied by it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Servos:
-    """Coupled degrees of freedom on springs and dampers, and the integrator that steps them."""
+    """Coupled degrees of freedom with springs and dampers, and the integrator that steps them."""
 
     timestep_s: float
     inertia: Float64
     """The mass matrix, shape (n, n) [kg m²] or [kg]."""
     stiffness: Float64
-    """Shape (n,) [N m/rad] or [N/m]."""
+    """Spring stiffness, shape (n,) [N m/rad] or [N/m]."""
     ends: Float64
     """Damping evaluated at the end of a step, shape (n,) [N m s/rad] or [N s/m]."""
     begins: Float64
-    """Damping evaluated at its beginning, shape (n,)."""
+    """Damping evaluated at the start of a step, shape (n,)."""
     fourth_order: bool = False
-    """Whether steps are Runge and Kutta's instead of Euler's."""
+    """Whether the integrator is fourth-order Runge-Kutta instead of Euler."""
 
     @property
     def growth(self) -> float:
@@ -68,11 +68,11 @@ class Servos:
 
     @property
     def grows(self) -> bool:
-        """True if gaps grow by more than rounding."""
+        """True if gaps grow by more than rounding error."""
         return self.growth > 1 + 1e-7
 
     def alone(self, place: int) -> Servos:
-        """Return one degree of freedom alone, without springs and dampers on the others."""
+        """Return a single degree of freedom, without springs and dampers on the others."""
         inertia = 1 / np.linalg.inv(self.inertia)[place, place]
         return replace(
             self,
@@ -83,7 +83,7 @@ class Servos:
         )
 
     def calmed(self, name: str, place: int, factor: float) -> Servos:
-        """Return the servos with a number of one joint divided, or its inertia multiplied."""
+        """Return the servos with a parameter of one joint divided, or its inertia multiplied."""
         if name == "timestep_s":
             return replace(self, timestep_s=self.timestep_s / factor)
         values = np.array(getattr(self, name))
@@ -95,7 +95,7 @@ class Servos:
         return replace(self, **changed)
 
     def limit(self, name: str, place: int) -> float | None:
-        """Return the least factor of `calmed` with which nothing grows; None if there is none."""
+        """Return the least factor for `calmed` with which nothing grows; None if there is none."""
         return _first(lambda factor: not self.calmed(name, place, factor).grows)
 
 
@@ -108,7 +108,7 @@ def pd_effort(
     position: Float64,
     velocity: Float64,
 ) -> Float64:
-    """Return the effort of a servo that acts at the beginning of a step, shape (n,).
+    """Return the effort of a servo that acts at the start of a step, shape (n,).
 
     clip(kp (q* - q) + kd (q̇* - q̇), ± force); `gains` are kp and kd.
     """
@@ -118,7 +118,7 @@ def pd_effort(
 
 
 def _first(holds: Callable[[float], bool]) -> float | None:
-    """Return the least factor, at least 1, from which on something holds; None if there is none."""
+    """Return the least factor, at least 1, from which a condition holds; None if there is none."""
     low, high = 1.0, 2.0
     while not holds(high):
         low, high = high, high * high

@@ -1,4 +1,4 @@
-"""The known facts of a tree's steps, and the interface of an engine's law."""
+"""The known inputs of a tree's steps, and the interface of an engine's integration rule."""
 
 from __future__ import annotations
 
@@ -18,44 +18,45 @@ class DampedTree:
 
     tree: Tree
     joint_damping: Float64
-    """[N s/m or N m s/rad] of each joint's rate, shape (joint_rates,)."""
+    """Damping of each joint rate, shape (joint_rates,) [N s/m or N m s/rad]."""
     lower: Float64
-    """Limits of each joint's position, shape (joint_rates,); none where lower > upper."""
+    """Lower limit of each joint's position, shape (joint_rates,); no limits where lower > upper."""
     upper: Float64
     linear_damping: float
-    """Coefficients of the law's own damping of links."""
+    """Coefficients of the engine's own damping of links."""
     angular_damping: float
     velocity_limit: float
-    """Limit of each entry of u."""
+    """Maximum of each entry of u."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reported:
-    """Everything known of n steps besides the states; rows of Forces carry their step's index."""
+    """Everything known about n steps besides the states; rows of Forces carry a step index."""
 
     timestep_s: Float64
-    """Shape (n,)."""
+    """Timestep of each step, shape (n,)."""
     gravity_m_s2: Float64
-    """World axes, shape (n, 3)."""
+    """Gravity in world axes, shape (n, 3)."""
     motors: Float64
     """Efforts of the joints' motors [N or N m], shape (n, joint_rates)."""
     commanded: Float64
-    """Sum of the efforts that calls gave for one step, shape (n, joint_rates)."""
+    """Sum of the efforts that calls applied for one step, shape (n, joint_rates)."""
     pd: Float64
-    """Efforts of servos that act before the solver, shape (n, joint_rates)."""
+    """Efforts of servos that are evaluated before the solver, shape (n, joint_rates)."""
     applied: Forces = field(default_factory=Forces)
     """Forces and torques that calls applied."""
     contacts: Forces = field(default_factory=Forces)
-    """Forces of contact points."""
+    """Forces at contact points."""
     constraints: Forces = field(default_factory=Forces)
     """Forces of constraints."""
     geared: Float64 | None = None
-    """Impulses of gears [N m s], shape (n, joint_rates); None without gears."""
+    """Impulses of gears [N m s], shape (n, joint_rates); None if there are no gears."""
     damped: Float64 | None = None
-    """Rates that joint damping acts on, shape (n, joint_rates); None for those before each step."""
+    """Rates on which joint damping acts, shape (n, joint_rates); None for the rates before each
+    step."""
 
     def at(self, rows: slice) -> Reported:
-        """Return consecutive steps."""
+        """Return a slice of consecutive steps."""
         numbers: dict[str, Any] = {
             each.name: value.between(rows.start, rows.stop)
             if isinstance(value, Forces)
@@ -77,47 +78,48 @@ Reason = Literal[
     "constraint",
     "rolling unreported",
 ]
-"""Reason why a law has no sum for a step, or need not have one."""
+"""Reason why a law has no sum for a step, or may not have one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StepConditions:
-    """Facts of engine and body that decide whether a step can be written as a sum."""
+    """Properties of engine and body that decide whether a step can be written as a sum."""
 
     other_engine: bool = False
-    """Whether another engine steps the body, by a law of its own."""
+    """Whether another engine, with its own law, steps the body."""
     substeps: int = 0
-    """Number of substeps per step; 0 means 1, too."""
+    """Number of substeps per step; 0 also means 1."""
     may_sleep: bool = False
-    """Whether the engine may put the body to sleep."""
+    """Whether the engine is allowed to put the body to sleep."""
     maximal: bool = False
-    """Whether the engine uses maximal coordinates for it."""
+    """Whether the engine represents the body in maximal coordinates."""
     planar: bool = False
-    """Whether it has a planar joint."""
+    """Whether the body has a planar joint."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StepLaw:
-    """The law of an engine that does not itself report all causes of its steps."""
+    """The integration rule of an engine that does not itself report every impulse of its steps."""
 
     damping: float
-    """Default of linear and angular damping."""
+    """Default linear and angular damping."""
     velocity_limit: float
-    """Default limit of each entry of u."""
+    """Default maximum of each entry of u."""
     least_timestep_s: float
-    """Smallest timestep that the engine takes."""
+    """Smallest timestep that the engine accepts."""
     most_turn_rad: float
-    """Largest rotation of a link in a step."""
+    """Maximum rotation of a link in a step."""
     not_covered: Callable[[StepConditions, Tree | None], tuple[Reason, ...]]
-    """Returns why a body's steps need not be the sum."""
+    """Returns the reasons why a body's steps may not equal the sum."""
     sum_of: Callable[
         [DampedTree, States, Reported, int, Callable[[States], Float64]], tuple[Summed, Float64]
     ]
-    """Returns n steps of so many substeps as sums, from the n + 1 states before and after them, and
-    the efforts of servos in the last substep; the last argument returns these in some states."""
+    """Returns n steps of the given number of substeps as sums, from the n + 1 states around them,
+    and the efforts of servos in the last substep; the last argument is a function that returns
+    these efforts in given states."""
     flight: Callable[..., Law | None]
-    """Returns the law of a body without links where nothing touches it, if there is one."""
+    """Returns the law of a body without links in free flight, if there is one."""
     constraint_forces: Callable[..., Forces]
-    """Returns what a constraint does to one of its two bodies, from what the engine reports."""
+    """Returns the forces of a constraint on one of its two bodies, from the engine's report."""
     gear_impulses: Callable[..., Float64]
-    """Returns the impulses of a gear on one of its two joints, likewise."""
+    """Returns the impulses of a gear on one of its two joints, from the engine's report."""

@@ -1,4 +1,4 @@
-"""Closed forms for a body in the air, independent of timesteps and engines.
+"""Closed-form motion of a body in the air, independent of timesteps and engines.
 
     v' = g - a v - b |v| v
 
@@ -28,14 +28,14 @@ from drop_physics.arrays import Float64, Vector
 from drop_physics.physics.base import Drag
 
 SERIES_REACH = 0.25
-"""Largest rate x time of the series; beyond, the closed form loses at most two of 16 digits."""
+"""Maximum of rate × time for the series; beyond, the closed form loses at most two of 16 digits."""
 SERIES_TERMS = 36
 """ψ e^(at/2) has no complex zero within rate x time = ln 2, and (0.25 / ln 2)^36 is 1e-16."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TheoreticalFall:
-    """The release of a body, and the drag of the air.
+    """The release of a body, and its drag in the air.
 
     `gravity_m_s2` is the signed z component: negative pulls down; 0 and upward are allowed.
     """
@@ -47,7 +47,7 @@ class TheoreticalFall:
 
     @property
     def height_m(self) -> float:
-        """Height at the start, along z [m]."""
+        """Initial height, along z [m]."""
         return self.position_m[2]
 
 
@@ -61,12 +61,12 @@ def free_fall_position(fall: TheoreticalFall, time_s: Float64) -> Float64:
 
 
 def free_fall_height(fall: TheoreticalFall, time_s: Float64) -> Float64:
-    """Return its height [m], with the shape of `time_s`."""
+    """Return the height in free fall [m], with the shape of `time_s`."""
     return free_fall_position(fall, time_s)[:, 2]
 
 
 def free_fall_velocity(fall: TheoreticalFall, time_s: Float64) -> Float64:
-    """Return v0 + g t [m/s], shape (n, 3)."""
+    """Return the velocity in free fall, v0 + g t [m/s], shape (n, 3)."""
     v0 = np.array(fall.velocity_m_s, dtype=np.float64)
     return v0 + np.outer(time_s, (0.0, 0.0, fall.gravity_m_s2))
 
@@ -81,7 +81,7 @@ def timestep_displacement(fall: TheoreticalFall, time_s: Float64, timestep_s: fl
 
 
 def impact_time_free(fall: TheoreticalFall, floor_height_m: float) -> float | None:
-    """Return the time at which free fall reaches `floor_height_m` from above [s]; None if never.
+    """Return when free fall reaches `floor_height_m` from above [s]; None if never.
 
     The first root of d + v0 t + g t²/2 = 0, in the form without cancellation. It is 0 for a body
     that starts lower.
@@ -97,7 +97,7 @@ def impact_time_free(fall: TheoreticalFall, floor_height_m: float) -> float | No
 
 
 def stopped_by_floor(heights_m: Float64, floor_height_m: float | None) -> Float64:
-    """Return heights of a centre [m] limited by the floor.
+    """Return heights of the body's centre [m], limited by the floor.
 
     `floor_height_m` is that of the centre where the body touches it, None without a floor. Theory
     ends there in tables, curves and plots.
@@ -109,7 +109,7 @@ def stopped_by_floor(heights_m: Float64, floor_height_m: float | None) -> Float6
 
 
 def damping_displacement(fall: TheoreticalFall, time_s: Float64) -> Float64:
-    """Return x_damped - x_free [m], how far the drag moves the body, shape (n, 3).
+    """Return x_damped - x_free [m], the displacement due to drag, shape (n, 3).
 
     Without cancellation. Times are not negative, in any order [s]. An oblique throw through
     quadratic drag is integrated, to 1e-12 m over the first metres.
@@ -118,12 +118,12 @@ def damping_displacement(fall: TheoreticalFall, time_s: Float64) -> Float64:
 
 
 def damped_fall_height(fall: TheoreticalFall, time_s: Float64) -> Float64:
-    """Return the height of a body that falls with drag [m], with the shape of `time_s`."""
+    """Return the height of a falling body with drag [m], with the shape of `time_s`."""
     return fall.height_m + _motion(fall, time_s).travel[:, 2]
 
 
 def impact_time_damped(fall: TheoreticalFall, floor_height_m: float) -> float | None:
-    """Return the time at which the damped fall reaches `floor_height_m` [s]; None if never."""
+    """Return when the damped fall reaches `floor_height_m` [s]; None if never."""
     free_s = impact_time_free(fall, floor_height_m)
     if not free_s or not any(fall.drag):
         return free_s  # with drag a body gets no further than in free fall
@@ -147,7 +147,7 @@ def impact_time_damped(fall: TheoreticalFall, floor_height_m: float) -> float | 
 
 
 def _time_of_quadratic_drag(b: float, fall: TheoreticalFall, floor_height_m: float) -> float:
-    """Return the time of arrival of a body without gravity [s], from its path ln(1 + b v t)/b.
+    """Return the arrival time of a body without gravity [s], from its path ln(1 + b v t)/b.
 
     The path is along its velocity, whose vertical share brings it down.
     """
@@ -157,7 +157,7 @@ def _time_of_quadratic_drag(b: float, fall: TheoreticalFall, floor_height_m: flo
 
 
 def _time_of_zero(function: Callable[[float], tuple[float, float]], latest: float) -> float:
-    """Return the time at which `function`, given with its slope, falls through 0 before `latest`.
+    """Return when `function`, given with its slope, decreases through 0 before `latest`.
 
     Newton's method, with bisection where it would leave the bracket or the slope is 0.
     """
@@ -217,7 +217,7 @@ class _Leg(NamedTuple):
 
 
 def _there_and_back(drag: Drag, v0: float, g: float, time: Float64) -> _Motion:
-    """Return a vertical motion: to its apex if it has one, and back.
+    """Return a vertical motion: up to its apex, if it has one, and down.
 
     At the apex free fall still moves: from there on its velocity, the slip, adds to the change.
     """

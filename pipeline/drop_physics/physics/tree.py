@@ -1,4 +1,4 @@
-"""A body as a tree of rigid links; a free body is a tree without joints.
+"""A body as a tree of rigid links; a single body is a tree without joints.
 
 A link's axes are its principal axes of inertia, and its origin is its centre of mass. Links are
 numbered from 0, each after its parent; the base is `BASE`. If several joints connect two links in a
@@ -21,16 +21,17 @@ from drop_physics.physics.rowed import Rowed
 Joint = Literal["fixed", "revolute", "prismatic", "spherical"]
 
 BASE = -1
-"""The number of the base among the links."""
+"""The index of the base among the links."""
 RATES: dict[Joint, int] = {"fixed": 0, "revolute": 1, "prismatic": 1, "spherical": 3}
-"""Degrees of freedom of each kind of joint; a spherical joint turns about the link's axes."""
+"""Degrees of freedom by kind of joint; a spherical joint rotates about the link's axes."""
 COORDINATES: dict[Joint, int] = RATES | {"spherical": 4}
-"""Coordinates of each kind of joint: an angle, a distance, or a unit quaternion x, y, z, w."""
+"""Number of position coordinates by kind of joint: an angle, a distance, or a unit quaternion x, y,
+z, w."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Tree:
-    """Links and the joints that connect them; row k of arrays about links describes link k - 1.
+    """Links and the joints that connect them; row k of arrays with links describes link k - 1.
 
     The generalised velocity u of a tree is: spin and velocity of the base's centre of mass, in
     world axes, unless the base is fixed; then the rates of the joints, in the order of the links.
@@ -46,29 +47,32 @@ class Tree:
     masses_kg: Float64
     """Masses of base and links, shape (links + 1,)."""
     inertias_kg_m2: Float64
-    """Principal moments of base and links, shape (links + 1, 3)."""
+    """Principal moments of inertia of base and links, shape (links + 1, 3)."""
     parents: tuple[int, ...] = ()
-    """Parent of each link."""
+    """Index of the parent of each link."""
     joints: tuple[Joint, ...] = ()
     """Kind of each link's joint."""
     axes: Float64 = field(default_factory=lambda: np.empty((0, 3)))
-    """Axis that a joint slides along or turns about, in the link's axes, shape (links, 3).
+    """Axis along or about which a joint moves, in the link's axes, shape (links, 3).
 
     One that is no unit vector scales how far the link slides and how fast it turns per unit of the
     joint's rate, but not by which angle: so does Bullet (`btMultiBodyLink`, `m_axes`).
     """
     positions_m: Float64 = field(default_factory=lambda: np.empty((0, 3)))
-    """The joint from the parent's centre of mass, in the parent's axes, shape (links, 3)."""
+    """Position of the joint relative to the parent's centre of mass, in the parent's axes, shape
+    (links, 3)."""
     orientations: Float64 = field(default_factory=lambda: np.empty((0, 4)))
-    """Rotation from the link's axes to the parent's, joint at 0: quaternions x, y, z, w."""
+    """Rotation from the link's axes to the parent's, with the joint at 0: quaternions x,
+    y, z, w."""
     centres_m: Float64 = field(default_factory=lambda: np.empty((0, 3)))
-    """The link's centre of mass from the joint, in the link's axes, shape (links, 3)."""
+    """Position of the link's centre of mass relative to the joint, in the link's axes, shape
+    (links, 3)."""
     armature: Float64 | None = None
-    """Additional inertia of the rates of base and links: of rotors behind gears, for example, shape
-    (links + 1,) [kg or kg m²]; None without any."""
+    """Additional inertia of the rates of base and links, as of rotors behind gears, shape (links +
+    1,) [kg or kg m²]; None without any."""
     coupled: Float64 | None = None
-    """Inertias that move with several rates together, as of a tendon: rows of an inertia and how
-    fast it moves by each rate, shape (k, 1 + size); None if there is none."""
+    """Inertias coupled to several rates, as of a tendon: each row is an inertia and its speed per
+    unit of each rate, shape (k, 1 + size); None without any."""
 
     def __post_init__(self) -> None:
         links = len(self.parents)
@@ -95,12 +99,12 @@ class Tree:
 
     @cached_property
     def rates(self) -> tuple[slice, ...]:
-        """The slice of u that holds the rates of each link's joint."""
+        """The slice of u for the rates of each link's joint."""
         return places([RATES[joint] for joint in self.joints], self.first_rate)
 
     @cached_property
     def coordinates(self) -> tuple[slice, ...]:
-        """The slice of the joints' positions that holds each link's joint."""
+        """The slice of the joint positions for each link's joint."""
         return places([COORDINATES[joint] for joint in self.joints])
 
     @property
@@ -115,7 +119,7 @@ class Tree:
 
     @property
     def joint_coordinates(self) -> int:
-        """The number of coordinates of the joints."""
+        """The number of position coordinates of the joints."""
         return self.coordinates[-1].stop if self.coordinates else 0
 
     @cached_property
@@ -127,7 +131,7 @@ class Tree:
         )
 
     def branch(self, link: int) -> tuple[int, ...]:
-        """Return a link and those between it and the base, from the outermost to the first."""
+        """Return a link and its ancestors up to the base, from the outermost to the first."""
         found = []
         while link != BASE:
             found.append(link)
@@ -137,12 +141,12 @@ class Tree:
 
 @dataclass(frozen=True, eq=False)
 class States(Rowed):
-    """States of a tree, one row each."""
+    """States of a tree, one per row."""
 
     position_m: Float64
     """Position of the base's centre of mass, world axes, shape (n, 3)."""
     orientation: Float64
-    """World from the base's axes: unit quaternions x, y, z, w, shape (n, 4)."""
+    """Rotation from the base's axes to world axes: unit quaternions x, y, z, w, shape (n, 4)."""
     joints: Float64
     """Positions of the joints, shape (n, joint_coordinates)."""
     velocity: Float64
@@ -150,5 +154,5 @@ class States(Rowed):
 
 
 def places(widths: Iterable[int], first: int = 0) -> tuple[slice, ...]:
-    """Return consecutive slices of these widths."""
+    """Return consecutive slices with the given widths."""
     return tuple(slice(a, b) for a, b in pairwise(accumulate(widths, initial=first)))

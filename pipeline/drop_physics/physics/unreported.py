@@ -1,4 +1,4 @@
-"""The part of a step's remainder that belongs to causes of which the engine reports no impulse.
+"""Assign the remainder of a step to causes whose impulses the engine does not report.
 
 Such a cause can act only in some directions: a stop on its joint, inwards; a clamp on one entry of
 u; rolling and spinning friction as torques on the links that touch. What of the remainder lies in
@@ -18,7 +18,7 @@ from drop_physics.physics.kinematics import Kinematics, spin_jacobian
 from drop_physics.physics.vectors import distinct_bytes
 
 DEPENDENT = 1e-13
-"""Directions whose singular value is below this share of the largest are one direction."""
+"""Singular values below this share of the largest are treated as zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,17 +29,18 @@ class Unreported:
     DOWN: ClassVar[int] = 2
 
     stops: Int64
-    """Directions in which a stop may push each entry of u: UP, DOWN, both or 0; shape (n, size)."""
+    """Directions in which a joint stop may push each entry of u: UP, DOWN, both or 0; shape (n,
+    size)."""
     clamped: Flags
-    """Entries of u that are at the engine's limit after the step, shape (n, size)."""
+    """Whether each entry of u is at the engine's limit after the step, shape (n, size)."""
     step: Int64
-    """Steps of contacts with rolling friction, shape (k,)."""
+    """Step index of each contact with rolling friction, shape (k,)."""
     link: Int64
-    """Links of these contacts, shape (k,)."""
+    """Link of each contact with rolling friction, shape (k,)."""
 
 
 class Shared(NamedTuple):
-    """A remainder divided among unreported causes; arrays of shape (n, size)."""
+    """A remainder divided among unreported causes; arrays have shape (n, size)."""
 
     rolling: Float64
     stops: Float64
@@ -68,7 +69,7 @@ def shared_out(left: Float64, matrices: Float64, kin: Kinematics, may: Unreporte
 
 
 def _outwards(pushed: Float64, stops: Int64) -> Flags:
-    """Flag the entries that push in a direction in which no stop can push, shape (n, size)."""
+    """Flag the entries that push in a direction in which no stop pushes, shape (n, size)."""
     up, down = stops & Unreported.UP != 0, stops & Unreported.DOWN != 0
     return np.asarray(((pushed > 0) & ~up) | ((pushed < 0) & ~down))
 
@@ -83,7 +84,7 @@ def _touching(may: Unreported, steps: int, links: int) -> Flags:
 def _fit(
     left: Float64, matrices: Float64, kin: Kinematics, keys: Flags, steps: Int64, shared: Shared
 ) -> None:
-    """Fit these steps by all directions at once, those with the same directions together.
+    """Fit these steps by all directions at once, grouping steps with the same directions.
 
     `keys` tells the directions of each step: links that touch, stops and clamped entries.
     """
@@ -104,7 +105,7 @@ def _fit(
 
 
 def _parts(left: Float64, parts: tuple[Float64, ...]) -> list[Float64]:
-    """Return the least-squares share of each group of directions, shape (k, size) each.
+    """Return the least-squares contribution of each group of directions, shape (k, size) each.
 
     Directions that nearly depend on each other have large coefficients, whose rounding would end in
     the remainder; the projection on all of them together has none, so the first group takes it.

@@ -16,7 +16,7 @@ from drop_physics.arrays import Flags, Float64, Int64
 
 
 def largest(vectors: Float64) -> Float64:
-    """Return the largest absolute component of each vector, shape (n,); nan if one is nan."""
+    """Return the maximum absolute component of each vector, shape (n,); nan if any is nan."""
     return functools.reduce(np.maximum, np.abs(vectors).T, np.zeros(len(vectors)))
 
 
@@ -31,7 +31,7 @@ def lengths(vectors: Float64) -> Float64:
 
 
 def triple(vector: Float64) -> tuple[float, float, float]:
-    """Return a vector as three numbers."""
+    """Convert a vector to a tuple of three numbers."""
     x, y, z = vector.tolist()
     return x, y, z
 
@@ -48,21 +48,21 @@ def cross(a: Float64, b: Float64) -> Float64:
 
 
 def groups(numbers: Int64) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """Yield each distinct number in ascending order, with its rows."""
+    """Yield each distinct number in ascending order, with the indices of its rows."""
     order = np.argsort(numbers, kind="stable")
     found, starts = np.unique(numbers[order], return_index=True)
     yield from zip(found.tolist(), np.split(order, starts[1:]), strict=True) if len(found) else ()
 
 
 def distinct(numbers: Int64) -> tuple[Int64, Int64]:
-    """Return the numbers without repetitions in a row, and the index of each number's run."""
+    """Remove consecutive repetitions, and return the index of each number's run."""
     new = np.ones(len(numbers), np.bool_)
     new[1:] = numbers[1:] != numbers[:-1]
     return numbers[new], np.cumsum(new) - 1
 
 
 def distinct_rows(numbers: Int64) -> tuple[Int64, Int64, Int64]:
-    """Return the distinct rows of whole numbers, in their order, and their places.
+    """Return the distinct rows of integers, sorted, and each row's index among them.
 
     `numbers` has the shape (n, k). Beside the distinct rows, shape (d, k), the index of the first
     equal row of `numbers`, shape (d,), and the distinct row of every row, shape (n,). NumPy's
@@ -79,7 +79,7 @@ def distinct_rows(numbers: Int64) -> tuple[Int64, Int64, Int64]:
 
 
 def distinct_bytes(rows: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the first of equal rows, in the order of their bytes, and the place of every row.
+    """Return the first of each set of equal rows, sorted by bytes, and each row's index.
 
     `rows` has the shape (n, k). The shapes of the result are (d,) and (n,).
     """
@@ -92,7 +92,7 @@ def distinct_bytes(rows: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[np.int
 
 
 def summed(rows: Int64, vectors: Float64, *, count: int) -> Float64:
-    """Return the sum of the vectors of each row, in their order, shape (count, k)."""
+    """Return the sum of the vectors in each row, in their order, shape (count, k)."""
     columns = [np.bincount(rows, column, minlength=count) for column in vectors.T]
     # Without rows numpy counts in integers.
     return np.stack(columns, axis=1, dtype=np.float64)

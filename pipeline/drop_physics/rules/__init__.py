@@ -1,1 +1,1 @@
-"""Rules, one file each, that answer from a recording why a simulation did what it did."""
+"""The rules, one file each: each finds a reason why a recorded simulation behaved as it did."""

@@ -1,4 +1,4 @@
-"""Findings, and the scene from which rules read."""
+"""The findings of rules, and the scene: the data that rules read."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ Rows = NDArray[np.intp]
 Column = Callable[[States], Float64]
 """A column of states."""
 Proof = Literal["sum", "call", "trial", "none"]
-"""Proof of a finding: by the sum of impulses, by a call or a file that asks for one thing and an
-engine that does another, or by a trial; advice without a proof is only to be tried."""
+"""How a finding is proved: by the sum of impulses; by a call or a file that requests one thing
+while the engine does another; or by a trial. Advice without a proof is only a proposal."""
 Level = Literal["broken", "asked", "model", "repeat", "note"]
 LEVELS: tuple[Level, ...] = get_args(Level)
-"""The levels, the gravest first: no longer physics; not what the script asked for; what the engine
-does, though perhaps not what was meant; may differ in another run; worth knowing."""
+"""The levels, the gravest first: no longer physical; not what the script requested; correct for the
+engine, but perhaps not intended; may differ in another run; worth knowing."""
 
 
 @dataclass(frozen=True)
@@ -65,70 +65,71 @@ class Effect:
 
 @dataclass(frozen=True)
 class Span:
-    """The steps of a finding."""
+    """The range of steps to which a finding applies."""
 
     first: int
-    """The first of these steps."""
+    """The first step of the range."""
     last: int
-    """The last of these steps."""
+    """The last step of the range."""
     count: int
     """Number of these steps in which the finding holds."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """A finding: the request, its outcome, the reason, and the change that mends it."""
+    """A finding: the request, its outcome, the reason, and the change that fixes it."""
 
     code: str
-    """A stable name for use in scripts."""
+    """A stable identifier for use in scripts."""
     level: Level
-    """Level, the gravest first: `broken` is no physics any more; `asked`: one thing was asked,
-    another happened; `model`: true to the engine, perhaps not to you; `repeat`: another run may
+    """Level, the gravest first: `broken` is no longer physical; `asked`: the outcome differs from
+    the request; `model`: correct for the engine, perhaps not intended; `repeat`: another run may
     differ; `note`."""
     reason: str | None = None
-    """The cause, in a word; null where the code has one cause only."""
+    """The cause, as one word; null where the code has only one cause."""
     message: str
-    """Sentence on what was seen, with numbers, and why."""
+    """A sentence that says what was observed, with numbers, and why."""
     advice: str | None = None
-    """The call that changes it."""
+    """The call that fixes the problem."""
     proposed: bool = False
-    """Whether the advice is only to be tried: neither the sum of impulses nor a call proves that
-    what it changes is the cause. `drop why` tries it."""
+    """Whether the advice is only a proposal: neither the sum of impulses nor a call proves that it
+    addresses the cause. `drop why` tries it."""
     proof: Proof = "sum"
-    """Proof: by the `sum` of impulses, by a `call` (or the file that it loads), by a `trial`;
-    `none` if its advice is only to be tried."""
+    """How the finding is proved: by the `sum` of impulses, by a `call` (or the file that it loads),
+    by a `trial`; `none` if its advice is only a proposal."""
     cure: Cure | None = None
-    """The advice as an intervention that can be tried; null where no call changes it."""
+    """The advice as an intervention that `drop why` can try; null where no call makes the
+    change."""
     body: str | None = None
-    """Label of the body that the finding is about: the worst, where there are several."""
+    """Label of the body that the finding is about; with several, the worst one."""
     bodies: int = 1
-    """Number of bodies for which the finding stands."""
+    """Number of bodies to which the finding applies."""
     joint: str | None = None
     """Name of the joint that the finding is about."""
     other: str | None = None
-    """Label of the other body, in JSON `with`."""
+    """Label of the other body; in JSON, `with`."""
     effect: Effect | None = None
-    """The magnitude of what was found."""
+    """The magnitude of the problem."""
     share: float = 0.0
-    """The ratio of the effect to what is normal for it; ranks findings of one level."""
+    """Ratio of the effect to its normal size; ranks findings of the same level."""
     steps: Span | None = None
-    """The steps that it covers."""
+    """The steps to which the finding applies."""
     site: str | None = None
-    """File and line of the call that caused it; of a notebook, cell and line."""
+    """File and line of the call that caused it; in a notebook, cell and line."""
     episode: int | None = None
-    """Number of the episode that these steps are of; None where they are of several, or all are of
-    one."""
+    """Number of the episode that contains these steps; None if they span several, or the run has
+    only one."""
     episodes: int = 1
-    """Number of episodes in which it was found."""
+    """Number of episodes in which the problem was found."""
 
     terms: tuple[RowTerm, ...] = field(default=(), compare=False)
-    """The terms of the sum in the row of the account whose place it takes."""
+    """The terms of the sum, taken from the account row that the finding replaces."""
     row: AccountRow | None = field(
         default=None, repr=False, compare=False, metadata={"json": False}
     )
-    """The row of the account that tells the same of the same subject."""
+    """The account row that reports the same fact about the same subject."""
     verdict: str | None = None
-    """The best result of its trials, where `drop why` was run on this recording."""
+    """The best result among its trials, if `drop why` was run on this recording."""
     tried: tuple[Mapping[str, Any], ...] = ()
     """The trials of this finding."""
 
@@ -141,7 +142,7 @@ class Finding:
 
     @property
     def told(self) -> str:
-        """The message, with the number of further bodies for which it holds."""
+        """The message, with the number of further bodies to which it applies."""
         said = self.said
         if self.episodes > 1:
             said = Message("{text}; so in {n} episodes", text=said, n=self.episodes)
@@ -154,7 +155,7 @@ class Finding:
 
     @property
     def advised(self) -> str | None:
-        """The advice as shown: *to try* unless a trial cured it; None if its trial refuted it.
+        """The advice as shown: *to try* unless a trial confirmed it; None if one refuted it.
 
         For a finding that names a cause itself, a trial shows that the outcome hangs on that cause,
         and not that anyone wants the advice.
@@ -170,55 +171,55 @@ class Finding:
 
     @property
     def rank(self) -> tuple[int, float]:
-        """The key by which findings are sorted, the gravest first."""
+        """The sort key of findings, the gravest first."""
         return LEVELS.index(self.level), -self.share
 
 
 @dataclass(kw_only=True)
 class Scene:
-    """Facts that rules may read besides the pieces of a recording.
+    """Data that rules may read in addition to the chunks of a recording.
 
-    The tables grow piece by piece, and are complete when the rules are asked.
+    The tables grow chunk by chunk, and are complete when the rules are asked.
     """
 
     seen: Seen
     """The events of the recording: bodies, settings, states set by calls; no samples."""
     origin: Mapping[str, Any]
-    """The script, and how it ended."""
+    """The script, and how its run ended."""
     times: Mapping[int, StepTimes]
-    """Times of steps by client."""
+    """Times of the steps, by client."""
     joints: JointTable
     touches: TouchTable
     episodes: Sequence[Episode] = ()
     actuators: ActuatorTable = field(default_factory=ActuatorTable)
     call_of: Callable[[Cure], str] = lambda cure: cure.call
-    """Returns a cure as a user of the engine would write it."""
+    """Returns the source text of a cure, as a user of the engine would write it."""
     asked: AskedOfBodies = field(init=False)
     placing: Placing = field(init=False)
     inputs: Inputs = field(init=False)
     filtered: FilteredPairs = field(init=False)
     apart: set[tuple[Place, Place]] = field(init=False, default_factory=set)
-    """Pairs of links without contacts that have been apart."""
+    """Pairs of links without contacts that have been apart at some time."""
     piece: Piece = field(init=False)
-    """The latest piece, and what its bodies did in it, by their numbers."""
+    """The latest chunk, and the motion of its bodies, by body id."""
     batches: Sequence[tuple[StepBatch, StepVerdicts]] = field(init=False)
-    """The latest piece, with the steps of equal bodies together."""
+    """The latest chunk, with the steps of equal bodies batched."""
     records: Mapping[int, Record] = field(init=False)
-    """The record of each body that is not soft, by its number."""
+    """The record of each rigid body, by body id."""
     judged: Mapping[int, SampleStatus] = field(init=False)
     constraints: Constraints = field(init=False)
     ends: dict[int, int] = field(init=False, default_factory=dict)
-    """The last sample of each body, by its number."""
+    """The last sample of each body, by body id."""
     targets: dict[int, Targets] = field(init=False, default_factory=dict)
-    """Targets of the position motors of each body, by its number."""
+    """Targets of the position motors of each body, by body id."""
     going: dict[tuple[int, int], TargetColumns] = field(init=False, default_factory=dict)
     """The table of the target in effect, by body and rate."""
     carried: dict[tuple[str, int], NDArray[Any]] = field(init=False, default_factory=dict)
-    """Values that columns keep from piece to piece, by name and the number of a body."""
+    """Values that columns keep from chunk to chunk, by column name and body id."""
     _explained: ExplainedPiece = field(init=False)
     _ends: dict[int, dict[int, tuple[int, States]]] = field(init=False, default_factory=dict)
-    """The last step of each body before the latest piece, and the state after it: by its number
-    and which of those that had it is meant."""
+    """The last step of each body before the latest chunk, and the state after it: by body id, then
+    by the index of the body's life, since ids are reused."""
     _sites: Mapping[int, Site] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -226,7 +227,7 @@ class Scene:
         self.inputs, self.filtered = Inputs(self), FilteredPairs(self.seen)
 
     def see(self, explained: ExplainedPiece) -> None:
-        """Add a piece, before any rule is asked."""
+        """Add a chunk, before any rule is applied."""
         self.piece, self.judged = explained.piece, explained.bodies
         self._explained, self.batches, self.records = (
             explained,
@@ -244,7 +245,7 @@ class Scene:
         self.inputs.see()
 
     def came(self, steps: Steps, parts: Iterable[tuple[int, BodySteps]], column: Column) -> Float64:
-        """Return a column of the states after the previous steps of bodies.
+        """Return a column of the bodies' states after their previous steps.
 
         nan where there was none, or where the body was loaded since; shape (n, k). `parts`: the
         steps of each body, and their first row, in order.
@@ -266,7 +267,7 @@ class Scene:
         return came
 
     def forget(self) -> None:
-        """Free the latest piece."""
+        """Free the latest chunk."""
         for _, each in self.intervals():
             end = int(each.steps[-1]), each.whole.after.at(np.array([each.rows.stop - 1]))
             self._ends[each.body.number] = {each.config.life: end}
@@ -275,7 +276,7 @@ class Scene:
         self.touches.forget()
 
     def body_of(self, call: Call) -> Body | None:
-        """Return the body that a call of the latest piece names, directly or by its constraint."""
+        """Return the body that a call of the latest chunk names, directly or by its constraint."""
         place = next((at for name in BODY_NAMES if (at := call.site.places.get(name))), None)
         if place is None:
             return None
@@ -283,24 +284,24 @@ class Scene:
         return None if came is None else came.body
 
     def driven(self) -> Iterator[JointTelemetry]:
-        """Yield the joints of each body in the steps of the latest piece."""
+        """Yield the telemetry of the joints of each body in the steps of the latest chunk."""
         for found in self.joints.latest.values():
             yield from found
 
     def intervals(self, *bodies: int) -> Iterator[tuple[SampleStatus, BodySteps]]:
-        """Yield bodies of the latest piece, all or those of some numbers, with their steps."""
+        """Yield the steps of bodies of the latest chunk: of all, or of those with these ids."""
         for number in bodies or self.judged:
             for steps in self.judged[number].intervals if number in self.judged else ():
                 if len(steps):
                     yield self.judged[number], steps
 
     def touching(self, bodies: Int64, steps: Int64) -> Flags:
-        """Flag the bodies with a contact point in their step of the latest piece."""
+        """Flag the bodies that have a contact point in the given step of the latest chunk."""
         pairs = self.touches.pairs
         return np.isin(bodies * STEPS + steps, pairs.body * STEPS + pairs.step[:, None])
 
     def steps_at(self, bodies: Int64, steps: Int64) -> Iterator[tuple[Steps, Rows, Rows]]:
-        """Yield steps of the latest piece, with their places among some bodies and steps.
+        """Yield the given steps of the latest chunk, with their rows and the arguments' indices.
 
         `bodies` and `steps` have the shape (n,).
         """
@@ -310,16 +311,16 @@ class Scene:
     def placed(
         self, number: int, link: int, samples: Int64, *, after: bool = True
     ) -> tuple[Float64, Float64]:
-        """Return the pose of a link of the latest piece at samples: `ExplainedPiece.placed`."""
+        """Return the pose of a link at samples of the latest chunk: `ExplainedPiece.placed`."""
         return self._explained.placed(number, link, samples, after=after)
 
     @cached_property
     def moving(self) -> list[int]:
-        """Numbers of the bodies with a movable part."""
+        """Ids of the bodies with a movable part."""
         return [number for number, body in self.seen.bodies.items() if body.moving]
 
     def clients_with(self, setting: str, value: float) -> set[int]:
-        """Return the clients in which a setting ever had a value."""
+        """Return the clients in which a setting had this value at any time."""
         return {
             each.client
             for each in self.seen.settings
@@ -327,31 +328,31 @@ class Scene:
         }
 
     def body(self, number: int) -> Body:
-        """Return a body by its number."""
+        """Return the body with this id."""
         return self.seen.bodies[number]
 
     def settings(self, client: int) -> Mapping[str, float | Sequence[float]]:
-        """Return the settings of a simulation in the latest piece."""
+        """Return the settings of a simulation in the latest chunk."""
         told = [each for each in self.seen.settings if each.client == client]
         before = [each for each in told if each.at.step < self.piece.end]
         return (before or told)[-1].values
 
     def only_site(self, act: Act) -> str | None:
-        """Return the only place with calls of this meaning; None if there are several."""
+        """Return the only line with calls of this kind; None if there are several."""
         places = {site.place for site in self._sites.values() if site.act is act}
         return places.pop() if len(places) == 1 else None
 
     def site(self, number: float) -> str | None:
-        """Return file and line of a call that commanded joints, by the number of its site."""
+        """Return file and line of a call that commanded joints, by the id of its call site."""
         site = self.joints.site(number)
         return None if site is None else site_of(site)
 
 
 def and_more(number: int) -> str:
-    """Return the words after the name of one of several bodies."""
+    """Return the text that follows a body's name if it stands for several bodies."""
     return Message(" (and {n} more)", n=number - 1) if number > 1 else ""
 
 
 def so_many(steps: int) -> str:
-    """Return a number of steps as text."""
+    """Format a number of steps as text."""
     return Message("{n:,} steps", n=steps) if steps != 1 else Message("one step")

@@ -1,4 +1,4 @@
-"""The numbers of a call by argument, and their places in the call."""
+"""The numeric values of a call, by argument, and their positions in the call."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from drop_physics.trace.readings import Reading
 
 
 def given(call: Call, name: str) -> tuple[float, ...]:
-    """Return the numbers of an argument; empty if it was not given."""
+    """Return the numeric values of an argument; empty if the call does not have it."""
     place = call.site.places.get(name)
     return () if place is None else call.numbers[place]
 
 
 def number(call: Call, name: str, default: float = math.nan) -> float:
-    """Return the number of an argument that has a single number."""
+    """Return the value of an argument that is a single number."""
     numbers = given(call, name)
     return numbers[0] if numbers else default
 
 
 def site_of(where: Call | Reading | Site) -> str:
-    """Return file and line of a call or reading, in the form that findings cite."""
+    """Format file and line of a call or reading, as findings cite them."""
     return located(where.file, where.line)

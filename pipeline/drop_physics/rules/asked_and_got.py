@@ -1,4 +1,4 @@
-"""Requests that had another result: `not-taken`, `taken-elsewhere`, `overwritten`."""
+"""Requests with a different outcome: `not-taken`, `taken-elsewhere`, `overwritten`."""
 
 from __future__ import annotations
 
@@ -344,7 +344,7 @@ def wrong_body(inputs: Inputs) -> Iterator[Said]:
 
 
 def _stood(inputs: Inputs, request: Request) -> bool:
-    """Return whether a body had no mass before a request: by the engine, its load or its file.
+    """Return whether a body had no mass before a call: by the engine, its load call or its file.
 
     A body that a call itself made massless is released on purpose; so is a body made without mass,
     unless the same line gives mass to bodies that have some, too.
@@ -369,7 +369,7 @@ def _stood(inputs: Inputs, request: Request) -> bool:
 
 
 def _made_kg(inputs: Inputs, body: Body) -> float:
-    """Return the mass with which a body was created; 0 for one from a file."""
+    """Return the mass given to a body at its creation; 0 if it was loaded from a file."""
     load = inputs.scene.asked.load(body)
     return 0.0 if load is None else (given(load, "baseMass") or (0.0,))[0]
 
@@ -400,13 +400,13 @@ def joint_index(inputs: Inputs) -> Iterator[Said]:
 
 
 def _solved(inputs: Inputs) -> dict[int, Call]:
-    """Return the first call that solves inverse kinematics, by body."""
+    """Return the first call of each body that solves inverse kinematics."""
     uses = inputs.of(Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK)
     return {use.body.number: use.first for use in uses if use.body is not None}
 
 
 def _by_index(inputs: Inputs, number: int, said: Said) -> Iterator[Said]:
-    """Yield a finding if commands go to fixed joints, and none to as many movable ones."""
+    """Yield a finding if commands go to fixed joints while as many movable joints get none."""
     body, commanded = inputs.scene.body(number), inputs.commanded[number]
     movable = [joint.link for joint in body.joints if joint.widths[1]]
     fixed = [joint for joint in body.joints if not joint.widths[1] and joint.link in commanded]
@@ -587,7 +587,7 @@ def pose_set_each_step(inputs: Inputs) -> Iterator[Said]:
 
 
 def _branch(body: Body, link: int) -> tuple[int, ...]:
-    """Return the links from one down to the base."""
+    """Return the links from a given link down to the base."""
     return () if link < 0 else (link, *_branch(body, body.joints[link].parent))
 
 

@@ -1,4 +1,4 @@
-"""Bodies that do not move because they sleep."""
+"""Bodies that do not move because the engine has put them to sleep."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ asleep.rows(
 
 
 def _off_target(bodies: BodyColumns) -> Flags:
-    """Flag the steps in which motors have work to do, and force to do it."""
+    """Flag the steps in which a motor is off target, and could exert more force."""
     off = np.zeros(len(bodies.step), np.bool_)
     for driven in bodies.driven:
         joints = JointColumns(bodies.scene, driven)
@@ -64,7 +64,7 @@ def _off_target(bodies: BodyColumns) -> Flags:
 
 
 def _still(bodies: BodyColumns) -> Flags:
-    """Flag the steps that leave the state unchanged to the bit, unless a call sets it anew."""
+    """Flag the steps that leave the state bitwise unchanged, unless a call sets it."""
     moves = bodies.put | bodies.after.velocity.any(axis=1)
     for name in ("position_m", "orientation", "joints", "velocity"):
         moves |= (getattr(bodies.before, name) != getattr(bodies.after, name)).any(axis=1)

@@ -1,4 +1,4 @@
-"""Calls that load bodies and set their properties, and sizes of bodies."""
+"""Calls that load bodies and set their properties, and the dimensions of bodies."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from drop_physics.trace.history import Piece, Seen
 
 @dataclass
 class AskedProperty:
-    """A property set by calls of `changeDynamics`; all by the number of a body."""
+    """A property set by calls of `changeDynamics`; every field is keyed by body id."""
 
     values: dict[int, float] = field(default_factory=dict)
-    """The greatest value that a call set."""
+    """The largest value that a call set."""
     since: dict[int, int] = field(default_factory=dict)
     """The step after which it was first set."""
     sites: dict[int, str] = field(default_factory=dict)
-    """File and line of the last call."""
+    """File and line of the last call that set it."""
     changed: set[int] = field(default_factory=set)
-    """Bodies for which calls set different values, one after the other."""
+    """Bodies for which calls set different values over time."""
 
     def site(self, *bodies: int) -> str | None:
-        """Return file and line of the call for the first of some bodies that has one."""
+        """Return file and line of the call for the first of the given bodies that has one."""
         return next((self.sites[body] for body in bodies if body in self.sites), None)
 
 
 class AskedOfBodies:
-    """The properties set by calls, for all rules; grows piece by piece."""
+    """The properties set by calls, shared by all rules; grows chunk by chunk."""
 
     def __init__(self, appearances: list[Appearance]) -> None:
         self._came = {
@@ -44,12 +44,12 @@ class AskedOfBodies:
             if appearance.came
         }
         self._loads: dict[tuple[int, int], list[Call]] = {}
-        """Calls that loaded a body, by client and the engine's id."""
+        """Calls that loaded a body, by client and the engine's body id."""
         self.of: defaultdict[str, AskedProperty] = defaultdict(AskedProperty)
-        """Requested values, by the name of the argument."""
+        """Requested values, by argument name."""
 
     def see(self, piece: Piece) -> None:
-        """Add a piece."""
+        """Add a chunk."""
         for call in piece.calls.of(*MAKES):
             if np.isfinite(call.result):
                 self._loads.setdefault((call.client, int(call.result)), []).append(call)
@@ -64,7 +64,7 @@ class AskedOfBodies:
                 asked.values[body.number] = max(asked.values.get(body.number, value), value)
 
     def load(self, body: Body) -> Call | None:
-        """Return the call that created a body; the engine reuses ids."""
+        """Return the call that created a body, although the engine reuses ids."""
         came = self._came.get(body.number, -1)
         made = self._loads.get((body.client, body.engine_id), [])
         return next((each for each in reversed(made) if each.at.call <= came), None)
@@ -76,25 +76,25 @@ class AskedOfBodies:
 
 
 def part_named(body: Body, link: int) -> str:
-    """Return the name of a link, or of its body if that has no other link."""
+    """Return the name of a link, or the name of its body if the body has no other link."""
     single = len(body.links) < 2 or link + 1 >= len(body.links)
     return body.label if single else f"{body.label} ({body.links[link + 1]})"
 
 
 def size_m(body: Body) -> float:
-    """Return the longest edge of the box around a new body; 1 if it is unknown."""
+    """Return the longest edge of a body's bounding box as loaded; 1 if unknown."""
     boxes = np.reshape(body.bounds_m, (-1, 2, 3))
     return float(np.max(boxes[:, 1] - boxes[:, 0], initial=0.0)) or 1.0
 
 
 def length_m(body: Body, joint: Joint) -> float:
-    """Return the longest edge of the box around the link that a joint moves [m]; 0 if unknown."""
+    """Return the longest edge of the bounding box of a link moved by a joint [m]; 0 if unknown."""
     boxes, link = np.reshape(body.bounds_m, (-1, 2, 3)), body.joints.index(joint)
     return float(np.ptp(boxes[link + 1], axis=0).max()) if link + 1 < len(boxes) else 0.0
 
 
 def thickness_m(body: Body, link: int) -> float:
-    """Return the shortest edge of a link: of its shape, or of the box around several [m].
+    """Return the shortest edge of a link's shape, or of the bounding box of several shapes [m].
 
     It is inf for planes and for shapes that are not convex, which have no inside.
     """
@@ -117,7 +117,7 @@ def _thickness_m(shape: Collision) -> float:
 
 
 def strained_by(seen: Seen, bodies: Collection[Body]) -> float:
-    """Return the ratio of masses of bodies, if it is too large for the solver.
+    """Return the mass ratio of the given bodies, if it is too large for the solver.
 
     0 if the solver does not use up its iterations, and for bodies with joints, whose masses act as
     one.

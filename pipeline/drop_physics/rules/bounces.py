@@ -1,4 +1,4 @@
-"""Missing rebounds of bodies with restitution, and rebounds that grow."""
+"""Missing rebounds of bodies with restitution, and rebounds that gain height."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def _(
 
 
 FINER = 4.0
-"""Divisor of the timestep in a trial."""
+"""Divisor by which a trial reduces the timestep."""
 
 
 @pair_rule("energy-gained", "broken", consecutive=True, argument="restitution", engines=ANY)
@@ -238,7 +238,7 @@ energy_gained.rows(
 
 
 def _solref(pair: PairColumns, rows: NDArray[np.intp]) -> Float64:
-    """Return `solref` of the first point of each row, shape (rows, 2); nan for other engines."""
+    """Return `solref` of the first point of each row, shape (rows, 2); nan in other engines."""
     seen, first = pair.scene.seen, pair.starts[rows]
     if not seen.softness:
         return np.full((len(rows), 2), np.nan)
@@ -250,7 +250,7 @@ def _solref(pair: PairColumns, rows: NDArray[np.intp]) -> Float64:
 
 
 def _kinetic_j(pair: PairColumns, rows: NDArray[np.intp]) -> Float64:
-    """Return the kinetic energy of both bodies before steps that begin a touch.
+    """Return the kinetic energy of both bodies before the steps in which they first touch.
 
     0 for bodies at rest, nan for bodies with joints; shape (rows,).
     """

@@ -1,4 +1,4 @@
-"""Functions whose parameters name what they are given: columns of a rule's runs, or its worst."""
+"""Call functions whose parameters name the values that they need, such as columns of runs."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ Answer = TypeVar("Answer")
 
 
 class ByName(Protocol):
-    """Values by their names."""
+    """Values that can be looked up by name."""
 
     def __getitem__(self, name: str, /) -> Any:  # noqa: ANN401
-        """Return a value."""
+        """Return the value with this name."""
 
 
 @cache
@@ -24,6 +24,6 @@ def parameters(function: Callable[..., object]) -> tuple[str, ...]:
 
 
 def called(function: Callable[..., Answer], known: ByName, **more: object) -> Answer:
-    """Return the answer of a function to the values that its parameters name."""
+    """Call a function with the values that its parameters name, and return its result."""
     names = parameters(function)
     return function(**{name: more[name] if name in more else known[name] for name in names})

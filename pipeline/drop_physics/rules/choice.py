@@ -1,4 +1,4 @@
-"""The choice of findings, as in linters: those reported, and those that fail the command."""
+"""The selection of findings, as in linters: which are reported, and which fail the command."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ from drop_physics.rules.codes import CODES
 from drop_physics.rules.thresholds import MINOR
 
 MEANT = frozenset(("no-gravity",))
-"""Codes of what may be meant; such a finding is folded away even if it is alone."""
+"""Codes of behaviour that may be intended; such a finding is collapsed even if it is the
+only one."""
 ALL, NEVER = "all", "never"
-"""Words in place of codes, and of a level."""
+"""Keywords that replace a list of codes, or a level."""
 
 
 @dataclass(frozen=True)
 class Picked:
-    """Codes or reasons named in one place: a project's settings, or a command."""
+    """Codes or reasons selected by one source: a project's settings, or a command."""
 
     select: frozenset[str] | None = None
-    """The codes that are reported; None where this place does not say."""
+    """The codes to report; None if this source does not select any."""
     ignore: frozenset[str] = frozenset()
-    """The codes that are not reported."""
+    """The codes not to report."""
 
     def reports(self, names: set[str | None], before: bool) -> bool:
-        """Return whether a finding of these names is reported; `before`: whether it was so far."""
+        """Return whether to report a finding with these names; `before`: the decision so far."""
         if self.select is not None:
             before = bool(self.select & names)
         return before and not self.ignore & names
@@ -38,31 +39,31 @@ class Picked:
 
 @dataclass(frozen=True)
 class Choice:
-    """The reported findings: a command overrides a script, which overrides settings."""
+    """The selection of findings: the command overrides the script, which overrides settings."""
 
     project: Picked = field(default_factory=Picked)
     command: Picked = field(default_factory=Picked)
     fail_on: Level | None = None
-    """The level from which on an analysis fails; None for never."""
+    """The level from which an analysis fails; None for never."""
 
     def reports(self, finding: Finding, ignored: Collection[str]) -> bool:
-        """Return whether a finding is reported; `ignored` are the codes left out at its line."""
+        """Return whether to report a finding; `ignored`: the codes suppressed on its line."""
         names = {finding.code, finding.reason, ALL}
         before = self.project.reports(names, True) and names.isdisjoint(ignored)
         return self.command.reports(names, before)
 
     def grave(self, findings: Sequence[Finding]) -> list[Finding]:
-        """Return the findings that make an analysis fail."""
+        """Return the findings severe enough to make an analysis fail."""
         most = -1 if self.fail_on is None else LEVELS.index(self.fail_on)
         return [finding for finding in findings if LEVELS.index(finding.level) <= most]
 
 
 EVERY = Choice()
-"""All findings, none of them too grave."""
+"""Report all findings, and let none fail the command."""
 
 
 def picked(select: list[str] | None, ignore: list[str] | None, path: Path | None = None) -> Picked:
-    """Return named codes, from a project's file or a command's options.
+    """Parse a list of codes from a project's file or a command's options.
 
     Raises
     ------
@@ -82,12 +83,12 @@ def picked(select: list[str] | None, ignore: list[str] | None, path: Path | None
 
 
 def option_of(key: str, path: Path | None) -> str:
-    """Return the name of an option in a project's file or in a command."""
+    """Return the name of an option as written in a project's file or in a command."""
     return f"--{key}" if path is None else Message("{key} in {path}", key=key, path=str(path))
 
 
 def level_of(name: str, path: Path | None = None) -> Level | None:
-    """Return a named level, None for `never`.
+    """Parse the name of a level; None for `never`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Meanings of the codes and reasons of findings, of scripts and of drops."""
+"""Descriptions of the codes and reasons of findings, in scripts and in drops."""
 
 from __future__ import annotations
 
@@ -187,4 +187,4 @@ CODES: dict[str, str] = {
     "wheel-slip": "Wheels turned farther than their robot went.",
     "wrong-body": "A body that was to stay was given mass.",
 }
-"""The codes and reasons that can be selected, ignored and explained."""
+"""The codes and reasons that users can select, ignore and look up."""

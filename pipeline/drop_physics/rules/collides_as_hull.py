@@ -1,4 +1,4 @@
-"""`collides-as-hull`: contacts of a hollow mesh away from the surface in its file."""
+"""`collides-as-hull`: contacts that lie off the surface of the hollow mesh in the file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from drop_physics.trace.events import Body, Surface
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 SAME_M = 1e-3
-"""Points of a link this close are looked at once."""
+"""Points of a link closer together than this are examined as one."""
 
 
 @side_rule("collides-as-hull", "asked", subject=1, engines=ANY)
@@ -86,12 +86,12 @@ collides_as_hull.rows(
 
 
 def _link(scene: Scene, surface: Surface) -> tuple[int, int]:
-    """Return the body and the link of a surface."""
+    """Return the body and the link to which a surface belongs."""
     return surface.body, scene.body(surface.body).collisions[surface.shape].link
 
 
 def _local_m(scene: Scene, number: int, link: int, at_m: Float64, ends: Int64) -> Float64:
-    """Return points in the axes of a link before steps; nan where its pose is not known."""
+    """Transform points into the axes of a link before steps; nan where its pose is unknown."""
     local_m = np.full((len(at_m), 3), np.nan)
     if number not in scene.judged and link == BASE:
         base = scene.records[number].base_at(ends)
@@ -107,7 +107,7 @@ def _local_m(scene: Scene, number: int, link: int, at_m: Float64, ends: Int64) -
 
 
 def distances_m(points_m: Float64, corners_m: Float64, triangles: Int64) -> Float64:
-    """Return the distance of points from the nearest of some triangles [m], shape (n,)."""
+    """Return the distance of points from the nearest of the given triangles [m], shape (n,)."""
     a, b, c = (corners_m[triangles[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     sizes = np.linalg.norm(normals, axis=1)

@@ -1,4 +1,4 @@
-"""`slides`, `not-taken`: contacts whose `condim` drops friction of their geometries."""
+"""`slides`, `not-taken`: contacts whose `condim` disables the friction of their geometries."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from drop_physics.rules.thresholds import (
 from drop_physics.trace.events import Body
 
 ROLLS_WITH = 6
-"""The least `condim` with which rolling friction acts."""
+"""The smallest `condim` with which rolling friction acts."""
 
 
 @pair_rule(

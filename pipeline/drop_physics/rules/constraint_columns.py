@@ -20,7 +20,7 @@ Rows = NDArray[np.intp]
 
 
 def constraint_columns(scene: Scene) -> Iterator[ConstraintColumns]:
-    """Yield the constraints of the latest piece that close all distance between two points."""
+    """Yield the constraints of the latest chunk that close all distance between two points."""
     for told, steps, forces in scene.constraints.in_steps():
         which = np.searchsorted([each.at.step for each in told], steps, side="left") - 1
         for made in dict.fromkeys(each.made.at.call for each in told):
@@ -31,7 +31,7 @@ def constraint_columns(scene: Scene) -> Iterator[ConstraintColumns]:
 
 
 class ConstraintColumns:
-    """One constraint in n steps: columns of shape (n,), or (n, 3) of its forces [N]."""
+    """One constraint over n steps: columns of shape (n,); its forces have shape (n, 3) [N]."""
 
     def __init__(
         self,
@@ -45,9 +45,9 @@ class ConstraintColumns:
         self.noted: Mapping[str, Float64] = {}
         self._told, self._which = told, which
         self.last: ConstraintVersion = told[which[-1]]
-        """The constraint as it is in the last step."""
+        """The constraint as defined in the last step."""
         self.began = self.last.made.at.step + 1
-        """The first step in which it acts."""
+        """The first step in which the constraint acts."""
         self.keys = np.full((len(steps), 2), (self.bodies[-1].number, self.last.made.at.call))
         self.timestep_s = scene.times[self.bodies[0].client].of_steps(steps)[0]
 
@@ -58,7 +58,7 @@ class ConstraintColumns:
 
     @property
     def part_m(self) -> float:
-        """The size of the smaller part: the diagonal of its box, or else the size of its body."""
+        """Size of the smaller part: the diagonal of its bounding box, or its body's size."""
         sizes: list[float] = []
         for number, link in zip(self.last.bodies, self.last.links, strict=True):
             if number >= 0:
@@ -69,7 +69,7 @@ class ConstraintColumns:
         return min(sizes)
 
     def of_held(self, number: Callable[[ConstraintVersion], float]) -> Float64:
-        """Return a number of the constraint in each step, shape (n,)."""
+        """Return a numeric property of the constraint in each step, shape (n,)."""
         return np.array([number(each) for each in self._told], np.float64)[self._which]
 
     def apart_at_first(self) -> tuple[float, float]:
@@ -86,17 +86,17 @@ class ConstraintColumns:
         return float(np.min(gaps)), float(np.min(angles)) if self.last.kind == FIXED else 0.0
 
     def apart_after(self, rows: Rows) -> tuple[Float64, Float64]:
-        """Return gap [m] and angle [rad] after some steps, shape (m,) each."""
+        """Return gap [m] and angle [rad] after the given steps, shape (m,) each."""
         return _apart(*self._ends(self.last, self.step[rows], after=True))
 
     def points_m(self, rows: Rows) -> Float64:
-        """Return the two points after some steps, shape (m, 2, 3); nan where not known."""
+        """Return both anchor points after the given steps, shape (m, 2, 3); nan where unknown."""
         return self._ends(self.last, self.step[rows], after=True)[0]
 
     def tail(self, name: str, values: NDArray[Any], rows: int) -> NDArray[Any]:
-        """Return the last rows of some values, continued into earlier pieces as far as possible.
+        """Return the last rows of an array, extended back into earlier chunks as far as possible.
 
-        `values` are those of the last steps of the piece, `rows` of them or all.
+        `values` are those of the last steps of the chunk, `rows` of them or all.
         """
         key = f"constraint {name}", self.last.made.at.call
         before = self.scene.carried.get(key, values[:0])
@@ -106,7 +106,7 @@ class ConstraintColumns:
     def _ends(
         self, held: ConstraintVersion, samples: Int64, *, after: bool
     ) -> tuple[Float64, Float64]:
-        """Return points and axes of both frames, shape (m, 2, 3) and (m, 2, 3, 3)."""
+        """Return origins and axes of both frames, shape (m, 2, 3) and (m, 2, 3, 3)."""
         points_m = np.full((len(samples), 2, 3), np.nan)
         axes = np.full((len(samples), 2, 3, 3), np.nan)
         for side, (number, link) in enumerate(zip(held.bodies, held.links, strict=True)):
@@ -119,7 +119,7 @@ class ConstraintColumns:
 
 
 def _apart(points_m: Float64, axes: Float64) -> tuple[Float64, Float64]:
-    """Return gaps and angles between frames, shape (m,) each."""
+    """Return the distances and angles between two frames, shape (m,) each."""
     turned = np.einsum("nji,njk->nik", axes[:, 0], axes[:, 1])
     cosine = ((np.trace(turned, axis1=1, axis2=2) - 1) / 2).clip(-1, 1)
     return lengths(points_m[:, 0] - points_m[:, 1]), np.arccos(cosine)

@@ -1,4 +1,4 @@
-"""`target-clamped`, `not-taken`, `reset-leaves`: an actuator takes another control, or none.
+"""`target-clamped`, `not-taken`, `reset-leaves`: an actuator applies a different control, or none.
 
 Its target lies outside of its control range, or the model has actuation switched off.
 """
@@ -28,9 +28,9 @@ from drop_physics.trace.switches import NO_ACTUATION, is_off
 from drop_physics.trace.writes import written_by
 
 SENT = "position", "velocity"
-"""The kinds of actuators that are sent somewhere."""
+"""The kinds of actuators whose control is a target."""
 RANGE_FREE = "motor", *SENT
-"""The kinds that a model may leave without ctrlrange, which a damper and an adhesion need."""
+"""The kinds of actuators that need no ctrlrange; a damper and an adhesion need one."""
 
 
 @actuator_rule("target-clamped", "asked", least_count=COASTS_STEPS, engines=MUJOCOS)

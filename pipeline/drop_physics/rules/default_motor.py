@@ -1,4 +1,4 @@
-"""Joints held by a default motor."""
+"""Joints held in place by PyBullet's default motor."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ CAUSES = {
     "applied": Message("forces that calls apply"),
     "constraints": Message("constraints"),
 }
-"""Terms that ask a joint to move, in words."""
+"""Terms that push a joint to move, with their descriptions."""
 TORQUE = np.array([[[False, True]]])
-"""The plane of the table for joints that torques drive."""
+"""Index of the table's plane for joints driven by torques."""
 
 
 @joint_rule("default-motor", "asked", least_count=COASTS_STEPS)

@@ -1,4 +1,4 @@
-"""The engines with words in the rules: a rule is about one of them, or about any."""
+"""The engines that rules are written for: a rule applies to one of them, or to any."""
 
 from __future__ import annotations
 
@@ -11,5 +11,5 @@ ANY = PYBULLET, MUJOCO
 
 
 def engine_of(seen: Seen) -> str:
-    """Return the name of the engine of a recording, without its version."""
+    """Return the name of the engine that made a recording, without its version."""
     return seen.engine.partition(" ")[0]

@@ -1,4 +1,4 @@
-"""Episodes: the steps after a state that was saved, restored, or set by hand."""
+"""Episodes: the steps after a state that was saved, restored, or set by the script."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 STATES = Act.SAVE, Act.RESTORE, Act.CLEAR
-"""Calls that begin an episode,"""
+"""Calls that begin an episode."""
 BY_HAND = Act.SET_POSE, Act.SET_VELOCITY, Act.SET_JOINT
-"""and so does the first of these in a gap between steps."""
+"""Calls that set a state directly: the first of these between two steps also begins an episode."""
 SETTINGS = Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_ENGINE
 """Calls that change settings of the engine."""
 SETS = (
@@ -28,24 +28,25 @@ SETS = (
     *SETTINGS,
     *FILTERS,
 )
-"""Settings that no episode's beginning takes back."""
+"""Settings that stay in effect when a new episode begins."""
 UNREPORTED = frozenset(
     (
         *("linearDamping", "angularDamping", "jointDamping", "maxJointVelocity"),
         *("jointLowerLimit", "jointUpperLimit", "activationState"),
     )
 )
-"""Properties that the engine never reports, so that a call of them may change something."""
+"""Properties that the engine never reports, so that a call that sets them may change something."""
 IDS = "Id", "Index", "Indices", "Mode"
-"""Ends of the arguments that name what is set."""
+"""Suffixes of the arguments that identify what a call sets."""
 Named = tuple[object, ...]
-"""Target of a call: function and arguments, and the body and joint that it names."""
+"""Target of a call: function and arguments, and the body and joint that it identifies."""
 Key = tuple[int, str]
-"""A body, as its simulation and its reader call it: it may be loaded again."""
+"""Key of a body: its simulation, and the id used by its reader, since a body may be
+loaded again."""
 
 
 def named(call: Call) -> Named:
-    """Return the quantity that a call sets."""
+    """Return the key of the quantity that a call sets."""
     site = call.site
     ids = tuple([call.numbers[at] for name, at in site.places.items() if name.endswith(IDS)])
     return call.client, site.function, site.names, ids
@@ -57,21 +58,22 @@ class AfterRestore:
 
     begin: Call
     end: int = 0
-    """Steps before the next one."""
+    """Number of steps before the next episode."""
     calls: dict[int, int] = field(default_factory=dict)
-    """Combined effect of all calls between two steps, by the steps since it began."""
+    """Combined effect of all calls between two steps, by the number of steps since the episode
+    began."""
     again: set[Named] = field(default_factory=set)
-    """Quantities that calls set before its first step."""
+    """Quantities that calls set before the episode's first step."""
     sets: dict[Named, tuple[tuple[float, ...] | None, Call]] = field(default_factory=dict)
-    """Quantities set in it: the numbers before it, and the latest call."""
+    """Quantities set during the episode: the values before it, and the latest call."""
     starts: dict[Key, Float64] = field(default_factory=dict)
-    """The state that each body's first step begins with."""
+    """The initial state of each body's first step."""
     touched: set[tuple[int, ...]] = field(default_factory=set)
-    """The bodies and links that touch in its first step, each pair once."""
+    """The bodies and links in contact in the episode's first step, each pair once."""
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """The group of episodes to compare: of one saved state, or of one call."""
+        """Key of the group of comparable episodes: same saved state, or same call."""
         act, client = self.begin.act, self.begin.client
         if act is Act.SAVE:
             return client, self.begin.result
@@ -82,28 +84,28 @@ class AfterRestore:
 
 @dataclass
 class Episodes:
-    """The episodes of a recording; grows piece by piece."""
+    """The episodes of a recording; grows chunk by chunk."""
 
     ended: list[AfterRestore] = field(default_factory=list)
     _now: dict[int, AfterRestore] = field(default_factory=dict)
     """The current episode of each client."""
     _set: dict[Named, tuple[float, ...]] = field(default_factory=dict)
-    """The numbers of the latest call of each setter."""
+    """The arguments of the latest call of each setter."""
 
     def all(self) -> Iterator[AfterRestore]:
-        """Yield all episodes, those of each simulation in order."""
+        """Yield all episodes, in order within each simulation."""
         yield from self.ended
         yield from self._now.values()
 
     def between(self, first: AfterRestore, second: AfterRestore) -> Iterator[AfterRestore]:
-        """Yield an episode and later ones of its simulation, up to another one."""
+        """Yield an episode and the later ones of its simulation, up to another given one."""
         for each in self.all():
             same = each.begin.client == first.begin.client
             if same and first.begin.at.call <= each.begin.at.call < second.begin.at.call:
                 yield each
 
     def see(self, scene: Scene) -> None:
-        """Add a piece."""
+        """Add a chunk."""
         calls = scene.piece.calls
         if not any(site.act in (*STATES, *BY_HAND) for site in calls.sites.values()):
             return  # in the whole recording nothing begins an episode
@@ -127,7 +129,7 @@ class Episodes:
         self._now[client] = AfterRestore(call)
 
     def _take(self, scene: Scene, now: AfterRestore | None, call: Call) -> None:
-        """Note a call, and the quantity that it sets."""
+        """Record a call, and the quantity that it sets."""
         pushes = call.act in PUSHES
         if now is not None:
             since = call.at.step - now.begin.at.step
@@ -144,7 +146,7 @@ class Episodes:
             self._set[what] = call.numbers
 
     def _until(self, scene: Scene, episode: AfterRestore, end: int) -> None:
-        """Note that an episode continues until a sample, and its initial states."""
+        """Record that an episode lasts up to a sample, with the initial states of its bodies."""
         episode.end, start = end, episode.begin.at.step
         # A force that no step has used yet waits for the next episode's; used, it is gone.
         episode.sets = {
@@ -173,7 +175,7 @@ class Episodes:
 
 
 def _changes(scene: Scene, call: Call) -> bool:
-    """Return whether a setter's first call changed a reported value, if it is reported."""
+    """Return whether a setter's first call changed a reported value, if the value is reported."""
     seen, body = scene.seen, given(call, "bodyUniqueId")
     if call.act is Act.SET_PROPERTY:
         if UNREPORTED & call.site.places.keys():

@@ -1,4 +1,4 @@
-"""All rules, and the order of their findings for a reader."""
+"""All rules, and the order in which their findings are presented."""
 
 from __future__ import annotations
 
@@ -56,19 +56,19 @@ from drop_physics.trace.events import Body
 
 @dataclass(frozen=True)
 class Spoiled:
-    """Findings made void by another finding, or only their advice."""
+    """A rule by which another finding makes a finding, or only its advice, void."""
 
     code: str
     by: frozenset[str] | None
-    """Codes and reasons of the findings of the same body that do; None for any that is graver than
-    a note, of whatever body."""
+    """Codes and reasons that void it, in findings about the same body; None for any finding graver
+    than a note, about any body."""
     is_note: bool | None = None
-    """Whether it is so of notes, or of all but notes; None for both."""
+    """Whether only notes can be void, or only findings that are not notes; None for both."""
     void: bool = False
-    """Whether the finding is dropped, or only its advice."""
+    """Whether the whole finding is dropped, or only its advice."""
 
     def holds(self, one: Finding, told: Collection[Finding]) -> bool:
-        """Return whether a finding is of this kind, and spoiled by another one."""
+        """Return whether a finding matches, and is made void by another one."""
         if one.code != self.code or self.is_note not in (None, one.level == "note"):
             return False
         if self.by is None:
@@ -91,11 +91,11 @@ SPOILED = (
     # Other limits are none for a joint that got the target of another.
     Spoiled("target-clamped", frozenset(("ik-index", "joint-index")), is_note=False),
 )
-"""Exclusions among findings, in order: a void finding excludes none."""
+"""Exclusions among findings, applied in order: a void finding excludes no other."""
 
 
 def ranked(findings: Iterable[Finding]) -> list[Finding]:
-    """Return findings, the gravest first; of equal ones on many bodies only the worst."""
+    """Sort findings, the gravest first; of equal ones on many bodies keep only the worst."""
     groups: dict[tuple[str | None, ...], list[Finding]] = {}
     for miss in _worst_misses(findings):
         groups.setdefault((miss.code, miss.reason, *_texts(miss)), []).append(miss)
@@ -113,7 +113,7 @@ def ranked(findings: Iterable[Finding]) -> list[Finding]:
 
 
 def told_apart(findings: Iterable[Finding], bodies: Collection[Body]) -> Iterator[Finding]:
-    """Yield findings, naming the body of a joint if differently named bodies have it, too."""
+    """Yield findings, with the body's name added if several bodies have a joint of that name."""
     whose: defaultdict[str, set[str]] = defaultdict(set)
     for body in bodies:
         for joint in body.joints:
@@ -126,7 +126,7 @@ def told_apart(findings: Iterable[Finding], bodies: Collection[Body]) -> Iterato
 
 
 def _texts(finding: Finding) -> tuple[str, ...]:
-    """Return the template of a finding, and for a missed target that of its cause."""
+    """Return the message template of a finding, and that of the cause of a missed target."""
     why = (
         getattr(finding.message, "values", {}).get("why") if finding.code == "off-target" else None
     )
@@ -134,7 +134,7 @@ def _texts(finding: Finding) -> tuple[str, ...]:
 
 
 def _worst_misses(findings: Iterable[Finding]) -> Iterator[Finding]:
-    """Yield findings; of a body's missed targets, only the gravest of each cause."""
+    """Yield findings; of a body's missed targets, only the gravest for each cause."""
     told: set[tuple[object, ...]] = set()
     for each in sorted(findings, key=lambda finding: finding.rank):
         is_speed = each.effect is not None and each.effect.unit.endswith("/s")

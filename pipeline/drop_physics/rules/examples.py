@@ -1,4 +1,4 @@
-"""The examples of codes: the questions of `docs/why.md`, with the answers of `drop`.
+"""The examples of codes: the questions in `docs/why.md`, with the output of `drop`.
 
 In a wheel that page lies beside this file; in a clone it is read from its folder.
 """
@@ -13,9 +13,9 @@ from pathlib import Path
 from drop_physics.rules.codes import CODES
 
 INDENT, WIDTH = 3, 80
-"""Columns before the text of a finding, and of a line of the page."""
+"""Columns before the text of a finding, and width of a line of the page."""
 ADVICE = "p.", "to try: "
-"""Beginning of a line of advice where the message's last line is full."""
+"""Prefixes of a line of advice that follows a full last line of the message."""
 PAGE = "why.md"
 IN_A_CLONE = Path(__file__).parents[3] / "docs" / PAGE
 SECTION = re.compile(r"^### (.+?)\n(.*?)(?=^##|\Z)", re.MULTILINE | re.DOTALL)
@@ -25,22 +25,22 @@ FINDING = re.compile(r"(?:^(\S+):(\d+)\n)?^\d  (.*?)(?=^…|\Z)", re.MULTILINE |
 
 @dataclass(frozen=True)
 class CodeExample:
-    """A script of the documentation that shows a code, and its finding."""
+    """A script in the documentation that demonstrates a code, and its finding."""
 
     asked: str
-    """The question of its user."""
+    """The question that its user asked."""
     script: str
-    """The script, from the root of the repository."""
+    """Path of the script, from the root of the repository."""
     line: int | None
-    """The line that a finding cites; null where it cites none."""
+    """The line that a finding cites; null if it cites none."""
     says: str
     """The message of the finding."""
     advises: str | None
-    """The advice of the finding; null where it has none."""
+    """The advice of the finding; null if it has none."""
 
 
 def examples() -> dict[str, CodeExample]:
-    """Return the examples of codes and reasons, by their names."""
+    """Return the examples of codes and reasons, by code or reason."""
     page = Path(__file__).with_name(PAGE)
     text = (page if page.exists() else IN_A_CLONE).read_text(encoding="utf-8")
     found: dict[str, CodeExample] = {}
@@ -62,7 +62,7 @@ def examples() -> dict[str, CodeExample]:
 
 
 def _texts(lines: list[str]) -> list[str]:
-    """Return message and advice: a line that ends although the next word would fit ends a text.
+    """Split message and advice: a line that ends although the next word would fit ends a text.
 
     So does one before a call.
     """

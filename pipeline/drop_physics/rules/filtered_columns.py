@@ -1,4 +1,4 @@
-"""The table of shapes with excluded contacts, in the steps in which they overlap."""
+"""The table of shape pairs with excluded contacts, in the steps in which they overlap."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from drop_physics.physics.tree import BASE
 from drop_physics.rules.answer import Scene
 
 EVERY = 2000
-"""Number of steps of a piece that are examined."""
+"""Number of steps of a chunk that are examined."""
 
 
 @dataclass(frozen=True, eq=False)
 class FilteredColumns:
-    """Rows of pairs and steps in which they overlap, all of shape (n,)."""
+    """Pairs of shapes and steps in which they overlap; all arrays have shape (n,)."""
 
     keys: Int64
-    """Both bodies, and the place of the pair in `FilteredPairs.pairs`, shape (n, 3)."""
+    """Both body ids, and the index of the pair in `FilteredPairs.pairs`, shape (n, 3)."""
     step: Int64
     depth_m: Float64
     noted: Mapping[str, Float64]
 
 
 def filtered_columns(scene: Scene) -> Iterator[FilteredColumns]:
-    """Yield the table of the latest piece, without pairs that overlap from the beginning on."""
+    """Yield the table of the latest chunk, without pairs that overlap from the beginning."""
     poses: dict[int, tuple[Int64, Kinematics]] = {}
     at_first, pairs = scene.filtered.at_first, scene.filtered.pairs
     for number, judged in scene.judged.items() if pairs else ():
@@ -62,7 +62,7 @@ def filtered_columns(scene: Scene) -> Iterator[FilteredColumns]:
 def _where(
     scene: Scene, number: int, link: int, steps: Int64, pose: tuple[Int64, Kinematics] | None
 ) -> tuple[Float64, Float64] | None:
-    """Return positions and rotations of a link before steps; None if they are not known."""
+    """Return positions and rotations of a link before steps; None if they are unknown."""
     if pose is not None:
         same = np.array_equal(pose[0], steps)
         return (pose[1].position_m(link), pose[1].matrix(link)) if same else None

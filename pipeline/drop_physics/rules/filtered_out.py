@@ -1,4 +1,4 @@
-"""`no-contact`: bodies go into each other, and the model lets no contact be made between them."""
+"""`no-contact`: bodies penetrate each other because the model excludes contacts between them."""
 
 from __future__ import annotations
 

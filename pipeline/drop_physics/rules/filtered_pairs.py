@@ -1,4 +1,4 @@
-"""Pairs of shapes that could meet, and whose contacts a model excludes."""
+"""Pairs of shapes that could collide, but whose contacts the model excludes."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from drop_physics.trace.history import Seen
 from drop_physics.trace.switches import NO_CONTACT, is_off
 
 MOST_PAIRS = 200
-"""Largest number of pairs of shapes that are examined: in a world of more, filters are intended."""
+"""Largest number of shape pairs that are examined: in a larger world, filters are intentional."""
 
 
 @dataclass(frozen=True)
 class FilteredPair:
-    """Two shapes whose contacts the model excludes."""
+    """Two shapes between which the model excludes contacts."""
 
     bodies: tuple[int, int]
     solids: tuple[Solid, Solid]
     is_excluded: bool = False
-    """Whether the model excludes them by name."""
+    """Whether the model excludes the pair by name."""
     is_family: bool = False
-    """Whether one is the parent of the other; else their bits have nothing in common."""
+    """Whether one is the parent of the other; otherwise their bits have nothing in common."""
     is_off: bool = False
-    """Whether the model switches all contacts off."""
+    """Whether the model disables all contacts."""
 
 
 class FilteredPairs:
-    """The pairs of a recording, and which of them overlap from the beginning on."""
+    """The excluded pairs of a recording, and which of them overlap from the beginning."""
 
     def __init__(self, seen: Seen) -> None:
         self._seen = seen
         self.at_first: set[int] = set()
-        """Places of the pairs that overlap from the beginning on."""
+        """Indices of the pairs that overlap from the beginning."""
 
     @cached_property
     def pairs(self) -> list[FilteredPair]:
@@ -46,7 +46,7 @@ class FilteredPairs:
 
 
 def _filtered(seen: Seen) -> Iterator[FilteredPair]:
-    """Yield the pairs of shapes that could meet and whose contacts the model excludes."""
+    """Yield the pairs of shapes that could collide, but whose contacts the model excludes."""
     shapes = [
         (body, collision, solid)
         for body in seen.bodies.values()
@@ -84,7 +84,7 @@ def _filtered(seen: Seen) -> Iterator[FilteredPair]:
 
 
 def _only_seen(body: Body) -> Iterator[Collision]:
-    """Yield the shapes of bodies with joints, and floors, of which no shape can be touched."""
+    """Yield the visible shapes of bodies with joints, and floors, if none of them can collide."""
     holds = {collision.kind for collision in body.collisions}
     for each in () if body.base_moves else body.shapes:
         if not holds if body.joints else each.kind == "plane" and "plane" not in holds:
@@ -93,7 +93,7 @@ def _only_seen(body: Body) -> Iterator[Collision]:
 
 
 def _is_child(body: Body, one: int, other: int) -> bool:
-    """Return whether one of two links is the movable child of the other, and turns on it.
+    """Return whether one of two links is the movable child of the other, and rotates on it.
 
     A link that slides on its parent may be made to slide into it, as a telescope's tubes are.
     """

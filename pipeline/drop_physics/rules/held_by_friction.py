@@ -1,4 +1,4 @@
-"""`slides` and `creeps` of bodies held by friction alone: lying on something, or gripped.
+"""`slides` and `creeps` of bodies held by friction alone: resting on something, or gripped.
 
 MuJoCo's friction below its limit is a damper: under load it yields at a speed set by the
 regularisation of the contact (impratio, the cone), whatever the coefficient. At its limit it
@@ -39,7 +39,7 @@ from drop_physics.rules.thresholds import (
 )
 
 IMPRATIO = 10.0
-"""The stiffness of friction, over that of normal forces, that is advised."""
+"""The recommended ratio of the stiffness of friction to that of normal forces."""
 
 
 @body_rule("slides", "asked", consecutive=True, subject=1, engines=MUJOCOS)
@@ -164,7 +164,7 @@ gives_way.rows(
 
 
 def _ways(slip: Float64, way: Float64, slid: Float64) -> tuple[Float64, Float64, Flags]:
-    """Return paths at the contact and of the centre [m], and whether the first is progress."""
+    """Return paths of contact and centre [m], and flags of the slips that count as progress."""
     went_m, moved_m = lengths(slip), lengths(way)
     straight = np.minimum(slid, went_m) > STRAIGHT * np.maximum(slid, moved_m)
     return went_m, moved_m, (went_m >= SLIPS_M) & straight
@@ -180,13 +180,13 @@ def _gives(available: float | Float64, normal: float | Float64, weight: float | 
 
 
 def _beyond(needed: Float64, available: Float64, normal: Float64, weight: Float64) -> Flags:
-    """Flag the runs that need more than friction gives, where it gives something."""
+    """Flag the runs that need more friction than is available, where there is any."""
     gives = _gives(available, normal, weight)
     return np.asarray((needed > gives) & (gives > LOADED * needed))
 
 
 def _held(bodies: BodyColumns, *, steady: bool) -> Match | None:
-    """Return the steps of a free body that lies on something, or is pressed from two sides.
+    """Return the steps in which a free body lies on something, or is pressed from two sides.
 
     Steps in which a grip closes are left out, since it presses with more than it holds with; with
     `steady` only those count in which the pressing bodies have not changed for a while.
@@ -267,7 +267,7 @@ def _held(bodies: BodyColumns, *, steady: bool) -> Match | None:
 
 
 def _closes(touches: Flags, approach_m_s: Float64) -> Flags:
-    """Flag the steps, shape (n,), from a first touch until the touching parts are nearly still.
+    """Flag the steps, shape (n,), from first touch until the touching parts are nearly at rest.
 
     A first touch has none in the HOPS_STEPS before it.
     """

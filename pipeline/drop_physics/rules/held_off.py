@@ -17,10 +17,11 @@ from drop_physics.rules.joint import aimed, units_of
 from drop_physics.trace.motors import POSITION
 
 CLOSE, MOST = 0.05, 0.5
-"""A gap is that of a law if they differ by less than this share; most of a motor's torque."""
+"""CLOSE: largest relative difference of a gap from the one predicted by a law; MOST: share that is
+most of a motor's torque."""
 MORE_FORCE = Message("give it more force")
 SPARE = 1.3
-"""Margin of a motor's limit over the torque that it needs."""
+"""Safety factor of a recommended motor limit over the required torque."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Cause:
     level: Level = "asked"
     other: str | None = None
     proposed: bool | None = None
-    """Whether the advice is to be tried."""
+    """Whether the advice is only a proposal."""
     need: str = ""
     """Advice about the force of the motor."""
 
@@ -41,7 +42,7 @@ class Cause:
 def cause_of(
     scene: Scene, driven: JointTelemetry, held: PoseSupport, stood: HeldTargets
 ) -> Cause | None:
-    """Return the cause of the gap that a target left; None if that is not sure."""
+    """Return the cause of a joint's remaining distance from its target; None if it is uncertain."""
     row, k = int(stood.row[0]), stood.k
     if not driven.at_limit[row, k]:
         return _gains(driven, row, k)
@@ -58,7 +59,7 @@ def cause_of(
 
 
 def at_its_limit(limit: str, count: int, steps: int) -> Message:
-    """Return the cause for a motor that is at its limit in some of its steps."""
+    """Return the cause if the motor is at its limit in some of its steps."""
     return Message(
         "its motor is at its limit of {limit} in {count:,} of {steps:,} steps",
         limit=limit,
@@ -73,7 +74,7 @@ def _weak(driven: JointTelemetry, stood: HeldTargets) -> Message:
 
 
 def holds_off(scene: Scene, held: PoseSupport, joint_rate: int, away: float) -> bool:
-    """Return whether a body that a joint grips or pushes, but does not carry, stops its motor.
+    """Return whether the motor is blocked by a body that the joint grips or pushes, not carries.
 
     `away` is the sign of the direction in which the motor is blocked.
     """
@@ -102,7 +103,7 @@ def _too_weak(driven: JointTelemetry, held: PoseSupport, stood: HeldTargets, her
 
 
 def give_at_least(why: Message, need: float, unit: str, force: float) -> Cause:
-    """Return a cause whose cure is a round force limit with some to spare.
+    """Return a cause whose cure is a rounded force limit with a margin.
 
     `force` is the given limit: if it is enough, its call came before that of the timestep.
     """
@@ -115,7 +116,7 @@ def give_at_least(why: Message, need: float, unit: str, force: float) -> Cause:
 
 
 def to_spare(need: float) -> str:
-    """Return a round force limit that leaves some to spare."""
+    """Return a rounded force limit with a margin."""
     wanted = SPARE * abs(need)
     step = 10.0 ** (math.floor(math.log10(wanted)) - (wanted < 20))
     return f"{math.ceil(wanted / step) * step:g}"
@@ -154,7 +155,7 @@ def _held(
 
 
 def _gains(driven: JointTelemetry, row: int, k: int) -> Cause | None:
-    """Return the given gains of a motor that is not at its limit."""
+    """Return the gains that calls set for a motor that is not at its limit."""
     asked = driven.asked
     if not driven.steps.covered or asked.mode[row, k] != POSITION:
         return None

@@ -1,4 +1,4 @@
-"""Answers of inverse kinematics that the motors received, to the bit."""
+"""Inverse-kinematics solutions that were sent to motors, matched bitwise."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from drop_physics.trace.log import Log
 from drop_physics.trace.motors import POSITION
 
 IK_LISTS = ("lowerLimits", "upperLimits", "jointRanges", "restPoses")
-"""The lists that draw answers towards a pose, if each has a number for every joint that moves."""
+"""The arguments that pull solutions towards a pose, if they have a value for each movable joint."""
 
 
 @dataclass(frozen=True)
 class SentAnswer:
-    """An answer that the motors of a body received."""
+    """An inverse-kinematics solution that was sent to the motors of a body."""
 
     call: Call
     link: int
     point_m: tuple[float, ...]
     place: int
-    """Index of the point among those that were asked for in turn."""
+    """Index of the point among those that are requested in turn."""
     times: int
-    """Number of answers that this point had got before."""
+    """Number of earlier solutions for this point."""
 
 
 @dataclass
 class SentAnswers:
-    """The answers of inverse kinematics; grows piece by piece."""
+    """The inverse-kinematics solutions sent to motors; grows chunk by chunk."""
 
     latest: dict[int, list[SentAnswer]] = field(default_factory=dict)
-    """Answers by body: those of the latest piece, and the last one before it."""
+    """Solutions by body: those of the latest chunk, and the last one before it."""
     _asked: dict[int, Call] = field(default_factory=dict)
-    """The latest question, by body."""
+    """The latest request, by body."""
 
     def see(self, calls: Log) -> None:
-        """Add the calls of a piece."""
+        """Add the calls of a chunk."""
         self.latest = {body: sent[-1:] for body, sent in self.latest.items()}
         if not self.latest and not calls.of(Act.SOLVE_IK):
             return
@@ -49,7 +49,7 @@ class SentAnswers:
                 self._send(call, asked, body)
 
     def _send(self, call: Call, asked: Call, body: int) -> None:
-        """Note an answer if a target is one of its numbers."""
+        """Record a solution as sent if a motor target equals one of its values."""
         targets = given(call, "targetPositions") or given(call, "targetPosition")
         point, link = given(asked, "targetPosition"), int(number(asked, "endEffectorLinkIndex"))
         if asked.at.step != call.at.step or asked.result not in targets or len(point) != 3:

@@ -1,4 +1,4 @@
-"""`not-taken` for an inactive equality of a model, which holds nothing."""
+"""`not-taken` for an inactive equality of a model, which therefore holds nothing."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def never_active(inputs: Inputs) -> Iterator[Said]:
 
 
 def _way_m(inputs: Inputs, number: int, end: int) -> Float64:
-    """Return the displacement of a base [m], shape (3,); nan if unknown."""
+    """Return the displacement of a base over the run [m], shape (3,); nan if unknown."""
     motion = inputs.motions.get(number)
     if motion is not None and motion.first_m is not None and motion.last_m is not None:
         return motion.last_m - motion.first_m

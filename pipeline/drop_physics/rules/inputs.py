@@ -1,4 +1,4 @@
-"""Inputs of a whole run and their effects: the table that rules of inputs read.
+"""Inputs of a whole run and their effects: the table read by rules about inputs.
 
 @input_rule("not-taken", "asked", "other-client")
 def other_client(inputs: Inputs) -> Iterator[tuple[Subject, Said]]: ...
@@ -37,37 +37,37 @@ if TYPE_CHECKING:
     from drop_physics.rules.answer import Scene
 
 Place = tuple[int, int]
-"""Number of a body, and a link of it."""
+"""A body id, and a link of that body."""
 _NAMES: dict[Act, tuple[Sequence[str], Sequence[str]]] = {
     Act.CONSTRAIN: (("parentBodyUniqueId", "childBodyUniqueId"), ("parent", "child")),
     Act.FILTER_PAIR: (("bodyUniqueIdA", "bodyUniqueIdB"), ("linkIndexA", "linkIndexB")),
     Act.FILTER_GROUP: (BODY_NAMES, ("linkIndexA",)),
 }
-"""Arguments that name bodies and their links."""
+"""Arguments that identify bodies and their links."""
 FOLLOWED = (
     *(Act.SET_POSE, Act.SET_VELOCITY, Act.SET_JOINT, Act.LOAD, Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK),
     *(Act.CHANGE_CONSTRAINT, Act.CONSTRAIN, Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_ENGINE),
     *(Act.SET_REAL_TIME, Act.SET_PROPERTY, Act.CLEAR, *PUSHES, *FILTERS),
 )
-"""Acts of calls that are followed; of commands of joints only torques, and all if nothing steps."""
+"""Kinds of calls that are tracked; of joint commands only torques, but all if nothing steps."""
 WRITTEN = (
     *(Act.SET_BODY_FORCE, Act.SET_JOINT_FORCE, Act.SET_MASS, Act.SET_DERIVED),
     *(Act.SET_STATE, Act.SET_ACTIVE, Act.RESET_STATE),
 )
-"""Fields in memory whose writes are followed."""
+"""Memory fields whose writes are tracked."""
 
 
 @dataclass
 class Use:
-    """Calls of a function from one site, on one body if the calls name one."""
+    """All calls of a function from one site, for one body if the calls identify one."""
 
     first: Call
     body: Body | None
     made: list[At] = field(default_factory=list)
-    """Moments of the calls."""
+    """Moments at which the calls were made."""
     last: Call = field(init=False)
     low: dict[str, Float64] = field(default_factory=dict)
-    """The least value of each number of an argument, by the argument's name."""
+    """The smallest value of each element of an argument, by argument name."""
     high: dict[str, Float64] = field(default_factory=dict)
 
     def add(self, call: Call) -> None:
@@ -88,27 +88,27 @@ class Use:
 
     @cached_property
     def steps(self) -> set[int]:
-        """The steps before which the calls were made, each once."""
+        """The steps before which the calls were made, without duplicates."""
         return {at.step for at in self.made}
 
     def constant(self, name: str) -> bool:
-        """Return whether an argument always had the same numbers."""
+        """Return whether an argument always had the same values."""
         return name in self.low and bool(np.array_equal(self.low[name], self.high[name]))
 
 
 @dataclass
 class BaseMotion:
-    """Course of a body: first and last pose of the base, and its motion between."""
+    """Motion of a body's base: its first and last pose, and the steps between."""
 
     samples: int = 0
     first_m: Float64 | None = None
     last_m: Float64 | None = None
     in_flight: set[int] = field(default_factory=set)
-    """Samples that steps in flight led to, of a body whose velocity calls set."""
+    """Samples after steps in flight, of a body whose velocity calls set."""
 
     @property
     def moved_m(self) -> float:
-        """Distance of the base's last position from its first [m]."""
+        """Distance between the base's first and last position [m]."""
         if self.first_m is None or self.last_m is None:
             return 0.0
         return float(np.linalg.norm(self.last_m - self.first_m))
@@ -116,15 +116,15 @@ class BaseMotion:
 
 @dataclass(frozen=True, eq=False)
 class FileInertia:
-    """The inertia that a body's file gives, beside the one that it came with."""
+    """The inertia that a body's file specifies, compared with the one that the engine used."""
 
     added: Float64
-    """The file's minus the one that is used, the diagonal of M [kg m²], shape (size,); 0 where they
-    are alike, or the file's is not known."""
+    """The file's minus the used inertia, the diagonal of M [kg m²], shape (size,); 0 where they are
+    equal, or the file's is unknown."""
     used: Float64
-    """The one that is used, shape (size,)."""
+    """The inertia that the engine used, shape (size,)."""
     changed: Call | None
-    """The call that set a mass, and so computed an inertia anew."""
+    """The call that set a mass, which made the engine recompute the inertia."""
 
 
 @dataclass
@@ -132,26 +132,26 @@ class BodyLife:
     """The steps of a body from its loading to its removal."""
 
     first: int
-    """The sample that its first step led to."""
+    """The sample after its first step."""
     before: States
-    """The state that it began with."""
+    """The initial state of its first step."""
     tree: Tree
     last: int = 0
     count: int = 0
     fastest: float = 0.0
-    """The greatest of the body's rates."""
+    """The highest rate of any of the body's joints."""
     pushed_m_s: Float64 | None = None
-    """The change of a free base's velocity that the first force from a call made, shape (3,)."""
+    """The velocity change of a free base by the first force from a call, shape (3,)."""
     opposed: float = 0.0
-    """The share of that change that everything else but gravity took away in that step."""
+    """The share of that change that everything except gravity cancelled in the same step."""
     falls: bool = False
-    """Whether there was gravity."""
+    """Whether gravity acted."""
     held: bool = False
-    """Whether a constraint acted on it."""
+    """Whether a constraint acted on the body."""
     tilt_rad: float = 0.0
-    """The angle by which its base has tipped over in the end."""
+    """The final tilt angle of the base."""
     of_file: FileInertia | None = None
-    """The inertia of its file, once a rule has asked for it."""
+    """The inertia from its file, computed when a rule first needs it."""
 
     def add(self, steps: BodySteps) -> None:
         """Add one or more steps."""
@@ -175,61 +175,63 @@ class BodyLife:
 
 @dataclass
 class Drive:
-    """Targets that calls gave a constraint between a body and the world."""
+    """Targets that calls set for a constraint between a body and the world."""
 
     body: Body
     call: Call
     targets_m: list[tuple[float, ...]] = field(default_factory=list)
     places_m: list[Float64] = field(default_factory=list)
-    """Positions of the body at these calls."""
+    """Positions of the body at the time of these calls."""
 
 
 @dataclass
 class Inputs:
-    """The table of calls; grows chunk by chunk, and is complete when the rules are asked."""
+    """The table of calls; grows chunk by chunk, and is complete when the rules run."""
 
     scene: Scene
     uses: dict[tuple[int, int, int | None, float], Use] = field(default_factory=dict)
-    """Uses by the number of a site, its client, the number of the body that its calls name, and the
-    joint that they set."""
+    """Uses by the id of a call site, its client, the body id that its calls name, and the joint
+    that they set."""
     requests: list[Request] = field(default_factory=list)
     commanded: defaultdict[int, dict[int, Call | None]] = field(
         default_factory=lambda: defaultdict(dict)
     )
-    """The joints that calls command, by the number of a body."""
+    """The joints that calls command, by body id."""
     motions: defaultdict[int, BaseMotion] = field(default_factory=lambda: defaultdict(BaseMotion))
     lives: dict[tuple[int, int], BodyLife] = field(default_factory=dict)
-    """Lives by the number of a body, and which body of that number is meant."""
+    """Lives of bodies by body id, and index of the life, since ids are reused."""
     first_lives: dict[int, BodyLife] = field(default_factory=dict)
-    """The first life of each body, by its number."""
+    """The first life of each body, by body id."""
     drives: dict[tuple[int, int], Drive] = field(default_factory=dict)
     """The constraints whose target calls change, by client and the engine's id."""
     link_way_m: dict[tuple[int, int, int], float] = field(default_factory=dict)
-    """The longest way of a link in one step while it is read [m], by reading, body and link."""
+    """The largest displacement of a link in one step while a script reads it [m], by reading, body
+    and link."""
     torque_alone: set[tuple[int, int]] = field(default_factory=set)
-    """Bodies and joints that TORQUE_CONTROL drives, and whose motors gave nothing."""
+    """Bodies and joints driven by TORQUE_CONTROL alone, whose motors exerted nothing."""
     touched: dict[tuple[int, int], int] = field(default_factory=dict)
-    """Pairs of bodies that pressed on each other, the lower number first: in how many steps."""
+    """Number of steps in which two bodies pressed on each other, by pair, the lower id first."""
     passes: dict[frozenset[Place], Call] = field(default_factory=dict)
-    """Pairs of links that a call lets pass each other."""
+    """Pairs of links for which a call disabled collisions."""
     groups: dict[Place, Call] = field(default_factory=dict)
-    """The latest call that gave a link its collision group and mask."""
+    """The latest call that set the collision group and mask of a link."""
     joined: set[frozenset[int]] = field(default_factory=set)
-    """Bodies that a constraint joined."""
+    """Bodies attached by a constraint."""
     filtered: set[int] = field(default_factory=set)
-    """Clients in which calls give groups, or take back that bodies pass each other."""
+    """Clients in which calls set collision groups, or re-enable collisions between bodies."""
     deepest: defaultdict[int, dict[int, tuple[float, int]]] = field(
         default_factory=lambda: defaultdict(dict)
     )
-    """The steps in which bodies that calls place are deep in others, by number: how deep [m], and
-    which link is."""
+    """The steps in which bodies that calls place are deep inside others, by body id: the depth [m],
+    and the link."""
     lasting: Lasting = field(default_factory=Lasting)
     overridden: dict[tuple[int, int, int], tuple[Site, Site, set[int]]] = field(
         default_factory=dict
     )
-    """Sites that set one motor both before a step, and which steps: by body, joint, later site."""
+    """Call sites that command the same motor before one step, and those steps: by body, joint,
+    later site."""
     raised: tuple[Call | None, Log] = (None, Log())
-    """The last call that raised something, and those around it."""
+    """The last call that raised an exception, and the calls around it."""
     ik: SentAnswers = field(default_factory=SentAnswers)
     episodes: Episodes = field(default_factory=Episodes)
 
@@ -294,11 +296,11 @@ class Inputs:
                 deepest[int(step)] = max(deepest.get(int(step), (0.0, 0)), (depth_m, int(link)))
 
     def _bodies_of(self, *acts: Act) -> set[int]:
-        """Return the numbers of the bodies named so far by calls of some meanings."""
+        """Return the ids of the bodies named so far by calls of the given kinds."""
         return {use.body.number for use in self.of(*acts) if use.body is not None}
 
     def _override(self, calls: Log) -> None:
-        """Note the motors that get a position and a rate before the same step.
+        """Record the motors that get a position and a velocity command before the same step.
 
         One line with different targets counts, too.
         """
@@ -329,7 +331,7 @@ class Inputs:
             self.overridden.setdefault(key, (*sites, set()))[2].add(step)
 
     def _links(self) -> None:
-        """Note the displacement per step of links whose poses are read."""
+        """Record the displacement per step of links whose poses the script reads."""
         read = [
             (reading, subject.body, subject.link)
             for reading in self.scene.seen.readings
@@ -356,7 +358,7 @@ class Inputs:
                     self.link_way_m[key] = max(way_m, self.link_way_m.get(key, 0.0))
 
     def _torques(self) -> None:
-        """Note the joints that only TORQUE_CONTROL drives."""
+        """Record the joints that only TORQUE_CONTROL drives."""
         for driven in self.scene.driven():
             acts = (driven.steps.reported.commanded != 0).any(axis=0)
             motor = (driven.torque != 0).any(axis=0)
@@ -368,7 +370,7 @@ class Inputs:
                     self.torque_alone.discard(key)
 
     def _drive(self, call: Call, bases: Mapping[int, Rows]) -> None:
-        """Note a constraint to the world, or a target that a call gives it."""
+        """Record a constraint to the world, or a target that a call sets for it."""
         if call.act is Act.CONSTRAIN and call.values["childBodyUniqueId"][0] < 0:
             came = self.scene.piece.calls.body_at(call, int(call.values["parentBodyUniqueId"][0]))
             if came is not None and np.isfinite(call.result):
@@ -387,7 +389,7 @@ class Inputs:
             drive.places_m.append(here[0].copy())
 
     def _pair(self, call: Call) -> None:
-        """Note the links that a call joins or excludes from contact, or the group that it sets."""
+        """Record the links that a call joins or excludes from contact, or whose group it sets."""
         bodies, sides = _NAMES.get(call.act, ((), ()))
         came = [
             self.scene.piece.calls.body_at(call, int(number_of(call, body, -1.0)))
@@ -412,24 +414,24 @@ class Inputs:
         self.uses.setdefault(key, Use(call, came)).add(call)
 
     def of(self, *acts: Act) -> Iterator[Use]:
-        """Yield the uses of calls with any of these meanings."""
+        """Yield the uses of calls of any of these kinds."""
         for use in self.uses.values():
             if use.first.act in acts:
                 yield use
 
     def made(self, client: int, *acts: Act) -> Iterator[tuple[At, Use]]:
-        """Yield moments and uses of a client's calls with any of these meanings; not in order."""
+        """Yield moments and uses of a client's calls of any of these kinds; not in order."""
         for use in self.of(*acts):
             if use.first.client == client:
                 yield from ((at, use) for at in use.made)
 
     def first_dynamics(self, body: Body) -> Dynamics | None:
-        """Return the engine's first report of a body; None for a soft body."""
+        """Return the engine's first dynamics report for a body; None for a soft body."""
         its = (each for each in self.scene.seen.dynamics if each.body.number == body.number)
         return next(its, None)
 
     def left_out(self, act: Act) -> tuple[list[Use], list[int]]:
-        """Return the uses of a setter for client 0, and the clients that it was meant for as well.
+        """Return the uses of a setter for client 0, and the clients that it leaves out.
 
         None is left out where a call names a client, or where it is called less often than there
         are clients.
@@ -443,6 +445,6 @@ class Inputs:
         return mine, [c for c in clients if c and all(use.first.client != c for use in uses)]
 
     def clients(self) -> list[int]:
-        """Return the simulations that were stepped with a body in them."""
+        """Return the simulations that were stepped while they contained a body."""
         bodies = self.scene.seen.bodies
         return sorted({bodies[n].client for n, motion in self.motions.items() if motion.samples})

@@ -1,4 +1,4 @@
-"""`constraint-apart`, `weak-constraint`: constraints that do not meet, and those that yield."""
+"""`constraint-apart`, `weak-constraint`: constraints whose frames do not meet, or that give way."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ NO_GAP_M = 1e-6
 
 
 def _other(scene: Scene, subject: Body, held: ConstraintVersion) -> dict[str, object]:
-    """Return the label of the other body of a constraint, None if it is the world, and its name."""
+    """Return label and name of the other body of a constraint; the label is None for the world."""
     parent = held.bodies[0]
     is_world = parent < 0 or parent == subject.number
     label = None if is_world else scene.body(parent).label
@@ -131,7 +131,7 @@ def weak_constraint(joined: ConstraintColumns) -> Match:
 
 
 def _touched(joined: ConstraintColumns) -> NDArray[np.int64]:
-    """Return the steps in which a contact of one of its bodies may hold it off."""
+    """Return the steps in which a contact of one of its bodies may keep the constraint open."""
     pairs, numbers = joined.scene.touches.pairs, [body.number for body in joined.bodies]
     return np.asarray(pairs.step[np.isin(pairs.body, numbers).any(axis=1)])
 
@@ -166,7 +166,7 @@ def _swings_m_s(joined: ConstraintColumns) -> float:
 
 
 def _ratio(scene: Scene, client: int) -> float:
-    """Return the solver's largest ratio of masses, without constraints that a call moved."""
+    """Return the mass ratio that strains the solver; 0 if a call moved one of the constraints."""
     held = scene.constraints.of_client(client)
     numbers = {number for each in held for number in each.bodies if number >= 0}
     still = all(each.moved == each.made.at.step for each in held)

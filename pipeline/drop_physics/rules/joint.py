@@ -1,4 +1,4 @@
-"""Names, units and number formats shared by rules about joints."""
+"""Names, units and number formats, shared by the rules about joints."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ OFF = {"rad": 1e-2, "m": 1e-3}
 
 
 def link_of(body: Body, k: int) -> int:
-    """Return the joint of a rate, in PyBullet's count of joints."""
+    """Return the joint to which a rate belongs, by PyBullet's joint index."""
     return next(link for link, at in enumerate(body.rates) if at.start <= k < at.stop)
 
 
 def aimed(driven: JointTelemetry, row: int) -> Float64:
-    """Return the coordinates after a step with each joint at its target, (joint_coordinates,)."""
+    """Return the coordinates after a step, with each joint at its target, (joint_coordinates,)."""
     positions, aims = driven.steps.after.joints[row].copy(), target_of(driven)[row]
     tree = driven.steps.law.tree
     for at, rates in zip(tree.coordinates, tree.rates, strict=True):
@@ -33,7 +33,7 @@ def aimed(driven: JointTelemetry, row: int) -> Float64:
 
 
 def name_of(driven: JointTelemetry, k: int) -> str:
-    """Return the name of the joint of a rate."""
+    """Return the name of the joint to which a rate belongs."""
     return driven.body.joints[link_of(driven.body, k)].name
 
 
@@ -58,16 +58,16 @@ def units(joint: Joint) -> tuple[str, str]:
 
 
 def is_degrees(target: float, low: float, high: float) -> bool:
-    """Return whether a target beyond limits [rad] lies within them if taken as degrees."""
+    """Return whether a target beyond limits [rad] lies within them if read as degrees."""
     return abs(target) > IN_DEGREES_RAD and low <= math.radians(target) <= high
 
 
 RADIANS = Message(
     "targets are in radians: if this is in degrees, math.radians({target:.4g}) is {in_radians:.4g}"
 )
-"""The advice of a target that may be in degrees."""
+"""The advice for a target that may be in degrees."""
 
 
 def as_degrees(target: float) -> dict[str, object]:
-    """Return the numbers of that advice."""
+    """Return the numbers that the advice about degrees names."""
     return {"target": target, "in_radians": math.radians(target)}

@@ -1,4 +1,4 @@
-"""`reset-leaves` at the beginning: a keyframe's pose without its control."""
+"""`reset-leaves` at the beginning: a keyframe's pose is set without its control."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Lasting writes into the engine's memory: forces, masses, states.
+"""Writes into the engine's memory that stay in effect: forces, masses, states.
 
-It grows piece by piece, as part of `inputs`.
+It grows chunk by chunk, as part of `inputs`.
 """
 
 from __future__ import annotations
@@ -17,44 +17,44 @@ from drop_physics.trace.calls import Call
 from drop_physics.trace.writes import WrittenElements, computed_by, read_by, written_by
 
 WIDTHS = {Act.SET_BODY_FORCE: 6, Act.SET_JOINT_FORCE: 1, Act.SET_ACTIVE: 1}
-"""How many elements of a field belong together: force and torque of a body, one of a joint or of
-what an equality is switched by."""
+"""Number of elements that belong together in a field: force and torque of a body, one value for a
+joint or for an equality's switch."""
 HUGE = 1e10
-"""The size from which on MuJoCo takes a number as a sign of a broken state (`mjMAXVAL`)."""
+"""The magnitude from which MuJoCo treats a number as a sign of a broken state (`mjMAXVAL`)."""
 UNIT = 1e-3
-"""Largest difference from 1 of the square of a quaternion's length."""
+"""Largest deviation from 1 of a quaternion's squared length."""
 
 
 @dataclass
 class LastingForce:
-    """A force, or an equality switched on, that lasts until it is written again."""
+    """A force, or an enabled equality, that stays in effect until it is written again."""
 
     client: int
     place: int
     """The engine's index of the body, or of the joint's rate."""
     call: Call
-    """The first call that wrote it after a step."""
+    """The first call that wrote the value after a step."""
     now: Float64
-    """The value, shape (width,)."""
+    """The current value, shape (width,)."""
     since: int
-    """The number of steps before it got this value."""
+    """The number of steps before the value was set."""
     most: Float64
-    """The largest value that acted on after it had been written after a step."""
+    """The largest value that stayed in effect after it was written between steps."""
     writes: int = 0
-    """The number of calls that changed it to something other than zero."""
+    """The number of calls that changed the value to something other than zero."""
     acts: int = 0
-    """The number of steps in which it acted, until it was last written."""
+    """The number of steps in which the force acted, until it was last written."""
     was_cleared: bool = False
-    """Whether a call set it to zero."""
+    """Whether a call reset the value to zero."""
     from_start: bool = False
-    """Whether it was there before the first step of a run or an episode."""
+    """Whether the value was set before the first step of a run or an episode."""
 
     def until(self, step: int) -> int:
-        """Return the number of steps in which it acted before a step."""
+        """Return the number of steps in which the force acted before a given step."""
         return self.acts + (step - self.since if self.now.any() else 0)
 
     def become(self, now: Float64, step: int) -> None:
-        """Set the value from a step on."""
+        """Set the value from a given step on."""
         self.acts, self.since, self.now = self.until(step), step, now
         if math.hypot(*now) > math.hypot(*self.most):
             self.most = now
@@ -62,7 +62,7 @@ class LastingForce:
 
 @dataclass(frozen=True)
 class LastingEdit:
-    """Writes of a script into a model."""
+    """A write of a script into a model."""
 
     call: Call
     elements: WrittenElements
@@ -70,36 +70,37 @@ class LastingEdit:
 
 @dataclass
 class PositionWrites:
-    """The writes of a simulation's positions by its script, after steps."""
+    """A script's writes of a simulation's positions, made between steps."""
 
     first: Call
     steps: set[int] = field(default_factory=set)
     """The number of steps before each write."""
     is_computed: bool = False
-    """Whether a write was followed by a function that computes what depends on positions."""
+    """Whether a write was followed by a function that recomputes what depends on positions."""
 
 
 @dataclass
 class Lasting:
-    """The lasting values, by client."""
+    """The written values that stay in effect, by client."""
 
     forces: dict[tuple[int, Act, int], LastingForce] = field(default_factory=dict)
-    """The writes, by client, field and place."""
+    """Written forces, by client, field and index."""
     edits: defaultdict[Act, list[LastingEdit]] = field(default_factory=lambda: defaultdict(list))
     episodes: defaultdict[int, set[int]] = field(default_factory=lambda: defaultdict(lambda: {0}))
-    """The steps before which a state was reset, by client; 0 is the run's beginning."""
+    """The steps before which the state was reset, by client; 0 is the beginning of the run."""
 
     positions: dict[int, PositionWrites] = field(default_factory=dict)
-    """Positions that were written, by client."""
+    """Writes of positions, by client."""
     turned: dict[tuple[int, int], tuple[Call, tuple[float, ...]]] = field(default_factory=dict)
-    """The first writes of positions that are turns about z with w last, by client and place."""
+    """The first write of a position that is a rotation about z with w last, by client and index."""
     huge: dict[tuple[int, int], Call] = field(default_factory=dict)
-    """Writes of a number that is none or huge, by client and the number of steps before."""
+    """Writes of a non-finite or huge number, by client and the number of steps before."""
     stale: dict[tuple[int, str], list[Call]] = field(default_factory=dict)
-    """Writes of positions that a function read around, by client and its name."""
+    """Writes of positions made before a function read outdated values, by client and
+    function name."""
 
     def see(self, calls: list[Call]) -> None:
-        """Add the calls between some steps, in order."""
+        """Add the calls between two steps, in order."""
         for call in calls:
             if not all(abs(each) < HUGE for each in call.numbers):
                 self.huge.setdefault((call.client, call.at.step), call)
@@ -119,7 +120,7 @@ class Lasting:
                 self.edits[call.act].append(LastingEdit(call, written_by(call)))
 
     def _turn(self, call: Call) -> None:
-        """Note possible quaternions about z with w last: 0, 0, s, c with c above 0."""
+        """Record possible quaternions about z with w last: 0, 0, s, c with c above 0."""
         written = written_by(call)
         values = dict(zip(written.indices.tolist(), written.values.tolist(), strict=True))
         for place, w in values.items():

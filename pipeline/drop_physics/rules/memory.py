@@ -1,4 +1,4 @@
-"""Rules about lasting writes of a script into its engine's memory."""
+"""Rules about a script's writes into its engine's memory that stay in effect."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from drop_physics.trace.events import Body, EngineWarning
 
 POSITION = "bad position"
 RESETS = POSITION, "bad velocity", "bad acceleration"
-"""The warnings with which the engine resets the state."""
+"""The warnings after which the engine resets the state."""
 BASE_M = 3
-"""Number of coordinates of a free base that come before its quaternion."""
+"""Index of the quaternion in the coordinates of a free base."""
 
 
 def bodies_of(inputs: Inputs, client: int) -> list[Body]:
@@ -32,13 +32,13 @@ def bodies_of(inputs: Inputs, client: int) -> list[Body]:
 
 
 def body_at(inputs: Inputs, client: int, index: int) -> Body | None:
-    """Return the body that owns an engine's body, which are counted from tree to tree."""
+    """Return the body that contains the engine's body with this index: a tree has several."""
     before = [body for body in bodies_of(inputs, client) if body.engine_id <= index]
     return max(before, key=lambda each: each.engine_id, default=None)
 
 
 def rate_at(inputs: Inputs, client: int, index: int) -> tuple[Body, str | None, str] | None:
-    """Return body, joint (None for its base) and kind of joint of a rate, in the engine's count."""
+    """Return body, joint (None for the base) and joint kind for the engine's index of a rate."""
     for body in bodies_of(inputs, client):
         if body.base_moves:
             if index < 6:
@@ -52,7 +52,7 @@ def rate_at(inputs: Inputs, client: int, index: int) -> tuple[Body, str | None, 
 
 
 def turn_at(inputs: Inputs, client: int, index: int) -> Body | None:
-    """Return the body whose base has its quaternion at a coordinate, in the engine's count."""
+    """Return the body whose base quaternion starts at this coordinate, by the engine's index."""
     for body in bodies_of(inputs, client):
         if body.base_moves and index == BASE_M:
             return body
@@ -86,7 +86,7 @@ def reset_clears_force(inputs: Inputs) -> Iterator[Said]:
 
 
 def _cleared(inputs: Inputs, force: LastingForce) -> int:
-    """Return the number of steps before the engine's own next reset, which clears forces."""
+    """Return the number of steps before the engine's next own reset, which clears forces."""
     warnings = [each for each in inputs.scene.seen.warnings if each.client == force.client]
     resets = [step for each in warnings if each.kind in RESETS for step in _first_and_last(each)]
     return min([_ends(inputs, force.client), *(step for step in resets if step > force.since)])

@@ -1,4 +1,4 @@
-"""Rules about the drives of joints, which mark steps of a robot's joints."""
+"""Rules about the drives of joints, which flag the steps of a robot's joints."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ substeps_scale_motors.rows(
 
 
 FORCE = np.array([[[False, True]]])
-"""The plane of forces in a table with two."""
+"""Index of the plane of forces in a table with two planes."""
 
 
 @joint_rule("beyond-urdf", "note", least_count=COASTS_STEPS, proposes=True)
@@ -332,7 +332,7 @@ def mimic_ignored(joints: JointColumns) -> Match | None:
     follows = np.abs(goal[:, own] - times * goal[:, leads] - offset) <= FOLLOWS * extent
 
     def column(values: Float64) -> Float64:
-        """Return values of the followers as a column of all joints."""
+        """Scatter values of the followers into a column of all joints."""
         found = np.zeros(joints.after.shape)
         found[:, own] = values
         return found

@@ -1,4 +1,4 @@
-"""`no-contact`: bodies overlap, and nothing pushes them apart, because they are no pair."""
+"""`no-contact`: bodies overlap without a contact between them, so that nothing separates them."""
 
 from __future__ import annotations
 

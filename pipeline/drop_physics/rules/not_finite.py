@@ -16,7 +16,7 @@ from drop_physics.trace.events import Body
 from drop_physics.trace.log import Log
 
 OVERFLOWS = float(np.sqrt(np.finfo(np.float64).max))
-"""The square of a number from this size on is infinite."""
+"""A number of at least this size has an infinite square."""
 
 
 @body_rule("not-finite", "broken", engines=ANY)

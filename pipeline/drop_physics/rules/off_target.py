@@ -57,7 +57,7 @@ def rests_off(targets: TargetColumns) -> Match | None:
 
 
 def _causes(targets: TargetColumns, which: Flags) -> NDArray[Any]:
-    """Return the cause of the worst missed target; None for the others."""
+    """Return the cause of the worst missed target; None for the other targets."""
     causes, rows = np.full(len(which), None, object), np.flatnonzero(which)
     for at in rows[[int(targets.off[rows].argmax())]] if len(rows) else ():
         stood = targets.stood.only(np.array([at]))
@@ -83,7 +83,7 @@ def _missed(
     body: str,
     cause: Cause,
 ) -> Noted:
-    """Return the words about a target that was missed, and why it was."""
+    """Describe a missed target, and the reason why it was missed."""
     says = Message(
         "{joint}{more} misses a target of {target:at} by {off:gap} at step {last}: {why}"
     )
@@ -111,7 +111,7 @@ rests_off.rows(MISSED)
 
 
 def _replaced(targets: TargetColumns) -> Flags:
-    """Flag the targets that were replaced, or cut off, while their joint moved.
+    """Flag the targets that were replaced, or ended by the run, while their joint moved.
 
     Without targets left from before, and those that press joints onto something.
     """
@@ -121,7 +121,7 @@ def _replaced(targets: TargetColumns) -> Flags:
 
 
 def _followed(targets: TargetColumns, which: Flags) -> Match | None:
-    """Return the gaps of some targets, among all that were replaced while their joint moved."""
+    """Return the targets replaced while their joint moved; the sizes are the gaps in `which`."""
     moved = _replaced(targets) & (targets.ended | targets.ends_run)
     if not moved.any():
         return None
@@ -132,7 +132,7 @@ def _followed(targets: TargetColumns, which: Flags) -> Match | None:
 
 
 def _lawful(targets: TargetColumns) -> Flags:
-    """Flag the gaps that the motor's law leaves."""
+    """Flag the gaps that match the motor's control law."""
     off = np.abs(targets.stood.gap - targets.stood.lawful)
     return np.asarray(off <= np.maximum(LAWFUL_GAP * targets.off, targets.least * LAWFUL_GAP))
 
@@ -226,7 +226,7 @@ falls_behind.rows(MISSED)
 def _takes_more(
     scene: Scene, keys: list[int], weak: Message, limit: float, effort: str, force: float
 ) -> Cause | None:
-    """Return the effort on the way to a target, if it exceeds the motor's limit."""
+    """Return the effort required on the way to a target, if it exceeds the motor's limit."""
     takes = scene.joints.on_the_way(keys[0], keys[1])
     if not takes > limit:
         return None

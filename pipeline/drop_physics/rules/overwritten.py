@@ -1,4 +1,4 @@
-"""`overwritten`: a MuJoCo script writes `qpos` step after step, which has no force."""
+"""`overwritten`: a MuJoCo script writes `qpos` in every step, which exerts no force."""
 
 from __future__ import annotations
 

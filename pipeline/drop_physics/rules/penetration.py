@@ -1,4 +1,4 @@
-"""Bodies that overlap: those that sink into others, and those that are placed inside them."""
+"""Bodies that overlap: those that sink into others, and those placed inside others."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
 
 SOLVER = 50
-"""Number of the solver's iterations that no call sets."""
+"""The solver's number of iterations if no call sets it."""
 SLOP, ITERATIONS = "contactSlop", "numSolverIterations"
 
 
@@ -196,7 +196,7 @@ deep_penetration.rows(
 
 
 def _presses(pair: PairColumns, rows: NDArray[np.intp]) -> dict[str, Float64]:
-    """Return the pressure of constraints, and of motors, against the contacts of either body."""
+    """Return how hard constraints and motors press against the contacts of either body."""
     found = {name: np.zeros(len(rows)) for name in ("constraints", "motors")}
     for side in (0, 1):
         bodies = pair.pairs.body[rows, side]
@@ -333,7 +333,7 @@ starts_in_contact.rows(
 
 
 def _hull(scene: Scene, both: tuple[Body, Body], links: list[int]) -> str:
-    """Return the remark that the engine fills the hollow of a mesh, if one of both has any."""
+    """Return a note that the engine fills the hollow of a mesh, if either body has a mesh."""
     if any(collision.kind == "plane" for body in both for collision in body.collisions):
         return ""  # a mesh and its hull go equally deep into a plane
     for body, link in zip(both, links, strict=True):

@@ -1,4 +1,4 @@
-"""Times at which calls placed bodies: loaded them, or set their state."""
+"""The moments at which calls placed bodies: loaded them, or set their state."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from drop_physics.trace.events import Body
 from drop_physics.trace.history import Piece, Seen
 
 PLACES = Act.LOAD, Act.MAKE, Act.SET_POSE, Act.SET_JOINT, Act.RESTORE
-"""Acts of calls that place bodies."""
+"""Kinds of calls that place bodies."""
 NEAR = 3
-"""A body that calls move more often than once in so many steps is animated."""
+"""A body that calls move more often than once in this many steps counts as animated."""
 
 
 class Placing:
-    """The steps that began with a body placed by a call, and the calls."""
+    """The steps that started with a body placed by a call, and those calls."""
 
     def __init__(self, seen: Seen) -> None:
         came = [
@@ -33,14 +33,15 @@ class Placing:
         self._came = np.unique([number * STEPS + step for number, step in came])
         self._sites: dict[tuple[int, int], list[tuple[int, str]]] = {}
         self._restored: set[int] = set()
-        """Keys of bodies and steps that begin with a restored state: no call chose where."""
+        """Keys of bodies and steps that start from a restored state, so that no call chose the
+        pose."""
         self._posed: set[int] = set()
-        """Keys of bodies and steps before which a call set where they are."""
+        """Keys of bodies and steps before which a call set the pose."""
         self._bodies, self._puts = seen.bodies, seen.puts
 
     @cached_property
     def animated(self) -> dict[int, tuple[Int64, Float64]]:
-        """Poses that calls set often, by body: steps, and bases then."""
+        """Poses of bodies that calls set often, by body: the steps, and the base poses."""
         puts: dict[int, dict[int, Float64]] = {}
         for put in self._puts:  # of several for a step, the last counts
             puts.setdefault(put.body.number, {})[put.at.step + 1] = put.base
@@ -51,7 +52,7 @@ class Placing:
         }
 
     def see(self, piece: Piece) -> None:
-        """Add a piece."""
+        """Add a chunk."""
         self._sites = {key: told[-1:] for key, told in self._sites.items()}
         for call in piece.calls.of(*PLACES):
             values, restores = call.values, call.act is Act.RESTORE
@@ -68,36 +69,36 @@ class Placing:
                 told.append((call.at.step, site_of(call)))
 
     def placed(self, bodies: Int64, steps: Int64) -> Flags:
-        """Flag the bodies placed for a step, but not for the steps around it."""
+        """Flag the bodies that a call placed before a step, but not before neighbouring steps."""
         keys = bodies * STEPS + steps
         return _once(keys, self._every) & ~np.isin(keys, [*self._restored])
 
     def posed(self, bodies: Int64, steps: Int64) -> Flags:
-        """Flag the same of bodies that were loaded, or got a pose, not only a velocity."""
+        """Flag the placed bodies that were loaded, or given a pose, and not only a velocity."""
         keys = bodies * STEPS + steps
         posed = _once(keys, np.array([*self._posed], np.int64)) | np.isin(keys, self._came)
         return self.placed(bodies, steps) & posed
 
     def moved(self, bodies: Int64, steps: Int64) -> Flags:
-        """Flag the bodies placed for a step."""
+        """Flag the bodies that a call placed before a step."""
         return np.isin(bodies * STEPS + steps, self._every)
 
     def restored(self, body: Int64 | int, steps: Int64) -> Flags:
-        """Flag the steps that began with a restored state."""
+        """Flag the steps that started from a restored state."""
         return np.isin(body * STEPS + steps, [*self._restored])
 
     def came(self, bodies: Int64 | int, steps: Int64 | int) -> Flags:
-        """Flag the bodies loaded for a step."""
+        """Flag the bodies that were loaded before a step."""
         return np.isin(bodies * STEPS + steps, self._came)
 
     def site(self, body: Body, step: int) -> str | None:
-        """Return file and line of the last call that placed a body for a step."""
+        """Return file and line of the last call that placed a body before a step."""
         told = self._sites.get((body.client, body.engine_id), [])
         return next((site for at, site in reversed(told) if at < step), None)
 
 
 def _once(keys: Int64, among: Int64) -> Flags:
-    """Flag the keys that are among some, without the steps around them."""
+    """Flag the keys contained in `among`, unless a neighbouring step is contained, too."""
     once = np.isin(keys, among)
     for near in range(1, NEAR + 1):
         once &= ~(np.isin(keys - near, among) | np.isin(keys + near, among))

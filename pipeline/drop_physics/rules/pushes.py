@@ -1,4 +1,4 @@
-"""Rules about forces and torques from calls: their duration, and their point of action."""
+"""Rules about forces and torques from calls: their duration, and their point of application."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from drop_physics.trace.events import Body
 from drop_physics.trace.motors import TORQUE
 
 FORCES = "forceObj", "torqueObj", "force", "forces"
-"""Arguments that hold forces and torques."""
+"""Arguments that contain forces and torques."""
 PLACES = "linkIndex", "jointIndex", "jointIndices"
-"""Arguments that say where they act."""
+"""Arguments that contain the point of application."""
 
 
 @input_rule("push-lasted-a-step", "note", proposes=True)
@@ -83,7 +83,7 @@ def push_lasted_a_step(inputs: Inputs) -> Iterator[Said]:
 
 
 def _size(use: Use) -> float:
-    """Return the size of the first given force [N] or [N m]; of several joints, the largest."""
+    """Return the size of the first given force [N] or [N m]; with several joints, the largest."""
     given = {name: use.first.values[name] for name in FORCES if name in use.first.values}
     sizes = [
         math.hypot(*np.ravel(each)) if name.endswith("Obj") else np.abs(each).max(initial=0.0)
@@ -125,7 +125,7 @@ def force_off_centre(bodies: BodyColumns) -> Match | None:
     count, reach_m = len(keys), reach_m[first]
 
     def arms_m(moments: Float64) -> Float64:
-        """Return the arm of all forces on a link, as the moment over the sum of their sizes."""
+        """Return the lever arm of all forces on a link: the moment over the sum of magnitudes."""
         sums = summed(each, np.column_stack([moments, strength]), count=count)
         return lengths(sums[:, :3]) / sums[:, 3]
 

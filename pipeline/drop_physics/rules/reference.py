@@ -1,4 +1,4 @@
-"""Manual of a code for `drop explain`, read from the sources of its rules."""
+"""The manual entry of a code for `drop explain`, read from the sources of its rules."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from drop_physics.rules.sources import Limit, RuleTexts, texts_of
 from drop_physics.trace.cures import Cure
 
 PLACEHOLDER = re.compile(r"(\}?)\{(\w+)[^{}]*(?=\})")
-"""A value in a template: what is before it, if that is another, and its name."""
+"""Regular expression of a value in a template: the text before it, if that is another value, and
+its name."""
 LEAST = 25
-"""Characters of a message that is a sentence, and no part of one."""
+"""Minimum number of characters of a message that is a sentence, and not a fragment."""
 
 
 class Blank:
-    """Placeholder of a value that only a finding has."""
+    """Placeholder for a value that only a finding has."""
 
     def __init__(self, shown: str) -> None:
         self._shown = shown
@@ -34,35 +35,35 @@ class Blank:
 
 @dataclass(frozen=True)
 class CodeReference:
-    """The meaning of a code, or of one of its reasons."""
+    """The manual entry of a code, or of one of its reasons."""
 
     code: str
     """The code, or the reason."""
     reason_of: str | None
-    """The code that it is a reason of; null for a code."""
+    """The code to which the reason belongs; null for a code."""
     level: Level | None
-    """The level, unless a finding states another; null where that depends."""
+    """The level, unless a finding states another one; null if it depends on the case."""
     meaning: str
-    """Meaning: what was asked and what happened instead, in a sentence."""
+    """Meaning: what was requested and what happened instead, in one sentence."""
     measured: list[str] = field(default_factory=list)
-    """The conditions that are looked for, a sentence per rule."""
+    """The conditions that the rules check, one sentence per rule."""
     thresholds: list[Limit] = field(default_factory=list)
     """The thresholds that decide."""
     says: list[str] = field(default_factory=list)
-    """Sentence of a finding; … is a number or a name."""
+    """Example sentence of a finding; … stands for a number or a name."""
     advises: list[str] = field(default_factory=list)
-    """Advice that changes it."""
+    """Advice that fixes the problem."""
     proposes: list[str] = field(default_factory=list)
-    """Advice that is only to be tried, where nothing proves it."""
+    """Advice that is only a proposal, as nothing proves it."""
     example: CodeExample | None = None
-    """A script that shows it; null where the documentation has none."""
+    """A script that demonstrates the code; null if the documentation has none."""
     cures: tuple[tuple[str, Cure, bool], ...] = field(default=(), metadata={"json": False})
-    """The cures of its rules, nan where a value depends; the engine that writes the call of
-    each, and whether it is to be tried."""
+    """The cures of its rules, nan where a value depends on the run; the engine in whose syntax each
+    call is written, and whether it is only a proposal."""
 
 
 def reference_of(name: str) -> CodeReference:
-    """Return the meaning of a code or a reason.
+    """Return the manual entry of a code or a reason.
 
     Raises
     ------
@@ -79,7 +80,7 @@ def reference_of(name: str) -> CodeReference:
 
 
 def references(names: Collection[str] = tuple(CODES)) -> dict[str, CodeReference]:
-    """Return the meanings of codes and reasons, by their names; of all by default."""
+    """Return the manual entries of codes and reasons, by name; of all by default."""
     shown, told = examples(), texts_of(names)
     return {name: _reference(name, told[name], shown.get(name)) for name in names}
 
@@ -102,14 +103,14 @@ def _reference(name: str, told: RuleTexts, example: CodeExample | None) -> CodeR
 
 
 def blanked(template: str) -> Message:
-    """Return a message with … in place of its values, once for two in a row."""
+    """Return a message with … in place of its values; adjacent values share one."""
     found = PLACEHOLDER.findall(template)
     values: dict[str, Any] = {name: Blank("" if before else "…") for before, name in found}
     return Message(template, **values)
 
 
 def sentences() -> Iterator[str]:
-    """Yield the texts of all meanings, except those that rules have as a `Message`."""
+    """Yield the texts of all manual entries, except those that rules have as a `Message`."""
     for reference in references().values():
         yield from (
             reference.meaning,

@@ -1,4 +1,4 @@
-"""`not-replayed`, `no-gravity`: the engine's own replay of steps, and its gravity."""
+"""`not-replayed`, `no-gravity`: results of the engine's own replay of steps, and its gravity."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from drop_physics.trace.switches import NO_GRAVITY, is_off
 
 
 def _of_steps(bodies: BodyColumns, why: str) -> Match:
-    """Return the steps of replayed simulations that are unexplained for some reason."""
+    """Return the steps of replayed simulations that are unexplained for a given reason."""
     piece = bodies.scene.piece
     client = bodies.of_each(lambda each: each.body.client)
     replayed = np.isin(client, [each for each, held in piece.impulses.items() if held])

@@ -1,4 +1,4 @@
-"""Leftovers of calls that move a body: targets of motors, and rates of joints."""
+"""What calls that move a body leave unchanged: targets of motors, and rates of joints."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from drop_physics.trace.events import Body
 
 
 def left_targets(joints: JointColumns, anew: Collection[int] = ()) -> Match:
-    """Return the joints that a call placed while they still have an earlier target.
+    """Return the joints that a call placed while their earlier target stays in effect.
 
     `anew`: the steps before which targets were set back, too.
     """
@@ -49,7 +49,7 @@ def left_targets(joints: JointColumns, anew: Collection[int] = ()) -> Match:
 def driven_off(
     put: Flags, until_work: Float64, size: Float64, least: Float64, back: Flags
 ) -> Sized:
-    """Return the distance that motors drove joints; those set back to their start count first."""
+    """Return how far motors drove the joints; those reset to their initial position come first."""
     off = put & (until_work > 0) & (size >= least)
     return Sized(np.where(off, size, 0.0), graver=off & back)
 

@@ -1,4 +1,4 @@
-"""`restore-differs`: what begins in the same state, with the same calls, does not run as before."""
+"""`restore-differs`: episodes with the same initial state and the same calls run differently."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def restore_differs(inputs: Inputs) -> Iterator[Said]:
 
 
 def _alike(first: AfterRestore, second: AfterRestore) -> int:
-    """Return the number of steps with equal calls in two episodes."""
+    """Return the number of steps over which two episodes have the same calls."""
     asked = first.calls.items() ^ second.calls.items()
     lengths = (each.end - each.begin.at.step for each in (first, second))
     return min(*lengths, *(since for since, _ in asked), 1 << 40)
@@ -108,7 +108,7 @@ def _compared(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> Said
 
 
 def _other_order(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> bool:
-    """Return whether the difference is another order of pairs, and not earlier contacts.
+    """Return whether the contact pairs differ only in their order, and not by earlier contacts.
 
     A state saved before the first step of touching bodies has no contacts to restore.
     """
@@ -129,11 +129,11 @@ def _other_order(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> b
 
 
 Apart = tuple[int, int, float, str]
-"""Steps after which a body first differs, and most; how much then, and in which unit."""
+"""Steps after which a body first differs, and differs most; the difference then, and its unit."""
 
 
 def _apart(scene: Scene, begins: tuple[int, int], until: int, client: int) -> dict[Key, Apart]:
-    """Return the bodies in which two episodes differ in their first steps."""
+    """Return the bodies that differ in the first steps of two episodes."""
     found: dict[Key, Apart] = {}
     for start in range(1, until + 1, PIECE):
         end = min(start + PIECE, until + 1)
@@ -159,7 +159,7 @@ def _apart(scene: Scene, begins: tuple[int, int], until: int, client: int) -> di
 def _places(
     scene: Scene, first: int, end: int, client: int
 ) -> dict[Key, tuple[Int64, Float64, list[str]]]:
-    """Return steps, positions of base and joints, and their units, of movable bodies."""
+    """Return steps, positions of base and joints, and their units, for movable bodies."""
     piece = scene.seen.sampled.piece(first, end)
     bases, found = by_body(piece.bases), {}
     for number in scene.moving:
@@ -181,7 +181,7 @@ def _places(
 def _cause(
     inputs: Inputs, first: AfterRestore, second: AfterRestore, engine_id: int
 ) -> tuple[Message, Call | None] | None:
-    """Return the cause of a body's different episode, and the call to blame."""
+    """Return the cause of a body's differing episode, and the responsible call."""
     function, cleared = second.begin.function, second.begin.act is Act.CLEAR
     sets: dict[Named, tuple[tuple[float, ...] | None, Call]] = {}
     for each in inputs.episodes.between(first, second):

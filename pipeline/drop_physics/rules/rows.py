@@ -1,4 +1,4 @@
-"""Findings of a rule as data: rows with a condition, a sentence, a remedy and a level.
+"""The findings of a rule as data: rows with a condition, a sentence, a remedy and a level.
 
     weak.says(
         Row(
@@ -38,12 +38,12 @@ from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
 
 Noted = dict[str, object]
-"""Further numbers and texts of the worst, by name."""
+"""Further numbers and texts about the worst case, by name."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Said:
-    """Finding about the worst case of a rule.
+    """The finding about the worst case of a rule.
 
     The names in a text without values are taken from `values`, or from the `Worst`; `{call}` is the
     cure as the engine's user would write it.
@@ -51,32 +51,32 @@ class Said:
 
     message: Message
     values: Mapping[str, object] = field(default_factory=dict)
-    """Further values that texts name."""
+    """Further values to fill into the texts."""
     cure: Cure | None = None
-    """The change that would cure it, which can be tried."""
+    """The change that would fix the problem, as an intervention that can be tried."""
     advice: Message | None = None
-    """The advice, where the cure's call alone is not enough."""
+    """The advice, if the cure's call alone does not suffice."""
     proposed: bool | None = None
-    """Whether what is advised is only to be tried, where the rule does not say so for all."""
+    """Whether the advice is only a proposal; None to use the rule's own setting."""
     effect: Effect | None = None
     share: float | None = None
-    """The ratio of the effect to what is normal for it; the size, if it is None."""
+    """The ratio of the effect to its normal size; None to use the size."""
     reason: str | None = None
     other: str | None = None
     level: Level | None = None
-    """The level, where it is not the rule's."""
+    """The level, if it differs from the rule's."""
     code: str | None = None
-    """The code, where it is not the rule's."""
+    """The code, if it differs from the rule's."""
     steps: Span | None = None
-    """The steps of the finding, where these are not those in which the rule holds."""
+    """The steps of the finding, if they differ from those in which the rule holds."""
     site: str | None = None
-    """File and line, where the rule names no argument or call that is the cause."""
+    """File and line, if the rule does not name an argument or call as the cause."""
     call: Call | None = None
     """The call that is the cause."""
     subject: Body | None = None
-    """The body, for a rule of inputs."""
+    """The body, for a rule about inputs."""
     joint: str | None = None
-    """The joint, where the table is not one of joints."""
+    """The joint, if the table is not one of joints."""
 
     @property
     def body(self) -> str | None:
@@ -88,7 +88,7 @@ class Said:
 
 
 class Worst:
-    """The worst of a subject: its numbers, and who it is, by their names.
+    """The worst case of a subject: its numbers, and its identity, by name.
 
     `size`, `count`, `first` and `last` step, and what the rule noted; `among`, how many of its kind
     the subject has that are not ten times smaller; labels of the `body` and of
@@ -109,13 +109,13 @@ class Worst:
 
     @property
     def keys(self) -> list[int]:
-        """The numbers of what it is about."""
+        """The ids of the subject, such as body and joint."""
         found: list[int] = self.noted.keys[0].tolist()
         return found
 
     @property
     def span(self) -> Span:
-        """The steps as a finding says them; for a target, the first and last step of `stood`."""
+        """The steps to report in the finding; for a target, the first and last step of `stood`."""
         if (stood := self.values.get("stood")) is not None:
             return Span(stood[0], stood[1], stood[1] - stood[0] + 1)
         first, last = self.values.get("within", (-self["first"], self["last"]))
@@ -123,12 +123,12 @@ class Worst:
 
     @property
     def engine(self) -> str:
-        """The engine that stepped the body, which decides the words of the texts."""
+        """The engine that stepped the body, which determines the wording."""
         return engine_of(self.scene.seen)
 
     @property
     def body_size_m(self) -> float:
-        """The size of its body."""
+        """The size of the subject's body."""
         return size_m(self.subject)
 
     @property
@@ -137,13 +137,13 @@ class Worst:
         return so_many(self["count"])
 
     def time_s(self, step: int) -> float:
-        """Return the time of a step in its simulation."""
+        """Convert a step to the simulated time of the body's simulation."""
         return self.scene.times[self.subject.client].of(step)
 
 
 @dataclass(frozen=True)
 class Remedy:
-    """A cure whose target and numbers are those noted by a rule, by their names."""
+    """A cure whose target and numbers are given by the names under which the rule recorded them."""
 
     name: str
     target: str | None = None
@@ -151,7 +151,7 @@ class Remedy:
     value: float | str | None = None
     form: str = ""
     given: Mapping[str, float | str] | str = field(default_factory=dict)
-    """Further numbers, by argument; or the name of all of them."""
+    """Further numbers, by argument; or the single name under which all of them are recorded."""
     bodies: tuple[str, ...] = ()
 
     @property
@@ -162,7 +162,7 @@ class Remedy:
         return Cure(self.name, None, value, form=self.form, given=dict.fromkeys(given, math.nan))
 
     def of(self, worst: Worst) -> Cure:
-        """Return the cure of a finding."""
+        """Return the cure for a finding's worst case."""
 
         def number(named: float | str) -> Any:  # noqa: ANN401 - as the rule noted it
             return worst[named] if isinstance(named, str) else named
@@ -181,45 +181,45 @@ class Remedy:
 
 @dataclass(frozen=True, kw_only=True)
 class SayingRow:
-    """Finding about the worst case where a condition holds, and the change that would cure it.
+    """Template of the finding to report when a condition holds, with the change that would fix it.
 
     Sentence, advice, cure, reason, level, and whether it is only to be tried, are what the rule
     notes under these names, where a row leaves them out.
     """
 
     when: Callable[..., object] | None = None
-    """The condition, a function of what its parameters name; None for always."""
+    """The condition, a function of the values that its parameters name; None for always."""
     says: Message | None = None
     why: Message | None = None
-    """The part of the sentence that rows differ in."""
+    """The part of the sentence in which rows differ."""
     advice: Message | None = None
-    """The advice, where the cure's call alone is not enough."""
+    """The advice, if the cure's call alone does not suffice."""
     cure: Remedy | None = None
     proposed: bool | None = None
     effect: str | None = None
-    """The number that is the magnitude."""
+    """The name of the number that is the magnitude."""
     unit: str | None = None
-    """The unit of the magnitude, where it is not that of the joint's position."""
+    """The unit of the magnitude, if it is not that of the joint's position."""
     share: str | float | None = None
-    """The number that ranks it; the size, if it is None."""
+    """The number that ranks the finding; None to use the size."""
     normal: str | float | None = None
-    """What is normal for the magnitude: their ratio ranks it."""
+    """The normal size of the magnitude: their ratio ranks the finding."""
     least: str | None = None
-    """The number that the share is above, or nothing is said."""
+    """The name of the number that the share must exceed; otherwise nothing is reported."""
     reason: str | None = None
     level: Level | None = None
     code: str | None = None
     site: str | Act | None = None
-    """The name of the file and line, where the rule names no argument or call; or the act of the
-    only line that is meant."""
+    """The name of the file and line, if the rule does not name an argument or call; or the kind of
+    call, if only one line makes such calls."""
 
     def like(self, row: SayingRow) -> SayingRow:
-        """Return this row, with what it leaves out taken from another."""
+        """Return this row, with missing fields filled in from another row."""
         left = (each.name for each in fields(self) if getattr(self, each.name) is None)
         return replace(self, **{name: getattr(row, name) for name in left})
 
     def said(self, worst: Worst) -> Said | None:
-        """Return the row's sentence about the worst case."""
+        """Return the finding that this row reports about the worst case."""
         noted, effect = worst.values, None
         share = worst[self.share] if isinstance(self.share, str) else self.share
         if self.effect is not None:
@@ -246,7 +246,7 @@ class SayingRow:
 
 
 def filled(text: str, values: Mapping[str, object], about: Worst | Said) -> str:
-    """Return a text with what it names, taken from some values or from what it is about.
+    """Fill a text's placeholders with the given values, or with values of its subject.
 
     Numbers are written by their kinds, and texts among them filled likewise.
     """

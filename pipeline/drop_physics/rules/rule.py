@@ -1,4 +1,4 @@
-"""A rule is data: where it holds in a table of what was explained, and what is said of the worst.
+"""A rule as data: the rows of a table in which it holds, and what is reported of the worst.
 
     @joint_rule("target-clamped", "asked")
     def target_clamped(joints: JointColumns) -> Match: ...      # a mask, a size, numbers
@@ -43,7 +43,7 @@ from drop_physics.rules.thresholds import MINOR
 from drop_physics.trace.episodes import episode_at
 
 Numbers = Mapping[str, Any]
-"""Columns by name, or one number for all rows."""
+"""Columns by name; a single number applies to all rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,28 +56,28 @@ class Match:
 
     where: NDArray[Any]
     size: Float64
-    """The sizes: the numbers of the largest are kept."""
+    """The sizes of the problem, by which the worst row is chosen."""
     numbers: Numbers = field(default_factory=dict)
     sums: Numbers = field(default_factory=dict)
-    """Numbers that are added up; `until_` and the name are those until the largest."""
+    """Numbers to sum over the rows; `until_` plus the name is the sum up to the largest row."""
     most: Numbers = field(default_factory=dict)
-    """Numbers of which the greatest is kept."""
+    """Numbers of which the maximum is kept."""
     firsts: Numbers = field(default_factory=dict)
-    """Numbers that are kept of the first row."""
+    """Numbers of which the first row's value is kept."""
     lasts: Numbers = field(default_factory=dict)
-    """Numbers that are kept of the last row."""
+    """Numbers of which the last row's value is kept."""
     keys: Int64 | None = None
-    """The subject of each row, where that is not the table's: shape (rows, k)."""
+    """The subject of each row, if it differs from the table's: shape (rows, k)."""
 
     counts: Int64 | None = None
-    """Number of steps of each row in which it holds; None for all."""
+    """Number of steps of each row in which the rule holds; None for all."""
     begins: Flags | None = None
-    """Rows in which a run begins anew, even while one goes on."""
+    """Rows in which a new run begins, even directly after another one."""
     holds: Flags | None = None
-    """Rows in which the rule holds, where that is known late; None for all."""
+    """Rows in which the rule holds, if that is only known afterwards; None for all."""
 
     def runs(self, table: RuleTable) -> Runs:
-        """Return the rows in which the rule holds, one by one."""
+        """Return the rows in which the rule holds, each as a run of its own."""
         where = self.where
         chosen = where.dtype == np.bool_
         places = np.nonzero(where) if chosen else (where,)
@@ -120,30 +120,30 @@ class Match:
 
 @dataclass(frozen=True, eq=False)
 class Sized:
-    """Sizes of runs for a rule, and numbers noted of them once all are known."""
+    """Sizes of runs for a rule, and numbers computed for the complete runs."""
 
     sizes: Float64
-    """The sizes, shape (runs,); 0 for runs that do not count."""
+    """The sizes, shape (runs,); 0 for runs to be ignored."""
     numbers: Numbers = field(default_factory=dict)
     graver: Flags | None = None
-    """Flags of those that come before others, whatever their sizes."""
+    """Flags of the runs that rank above others, regardless of their sizes."""
 
     @property
     def ranks(self) -> Float64:
-        """Whether each is graver, and its size, by which they are sorted, shape (runs, 2)."""
+        """The sort keys, shape (runs, 2): whether each run is graver, and its size."""
         graver = np.zeros(len(self.sizes)) if self.graver is None else self.graver
         return np.column_stack([graver, self.sizes])
 
 
 Measure = Callable[..., Sized | Float64]
-"""A function of columns of runs that returns their sizes: those of 0 do not count."""
+"""A function that computes the sizes of runs from their columns; runs of size 0 are ignored."""
 Notes = Callable[..., Mapping[str, object] | None]
 Noting = TypeVar("Noting", bound=Notes)
 Words = Callable[..., Said | None]
 
 
 class RunsOfBodies:
-    """The columns of runs, and facts of their bodies, by their names."""
+    """The columns of runs, and facts about their bodies, by name."""
 
     def __init__(self, runs: Runs, scene: Scene) -> None:
         self.runs, self.keys, self.scene = runs, runs.keys, scene
@@ -154,12 +154,12 @@ class RunsOfBodies:
 
     @property
     def ends(self) -> Int64:
-        """The last sample of each body."""
+        """The last sample of each run's body."""
         return np.array([self.scene.ends[number] for number in self._numbers])
 
     @property
     def sizes_m(self) -> Float64:
-        """The size of each body."""
+        """The size of each run's body."""
         return np.array([size_m(self.scene.body(number)) for number in self._numbers])
 
 
@@ -169,66 +169,68 @@ def nothing() -> Noted:
 
 
 def every_run(size: Float64) -> Float64:
-    """Return the sizes of runs; all of them count."""
+    """Return the sizes of runs unchanged, so that all of them count."""
     return size
 
 
 @dataclass(eq=False)
 class Rule:
-    """One rule: its matches in a table, its words, and its meaning for `drop explain`."""
+    """One rule: its matches in a table, its wording, and its meaning for `drop explain`."""
 
     code: str
     level: Level
     table: TableName
     matches: Callable[[Any], Any]
-    """The function: returns a `Match` in a table, or None; for inputs, what is said."""
+    """The rule's function: returns a `Match` for a table, or None; for inputs, yields findings."""
     reason: str | None = None
-    """The cause, of those that the code has."""
+    """The cause, as one of the code's reasons."""
     least_count: float = 1
-    """Least number of steps in which the rule holds."""
+    """Minimum number of steps in which the rule must hold."""
     consecutive: bool = False
-    """Whether runs of consecutive steps are told apart, and the worst of each key counts."""
+    """Whether runs of consecutive steps are kept apart, and the worst run of each key is
+    reported."""
     subject: int | None = None
-    """Number of a key's columns that tell subjects apart, of each of which the worst is said; all,
-    if it is None. With 0 one thing is said of the run, and of no body."""
+    """Number of key columns that identify a subject, of each of which the worst is reported; None
+    for all columns. With 0 there is one finding for the run, about no body."""
     argument: str | None = None
     """The argument of `changeDynamics` whose call is the cause."""
     engines: tuple[str, ...] = BULLETS
-    """The engines for which the rule has words: only their recordings are examined."""
+    """The engines to which the rule applies: only their recordings are examined."""
     proposes: bool = False
-    """Whether its advice is only to be tried: the message says what is seen, and no cause."""
+    """Whether the rule's advice is only a proposal: its message states an observation,
+    not a cause."""
     sizes: Measure = every_run
     words: Words = lambda: None
-    """The function of the worst that words it, where no rows do."""
+    """The function that words the finding about the worst case, if there are no rows."""
     told: Sequence[SayingRow] = ()
-    """Its rows, where what it says is data."""
+    """The rows of a rule whose finding is given as data."""
     noting: Notes = nothing
-    """Returns further numbers of the worst, by name."""
+    """Returns further numbers of the worst case, by name."""
 
     @property
     def meaning(self) -> str:
-        """The meaning of the code, in a sentence."""
+        """The meaning of the code, in one sentence."""
         return (self.matches.__doc__ or "").strip()
 
     def rows(self, *rows: SayingRow, like: SayingRow | None = None) -> None:
-        """Set the rows, of which the first that holds is said of the worst.
+        """Set the rows, of which the first whose condition holds is reported.
 
         What rows leave out is taken from `like`.
         """
         self.told = [each if like is None else each.like(like) for each in rows]
 
     def notes(self, noting: Noting) -> Noting:
-        """Set the function that notes numbers of the worst for rows; None if nothing is to say."""
+        """Set the function that computes numbers for the rows; None from it reports nothing."""
         self.noting = noting
         return noting
 
     def says(self, words: Words) -> Words:
-        """Set the function that words the worst; it returns None if there is nothing to say."""
+        """Set the function that words the worst case; it returns None to report nothing."""
         self.words = words
         return words
 
     def said(self, worst: Worst) -> Said | None:
-        """Return the rule's sentence about the worst case."""
+        """Return what the rule reports about the worst case."""
         if not self.told:
             return called(self.words, worst, worst=worst)
         noted = called(self.noting, worst, worst=worst)
@@ -240,12 +242,12 @@ class Rule:
         return None if row is None else row.said(worst)
 
     def counts(self, sizes: Measure) -> Measure:
-        """Set the function that measures runs, shape (runs,); 0 for runs that do not count."""
+        """Set the function that measures runs, shape (runs,); it returns 0 for runs to ignore."""
         self.sizes = sizes
         return sizes
 
     def finding(self, worst: Worst, site: str | None) -> Finding | None:
-        """Return the finding about a subject; None if nothing is said of it."""
+        """Return the finding about a subject; None if nothing is reported."""
         said = self.said(worst)
         if said is None:
             return None
@@ -262,7 +264,7 @@ class Rule:
         return self.finding_of(said, worst.scene, worst)
 
     def finding_of(self, said: Said, scene: Scene, worst: Worst | None = None) -> Finding:
-        """Return a rule's sentence as a finding: texts filled, the call of its cure written."""
+        """Convert what a rule reports to a finding: fill in texts, write the call of its cure."""
         cure, values, about = said.cure, said.values, worst or said
         if cure is not None:
             cure = replace(cure, call=cure.call or scene.call_of(cure))
@@ -289,11 +291,11 @@ class Rule:
 
 
 PARTS = "joints", "targets", "actuators"
-"""Tables whose columns are parts of a body: of each body the worst part is told."""
+"""Tables whose columns are parts of a body: only the worst part of each body is reported."""
 OF_CALLS = "inputs", "filtered", "unpaired"
-"""Tables of what calls and files ask for: what is found there needs no sum."""
+"""Tables of what calls and files request: their findings need no proof by the sum."""
 RULES: list[Rule] = []
-"""All rules of tables, in the order in which their modules are read."""
+"""All rules on tables, in the order in which their modules are imported."""
 
 
 RuleMaker = Callable[[Callable[[Any], Any]], Rule]
@@ -314,51 +316,56 @@ def _maker(
 
 
 input_rule = partial(_maker, "inputs")
-"""Makes a function of all inputs a rule: it yields what is said of them."""
+"""Decorator for a rule on all inputs: the function yields findings."""
 joint_rule = partial(_maker, "joints")
-"""Makes a function from joints to a match a rule: of each robot its worst joint is told."""
+"""Decorator for a rule on joints, whose function returns a match: the worst joint of each robot is
+reported."""
 actuator_rule = partial(_maker, "actuators")
-"""The same of actuators."""
+"""Decorator for a rule on actuators, whose function returns a match."""
 target_rule = partial(_maker, "targets")
-"""The same of targets that position motors were given: of each robot its worst is told."""
+"""Decorator for a rule on the targets of position motors: the worst target of each robot is
+reported."""
 constraint_rule = partial(_maker, "constraints")
-"""The same of constraints."""
+"""Decorator for a rule on constraints, whose function returns a match."""
 filtered_rule = partial(_maker, "filtered")
-"""The same of pairs of shapes that the model keeps contacts away from."""
+"""Decorator for a rule on pairs of shapes whose contacts the model excludes."""
 unpaired_rule = partial(_maker, "unpaired")
-"""The same of links that the engine makes no contacts of, in the steps in which they overlap."""
+"""Decorator for a rule on pairs of links for which the engine makes no contacts, in the steps in
+which they overlap."""
 pair_rule = partial(_maker, "pairs")
-"""The same of pairs of bodies that touch: what is told is about the one with the higher number."""
+"""Decorator for a rule on pairs of touching bodies: the finding is about the body with the higher
+id."""
 side_rule = partial(_maker, "sides")
-"""The same, asked of both bodies of each pair."""
+"""Decorator for a rule on pairs of touching bodies that is applied to both bodies of each pair."""
 body_rule = partial(_maker, "bodies")
-"""The same of bodies: a table has the steps of all equal bodies, one body after the other."""
+"""Decorator for a rule on bodies: a table has the steps of all equal bodies, one body after the
+other."""
 
 
 class Rules:
-    """Applies all rules with words for a recording's engine, each to its table.
+    """Applies all rules that are written for a recording's engine, each to its table.
 
-    They see the pieces once, in order, and then speak.
+    They see the chunks once, in order, and then speak.
     """
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self._rules = [rule for rule in RULES if engine_of(scene.seen) in rule.engines]
         self._open: list[Runs | None] = [None] * len(self._rules)
-        """Open runs of each rule, and the worst ended one of each key."""
+        """Unfinished runs of each rule, and the worst finished run of each key."""
         self._in: dict[int, set[tuple[int, ...]]] = {}
-        """The keys that each rule has found, with the number of the episode."""
+        """The keys that each rule has matched, with the episode number."""
         self._ended: list[Runs | None] = [None] * len(self._rules)
 
     def see(self) -> None:
-        """Take a piece."""
+        """Apply the rules to a chunk."""
         read = {rule.table for rule in self._rules}
         names = [each for each in TABLES[1:] if each in read]
         self._look((name, table) for name in names for table in tables(name, self.scene))
 
     @np.errstate(all="ignore")  # what is not asked for is nan
     def _look(self, seen: Iterable[tuple[TableName, RuleTable]]) -> None:
-        """Take tables of a piece, or of the rest at the end."""
+        """Apply the rules to tables of a chunk, or to the remaining tables at the end."""
         found: list[list[Runs]] = [[] if each is None else [each] for each in self._open]
         for name, table in seen:
             for place, rule in enumerate(self._rules):
@@ -375,7 +382,7 @@ class Rules:
                 self._open[place] = runs.at(runs.ends)
 
     def _end(self, place: int, ended: Runs) -> None:
-        """Keep the worst of each key."""
+        """Keep the worst finished run of each key."""
         self._note(place, ended)
         before = self._ended[place]
         runs = ended if before is None else Runs.listed([before, ended])
@@ -383,7 +390,7 @@ class Rules:
             self._ended[place] = runs.greatest(self._sized(place, runs).ranks)
 
     def _note_each(self, place: int, parts: Sequence[Runs]) -> None:
-        """Note the episodes of a piece in which a rule has a match that is of all steps."""
+        """Record the episodes of a chunk in which a rule that counts all steps has a match."""
         if not parts or len(self.scene.episodes) < 2:
             return
         rows = Runs.listed(parts)
@@ -392,7 +399,7 @@ class Rules:
             self._note(place, rows.at(numbers == number).joined(consecutive=False))
 
     def _note(self, place: int, ended: Runs) -> None:
-        """Note the episodes in which a rule has a match for a key."""
+        """Record the episodes in which a rule has a match for a key."""
         if len(self.scene.episodes) < 2 or not len(ended):
             return
         counting = ended.at(self._sized(place, ended).sizes > 0)
@@ -401,7 +408,7 @@ class Rules:
         self._in.setdefault(place, set()).update(map(tuple, rows.tolist()))
 
     def _numbers(self, runs: Runs) -> Int64:
-        """Return the number of the episode in which each begins, 0 for none."""
+        """Return the episode number in which each run begins; 0 for none."""
         numbers = np.zeros(len(runs), np.int64)
         for body in np.unique(runs.keys[:, 0]).tolist():
             its = runs.keys[:, 0] == body
@@ -410,7 +417,7 @@ class Rules:
         return numbers
 
     def _episodes(self, place: int, keys: Int64) -> int:
-        """Return the number of episodes in which a rule has a match for some keys."""
+        """Return the number of episodes in which a rule has a match for the given keys."""
         known = {*map(tuple, keys.tolist())}
         return len({row[-1] for row in self._in.get(place, ()) if row[:-1] in known}) or 1
 
@@ -422,7 +429,7 @@ class Rules:
         return replace(sized, sizes=np.where(runs["count"] < rule.least_count, 0.0, sized.sizes))
 
     def findings(self) -> Iterator[Finding]:
-        """Yield the findings of rules: of a robot's joints the worst, of other subjects each."""
+        """Yield the findings of rules: for a robot's joints the worst, for other subjects each."""
         self._look(("targets", each) for each in left_standing(self.scene))
         for place, rule in enumerate(self._rules):
             if (last := self._open[place]) is not None:

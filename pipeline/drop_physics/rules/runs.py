@@ -1,4 +1,4 @@
-"""Rows of a rule's table, joined over pieces: all of one key, or its consecutive steps."""
+"""Rows of a rule's table, merged over chunks: all rows of a key, or each run of its steps."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from drop_physics.arrays import Flags, Float64, Int64
 
 Kind = Literal["at", "first", "last", "sum", "until", "most"]
-"""Way of merging a column over several rows: the value of the largest row, of the first, of the
-last; the sum of all, that until the largest row; the greatest."""
+"""How to merge a column over several rows: take the value of the largest row, the first, or the
+last; the sum over all rows, or up to the largest; or the maximum."""
 
 
 class Runs:
-    """Runs of steps of keys; columns are attributes, by their names.
+    """Runs of steps, one per row, identified by keys; columns can be read by name.
 
     Parameters
     ----------
@@ -35,12 +35,12 @@ class Runs:
         return len(self.keys)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return a column."""
+        """Return the column with this name."""
         return self.columns[name][1]
 
     @property
     def ends(self) -> Flags:
-        """True if each row is the last of its key, of rows that are in order and not none."""
+        """Flag each row that is the last of its key; the rows are sorted by key and not empty."""
         return np.append((np.diff(self.keys, axis=0) != 0).any(axis=1), True)
 
     def at(self, rows: NDArray[Any]) -> Runs:
@@ -50,7 +50,7 @@ class Runs:
 
     @staticmethod
     def listed(parts: Sequence[Runs]) -> Runs:
-        """Concatenate rows of several."""
+        """Concatenate the rows of several tables."""
         columns = {
             name: (kind, np.concatenate([part.columns[name][1] for part in parts]))
             for name, (kind, _) in parts[0].columns.items()
@@ -58,7 +58,7 @@ class Runs:
         return Runs(np.concatenate([part.keys for part in parts]), columns)
 
     def joined(self, *, consecutive: bool) -> Runs:
-        """Return one row for all of a key, or for each run of its consecutive steps, in order."""
+        """Merge the rows of each key into one, or into one for each run of consecutive steps."""
         them = self.at(np.lexsort((self["first"], *self.keys.T[::-1])))
         new = np.append(True, them.ends[:-1])
         if consecutive:
@@ -87,13 +87,13 @@ class Runs:
         return Runs(them.keys[starts], columns)
 
     def noting(self, numbers: Mapping[str, NDArray[Any]]) -> Runs:
-        """Return the rows with further columns."""
+        """Return the rows with additional columns."""
         more: dict[str, tuple[Kind, NDArray[Any]]]
         more = {name: ("at", number) for name, number in numbers.items()}
         return Runs(self.keys, {**self.columns, **more})
 
     def greatest(self, ranks: Float64) -> Runs:
-        """Return of each key the row with the greatest rank, shape (n, k): its first number counts.
+        """Return the highest-ranked row of each key; ranks have shape (n, k), first column first.
 
         Where that is equal the next does.
         """

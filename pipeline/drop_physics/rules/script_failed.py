@@ -18,9 +18,9 @@ from drop_physics.trace.events import Body
 from drop_physics.trace.log import Log
 
 NO_JOINT = "Joint index out-of-range."
-"""PyBullet's words also where there is no such body."""
+"""PyBullet's error message for a missing joint, which it also gives for a missing body."""
 INDICES = ("jointIndex", "jointIndices", "linkIndex", "linkIndices")
-"""Arguments that name a joint, or the link behind it."""
+"""Arguments that contain a joint index, or a link index."""
 NOT_CONNECTED = "Not connected to physics server."
 
 
@@ -34,7 +34,7 @@ def script_failed(inputs: Inputs) -> Iterator[Said]:
 def failure(
     origin: Mapping[str, Any], raised: Call | None, calls: Log, *, printed: str = ""
 ) -> Said | None:
-    """Return the sentence on a script's error; None if it did not fail.
+    """Describe the error that ended a script; None if it did not fail.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def failure(
 
 
 def _why(call: Call, calls: Log) -> str:
-    """Return the meaning of PyBullet's error, as far as the call shows."""
+    """Explain PyBullet's error, as far as the call reveals the reason."""
     if call.act is Act.LOAD and call.arguments.startswith(("'", "fileName='")):
         return Message(", a file that it cannot find or read")
     numbers = next((n for name in BODY_NAMES if (n := given(call, name))), ())

@@ -1,4 +1,4 @@
-"""`off-target` of a joint whose actuator is a spring: its missing force at rest.
+"""`off-target` of a joint driven by a position servo (a spring): the missing force at rest.
 
 A position actuator of gain kp gives kp (ctrl - gear q), times its gear, and has no integral part.
 At rest the forces on its joint sum to zero, so the gap follows from the torque that the pose takes.
@@ -42,11 +42,11 @@ from drop_physics.rules.thresholds import (
 from drop_physics.trace.events import Actuator, Body
 
 CLAMPED = "joint force range"
-"""The term that a joint's own range of force takes off its actuators."""
+"""The term by which a joint's own force range reduces the force of its actuators."""
 SPARE = 1.3
-"""Margin of an actuator's limit over the force that it needs."""
+"""Safety factor of a recommended actuator limit over the required force."""
 TRIES = 5
-"""The greatest gaps of a joint in a piece whose causes are looked for."""
+"""Number of a joint's largest gaps in a chunk whose causes are examined."""
 
 
 @dataclass(frozen=True)
@@ -58,32 +58,32 @@ class ServoGap:
     goal: float
     rests: bool
     since: int
-    """The first step of its target."""
+    """The first step in which its target is in effect."""
     own: float
-    """The force of its actuator."""
+    """The force of the joint's actuator."""
     needs: float
-    """Forces that hold the targets; nan where undetermined."""
+    """Forces required to hold the targets; nan where undetermined."""
     clamp: float
     stop: float
     range: tuple[float, float]
     back: float
-    """The force of its own spring."""
+    """The force of the joint's own spring."""
     rubs: float
-    """The force of its dry friction."""
+    """The force of the joint's dry friction."""
     weighs: float
-    """The force of gravity on it."""
+    """The force of gravity on the joint."""
     kp: float
     gear: float
     fixed: bool
-    """Whether the base of its body is."""
+    """Whether the base of its body is fixed."""
 
     @property
     def bound(self) -> float:
-        """The end of its range, short of the target."""
+        """The end of the actuator's range that limits its force towards the target."""
         return self.range[self.gap < 0]
 
     def stiffer(self, near: float) -> float:
-        """Return the gain with which its spring would be only so far off, rounded up."""
+        """Return the gain with which the spring would leave only the given gap, rounded up."""
         needs = (self.fixed and np.isfinite(self.needs) and self.needs) or self.own
         least = abs(needs) / (near * self.gear**2)
         digit = 10.0 ** (math.floor(math.log10(least)) - 1)  # the last that is written
@@ -236,13 +236,13 @@ off_its_servo.rows(
 
 
 def _last_of_targets(joints: JointColumns) -> Flags:
-    """Flag the last steps before a target changes, or a call sets the joint."""
+    """Flag the last steps before a target changes, or before a call sets the joint."""
     new = (np.diff(joints.asked.began, axis=0) != 0) | joints.steps.put[1:, None]
     return np.append(new, np.ones((1, new.shape[1]), np.bool_), axis=0)
 
 
 def _rests(joints: JointColumns) -> Flags:
-    """Flag the last steps of targets in which joints rest, or hardly move."""
+    """Flag the last steps of targets in which joints are at rest, or nearly so."""
     stood = joints.step[:, None] - joints.asked.began
     rests = np.asarray(joints.resting & (stood >= REST_STEPS))
     for row, k in np.argwhere(_last_of_targets(joints) & ~rests & (stood >= SETTLED_STEPS)):
@@ -252,7 +252,7 @@ def _rests(joints: JointColumns) -> Flags:
 
 
 def _cause(joints: JointColumns, row: int, k: int, *, rests: bool) -> ServoGap | None:
-    """Return the cause of a joint's distance from its target; None if that is not sure."""
+    """Return the cause of a joint's distance from its target; None if it is uncertain."""
     driven, steps, actuator = joints.driven, joints.steps, _servo(joints, k)
     if actuator is None or not steps.closes[row]:
         return None
@@ -308,6 +308,6 @@ def _cause(joints: JointColumns, row: int, k: int, *, rests: bool) -> ServoGap |
 
 
 def _servo(joints: JointColumns, k: int) -> Actuator | None:
-    """Return the position actuator of a joint, if it is the only actuator of it."""
+    """Return the position actuator of a joint, if it is the joint's only actuator."""
     its = actuators_on(joints.driven.body, k)
     return its[0] if len(its) == 1 and its[0].kind == "position" and its[0].gear else None

@@ -1,4 +1,4 @@
-"""Rules about the set-up of a simulation: its gravity, its timestep, and its stepping."""
+"""Rules about the setup of a simulation: its gravity, its timestep, and its stepping."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from drop_physics.trace.acts import PUSHES, SETS_TIMESTEP, Act
 from drop_physics.trace.events import Body
 
 WAITS = Act.COMMAND, Act.CONSTRAIN, *PUSHES
-"""Functions that only have an effect in a step."""
+"""Functions that take effect only in a step."""
 HOLDS = Act.SET_GRAVITY, Act.CONSTRAIN, *PUSHES
-"""After these nothing falls freely by mistake."""
+"""Kinds of calls after which no body is in free fall by mistake."""
 
 
 @input_rule("not-stepped", "asked")
@@ -126,7 +126,7 @@ def no_gravity(inputs: Inputs) -> Iterator[Said]:
 
 
 def _would_fall_m(inputs: Inputs, body: Body, life: BodyLife) -> float:
-    """Return the free-fall distance of a body from rest in its life."""
+    """Return how far a body would fall freely from rest over its lifetime."""
     times = inputs.scene.times[body.client]
     return STANDARD_M_S2 * (times.of(life.last) - times.of(life.first - 1)) ** 2 / 2
 

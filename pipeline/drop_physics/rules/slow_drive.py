@@ -1,4 +1,4 @@
-"""`joint-damping`, `armature`, `off-target`: a MuJoCo joint stays slow.
+"""`joint-damping`, `armature`, `off-target`: a MuJoCo joint moves slowly.
 
 The effort of its drive goes into the model's damping, dry friction or armature; an actuator for
 rates, itself a damper, gives nothing at its target.
@@ -35,9 +35,9 @@ from drop_physics.rules.thresholds import (
 from drop_physics.trace.events import Body
 
 HELD = "contacts", "constraints", "stops", "spring", "tendon ", "joint force range"
-"""Beginnings of causes: where one acts on a joint, it is not the joint itself that decides."""
+"""Prefixes of causes that hold a joint: where one acts, the joint's own losses are not to blame."""
 TAKERS = "damped", "rubbed", "swung"
-"""The names under which it is summed what takes the drive: damping, dry friction, armature."""
+"""The names of the terms that consume the drive: damping, dry friction, armature."""
 
 
 def _alone(joints: JointColumns, *others: str) -> Flags:
@@ -103,7 +103,7 @@ def _(
 
 
 def _taken(damped: Float64, rubbed: Float64, swung: Float64) -> tuple[Float64, NDArray[np.intp]]:
-    """Return the largest share of the drives that one cause takes, and that cause."""
+    """Return the largest share of the drives that a single cause consumes, and that cause."""
     taken = np.column_stack([damped, rubbed, swung])
     return taken.max(axis=1), taken.argmax(axis=1)
 

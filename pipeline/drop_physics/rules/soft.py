@@ -28,13 +28,14 @@ from drop_physics.rules.thresholds import (
 from drop_physics.trace.events import Body, Equality
 
 USUAL_S, USUAL_SHARE = 0.02, 0.9
-"""MuJoCo's own time constant of `solref`, and the share of `solimp` from the first touch on."""
+"""MuJoCo's default time constant in `solref`, and its default impedance at first touch in
+`solimp`."""
 OPPOSED = 0.5
-"""Share of all normal forces below which those of opposite sides cancel most of each other."""
+"""Share of all normal forces below which forces on opposite sides cancel most of each other."""
 
 
 def _staying(pair: PairColumns, depth_m: Float64, least_m: float) -> Int64:
-    """Return the rows in which a depth or a gap, shape (m,), has been steady, and no less."""
+    """Return the rows in which a depth or gap of `least_m` or more, shape (m,), has been steady."""
     rows = np.flatnonzero((depth_m >= least_m) & (pair.body != pair.other))
     rows = rows[np.lexsort((pair.step[rows], *pair.keys[rows].T))]
     lasts = np.zeros(len(rows), np.bool_)
@@ -61,7 +62,7 @@ def sinks_in(pair: PairColumns) -> Match:
 
 
 def _loaded(pair: PairColumns) -> Flags:
-    """Flag the sides on which a free body presses in the step of each row, shape (m, 2)."""
+    """Flag the sides that are pressed on by a free body in the step of each row, shape (m, 2)."""
     bodies, seen = pair.pairs.body, pair.scene.seen.bodies
     free = [number for number, body in seen.items() if body.base_moves]
     presses = np.isin(bodies[:, ::-1], free) & (pair.pairs.normal_n > 0)[:, None]
@@ -109,7 +110,7 @@ def _carries(
     solref: Sequence[float],
     solimp: Sequence[float],
 ) -> Noted | None:
-    """Return the sentence on a contact of usual softness that carries much more than a body weighs.
+    """Return the finding about a contact of usual softness that carries far more than a weight.
 
     Its stiffness is that of the time constant for the mass of the bodies, whatever lies on them.
     """
@@ -202,7 +203,7 @@ held_apart.rows(
 
 
 def _follows(bodies: BodyColumns) -> Iterator[tuple[Equality, int, int]]:
-    """Yield equalities to a body that calls move, with that body's number, and the link here."""
+    """Yield equalities to a body that calls move, with that body's id and the other side's link."""
     scene, number = bodies.scene, bodies.batch.bodies[0].body.number
     if not scene.seen.equalities:
         return

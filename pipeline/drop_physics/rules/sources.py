@@ -1,4 +1,4 @@
-"""Docstrings, thresholds and advice of rules, read from their sources for `drop explain`.
+"""Docstrings, thresholds and advice of rules, parsed from their sources for `drop explain`.
 
 A rule's sentence, its thresholds, its words and its advice stand in its source; here they are only
 gathered. A code that several rules share has those of all.
@@ -27,11 +27,11 @@ from drop_physics.trace.cures import Cure
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 ROOMS = "rules", "drop"
-"""Folders whose modules find something."""
+"""Packages whose modules define rules."""
 ADVISES = {"advice", "cure"}
-"""Arguments that hold what is advised."""
+"""Arguments that contain advice."""
 VALUE = 2
-"""Place of a cure's value among its arguments."""
+"""Position of a cure's value among its arguments."""
 
 
 @dataclass(frozen=True)
@@ -43,14 +43,14 @@ class Limit:
     value: float
     """Value in its unit."""
     unit: str
-    """`share` of what the meaning names, `1` of a count."""
+    """`share` for a ratio of the quantity in the meaning, `1` for a count."""
     meaning: str
-    """The quantity that it limits."""
+    """The quantity to which the threshold applies."""
 
 
 @dataclass
 class RuleTexts:
-    """The texts of all rules of a code or a reason, as templates."""
+    """The texts of all rules for a code or a reason, as templates."""
 
     reason_of: str | None = None
     level: Level | None = None
@@ -60,8 +60,8 @@ class RuleTexts:
     advises: list[str] = field(default_factory=list)
     proposes: list[str] = field(default_factory=list)
     cures: list[tuple[str, Cure, bool]] = field(default_factory=list)
-    """The engine whose user makes each cure, with nan for a value that depends; and whether it is
-    only to be tried."""
+    """The engine in whose syntax each cure is written, with nan for a value that depends on the
+    run; and whether it is only a proposal."""
 
 
 def texts_of(names: Collection[str]) -> dict[str, RuleTexts]:
@@ -89,7 +89,7 @@ def texts_of(names: Collection[str]) -> dict[str, RuleTexts]:
 
 @cache
 def _thresholds() -> dict[str, Limit]:
-    """Return the thresholds by their names, from the sentences below each."""
+    """Return the thresholds by name, parsed from the strings below each."""
     source = resources.files(__package__).joinpath("thresholds.py").read_text(encoding="utf-8")
     found: dict[str, Limit] = {}
     for node, below in itertools.pairwise(ast.parse(source).body):
@@ -135,7 +135,7 @@ def _limits_in(module: ast.Module) -> set[str]:
 
 
 def _add(known: RuleTexts, parts: list[ast.FunctionDef], limits: set[str], level: Any) -> None:  # noqa: ANN401
-    """Add the texts of one more rule of a name."""
+    """Add the texts of another rule with this code or reason."""
     inside = [inner for part in parts for inner in ast.walk(part)]
     measured = [_first(ast.get_docstring(part)) for part in parts[:1]]
     names = {node.id for node in inside if isinstance(node, ast.Name)}
@@ -168,7 +168,7 @@ def _add(known: RuleTexts, parts: list[ast.FunctionDef], limits: set[str], level
 
 
 def _add_row(known: RuleTexts, rule: Rule, row: SayingRow) -> None:
-    """Add the texts of a row of a rule."""
+    """Add the texts of one row of a rule."""
     proposed = rule.proposes if row.proposed is None else row.proposed
     engine = MUJOCO if rule.engines == MUJOCOS else PYBULLET
     decides = () if row.when is None else row.when.__code__.co_names
@@ -188,7 +188,7 @@ def _add_row(known: RuleTexts, rule: Rule, row: SayingRow) -> None:
 
 
 def _cure(call: ast.Call) -> Cure:
-    """Return a cure in its rule's form, with nan for numbers that depend on the run."""
+    """Return a rule's cure, with nan for numbers that depend on the run."""
     given = next((keyword.value for keyword in call.keywords if keyword.arg == "given"), None)
     keys = given.keys if isinstance(given, ast.Dict) else []
     has_value = len(call.args) > VALUE or any(keyword.arg == "value" for keyword in call.keywords)
@@ -201,7 +201,7 @@ def _cure(call: ast.Call) -> Cure:
 
 
 def _messages(node: ast.AST) -> list[str]:
-    """Return the templates of the messages in a node."""
+    """Return the templates of the messages in a syntax-tree node."""
     texts = [
         _text(call.args[0])
         for call in ast.walk(node)

@@ -22,7 +22,7 @@ from drop_physics.trace.events import Body
 
 BASE = -1
 HALF = 1e-3
-"""Share of a length to which half of its half is told."""
+"""Tolerance, as a share of a length, for an overlap that fits a body of half the size."""
 
 
 @pair_rule("starts-in-contact", "asked", consecutive=True, engines=MUJOCOS)
@@ -52,7 +52,7 @@ def _lifts(pair: PairColumns) -> Flags:
 
 
 def _chained(pair: PairColumns, rows: Rows, starts: Flags) -> Flags:
-    """Flag the rows with a movable body that overlaps another one, too, at the start."""
+    """Flag the rows with a movable body that also overlaps a further body at the start."""
     bodies = pair.pairs.body[rows]
     keys = pair.step[rows, None] * (bodies.max(initial=0) + 1) + bodies
     found, counts = np.unique(
@@ -113,7 +113,7 @@ starts_inside.rows(
 
 
 def _is_half(body: Body, depth_m: float) -> bool:
-    """Return whether a body of half the size would only touch: its sizes may be meant as whole."""
+    """Return whether the overlap suggests that full sizes were given where half sizes are due."""
     lengths = [
         length
         for collision in body.collisions
@@ -167,7 +167,7 @@ static_parent.rows(
 
 
 def _is_parent(body: Body, parent: int, link: int) -> bool:
-    """Return whether a link hangs on one that cannot move, through all joints between."""
+    """Return whether a link is attached to an immovable link through all joints between them."""
     above = body.joints[link].parent
     while above != BASE and body.links[above + 1].startswith(f"{body.links[link + 1]}/"):
         above = body.joints[above].parent

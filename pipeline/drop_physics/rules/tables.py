@@ -1,4 +1,4 @@
-"""The tables of a piece that rules read: of joints, constraints, pairs, bodies and others."""
+"""The tables of a chunk that rules read: joints, constraints, pairs, bodies and others."""
 
 from __future__ import annotations
 
@@ -42,27 +42,27 @@ TableName = Literal[
     "bodies",
 ]
 TABLES: tuple[TableName, ...] = get_args(TableName)
-"""The first is of what calls set over the whole run, and has no rows."""
+"""The names of tables; the first covers what calls set over the whole run, and has no rows."""
 
 
 class RuleTable(Protocol):
-    """Columns of n rows, most of them by their names."""
+    """Columns of n rows, most of which can be read by name."""
 
     @property
     def keys(self) -> Int64:
-        """The bodies of each row: their numbers, shape (n, k)."""
+        """The body ids of each row, shape (n, k)."""
 
     @property
     def step(self) -> Int64:
-        """The sample that each row's step led to, shape (n,)."""
+        """The sample after each row's step, shape (n,)."""
 
     @property
     def noted(self) -> Mapping[str, Float64]:
-        """Numbers of the worst case that every rule notes."""
+        """Numbers of the worst case that every rule records."""
 
 
 def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
-    """Yield the tables of a kind of the latest piece."""
+    """Yield the tables of one kind for the latest chunk."""
     touching = len(scene.touches.pairs.starts) > 0
     if name == "joints":
         yield from (JointColumns(scene, each) for each in scene.driven())
@@ -91,7 +91,7 @@ def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
 
 
 class JointColumns:
-    """The joints of a body in n of its steps: columns of shape (n, joint_rates).
+    """The joints of a body over n of its steps: columns of shape (n, joint_rates).
 
     They are those of `driven`, the requests of calls, `asked`, and some that rules share.
     """
@@ -113,18 +113,18 @@ class JointColumns:
         self.rate_before = driven.steps.before.velocity[:, driven.steps.law.tree.first_rate :]
         pd = self.asked.pd == 1
         self.motor = (self.asked.force > 0) & ~pd
-        """Whether a call set a motor that may push."""
+        """Whether a call enabled a motor that may exert force."""
         self.position_motor = (self.asked.mode == POSITION) & (self.asked.impulse > 0) & ~pd
         units = [units_of(driven, k)[0] for k in range(shape[1])]
         self.at_target = np.array([AT_TARGET_M if unit == "m" else AT_TARGET_RAD for unit in units])
-        """Gap below which each joint is at its target, shape (joint_rates,)."""
+        """Gap below which each joint counts as at its target, shape (joint_rates,)."""
 
     def setting(self, name: str, default: float) -> float:
-        """Return a setting of the engine that is one number."""
+        """Return a scalar setting of the engine."""
         return float(np.ravel(self._settings.get(name, default))[0])
 
     def of_joints(self, number: Callable[[Joint], float]) -> Float64:
-        """Return a number of each joint as a column, the same in all steps."""
+        """Expand one number per joint to a column that is constant over the steps."""
         body = self.driven.body
         values = np.empty(self.asked.target.shape[1])
         for joint, place in zip(body.joints, body.rates, strict=True):
@@ -133,13 +133,13 @@ class JointColumns:
 
     @cached_property
     def inertia(self) -> Float64:
-        """The inertia of each joint's motion in the last step, others at rest: a column."""
+        """The inertia of each joint's motion in the last step, the others at rest: a column."""
         steps = self.driven.steps
         (matrix,) = mass_matrix(kinematics(steps.law.tree, steps.before.at(np.array([-1]))))
         return np.broadcast_to(np.diag(matrix)[steps.law.tree.first_rate :], self.target.shape)
 
     def latest(self, name: str, events: Flags, values: Float64) -> Float64:
-        """Return for each row the value at the latest event up to it, also of an earlier piece.
+        """For each row, return the value at the latest event up to it, even from an earlier chunk.
 
         All arrays have the shape (n, joint_rates); nan before the first event. `name` tells apart
         the values that are kept.
@@ -153,25 +153,25 @@ class JointColumns:
         return found
 
     def previous(self, name: str, values: Float64) -> Float64:
-        """Return for each row the value one row earlier, also of an earlier piece; else nan."""
+        """For each row, return the value one row earlier, even in an earlier chunk; nan if none."""
         key = name, self.driven.body.number
         before = self.scene.carried.get(key, np.full(values.shape[1], np.nan))
         self.scene.carried[key] = values[-1]
         return np.vstack([before, values[:-1]])
 
     def came(self, column: Column) -> Float64:
-        """Return states of the body after the previous step; nan where it made none."""
+        """Return states of the body after the previous step; nan if there is none."""
         return self.scene.came(self.steps, [(0, self.steps)], column)
 
     def term(self, name: str) -> Float64:
-        """Return the impulses of a cause on the joints; 0 where it has none."""
+        """Return the impulses of a cause on the joints; 0 where the cause has no term."""
         steps = self.driven.steps
         found = steps.terms.get(name, np.zeros((len(steps), steps.law.tree.size)))
         return found[:, steps.law.tree.first_rate :]
 
 
 class ActuatorColumns:
-    """The actuators of a body in n of its steps: columns of shape (n, actuators)."""
+    """The actuators of a body over n of its steps: columns of shape (n, actuators)."""
 
     def __init__(self, scene: Scene, steps: BodySteps) -> None:
         self.scene, self.client, self.number = scene, steps.body.client, steps.body.number
@@ -184,11 +184,11 @@ class ActuatorColumns:
                 for actuator in self.actuators
             ]
         )
-        """The control of each actuator before it is clamped; nan if it is not known."""
+        """The control of each actuator before clamping; nan if unknown."""
         key = "given", self.number
         earlier = scene.carried.get(key, np.zeros(len(self.actuators)))
         self.before = np.vstack([earlier, self.given[:-1]])
-        """The control in the step before; 0 before the first."""
+        """The control in the previous step; 0 before the first."""
         scene.carried[key] = self.given[-1]
         ranges = [actuator.ctrl_range or (-np.inf, np.inf) for actuator in self.actuators]
         self.lower, self.upper = np.broadcast_to(
@@ -197,7 +197,7 @@ class ActuatorColumns:
 
 
 class PairColumns:
-    """Steps of pairs of bodies that touch, from the side of one body: the columns of `pairs`."""
+    """Steps of touching pairs, seen from one of the bodies: the columns of `pairs`."""
 
     def __init__(self, scene: Scene, side: int) -> None:
         self.scene, self.side, self.pairs = scene, side, scene.touches.pairs
@@ -205,26 +205,26 @@ class PairColumns:
         self.points, self.starts = self.pairs.points, self.pairs.starts
         self.noted: dict[str, Float64] = {}
         self.sign = -1.0 if side else 1.0
-        """Sign of what acts on this side's body, in columns that hold what acts on side 0."""
+        """Sign that converts a force on side 0 to a force on this side's body."""
         self.keys = self.pairs.body[:, [side, 1 - side]]
         self.body, self.other = self.pairs.body[:, side], self.pairs.body[:, 1 - side]
 
     def own(self, column: NDArray[Value]) -> NDArray[Value]:
-        """Return this body's part of a column of both sides, shape (m, 2, …)."""
+        """Return this body's part of a two-sided column, shape (m, 2, …)."""
         return np.asarray(column[:, self.side])
 
     def others(self, column: NDArray[Value]) -> NDArray[Value]:
-        """Return the other body's part of a column of both sides."""
+        """Return the other body's part of a two-sided column."""
         return np.asarray(column[:, 1 - self.side])
 
     @cached_property
     def links(self) -> Int64:
-        """Links of the deepest point of each, on both sides, shape (m, 2)."""
+        """Links at the deepest point of each row, on both sides, shape (m, 2)."""
         order = np.lexsort((self.points.distance_m, self.pairs.row))
         return np.asarray(self.points.link[order[self.starts]])
 
     def before(self, rows: Rows) -> Rows:
-        """Return the row of the same pair one step before each; -1 if there is none."""
+        """Return the row of the same pair in the previous step; -1 if there is none."""
         step, keys = self.step[rows], self.pairs.body[rows]
         order = np.lexsort((step, *keys.T))
         follows = (np.diff(keys[order], axis=0) == 0).all(axis=1) & (np.diff(step[order]) == 1)
@@ -233,7 +233,7 @@ class PairColumns:
         return found
 
     def of_bodies(self, rows: Rows) -> Iterator[tuple[Steps, Rows, Rows]]:
-        """Yield steps of the bodies of some rows, with the rows and the steps' rows."""
+        """Yield the steps of the bodies in given rows, with these rows and those of the steps."""
         return self.scene.steps_at(self.body[rows], self.step[rows])
 
 
@@ -250,12 +250,12 @@ class BodyColumns:
         self.keys = self.body[:, None]
 
     def of_each(self, value: Callable[[BodySteps], Any]) -> NDArray[Any]:
-        """Return a value of each body as a column, the same in all its steps."""
+        """Expand one value per body to a column that is constant over its steps."""
         bodies = self.batch.bodies
         return np.repeat([value(body) for body in bodies], [len(body) for body in bodies], axis=0)
 
     def greatest(self, name: str, values: Float64) -> Float64:
-        """Return for each row the greatest value of its body so far, also of earlier pieces.
+        """For each row, return the running maximum of its body, including earlier chunks.
 
         Both have the shape (n, k). `name` tells apart the values that are kept.
         """
@@ -270,17 +270,17 @@ class BodyColumns:
 
     @property
     def driven(self) -> Iterator[JointTelemetry]:
-        """Yield the joints of its bodies that calls command; `steps.rows` are theirs."""
+        """Yield the telemetry of the bodies' commanded joints; `steps.rows` are their rows."""
         return (each for each in self.scene.driven() if each.steps.whole is self.whole)
 
     def came(self, column: Column) -> Float64:
-        """Return states of the body after the previous step; nan where it made none."""
+        """Return states of the body after the previous step; nan if there is none."""
         parts = [(body.rows.start, body) for body in self.batch.bodies if len(body)]
         return self.scene.came(self.whole, parts, column)
 
     @property
     def puts(self) -> Int64:
-        """Number of times that calls had set the body before each step; each begins a new run."""
+        """Number of calls that had set the body before each step; each one begins a new run."""
         records, its = self.scene.records, self.batch.bodies
         puts = ([put.at.step for put in records[each.body.number].puts] for each in its)
         return np.concatenate(
@@ -289,5 +289,5 @@ class BodyColumns:
 
     @property
     def segment(self) -> Int8:
-        """The segment of each sample: an index into `SEGMENTS`."""
+        """The segment of each sample, as an index into `SEGMENTS`."""
         return self.verdict.segment

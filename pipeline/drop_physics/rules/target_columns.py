@@ -1,4 +1,4 @@
-"""The table of position motors' targets, while they stood."""
+"""The table of position-motor targets, over the time in which each was in effect."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD, HALF_THE_S
 
 
 def target_columns(scene: Scene) -> Iterator[TargetColumns]:
-    """Yield the targets of joints that ended in the latest piece, and the ones still in effect."""
+    """Yield the targets that ended in the latest chunk, and those still in effect."""
     for driven in scene.driven():
         targets = scene.targets.setdefault(driven.body.number, Targets())
         for stood, going in targets.see(driven):
@@ -37,14 +37,14 @@ def target_columns(scene: Scene) -> Iterator[TargetColumns]:
 
 
 def left_standing(scene: Scene) -> Iterator[TargetColumns]:
-    """Yield the targets in effect at the last of their bodies' steps, after all pieces."""
+    """Yield the targets still in effect at the last step of their bodies, after all chunks."""
     for table in scene.going.values():
         table.late, table.ends_run = True, np.ones(1, np.bool_)
         yield table
 
 
 class TargetColumns:
-    """Targets of one joint in order: columns of shape (m,), and those of `stood`."""
+    """Successive targets of one joint: columns of shape (m,), and those of `stood`."""
 
     def __init__(
         self, scene: Scene, driven: JointTelemetry, stood: HeldTargets, *, going: bool
@@ -58,14 +58,14 @@ class TargetColumns:
         self.ends_run = np.zeros(m, np.bool_)
         """Whether each target was in effect at the last of its body's steps."""
         self.late = False
-        """Whether the target belongs to earlier steps, and was judged with them."""
+        """Whether the target belongs to earlier steps, and has already been judged with them."""
         self.off = np.abs(stood.gap)
         unit, _ = units_of(driven, stood.k)
         self.least = AT_TARGET_M if unit == "m" else AT_TARGET_RAD
-        """Gap below which the joint is at its target."""
+        """Gap below which the joint counts as at its target."""
         self.kd = driven.asked.kd[stood.row, stood.k]
         self.at_rest = driven.resting[stood.row, stood.k]
-        """Whether the joint is at its target, for however many steps it was in effect."""
+        """Whether the joint is at its target, regardless of how long the target was in effect."""
         share = self.off if unit == "rad" else self.off / size_m(driven.body)
         self.numbers: Mapping[str, NDArray[Any]] = {
             "off": self.off,
@@ -78,15 +78,16 @@ class TargetColumns:
             "stood": np.column_stack([stood.first, stood.last]),
             "weak": stood.at_limit > HALF_THE_STEPS * stood.steps,
         }
-        """Values that every rule's text may name, by name."""
+        """Values that the texts of every rule may name, by name."""
         self.stopped = self._stopped()
-        """Whether each ends with the motor at its limit, against what touches its links."""
+        """Whether each ends with the motor at its limit, blocked by a body that touches
+        its links."""
         self.pressed = self._pressed()
-        """Whether each of these ends with the joint pressed onto a body that it holds."""
+        """Whether each ends with the joint pressed against a body that it holds."""
 
     @cached_property
     def reached(self) -> Flags:
-        """Flag the targets that the joint reached before they had changed by more than `least`."""
+        """Flag the targets that the joint reached before they changed by more than `least`."""
         steps = np.abs(np.diff(self.stood.target))
         changed = np.append(0.0, np.cumsum(steps))[: len(self.stood)]
         alike = np.floor(changed / self.least)

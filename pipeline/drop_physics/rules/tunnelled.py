@@ -1,4 +1,4 @@
-"""Bodies that go too far in a step: through a box, or farther than they are thick."""
+"""Bodies that move too far in a step: through a box, or farther than their thickness."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ pushed_through.rows(
 
 
 def _stopping(body: str, timestep_s: float, thick_m: float, speed_m_s: float) -> Cure:
-    """Return a contact that stops a body within half of what it would pass, and steps that let it.
+    """Return contacts that stop a body within half the thickness, and a timestep short enough.
 
     At critical damping it is stopped within 1 / e of what it goes in a time constant.
     """
@@ -216,7 +216,7 @@ tunnelled.rows(
 
 
 def _standing(scene: Scene) -> list[tuple[Body, Collision]]:
-    """Return the bodies that nothing moves, with their boxes."""
+    """Return the immovable bodies, with their boxes."""
     puts = Counter(put.body.number for put in scene.seen.puts)
     return [
         (body, collision)
@@ -237,7 +237,7 @@ def _may_meet(body: Body, other: Body, box: Collision) -> bool:
 
 
 def _touching(bodies: BodyColumns, rows: Int64, others: Int64) -> Flags:
-    """Return whether a body touches another in a step, or in the one before or after."""
+    """Return whether a body touches another in a step, or in an adjacent step."""
     pairs, found = bodies.scene.touches.pairs, np.zeros(len(rows), np.bool_)
     for k, (number, other) in enumerate(zip(bodies.body[rows], others, strict=True)):
         both = (pairs.body == sorted((number, other))).all(axis=1)
@@ -246,7 +246,7 @@ def _touching(bodies: BodyColumns, rows: Int64, others: Int64) -> Flags:
 
 
 def _why(scene: Scene, body: Body, other: Body) -> Call | str | None:
-    """Return the call that switched a pair off, or a remark that a body has no shape; else None."""
+    """Return the call that disabled a pair's contacts, or `shapeless` without shapes; else None."""
     if not body.collisions:
         return "shapeless"
     return scene.inputs.passes.get(frozenset(((body.number, BASE), (other.number, BASE))))
@@ -255,7 +255,7 @@ def _why(scene: Scene, body: Body, other: Body) -> Call | str | None:
 def _crossing(
     before_m: Float64, after_m: Float64, base: Float64, box: Collision
 ) -> tuple[Float64, Float64]:
-    """Return the shares of points' paths at which they enter and leave a box, shape (n,) each.
+    """Return the fractions of paths at which points enter and leave a box, shape (n,) each.
 
     Slab by slab; a path misses the box if it leaves one slab before it is in all.
     """
@@ -271,7 +271,7 @@ def _crossing(
 
 
 def _in_box(place_m: Float64, base: Float64, box: Collision) -> Float64:
-    """Return places from the centre of a box of a body, in the box's axes [m], shape (n, 3)."""
+    """Return positions relative to a body's box, in the box's axes [m], shape (n, 3)."""
     turns = np.moveaxis(rotation(base[:, 3:7].T), -1, 0)
     shape = np.moveaxis(rotation(np.array(box.orientation)[:, None]), -1, 0)[0]
     of_body = np.einsum("nji,nj->ni", turns, place_m - base[:, :3])
@@ -282,7 +282,7 @@ def _in_box(place_m: Float64, base: Float64, box: Collision) -> Float64:
 
 
 FINER = 4.0
-"""Divisor of the timestep in a trial."""
+"""Divisor by which a trial reduces the timestep."""
 
 
 @body_rule("timestep-too-long", "model", engines=ANY)
@@ -348,6 +348,6 @@ long.rows(
 
 
 def _thick_m(steps: BodySteps) -> float:
-    """Return the shortest edge of a single body's box; 0 for one with joints."""
+    """Return the shortest edge of a single body's bounding box; 0 for a body with joints."""
     box = np.array(steps.body.bounds_m[:6])
     return 0.0 if steps.body.joints or len(box) < 6 else float((box[3:] - box[:3]).min())

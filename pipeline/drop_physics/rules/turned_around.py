@@ -1,4 +1,4 @@
-"""`unstable`: a joint whose rate turns around with every step, and grows, and what turns it."""
+"""`unstable`: a joint whose rate reverses in every step, and grows, and the cause of that."""
 
 from __future__ import annotations
 
@@ -101,13 +101,13 @@ NUMBERS = (
 )
 SERVOS = "position", "velocity"
 POSES = 100
-"""Number of poses of a piece in which a joint's inertia is examined."""
+"""Number of poses in a chunk at which a joint's inertia is examined."""
 DRIVES = "actuator", "applied", "tendon"
-"""Kinds of terms that may turn a joint around by a law that is not known."""
+"""Kinds of terms that may reverse a joint by an unknown control law."""
 
 
 def _turner(joints: JointColumns, rows: NDArray[np.intp], place: int) -> NDArray[np.object_]:
-    """Return the term that pushes a rate most in the direction of its turns."""
+    """Return the term that contributes most to a rate's reversals."""
     steps = joints.driven.steps
     names = [*steps.terms]
     change = (steps.after.velocity - steps.before.velocity)[rows, place]
@@ -122,9 +122,9 @@ def _by(joints: JointColumns, k: int) -> str:
 
 
 def _servos(joints: JointColumns, k: int) -> tuple[Servos, int] | None:
-    """Return the joints of a body as springs with dampers, and the place of one among them.
+    """Return a body's joints as spring-damper systems, and the index of one joint among them.
 
-    The pose is that of the piece's in which this one has the least inertia. None of a spherical
+    The pose is that of the chunk's in which this one has the least inertia. None of a spherical
     joint, and where several actuators act on it.
     """
     steps, body = joints.driven.steps, joints.driven.body
@@ -159,7 +159,7 @@ def _servos(joints: JointColumns, k: int) -> tuple[Servos, int] | None:
 
 
 def _limits(servos: Servos, place: int) -> dict[str, float]:
-    """Return the stability limits of a joint, for each number changed alone; nan without one."""
+    """Return a joint's stability limits, one per parameter varied alone; nan if it has none."""
     alone = servos.alone(place)
     now = {
         "stiffness": float(alone.stiffness[0]),
@@ -189,7 +189,7 @@ def _limits(servos: Servos, place: int) -> dict[str, float]:
 
 
 def _growth(before: Float64, tops: Float64, drives: Flags, ends: Flags) -> Float64:
-    """Return the growth of a joint's speed with each of its turns, shape (turns,); else 0.
+    """Return the growth factor of a joint's speed at each reversal, shape (turns,); 0 otherwise.
 
     It grows GROWN times in all in RINGS_STEPS turns or more, or doubles with each until the sum no
     longer closes. `drives` says whether what turns it may be its cause, `ends` where that is.
@@ -249,7 +249,7 @@ turned_around.rows(SayingRow(effect="size", unit="1"))
 
 
 def _by_script(turner: str, lasts: float, joint: str) -> Noted:
-    """Return the words where the law of what turns a joint is not known."""
+    """Describe a reversing joint whose control law is unknown."""
     says = Message(
         "{joint} turns around {often}, {size:.3g} times as fast each time, up to {rate}, by {term}"
     )
@@ -285,7 +285,7 @@ def _by_law(
     armature: float,
     implicit: float,
 ) -> Noted:
-    """Return the words where the law is known, and what holds by it."""
+    """Describe a reversing joint whose control law is known, with the resulting limits."""
     limit, name = gain / gear**2, "kp" if springs else "kv"
     cure = Cure("gains", joint, limit, form=f"{name}-below")
     if springs:
@@ -333,6 +333,6 @@ def _unit(unit: str) -> str:
 
 
 def _within(limit: float) -> float:
-    """Return the largest number of two digits that is no more than a limit."""
+    """Round a limit down to two significant digits."""
     digit = 10.0 ** (np.floor(np.log10(abs(limit))) - 1)
     return float(f"{np.floor(limit / digit) * digit:.2g}")

@@ -1,4 +1,4 @@
-"""The table of links between which the engine makes no contacts, in overlapping steps."""
+"""The table of overlapping links between which the engine makes no contacts."""
 
 from __future__ import annotations
 
@@ -25,31 +25,31 @@ Shapes = dict[Place, list[Collision]]
 """Convex shapes, by link."""
 
 LOOKS = 200
-"""Number of steps of a piece, evenly spread, in which overlaps are looked for."""
+"""Number of evenly spaced steps of a chunk that are checked for overlaps."""
 SELF_COLLISION, OF_PARENTS = 8, 16 | 32 | 8192
 """`flags` of `loadURDF`: `URDF_USE_SELF_COLLISION`, and those that say whether a link collides with
 its parent: …`_EXCLUDE_PARENT`, …`_EXCLUDE_ALL_PARENTS`, …`_INCLUDE_PARENT`."""
 USUAL = {True: (1, -1), False: (2, -3)}
-"""Default collision group and mask: of bodies that can move, and of others."""
+"""Default collision group and mask: for movable bodies, and for others."""
 POINT = Collision(BASE, "sphere", (DEEP_M,), "", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-"""Shape that stands for a link without one."""
+"""Shape that is used for a link without one."""
 
 
 @dataclass(frozen=True, eq=False)
 class UnpairedColumns:
-    """Two links in n samples in which they overlap; shape (n,)."""
+    """Two links in the n samples in which they overlap; shape (n,)."""
 
     keys: Int64
-    """Both bodies and both links, shape (n, 4)."""
+    """Ids of both bodies and both links, shape (n, 4)."""
     step: Int64
     reason: str
     call: Call | None
-    """The call that switched the pair off."""
+    """The call that disabled the pair's contacts."""
     noted: Mapping[str, Float64] = field(default_factory=dict)
 
 
 def unpaired_columns(scene: Scene) -> Iterator[UnpairedColumns]:
-    """Yield the pairs of the latest piece that overlap without a contact between them."""
+    """Yield the pairs of the latest chunk that overlap without a contact between them."""
     shapes: Shapes = {}
     for one, body in scene.seen.bodies.items():
         for shape in filter(is_convex, body.collisions):
@@ -122,7 +122,7 @@ def _unpaired(scene: Scene, shapes: Shapes) -> Iterator[tuple[Pair, str, Call | 
 
 
 def _counts_static(body: Body, link: int) -> bool:
-    """Return whether a link is fixed to link 0, maybe by others, of a base without mass."""
+    """Return whether a link is fixed, directly or through others, to link 0 of a massless base."""
     if link == 0 or link not in body.moving:
         return False
     while link > 0:
@@ -135,7 +135,7 @@ def _counts_static(body: Body, link: int) -> bool:
 def _overlapping(
     scene: Scene, shapes: Shapes, pair: Pair, reason: str, call: Call | None
 ) -> Iterator[UnpairedColumns]:
-    """Yield the samples in which two links overlap that did not at first, without any push."""
+    """Yield the samples in which two initially separate links overlap without any push."""
     bodies = [scene.body(place[0]) for place in pair]
     if bodies[0].client != bodies[1].client:
         return
@@ -167,7 +167,7 @@ def _overlapping(
 
 
 def _pressed(scene: Scene, pair: Pair) -> Int64:
-    """Return the samples to which a contact between two links pushed."""
+    """Return the samples after steps in which a contact between two links pushed."""
     points = scene.touches.pairs.points
     places = np.stack([points.body, points.link], axis=2)
     its = [(places == both).all(axis=(1, 2)) for both in (pair, pair[::-1])]
@@ -175,7 +175,7 @@ def _pressed(scene: Scene, pair: Pair) -> Int64:
 
 
 def _placed(scene: Scene, shapes: Shapes, place: Place, samples: Int64) -> list[PlacedShape]:
-    """Return the shapes of a link at samples; a point if it has none."""
+    """Return a link's shapes placed at samples; a point if it has none."""
     centre_m, axes = scene.placed(*place, samples)
     if np.isnan(centre_m).any():
         return []

@@ -27,7 +27,7 @@ from drop_physics.trace.events import Body
 from drop_physics.trace.motors import POSITION
 
 FULL = 1 - 1e-9
-"""Share of the clamp's limit from which a rate counts as clamped."""
+"""Share of the clamp's limit above which a rate counts as clamped."""
 AXES = (
     "spin about x",
     "spin about y",
@@ -37,12 +37,12 @@ AXES = (
     "velocity along z",
 )
 EXPLICIT = "joint damping", "applied", "damping"
-"""Terms that answer to rates and act at once. The solver's react to others: what lies on something
-trembles so, and what a motor's own gains turn around is `motor-gain`."""
+"""Terms that depend on rates and act at once. The solver's terms react to others, as for a
+trembling body at rest, and what a motor's own gains reverse is `motor-gain`."""
 
 
 def _own(bodies: BodyColumns) -> Flags:
-    """Flag the steps without a motor whose gains turn a joint around: that is `motor-gain`."""
+    """Flag the steps without a motor whose gains reverse a joint, as those are `motor-gain`."""
     own = np.ones(len(bodies.step), np.bool_)
     for driven in bodies.driven:
         own[driven.steps.rows] &= ~(flips(driven) & (driven.asked.impulse > 0)).any(axis=1)
@@ -50,7 +50,7 @@ def _own(bodies: BodyColumns) -> Flags:
 
 
 def _named(subject: Body, keys: list[int], first_rate: int) -> Noted:
-    """Return the joint of a degree of freedom, what it is called, and the unit of its rate."""
+    """Return the joint of a degree of freedom, its displayed name, and the unit of its rate."""
     k = keys[1] - first_rate
     if k < 0:
         return {"joint": None, "name": AXES[k], "unit": "rad/s" if k < -3 else "m/s"}

@@ -1,4 +1,4 @@
-"""`auto-reset`, `not-finite`, `buffer-full`: warnings of the engine itself."""
+"""`auto-reset`, `not-finite`, `buffer-full`: warnings issued by the engine itself."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def auto_reset(inputs: Inputs) -> Iterator[Said]:
 
 
 def _given(call: Call) -> Message:
-    """Return the largest number that a call gives, or the one that is none."""
+    """Return the largest number among a call's arguments, or the non-finite one."""
     largest = float(call.numbers[int(np.argmax(np.abs(call.numbers)))])  # a nan before all others
     return Message(
         " after {function} was given {number:.4g}", function=call.function, number=largest

@@ -1,4 +1,4 @@
-"""`wheel-slip`: wheels that turn more, or less, than the robot moves."""
+"""`wheel-slip`: wheels whose rotation does not match the robot's motion."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from drop_physics.trace.motors import VELOCITY
 Rows = NDArray[np.intp]
 
 SUMS = ("rolled", "slipped", "limited", "across", "available", "normal", "seconds")
-"""Sums of a wheel: rolled path, slipped path, the same with friction at its limit, sideways slip
-[m]; friction available, normal impulse [N s]; time [s]."""
+"""Sums over a wheel's steps: rolled path, slipped path, the slipped path with friction at its
+limit, sideways slip [m]; friction available, normal impulse [N s]; time [s]."""
 
 OF_BOTH = {PYBULLET: Message("the product of both"), MUJOCO: Message("the larger of both")}
-"""The coefficient of a pair that the engine uses."""
+"""The friction coefficient that the engine uses for a pair."""
 
 
 @joint_rule("wheel-slip", "asked", engines=ANY)
@@ -177,7 +177,7 @@ wheel_slip.rows(
 
 
 class Rolling:
-    """Contact points of a robot with what cannot move, k of them."""
+    """The k contact points between a robot and immovable bodies."""
 
     def __init__(self, steps: Steps, points: Points, its: Rows, number: int) -> None:
         side = (points.body[its, 1] == number).astype(int)
@@ -209,7 +209,7 @@ class Rolling:
                 self.lying[rows] = np.einsum("ki,ki->k", axis, self._normal[rows])
 
     def held(self, wheel: Flags) -> Flags:
-        """Flag the steps in which something besides the ground's friction acts along it."""
+        """Flag the steps in which something other than the ground's friction acts along it."""
         steps, n = self._steps, len(self._steps)
         timestep_s = steps.reported.timestep_s[:, None]
         outside = sum(steps.terms[name][:, 3:6] for name in ("contacts", "constraints", "applied"))
@@ -225,7 +225,7 @@ class Rolling:
         return np.asarray(lengths(others) > WHEEL_HELD * available)
 
     def sums(self, rows: Rows, which: Rows) -> Float64:
-        """Return the numbers of SUMS in each step of a wheel; `which` is that of each point."""
+        """Return the numbers of SUMS in each step of a wheel; `which` is the step of each point."""
         n = int(which[-1]) + 1
         normal_n = self._normal_n[rows]
         forward, line = self._forward_m[rows], self._normal[rows]
@@ -249,11 +249,11 @@ class Rolling:
 
 
 def _share(rolled: Float64, slipped: Float64, limited: Float64) -> Float64:
-    """Return the slipping share of a path; 0 where that is not due to friction at its limit."""
+    """Return the slipping share of a path; 0 if friction at its limit is not the cause."""
     slipped = np.abs(slipped)
     return np.where(np.abs(limited) > 0.5 * slipped, slipped / np.abs(rolled), 0.0)
 
 
 def _joint(tree: Tree, link: int) -> int:
-    """Return the joint that moves a link: its own or the nearest below; BASE if there is none."""
+    """Return the joint that moves a link: its own or the nearest towards the base; BASE if none."""
     return next((each for each in tree.branch(link) if tree.joints[each] != "fixed"), BASE)

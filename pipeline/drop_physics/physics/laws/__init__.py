@@ -1,1 +1,1 @@
-"""The laws by which engines step bodies."""
+"""The integration rules by which engines step bodies."""

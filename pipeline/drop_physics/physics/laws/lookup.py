@@ -1,4 +1,4 @@
-"""Find the law that a recording's engine follows."""
+"""Find the integration rule of the engine that made a recording."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from drop_physics.physics.theory import TheoreticalFall
 from drop_physics.scenario import Scenario
 
 STEP_LAWS = {"PyBullet": BULLET}
-"""Laws of engines that do not report what acted in a step, by the engine's name."""
+"""Integration rules of engines that do not report every impulse of a step, by engine name."""
 
 
 def step_law(engine: str) -> StepLaw | None:
-    """Return the law of an engine's steps of a tree; None if the engine reports all causes."""
+    """Return the integration rule of an engine for trees; None if the engine reports all causes."""
     return STEP_LAWS.get(engine.partition(" ")[0])
 
 
 def fall_of(scenario: Scenario) -> TheoreticalFall:
-    """Return the release and the drag of a scenario, as the engine has them."""
+    """Return a scenario's release and drag, as the engine represents them."""
     if scenario.engine == "bullet":
         damping = effective_damping(scenario.linear_damping, scenario.coordinates)
         drag = drag_of(damping, scenario.coordinates)
@@ -39,7 +39,7 @@ def fall_of(scenario: Scenario) -> TheoreticalFall:
 
 
 def law_for(scenario: Scenario, report: EngineReport) -> Law:
-    """Return the law of one rigid body in the air, with the engine's settings."""
+    """Return the law of one rigid body in the air, under the engine's settings."""
     body: dict[str, Any] = {
         "timestep_s": scenario.timestep_s,
         "gravity_m_s2": (0.0, 0.0, scenario.effective_gravity_m_s2),
@@ -59,4 +59,4 @@ def law_for(scenario: Scenario, report: EngineReport) -> Law:
 
 
 RIGID = 1
-"""PyBullet's number for a btRigidBody."""
+"""PyBullet's constant for a btRigidBody."""

@@ -1,1 +1,1 @@
-"""Bullet's step: the terms of its sum, the forces that it reports, and the flight of one body."""
+"""Bullet's step: the terms of its sum, the forces that it reports, and a single body's flight."""

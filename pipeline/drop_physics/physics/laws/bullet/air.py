@@ -23,15 +23,16 @@ from drop_physics.scenario import Coordinates
 Number = TypeVar("Number", float, Decimal)
 
 DEFAULT_DAMPING = {"reduced": float(np.float32(0.04)), "maximal": 0.0}
-"""Linear and angular: `btMultiBody.cpp` 120-124 `m_linearDamping(0.04f)`; `btRigidBody` 0."""
+"""Default linear and angular damping: `btMultiBody.cpp` 120-124 `m_linearDamping(0.04f)`;
+`btRigidBody` 0."""
 MAX_COORDINATE_VELOCITY_M_S = 100.0
 """Default limit of each component of velocity and spin: `btMultiBody.cpp` 124, `.h` 483-487."""
 EPSILON = 2.220446049250313e-16
-"""SIMD_EPSILON: a squared length up to this counts as 0 (`btVector3::safeNorm`)."""
+"""SIMD_EPSILON: a squared length up to this value counts as 0 (`btVector3::safeNorm`)."""
 
 
 def effective_damping(damping: float | None, coordinates: Coordinates) -> float:
-    """Return the coefficient that the engine uses, linear or angular, if set to `damping`.
+    """Return the linear or angular coefficient that the engine uses when set to `damping`.
 
     None and negative values leave the default: PyBullet passes on only 0 and more. `btRigidBody`
     clamps to 1 (`setDamping`), `btMultiBody` accepts any value.
@@ -43,26 +44,27 @@ def effective_damping(damping: float | None, coordinates: Coordinates) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class BulletBody(FreeBody):
-    """A rigid body with Bullet's own settings; damping is the engine's, never None."""
+    """A rigid body with Bullet's own settings; damping is the engine's value, never None."""
 
     linear_damping: float
     angular_damping: float
     coordinates: Coordinates
     velocity_limit: float = MAX_COORDINATE_VELOCITY_M_S
-    """Limit of each component [m/s, rad/s]; in reduced coordinates only."""
+    """Limit of each velocity component [m/s, rad/s]; in reduced coordinates only."""
 
 
 # -- the law --------------------------------------------------------------------------------------
 
 
 VelocityLaw = Callable[[Number, Number, Number], Number]
-"""A function of velocity, speed (of all components) and force along an axis: the next velocity."""
+"""A function that maps velocity, speed (of all components) and force along an axis to the next
+velocity."""
 
 
 def velocity_law(
     body: BulletBody, number: Callable[[float], Number]
 ) -> tuple[VelocityLaw[Number], tuple[Number, Number, Number]]:
-    """Return the velocity part of a step for numbers of one kind, and the body's weight [N].
+    """Return the velocity update of a step for one number type, and the body's weight [N].
 
     Reduced: v' = f/m - k v (1 + |v|), `btMultiBody.cpp` 842-843, divided by the mass in its
     `solveImatrix`, added and limited in `applyDeltaVeeMultiDof`.
@@ -95,7 +97,7 @@ def velocity_law(
 def vertical_velocity_law(
     body: BulletBody, number: Callable[[float], Number]
 ) -> Callable[[Number], Number]:
-    """Return the velocity part of a step straight up or down: from velocity to next velocity."""
+    """Return the velocity update of a vertical step: a function from velocity to next velocity."""
     after, (_, _, weight) = velocity_law(body, number)
     zero, epsilon = number(0.0), number(EPSILON)
     return lambda v: after(v, abs(v) if v * v > epsilon else zero, weight)
@@ -107,7 +109,7 @@ def vertical_velocity_law(
 def exact_path(
     body: BulletBody, position_m: Vector, velocity_m_s: Vector
 ) -> Iterator[Sequence[Decimal]]:
-    """Yield the positions before each step: z alone of a vertical flight, else x, y, z.
+    """Yield the positions before each step: z alone for a vertical flight, otherwise x, y, z.
 
     The doubles of timestep, gravity, damping and start are taken as exact; so is the timestep
     divided by the substeps. The mass cancels.

@@ -1,4 +1,4 @@
-"""Bullet's law of contact for a body that lands flat: impact, settling, rest, bounces.
+"""Bullet's contact model for a body that lands flat: impact, settling, rest, bounces.
 
 Contact acts only once the body is inside the floor, and within single steps: it gives the body at
 least the velocity that restitution asks for, and corrects a share of the penetration per step. This
@@ -26,11 +26,11 @@ CONTACT_ERP = 0.08
 RESTITUTION_THRESHOLD_M_S = float(np.float32(0.2))
 """Minimum approach speed of a bounce: `btContactSolverInfo.h`, `m_restitutionVelocityThreshold`."""
 FLOOR_HALF_THICKNESS_M = 5.0
-"""plane.urdf is a box of 10 m; distances are rounded relative to its centre, to 8.9e-16 m."""
+"""plane.urdf is a box 10 m thick; distances are rounded relative to its centre, to 8.9e-16 m."""
 
 
 LONGEST_CYCLE = 1 << 12
-"""Samples of which rest may be a cycle."""
+"""Maximum period, in samples, of the cycle that a resting body may follow."""
 
 
 def flat_drop(
@@ -43,7 +43,7 @@ def flat_drop(
     contact_erp: float = CONTACT_ERP,
     restitution_threshold_m_s: float = RESTITUTION_THRESHOLD_M_S,
 ) -> Iterator[tuple[float, float]]:
-    """Yield height [m] and vertical velocity [m/s] of each sample, without end.
+    """Yield height [m] and vertical velocity [m/s] of each sample, indefinitely.
 
     From an initial height and vertical velocity. `rest_height_m` is that of the body's centre where
     it just touches the floor, `restitution` that of the pair: body's times floor's

@@ -1,4 +1,4 @@
-"""Bullet's law of one rigid body in the air: one step from each of many samples."""
+"""Bullet's law of one rigid body in the air: advance many samples by one step."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ Columns = tuple[Float64, Float64, Float64, Float64]
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 BLOCK = 4096
-"""Samples stepped together, few enough for the processor's cache."""
+"""Number of samples stepped at a time, small enough for the processor's cache."""
 
 
 def drag_of(k: float, coordinates: Coordinates) -> Drag:
-    """Return a linear damping in continuous time.
+    """Return the continuous-time equivalent of a linear damping.
 
     Reduced coordinates: k v (1 + |v|) (bullet3 `btMultiBody.cpp` 754-758, 841-843). Maximal ones:
     the effect of v *= (1 - k)^dt per second, for any dt (`btRigidBody.cpp`, `applyDamping`).
@@ -55,11 +55,11 @@ class BulletLaw(BulletBody, Law):
 
     @property
     def moves_exactly(self) -> bool:
-        """True if `moved` has the engine's positions to the last bit."""
+        """True if `moved` reproduces the engine's positions to the last bit."""
         return self.substeps == 1
 
     def step(self, before: Motion) -> Motion:
-        """Return each sample one timestep later."""
+        """Advance each sample by one timestep."""
 
         def stepped(x: Float64, q: Float64, v: Float64, w: Float64) -> Columns:
             for _ in range(self.substeps):
@@ -70,7 +70,7 @@ class BulletLaw(BulletBody, Law):
         return _in_blocks(stepped, before)
 
     def bits(self, before: Motion) -> Flags:
-        """Flag the samples from which `step` gives the engine's velocities to the last bit, (n,).
+        """Flag the samples from which `step` reproduces the engine's velocities bitwise, (n,).
 
         On x86-64. All substeps but the first begin with an orientation computed here.
         """
@@ -80,7 +80,7 @@ class BulletLaw(BulletBody, Law):
         return ~(turned | any_of(before.spin_rad_s != 0))
 
     def terms(self, before: Motion) -> tuple[Float64, Float64]:
-        """Return the size of the summands of velocity and spin in a timestep, shape (n,).
+        """Return the magnitude of the summands of velocity and spin in a timestep, shape (n,).
 
         In the body's frame ω × v and ω × Iω are added, and cancel except for rounding.
         """
@@ -92,7 +92,7 @@ class BulletLaw(BulletBody, Law):
         return v + dt * (v * (drag + w) + pull), w + dt * w * (spin_drag + w * uneven)
 
     def unlimited(self, before: Motion) -> Motion:
-        """Return the same as `step`, without the engine's velocity limit."""
+        """Advance each sample by one timestep, without the engine's velocity limit."""
         with np.errstate(all="ignore"):  # it may overflow, which the limit prevents
             return replace(self, velocity_limit=math.inf).step(before)
 
@@ -110,7 +110,7 @@ class BulletLaw(BulletBody, Law):
         return any_of(fast | (with_it.spin_rad_s != without.spin_rad_s))
 
     def turned_by(self, angular_impulse_n_m_s: Float64, before: Motion) -> Float64:  # noqa: ARG002
-        """Return the change of spin by angular impulses [rad/s], in the body's axes, (n, 3).
+        """Return the change of spin due to angular impulses [rad/s], in body axes, (n, 3).
 
         Without inertia about an axis, a btRigidBody is not turned about it, and a btMultiBody about
         no axis (`btMultiBody::solveImatrix`).
@@ -122,7 +122,7 @@ class BulletLaw(BulletBody, Law):
         return np.asarray(np.divide(angular_impulse_n_m_s, inertia, out=turned, where=inertia > 0))
 
     def moved(self, before: Motion, velocity_m_s: Float64, spin_rad_s: Float64) -> Motion:
-        """Return each sample moved by one integrator step with these velocities."""
+        """Move each sample by one integrator step with the given velocities."""
         position_m, orientation = before.position_m, before.orientation
         return _in_blocks(self._moved, Motion(position_m, orientation, velocity_m_s, spin_rad_s))
 
@@ -142,7 +142,7 @@ class BulletLaw(BulletBody, Law):
         return np.asarray(velocity_m_s - drag + pull)
 
     def held(self, velocity_m_s: Float64) -> Float64:
-        """Return velocities clamped to the limit of a btMultiBody [m/s], shape (n, 3)."""
+        """Return velocities clamped to the btMultiBody limit [m/s], shape (n, 3)."""
         if self.coordinates == "maximal":
             return velocity_m_s
         return np.clip(velocity_m_s, -self.velocity_limit, self.velocity_limit)
@@ -150,7 +150,7 @@ class BulletLaw(BulletBody, Law):
     def exact_path(
         self, position_m: Triple, velocity_m_s: Triple, *, first: int = 0
     ) -> Iterator[Sequence[Decimal]]:
-        """Yield the positions of a flight from sample `first` on, for `exactly`.
+        """Yield the positions of a flight, starting at sample `first`, for `exactly`.
 
         For a vertical flight, only z. Spin is left out: it changes a flight only by rounding.
         """
@@ -159,7 +159,7 @@ class BulletLaw(BulletBody, Law):
 
 
 def _in_blocks(change: Callable[..., Columns], motion: Motion) -> Motion:
-    """Apply a function of the columns of position, orientation and velocities, in blocks."""
+    """Apply a function to the columns of position, orientation and velocities, in blocks."""
     changed = np.empty((len(motion), 13))
     for first in range(0, len(motion), BLOCK):
         rows = slice(first, first + BLOCK)

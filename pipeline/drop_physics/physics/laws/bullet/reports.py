@@ -1,4 +1,4 @@
-"""PyBullet's reports of constraints as forces on links and efforts of joints.
+"""Convert PyBullet's constraint reports to forces on links and efforts on joints.
 
 Axes, points of action and signs follow its sources, with file names and line numbers of bullet3,
 and were measured with PyBullet 3.2.7 (`docs/validation.md`).
@@ -27,7 +27,7 @@ def constraint_forces(
     axes: Float64,
     reported: Float64,
 ) -> Forces:
-    """Return the forces of a constraint of `createConstraint` on one of its two bodies, n rows.
+    """Return the forces exerted by a `createConstraint` constraint on one of its bodies, n rows.
 
     `pivot_m` is this body's, in its link's axes; `axes` the parent's frame in the world, shape
     (n, 3, 3); `reported` the numbers of `getConstraintState` after each step, (n, 6) or (n, 3):
@@ -53,7 +53,7 @@ def constraint_forces(
 def gear_impulses(
     tree: Tree, *, as_parent: bool, link: int, ratio: float, reported: Float64, timestep_s: Float64
 ) -> Float64:
-    """Return the impulses of a JOINT_GEAR on one of its two joints, shape (n, joint_rates).
+    """Return the impulses exerted by a JOINT_GEAR on one of its joints, shape (n, joint_rates).
 
     `reported` is the one number of `getConstraintState` after each step, shape (n,): the effort on
     the parent's joint, and times the gear ratio that on the child's

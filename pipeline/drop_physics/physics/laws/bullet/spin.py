@@ -18,11 +18,11 @@ from drop_physics.physics.columns import cross, dot, rotation, times
 from drop_physics.physics.laws.bullet.air import EPSILON, BulletBody
 
 MAX_TURN_RAD = 0.5 * (math.pi * 0.5)
-"""ANGULAR_MOTION_THRESHOLD: the most a body turns in a step (`btTransformUtil.h` 19)."""
+"""ANGULAR_MOTION_THRESHOLD: the maximum rotation of a body in a step (`btTransformUtil.h` 19)."""
 
 
 def velocities(body: BulletBody, v: Float64, w: Float64, q: Float64) -> tuple[Float64, Float64]:
-    """Return velocity [m/s] and spin [rad/s] after a step, from both and the orientation before."""
+    """Return velocity [m/s] and spin [rad/s] after a step, given both and the prior orientation."""
     return (_maximal if body.coordinates == "maximal" else _reduced)(body, v, w, q)
 
 
@@ -91,7 +91,7 @@ def turned(
     sin: Callable[[Float64], Float64] = np.sin,
     cos: Callable[[Float64], Float64] = np.cos,
 ) -> Float64:
-    """Return the orientation after a step that ends with this spin [rad/s], as the engine has it.
+    """Return the engine's orientation after a step that ends with the given spin [rad/s].
 
     The exponential map of `btTransformUtil::integrateTransform`.
     """
@@ -142,6 +142,6 @@ def _product(a: Float64, b: Float64) -> Float64:
 
 
 def _rotated(q: Float64, a: Float64) -> Float64:
-    """`quatRotate`."""
+    """Rotate vectors by quaternions, as `quatRotate` does."""
     extended = np.vstack((a, np.zeros_like(a[0])))
     return _product(_product(q, extended), conjugate(q))[:3]

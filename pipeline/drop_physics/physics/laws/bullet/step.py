@@ -1,4 +1,4 @@
-"""Bullet's law of a tree's step, as the judge asks for it."""
+"""Bullet's integration rule for a tree, as the analysis calls it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def steps_of(
     substeps: int,
     servos: Callable[[States], Float64],
 ) -> tuple[Summed, Float64]:
-    """Return n steps as sums, and PD_CONTROL's efforts in the last substep of each.
+    """Return n steps as sums of impulses, and PD_CONTROL's efforts in the last substep of each.
 
     `servos` returns these in some states, shape (n, joint_rates) each.
     """
@@ -49,7 +49,7 @@ def flight(
     timestep_s: float,
     gravity_m_s2: Float64,
 ) -> BulletLaw | None:
-    """Return the law of free flight of a body without links; None if it is not stepped.
+    """Return the law of free flight for a body without links; None if the engine cannot step it.
 
     `damping` is what calls set, linear and angular; `gravity_m_s2` has the shape (3,).
     """

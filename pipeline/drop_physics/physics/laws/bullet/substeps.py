@@ -1,4 +1,4 @@
-"""Bullet's step of a tree in several substeps (`numSubSteps`), of which it reports the last.
+"""Bullet's step of a tree in several substeps (`numSubSteps`), only the last of which is reported.
 
     each substep     M (u' - u) = dt/N (gravity + bias + damping + joint damping + applied)
                                   + motors + contacts + constraints        q' = q + dt/N q̇'
@@ -36,8 +36,8 @@ from drop_physics.physics.step_law import DampedTree, Reported
 from drop_physics.physics.tree import States
 
 HELD = 1e-6
-"""Share of the largest term up to which impulses that are taken to be equal in all substeps may
-differ: the solver stops before they are. Measured: 2e-8 where a body rests."""
+"""Maximum difference, as a share of the largest term, between impulses that are assumed equal in
+all substeps: the solver stops before they are equal. Measured: 2e-8 for a resting body."""
 
 
 def sum_of_substeps(
@@ -47,7 +47,7 @@ def sum_of_substeps(
     substeps: int,
     servos: Callable[[States], Float64],
 ) -> tuple[Summed, Float64]:
-    """Return n steps of so many substeps from the n + 1 states before and after them.
+    """Return n steps, each of `substeps` substeps, as sums, from the n + 1 states around them.
 
     Also returns PD_CONTROL's efforts in the last substep of each, shape (n, joint_rates).
 
@@ -75,7 +75,7 @@ def _substeps(
     substeps: int,
     servos: Callable[[States], Float64],
 ) -> tuple[list[States], list[Reported]]:
-    """Return the states before the substeps of each step, and the known facts of the substeps."""
+    """Return the states before each step's substeps, and the known facts of the substeps."""
     tree = body.tree
     one = replace(
         reported,
@@ -97,7 +97,7 @@ def _substeps(
 
 
 def _next(body: DampedTree, kin: Kinematics, now: States, reported: Reported) -> States:
-    """Return the states after a substep."""
+    """Return the states after one substep."""
     matrices = mass_matrix(kin)
     impulse = sum(known_terms(body, kin, matrices, now.velocity, reported).values())
     velocity = now.velocity + np.linalg.solve(matrices, np.asarray(impulse)[:, :, None])[:, :, 0]
@@ -106,7 +106,7 @@ def _next(body: DampedTree, kin: Kinematics, now: States, reported: Reported) ->
 
 
 def _carried(forces: Forces, first: Kinematics, now: Kinematics) -> Forces:
-    """Return forces at the centres of links that have moved since."""
+    """Shift forces at the centres of links that have moved since."""
     if not len(forces):
         return forces
     points = forces.point_m.copy()
@@ -121,13 +121,13 @@ def _carried(forces: Forces, first: Kinematics, now: Kinematics) -> Forces:
 
 
 def _in_turn(begins: Sequence[States]) -> States:
-    """Return the states of all substeps, in the order of the steps."""
+    """Interleave the states of all substeps in chronological order."""
     names = [column.name for column in fields(States)]
     return States(*(_woven([getattr(begin, name) for begin in begins]) for name in names))
 
 
 def _reports_in_turn(given: Sequence[Reported]) -> Reported:
-    """Return the known facts of all substeps, in the order of the steps."""
+    """Interleave the known facts of all substeps in chronological order."""
     joined: dict[str, Any] = {}
     for name in [column.name for column in fields(Reported)]:
         columns = [getattr(each, name) for each in given]
@@ -150,7 +150,7 @@ def _woven(columns: Sequence[Float64]) -> Float64:
 def _summed(
     body: DampedTree, found: Sum, last: States, after: States, reported: Reported
 ) -> Summed:
-    """Return the sums of the substeps of each step, the last of which begins with `last`."""
+    """Add up the substeps of each step, the last of which starts at `last`."""
     tree, count, dt = body.tree, len(after), reported.timestep_s
     substeps = len(found.remainder) // max(count, 1)
 

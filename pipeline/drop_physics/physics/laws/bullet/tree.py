@@ -1,4 +1,4 @@
-"""Bullet's step of a btMultiBody: its terms beyond a tree's dynamics, and its reports.
+"""Bullet's step of a btMultiBody: the terms it adds to a tree's dynamics, and its reports.
 
 Of what is `Reported`, motors are `appliedJointMotorTorque` after each step, `commanded` the sum of
 TORQUE_CONTROL's efforts, `pd` PD_CONTROL's, which `getJointState` reports as 0; contacts are those
@@ -36,16 +36,16 @@ from drop_physics.physics.tree import States, Tree
 from drop_physics.physics.unreported import Unreported, shared_out
 
 DAMPING = DEFAULT_DAMPING["reduced"]
-"""Default of linear and angular damping of links."""
+"""Default linear and angular damping of links."""
 
 
 # -- the sum --------------------------------------------------------------------------------------
 
 
 def sum_of(body: DampedTree, states: States, reported: Reported) -> Sum:
-    """Return n steps as a sum of impulses, from the n + 1 states before and after them.
+    """Return n steps as a sum of impulses, from the n + 1 states around them.
 
-    Memory grows with n: feed long recordings in pieces, each from the last state of the one before.
+    Memory grows with n: feed long recordings in chunks, each from the last state of the one before.
     Where a state is not finite, the remainder is not either.
 
     Raises
@@ -76,7 +76,7 @@ def _sum_of(body: DampedTree, states: States, reported: Reported) -> Sum:
 def known_terms(
     body: DampedTree, kin: Kinematics, matrices: Float64, velocity: Float64, reported: Reported
 ) -> dict[str, Float64]:
-    """Return the impulses of all causes that are known or reported, shape (n, size) each."""
+    """Return the impulses of all known or reported causes, shape (n, size) each."""
     tree, dt = body.tree, reported.timestep_s
     terms = _free_terms(body, kin, velocity, reported)
     pd = _on_joints(tree, reported.pd * dt[:, None])
@@ -92,7 +92,7 @@ def known_terms(
 def _free_terms(
     body: DampedTree, kin: Kinematics, velocity: Float64, reported: Reported
 ) -> dict[str, Float64]:
-    """Return the terms that act before the solver, except for PD_CONTROL."""
+    """Return the terms that act before the solver, without PD_CONTROL."""
     tree, dt = body.tree, reported.timestep_s[:, None]
     moved = motion(kin, velocity)
     damped = velocity[:, tree.first_rate :] if reported.damped is None else reported.damped
@@ -110,7 +110,7 @@ def _free_terms(
 
 
 def damping(body: DampedTree, kin: Kinematics, moved: LinkVelocities) -> Float64:
-    """Return the generalised force of Bullet's damping, shape (n, size).
+    """Return the generalised force due to Bullet's damping, shape (n, size).
 
     -m v (k + k |v|) and -I ω (k' + k' |ω|) on each link (`btMultiBody.cpp` 754-758, 841-843).
     """
@@ -142,7 +142,7 @@ def _clamped(
     terms: Mapping[str, Float64],
     pd: Float64,
 ) -> Float64:
-    """Return the impulse of the clamp before the solver: M (clip(free) - free), shape (n, size).
+    """Return the impulse of the velocity clamp before the solver: M (clip(free) - free), (n, size).
 
     `btMultiBody.h` 483-487: each entry of u after the forces, before motors and contacts.
     """
@@ -155,14 +155,14 @@ def _clamped(
 
 
 def _on_joints(tree: Tree, efforts: Float64) -> Float64:
-    """Return efforts of the joints, (n, joint_rates), as generalised ones, (n, size)."""
+    """Convert joint efforts, (n, joint_rates), to generalised forces, (n, size)."""
     out = np.zeros((len(efforts), tree.size))
     out[:, tree.first_rate :] = efforts
     return out
 
 
 def _unreported(body: DampedTree, states: States, reported: Reported) -> Unreported:
-    """Return the directions of impulses that Bullet never reports: stops, second clamp, rolling."""
+    """Return directions of impulses that Bullet never reports: stops, second clamp, rolling."""
     tree = body.tree
     pushes = np.zeros((len(states) - 1, tree.size), np.int64)
     for link, joint in enumerate(tree.joints):
@@ -186,7 +186,7 @@ def _unreported(body: DampedTree, states: States, reported: Reported) -> Unrepor
 
 
 def not_covered(settings: StepConditions, tree: Tree | None = None) -> tuple[Reason, ...]:
-    """Return the reasons, as far as settings tell, why a body's step need not be the sum.
+    """Return the reasons, known from the settings, why a body's step may not equal the sum.
 
     - engine: another engine's step is not this sum; its law of one body in flight may be known.
     - substeps (`numSubSteps`): only the last substep's motors and contacts are reported.
@@ -215,7 +215,7 @@ def not_covered(settings: StepConditions, tree: Tree | None = None) -> tuple[Rea
 
 
 def massless(tree: Tree) -> bool:
-    """Return whether a link can move that has neither mass nor, where it turns, inertia.
+    """Return whether a movable link has neither mass nor, where it rotates, inertia.
 
     The joints are at 0. Bullet takes an inertia below EPSILON for none
     (`btMultiBody::solveImatrix`).

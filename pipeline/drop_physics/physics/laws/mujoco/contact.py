@@ -1,4 +1,4 @@
-"""The depth of a body at rest in the floor in MuJoCo, whose contacts are springs.
+"""The depth at which a body rests in the floor in MuJoCo, whose contacts act as springs.
 
 A contact point of depth p supports the body with the acceleration d k p / (1 - d), where the
 impedance d grows with p, and k follows from `solref` (documentation, "Solver parameters"). At rest
@@ -18,7 +18,7 @@ from collections.abc import Sequence
 def rest_depth_m(
     gravity_m_s2: float, points: int, solref: Sequence[float], solimp: Sequence[float]
 ) -> float | None:
-    """Return the depth [m] at which this many points carry a body.
+    """Return the depth [m] at which this many contact points carry a body.
 
     None if `solref` has the form of two negative numbers, stiffness and damping.
     """
@@ -45,7 +45,7 @@ def shortest_s(timestep_s: float) -> float:
 
 
 def impedance(depth_m: float, solimp: Sequence[float]) -> float:
-    """Return the impedance d at a depth [m]: from d0 to dw within the width, by a power law."""
+    """Return the impedance d at a depth [m], a power law from d0 to dw within the width."""
     d0, dw, width_m, middle, power = solimp
     x = min(depth_m / width_m, 1.0)
     if x < middle:

@@ -1,4 +1,4 @@
-"""MuJoCo's step of one free body, with each of its integrators; no limit, one step per sample.
+"""MuJoCo's step of one free body, for each integrator; no velocity limit, one step per sample.
 
     v' = v + dt g            x' = x + dt v'                  semi-implicit Euler
     v' = v + dt g            x' = x + dt (v + v')/2          rk4: exact where only gravity acts
@@ -28,23 +28,23 @@ from drop_physics.scenario import EXACT_INTEGRATORS, Integrator
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 SLOW_RAD_S = 1e-15
-"""A spin slower than this turns a body about its x axis (`mju_normalize3`, `mjMINVAL`)."""
+"""A spin slower than this rotates a body about its x axis (`mju_normalize3`, `mjMINVAL`)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MujocoLaw(Law):
-    """A step of MuJoCo; spin is kept in the body's axes, and reported in those of the world."""
+    """MuJoCo's step of one free body; spin is stored in body axes, and reported in world axes."""
 
     integrator: Integrator
 
     @property
     def semi_implicit(self) -> bool:
-        """True if the body moves with the end-of-step velocity."""
+        """True if the body moves with the velocity at the end of the step."""
         return self.integrator not in EXACT_INTEGRATORS
 
     @property
     def moves_exactly(self) -> bool:
-        """True if `moved` has the engine's positions to the last bit."""
+        """True if `moved` reproduces the engine's positions to the last bit."""
         return self.semi_implicit
 
     @property
@@ -53,11 +53,11 @@ class MujocoLaw(Law):
         return Drag(0.0, 0.0)
 
     def step(self, before: Motion) -> Motion:
-        """Return each sample one timestep later."""
+        """Advance each sample by one timestep."""
         return self.moved(before, *self.velocities(before))
 
     def moved(self, before: Motion, velocity_m_s: Float64, spin_rad_s: Float64) -> Motion:
-        """Return each sample moved by one integrator step with these velocities."""
+        """Move each sample by one integrator step with the given velocities."""
         mean_m_s = velocity_m_s
         if not self.semi_implicit:
             mean_m_s = (before.velocity_m_s + velocity_m_s) / 2
@@ -79,7 +79,7 @@ class MujocoLaw(Law):
         return velocity_m_s, rotate(turned, after)
 
     def _mean_acceleration(self, spin: Float64) -> Float64:
-        """Return the angular acceleration [rad/s²] that the integrator uses, in the body's axes."""
+        """Return the angular acceleration [rad/s²] that the integrator uses, in body axes."""
         if self.integrator == "rk4":
             a, b, c, d = (self._acceleration(stage) for stage in self._stages(spin))
             return (a + 2 * b + 2 * c + d) / 6
@@ -96,26 +96,26 @@ class MujocoLaw(Law):
         return np.asarray(np.linalg.solve(implicit, torque[..., None])[..., 0])
 
     def turned_by(self, angular_impulse_n_m_s: Float64, before: Motion) -> Float64:
-        """Return the change of spin by angular impulses [rad/s], in the body's axes, (n, 3)."""
+        """Return the change of spin due to angular impulses [rad/s], in body axes, (n, 3)."""
         if self.integrator == "euler":
             return np.asarray(angular_impulse_n_m_s / np.array(self.inertia_kg_m2))
         spin = rotate_inverse(before.orientation, before.spin_rad_s)
         return self._solved(spin, angular_impulse_n_m_s)
 
     def _acceleration(self, spin: Float64) -> Float64:
-        """Return the angular acceleration by Euler's equation, I ω' = -ω × I ω."""
+        """Return the angular acceleration given by Euler's equation, I ω' = -ω × I ω."""
         inertia = np.array(self.inertia_kg_m2)
         return np.asarray(-np.cross(spin, inertia * spin) / inertia)
 
     def _stages(self, spin: Float64) -> list[Float64]:
-        """Return the four spins that the Runge-Kutta method evaluates."""
+        """Return the four spins evaluated by the Runge-Kutta method."""
         dt, stages = self.timestep_s, [spin]
         for share in (0.5, 0.5, 1.0):
             stages.append(spin + share * dt * self._acceleration(stages[-1]))
         return stages
 
     def turned(self, before: Motion, spin_rad_s: Float64) -> Float64:
-        """Return the orientations after a step with these spins, shape (n, 4)."""
+        """Return the orientations after a step with the given spins, shape (n, 4)."""
         if self.integrator == "rk4":
             spin = self._mean_spin(rotate_inverse(before.orientation, before.spin_rad_s))
         else:
@@ -125,7 +125,7 @@ class MujocoLaw(Law):
         return _turned_about(before.orientation, spin, self.timestep_s)
 
     def _mean_spin(self, spin: Float64) -> Float64:
-        """Return the single spin that turns a body like a Runge-Kutta step, in its own axes.
+        """Return the constant spin that rotates a body like a Runge-Kutta step, in body axes.
 
         The spins of the stages are first mapped back to the axes of the start: the method of
         Munthe-Kaas, which MuJoCo 4.0 follows to 1e-15, as found by experiment.
@@ -138,20 +138,20 @@ class MujocoLaw(Law):
         return np.asarray((a + 2 * b + 2 * c + d) / 6)
 
     def released(self, start: Motion) -> Motion:
-        """Return a state as the engine stores it: with the spin in the body's axes."""
+        """Return a state as the engine stores it, with the spin in body axes."""
         spin = rotate_inverse(start.orientation, start.spin_rad_s)
         return Motion(
             start.position_m, start.orientation, start.velocity_m_s, rotate(start.orientation, spin)
         )
 
     def bits(self, before: Motion) -> Flags:
-        """Flag the samples from which `step` has the engine's velocities to the last bit, (n,)."""
+        """Flag the samples from which `step` reproduces the engine's velocities bitwise, (n,)."""
         straight = ~before.velocity_m_s[:, :2].any(axis=1) & (not any(self.gravity_m_s2[:2]))
         turned = (before.orientation != UPRIGHT).any(axis=1) | before.spin_rad_s.any(axis=1)
         return np.asarray(straight & ~turned & (self.integrator != "rk4"))
 
     def terms(self, before: Motion) -> tuple[Float64, Float64]:
-        """Return the size of the summands of velocity and spin in a timestep, shape (n,).
+        """Return the magnitude of the summands of velocity and spin in a timestep, shape (n,).
 
         Forces are moved to the centre of mass from a point that is off by the rounding of x;
         v × m v is then a torque, which cancels except for rounding.
@@ -174,7 +174,7 @@ class MujocoLaw(Law):
     def exact_path(
         self, position_m: Vector, velocity_m_s: Vector, *, first: int = 0
     ) -> Iterator[Sequence[Decimal]]:
-        """Yield the positions of a flight from sample `first` on, for `exactly`.
+        """Yield the positions of a flight, starting at sample `first`, for `exactly`.
 
         x0 + n dt v0 + dt² g n (n + 1)/2, or n² for n (n + 1) where the step is exact.
         """
@@ -188,7 +188,7 @@ class MujocoLaw(Law):
 
 
 def _turned_about(orientation: Float64, spin_body: Float64, timestep_s: float) -> Float64:
-    """Return q exp(ω dt/2) of unit quaternions q and spins ω in the body's axes, shape (n, 4)."""
+    """Return q exp(ω dt/2) for unit quaternions q and spins ω in body axes, shape (n, 4)."""
     speed = np.linalg.norm(spin_body, axis=1, keepdims=True)
     axis = np.divide(spin_body, speed, out=np.zeros_like(spin_body), where=speed > 0)
     half = timestep_s * speed / 2
@@ -207,7 +207,7 @@ def _turned_about(orientation: Float64, spin_body: Float64, timestep_s: float) -
 
 
 def _cross_matrix(vectors: Float64) -> Float64:
-    """Return the matrices that take b to a × b, shape (n, 3, 3)."""
+    """Return the matrices that map b to a × b, shape (n, 3, 3)."""
     x, y, z = vectors.T
     zero = np.zeros_like(x)
     rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
@@ -215,7 +215,7 @@ def _cross_matrix(vectors: Float64) -> Float64:
 
 
 def _taken_back(turn_rad: Float64, spin: Float64) -> Float64:
-    """Return the inverse derivative of the exponential map, applied to a spin after a turn, (n, 3).
+    """Apply the inverse derivative of the exponential map to a spin after a rotation, (n, 3).
 
     k + u × k / 2 + (1 - θ/2 cot θ/2)/θ² u × (u × k), with θ = |u|.
     """
