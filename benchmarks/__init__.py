@@ -1,4 +1,4 @@
-"""Speed, size and memory: every goal of the project, measured against a baseline.
+"""Benchmarks of speed, size and memory: each of the project's goals, measured against a baseline.
 
     python -m benchmarks [--only NAME] [--quick]
 

@@ -1,4 +1,4 @@
-"""Run the benchmarks, and print their table."""
+"""Run the benchmarks, and print their results as a table."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SCRIPTS = (
 
 
 def main() -> None:
-    """Run all scripts, or the chosen ones, each in its own folder."""
+    """Run all benchmarks or the chosen ones, each in a folder of its own."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument(
         "--only",

@@ -1,4 +1,4 @@
-"""`drop analyze` of a long recording and of many bodies: against the simulation, and its memory."""
+"""`drop analyze` of long recordings and of many bodies: time against simulation, and memory."""
 
 from __future__ import annotations
 
@@ -74,6 +74,6 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
 
 
 def _analyzed_mb(folder: Path, script: Path, steps: int) -> float:
-    """Return the peak memory of analyzing a script of so many steps."""
+    """Return the peak memory of analyzing a script that makes this number of steps."""
     process(*DROP, "record", "--force", "--out", "run.rrd", script, steps, folder=folder)
     return process(*DROP, "analyze", "--force", "run.rrd", folder=folder).peak_mb

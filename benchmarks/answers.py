@@ -1,4 +1,4 @@
-"""Cost of `drop why --expect` and of `drop diff`: how long it takes until two runs are compared.
+"""Cost of `drop why --expect` and of `drop diff`: the time that comparing two runs takes.
 
 A gripper of MuJoCo's lifts a box that is too slippery: `drop why --expect` tries single changes of
 2 s of it, on two processors. `drop diff` of two scripts records both, compares and explains; it is
@@ -34,7 +34,7 @@ for step in range(1000):
 """
 EXPECTED = "z('box') > 0.15"
 TRIALS, MOST_S = 100, 60.0
-"""Trials that are asked for, and the time that they may take [s]."""
+"""Number of trials requested, and the time limit for them [s]."""
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:

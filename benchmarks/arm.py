@@ -1,4 +1,4 @@
-"""`drop analyze` of an arm, against its mass matrix and bias of the same steps in plain numpy."""
+"""`drop analyze` of an arm, compared with a numpy loop over mass matrix and bias of each step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames per second of the EGL renderer, against TinyRenderer."""
+"""Frames per second of the EGL renderer, compared with TinyRenderer's."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from benchmarks.harness import Measured, done, paired, slow_fall
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
-    """Draw the same frames with both, each in one worker, without its start-up."""
+    """Render the same frames with both renderers, in one worker each, start-up time excluded."""
     count = 50 if quick else 200
     scenario, poses = slow_fall(count)
     with Photographer(scenario, Camera(renderer="egl"), frames=1) as egl:

@@ -1,4 +1,4 @@
-"""Drawing frames: two workers against one process, and the floor drawn once against each time."""
+"""Rendering frames: two workers against one process; the floor drawn once against in each frame."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from benchmarks.harness import Measured, done, paired, slow_fall
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
-    """Draw the frames of a slow fall."""
+    """Render the frames of a slow fall."""
     count = 200 if quick else 1000
     camera = Camera()
     scenario, poses = slow_fall(count)

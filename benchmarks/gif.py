@@ -1,4 +1,4 @@
-"""A gif of many frames, against Pillow's own writer given all of them at once."""
+"""Writing a GIF of many frames, compared with Pillow's writer, which gets all frames at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cost of golden tests: pytest with the fixture `golden_recording`, against the same tests without.
+"""Cost of golden tests: pytest with the fixture `golden_recording`, compared with the tests alone.
 
 Processor time, of which a machine under load takes little more; that of the process that records
 is in it. A test drives a Panda beside a cube for a second, with a command per joint and step.
@@ -49,7 +49,7 @@ def test_{number}(golden_recording):
         pick({number} / 10)
 """
 MORE = 4
-"""Tests beside the first one."""
+"""Number of tests in addition to the first one."""
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:

@@ -1,4 +1,4 @@
-"""How what a command takes grows: with steps, bodies, degrees of freedom, contacts, and trials.
+"""Growth of a command's time and memory with steps, bodies, degrees of freedom, contacts, trials.
 
 `python -m benchmarks.growth PICTURE.png` draws it; `--long` goes on to 10⁷ steps, in half an hour.
 """
@@ -46,7 +46,7 @@ ROBOTS = {
     34: 'p.loadURDF("humanoid/humanoid.urdf", [0, 0, 1.2])',
     85: CHAIN,
 }
-"""Degrees of freedom, and what is loaded; the last is a hanging chain."""
+"""Number of degrees of freedom -> the code that loads such a robot; the last is a hanging chain."""
 TITLES = {
     "steps": "steps of one box at rest",
     "bodies": "boxes at rest, {steps} steps",
@@ -68,27 +68,27 @@ for _ in range(240):
 
 @dataclass(frozen=True)
 class Case:
-    """A script of so many steps."""
+    """A script of a given number of steps."""
 
     what: str
-    """What grows: one of TITLES."""
+    """The quantity that grows: a key of TITLES."""
     size: int
     steps: int
     load: str = ""
 
     @property
     def name(self) -> str:
-        """What is shown of it."""
+        """The description shown in the table."""
         return f"{self.size:,} {TITLES[self.what].format(steps=f'{self.steps:,}')}"
 
 
 @dataclass(frozen=True)
 class Took:
-    """What a case took."""
+    """Time and memory measured for a case."""
 
     case: Case
     runs: Mapping[str, Ran]
-    """By verb."""
+    """Measurements by CLI verb."""
 
     def rows(self) -> Iterator[Measured]:
         """Yield the rows of a table."""
@@ -103,14 +103,14 @@ class Took:
 
 
 def boxes(count: int) -> str:
-    """Return lines that lay so many boxes on the floor."""
+    """Return the lines of code that place this number of boxes on the floor."""
     side = max(10, math.isqrt(count))
     return f"""for number in range({count}):
     p.loadURDF("cube_small.urdf", [0.2 * (number % {side}), 0.2 * (number // {side}), 0.025])"""
 
 
 def cases(*, quick: bool, long: bool = False) -> Iterator[Case]:
-    """Yield what is measured."""
+    """Yield the cases to measure."""
     for steps in [10_000, 100_000, 1_000_000, 10_000_000][: 1 if quick else 4 if long else 3]:
         yield Case("steps", steps, steps, boxes(1))
     for count in (1, 10, 100, 1000)[: 3 if quick else 4]:
@@ -124,13 +124,13 @@ def cases(*, quick: bool, long: bool = False) -> Iterator[Case]:
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
-    """Time whole processes, and their memory."""
+    """Measure the time and memory of whole processes."""
     for took in measured(folder, quick=quick):
         yield from took.rows()
 
 
 def measured(folder: Path, *, quick: bool, long: bool = False) -> Iterator[Took]:
-    """Yield what each case took: recording and analyzing it, or its trials."""
+    """Yield the measurements of each case: of recording and analyzing it, or of its trials."""
     for case in cases(quick=quick, long=long):
         if case.what == "trials":
             (folder / "fall.py").write_text(FALL, encoding="utf-8")
@@ -146,7 +146,7 @@ def measured(folder: Path, *, quick: bool, long: bool = False) -> Iterator[Took]
 
 
 def draw(path: Path, *, quick: bool, long: bool) -> None:
-    """Measure, print the table, and draw seconds over what grows."""
+    """Measure, print the table, and plot time against the quantity that grows."""
     found: list[Took] = []
     with tempfile.TemporaryDirectory() as folder:
         for took in measured(Path(folder), quick=quick, long=long):
@@ -157,7 +157,7 @@ def draw(path: Path, *, quick: bool, long: bool) -> None:
 
 
 def build_figure(found: Sequence[Took], theme: Theme) -> Figure:
-    """Return the figure of processor time over sizes, by what grows."""
+    """Return the figure of processor time against size, by the quantity that grows."""
     note = "start included; dotted: in proportion"
     figure = style.figure_of("Processor time of a command [s]", [note], 4.8, theme)
     panels = figure.subplots(2, 3).ravel()

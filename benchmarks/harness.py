@@ -1,4 +1,4 @@
-"""Run things in pairs and compare them: what all the scripts share."""
+"""Run two programs in pairs and compare their time: shared by all benchmarks."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LIBRARIES = ("pybullet", "rerun-sdk", "numpy", "polars", "matplotlib", "pillow",
 
 @dataclass(frozen=True)
 class Measured:
-    """The answer to one question: one value per pair of runs, or per run without pairs.
+    """The result of one benchmark: one value per pair of runs, or per run if runs are not paired.
 
     `goal` is an upper limit, or a lower one if `more_is_better`.
     """
@@ -44,18 +44,18 @@ class Measured:
 
     @property
     def median(self) -> float:
-        """The median value."""
+        """The median of the values."""
         return statistics.median(self.values)
 
     @property
     def reached(self) -> bool | None:
-        """Whether the median reaches the goal; None without one."""
+        """Whether the median reaches the goal; None if there is no goal."""
         if self.goal is None:
             return None
         return self.median >= self.goal if self.more_is_better else self.median <= self.goal
 
     def row(self) -> str:
-        """Return this as a row of a Markdown table."""
+        """Return the result as a row of a Markdown table."""
         bound = "≥" if self.more_is_better else "≤"
         goal = "" if self.goal is None else f"{bound} {self.goal:g} {self.unit}"
         verdict = {True: "yes", False: "**no**", None: ""}[self.reached]
@@ -72,7 +72,7 @@ HEAD = """| question | compared with | min / median / max | goal | reached | det
 
 @dataclass(frozen=True)
 class Ran:
-    """Time and memory that a process took."""
+    """Time and memory that a process used."""
 
     wall_s: float
     cpu_s: float
@@ -89,12 +89,12 @@ child.returncode = os.waitstatus_to_exitcode(status)
 cpu_s, peak_mb = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
 print(json.dumps([child.returncode, wall_s, cpu_s, peak_mb]))
 """
-"""Linux counts the parent's memory at the fork into the child's peak, so the parent must be small.
+"""Linux includes the parent's memory at the fork in the child's peak, so the parent must be small.
 The processor time of the child's own children is included if it waits for them."""
 
 
 def process(*command: object, folder: Path, expected: int = 0) -> Ran:
-    """Run a command in a folder, and return what it took; its output is discarded.
+    """Run a command in a folder, discard its output, and return the time and memory that it used.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def process(*command: object, folder: Path, expected: int = 0) -> Ran:
 def paired(
     ours: Callable[[], Ran], theirs: Callable[[], Ran], *, pairs: int, warm: bool = True
 ) -> tuple[list[float], str]:
-    """Return our wall time over theirs for each pair, and the times behind it as text.
+    """Return the ratio of our wall time to theirs for each pair, and the times themselves as text.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def paired(
 def worked(
     ours: Callable[[], Ran], theirs: Callable[[], Ran], *, pairs: int
 ) -> tuple[list[float], str]:
-    """Return our processor time over theirs for each pair, and the times behind it as text."""
+    """Return the ratio of our processor time to theirs for each pair, and the times as text."""
     runs = [(ours(), theirs()) for _ in range(pairs)]
     ratios = [mine.cpu_s / other.cpu_s for mine, other in runs]
     mine_s, other_s = (
@@ -154,21 +154,21 @@ def worked(
 
 
 def done(work: Callable[[], object]) -> Ran:
-    """Do something in this process, and return only the time: workers' use cannot be separated."""
+    """Call a function in this process, and return only its time: workers cannot be separated."""
     began = time.perf_counter()
     work()
     return Ran(time.perf_counter() - began, math.nan, math.nan)
 
 
 def slow_fall(count: int) -> tuple[Scenario, Float64]:
-    """Return a fall and its first poses, shape (count, 7), each a different picture."""
+    """Return a falling body's scenario and its first poses, shape (count, 7), all distinct."""
     scenario = Scenario(timestep_s=1 / 2400)
     with World(scenario) as world:
         return scenario, next(world.samples(count)).bases[BODY][:, :7]
 
 
 def machine() -> str:
-    """Return the machine and the versions, in two lines."""
+    """Return a description of the machine and the library versions, in two lines."""
     about = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     model = next((li.split(":")[1].strip() for li in about if li.startswith("model name")), "")
     libraries = ", ".join(f"{name} {metadata.version(name)}" for name in LIBRARIES)

@@ -1,4 +1,4 @@
-"""`drop analyze` of an arm of mesh hulls: overlaps of pairs whose contacts the model filters."""
+"""`drop analyze` of an arm of mesh hulls: cost of overlap checks for pairs the model filters."""
 
 from __future__ import annotations
 

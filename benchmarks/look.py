@@ -1,4 +1,4 @@
-"""What an engineer waits for: a script recorded, analyzed, and both at once."""
+"""The time that an engineer waits: to record a script, to analyze it, and to do both at once."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pathlib import Path
 from benchmarks.harness import DROP, ROOT, Measured, process
 
 ARM = ROOT / "docs/examples/arm.py"
-"""An arm of 720 steps."""
+"""An arm simulated for 720 steps."""
 GOALS_S = {("record",): 0.7, ("analyze",): 0.6, (): 1.5}
-"""What each command may take [s], on two cores."""
+"""Time limit for each command [s], on two cores."""
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
-    """Time whole processes beside the bare script."""
+    """Time whole processes, and compare them with the bare script."""
     shutil.copy(ARM, folder)
     for command, goal_s in GOALS_S.items():
         ran = [

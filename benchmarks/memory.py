@@ -1,4 +1,4 @@
-"""Memory that `drop simulate --no-camera` takes, by the number of steps."""
+"""Peak memory of `drop simulate --no-camera`, by the number of steps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from benchmarks.harness import DROP, Measured, process
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
-    """Measure the peak of the resident memory."""
+    """Measure the peak resident memory."""
     for steps in (100_000,) if quick else (100_000, 1_000_000, 10_000_000):
         ran = process(
             *DROP,

@@ -1,4 +1,4 @@
-"""Cost of watching a MuJoCo script, and of explaining its steps, without what recording costs.
+"""Cost of watching a MuJoCo script and of explaining its steps; the cost of recording is excluded.
 
 The script measures the processor time of its own thread, bare and watched, and prints its last
 state: both must be the same. The explanation measures that of its process, less that of a short
@@ -52,12 +52,12 @@ def world(inside: str, joints: list[str]) -> str:
 
 
 def box(x: float = 0.0, y: float = 0.0) -> str:
-    """Return a box that is about to rest."""
+    """Return the MJCF of a box that is about to come to rest."""
     return f'<body pos="{x} {y} 0.101"><freejoint/><geom type="box" size="0.1 0.1 0.1"/></body>'
 
 
 def arm() -> tuple[str, list[str]]:
-    """Return an arm of seven joints that has a gripper and holds a box, and its joints."""
+    """Return the MJCF of a seven-joint arm with a gripper that holds a box, and its joint names."""
     names = [f"j{k}" for k in range(7)]
     fingers = "".join(
         f'<body pos="0 {y} 0.25"><joint name="f{side}" type="slide" axis="0 {-side} 0" '
@@ -76,7 +76,7 @@ def arm() -> tuple[str, list[str]]:
 
 
 def humanoid() -> tuple[str, list[str]]:
-    """Return a body with two legs, two arms and a back, 27 degrees of freedom, and its hinges."""
+    """Return the MJCF of a humanoid with 27 degrees of freedom, and the names of its hinges."""
     names: list[str] = []
 
     def hinges(*axes: str) -> str:
@@ -105,14 +105,14 @@ def humanoid() -> tuple[str, list[str]]:
 
 @dataclass(frozen=True)
 class MujocoScene:
-    """A model, and how much longer its steps may take."""
+    """A model, and how much slower its steps may be when they are watched."""
 
     model: str
     steps: int
     goal: float
-    """Times the bare step; for one box µs more."""
+    """Limit relative to the bare step; for one box, an absolute limit on the extra time [µs]."""
     explained_us: float
-    """How long explaining a step may take [µs]."""
+    """Time limit for explaining a step [µs]."""
 
 
 SCENES = {
@@ -124,11 +124,11 @@ SCENES = {
     ),
 }
 MOST_BYTES = 3.0
-"""What is kept of a step, in shares of what its state takes."""
+"""Goal for the bytes stored per step, as a multiple of the state's size."""
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
-    """Compare steps within a process, and explain them."""
+    """Compare watched and bare steps within a process, and time their explanation."""
     pairs, share = (3, 10) if quick else (5, 1)
     for name, scene in SCENES.items():
         steps = scene.steps // share
@@ -176,14 +176,14 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
 
 @dataclass(frozen=True)
 class Stepped:
-    """A run of a script."""
+    """A measured run of a script."""
 
     state: str
     step_us: float
     bytes: float = 0.0
-    """What was sent for a step."""
+    """Bytes sent per step."""
     wanted: Sequence[StepsWanted] = ()
-    """All steps."""
+    """The steps to explain: all of them."""
 
 
 def _bare(path: Path) -> Stepped:
@@ -220,13 +220,13 @@ def _watched(path: Path) -> Stepped:
 
 
 def _pieces(run: Stepped) -> Iterator[ReplayedPiece]:
-    """Yield the explanation of all steps."""
+    """Yield the explanation of all steps in chunks."""
     with Stepper(sys.executable, None) as stepper:
         yield from (piece for _, piece in stepper.explained(run.wanted))
 
 
 def _explained(run: Stepped) -> float:
-    """Return the processor time of an explanation [s]."""
+    """Return the processor time of explaining all steps [s]."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     for piece in _pieces(run):
         assert not piece.status.any(), "a step is not explained"
@@ -235,7 +235,7 @@ def _explained(run: Stepped) -> float:
 
 
 def _bytes(run: Stepped) -> int:
-    """Return the bytes of an explanation's arrays."""
+    """Return the size of an explanation's arrays in bytes."""
     total = 0
     for piece in _pieces(run):
         points = len(piece.touches) * (4 + 4 * 10)

@@ -1,4 +1,4 @@
-"""Start-up time of commands, against the imports that they need."""
+"""Start-up time of commands, compared with the imports that they need."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A million steps without frames, against bare loops that keep their values in lists."""
+"""A million steps without frames, compared with bare loops that keep their values in lists."""
 
 from __future__ import annotations
 

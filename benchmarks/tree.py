@@ -1,4 +1,4 @@
-"""The step of a tree of links as a sum of impulses, against PyBullet's own steps and reads.
+"""Cost of explaining an articulated body's step as a sum of impulses, against PyBullet's own step.
 
 Microseconds a step depend on the machine; the ratio to PyBullet less so.
 """
@@ -20,11 +20,11 @@ sys.path.append(str(ROOT / "tests"))
 from trees import Watched, described, engine, joints_of, load, run
 
 PIECE = 1000
-"""Steps in a piece."""
+"""Number of steps in a chunk."""
 
 
 def measure(_: Path, *, quick: bool) -> Iterator[Measured]:
-    """Drive an arm in the air, and a robot with 18 degrees of freedom that stands on a floor."""
+    """Measure an arm driven in free space, and a standing robot with 18 degrees of freedom."""
     steps = 1_000 if quick else 10_000
     for file, height_m, fixed, goal_us in (
         ("kuka_iiwa/model.urdf", 0.0, True, 40.0),
@@ -62,7 +62,7 @@ def _drive(watched: Watched, steps: int) -> None:
 
 
 def _judged_us(watched: Watched, steps: int) -> float:
-    """Return what the law takes a step, in pieces [µs]; the arrays are there already."""
+    """Return the time to explain a step, in chunks [µs]; building the arrays is excluded."""
     states, said = watched.states(), watched.reported()
     began = time.perf_counter()
     for first in range(0, steps, PIECE):

@@ -1,4 +1,4 @@
-"""Cost of `drop trust` and `drop why`: runs and their comparison, two at a time.
+"""Cost of `drop trust` and `drop why`: runs and their comparison, two in parallel.
 
 The seven of `drop trust` are held against seven bare runs; of them `timestep/2` and `timestep/4`
 make two and four times as many steps of the engine. Those of `drop why` are held against as many
@@ -30,7 +30,7 @@ for _ in range(int(sys.argv[1])):
     p.stepSimulation()
 """
 RUNS = 7
-"""The script's own, and the usual variations."""
+"""Number of runs: the script's own, and the standard variations."""
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:

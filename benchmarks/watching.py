@@ -1,4 +1,4 @@
-"""Cost of watching a script, per step and per call, without what the recording of it costs.
+"""Cost of watching a script, per step and per call; the cost of recording is excluded.
 
 The script measures the processor time of its own thread: its events are read by another process,
 and dropped.
@@ -61,19 +61,19 @@ MOTORS = """for j in range(7):
 
 @dataclass(frozen=True)
 class Scene:
-    """A script, and how much longer its steps may take."""
+    """A script, and how much slower its steps may be when they are watched."""
 
     load: str
     call: str
-    """What is called before every step."""
+    """The code that runs before every step."""
     steps: int
     goal: float
-    """Times the bare step; for one box µs more."""
+    """Limit relative to the bare step; for one box, an absolute limit on the extra time [µs]."""
     goal_logged: float | None = 1.0
-    """Times the step with a logger written by hand."""
+    """Limit relative to a step with a hand-written logger."""
     both: float | None = None
-    """Times the processor time of a script that only reads the same, of both processes of `drop
-    record`."""
+    """Limit on the processor time of both processes of `drop record`, relative to a script that
+    only makes the same reads."""
 
 
 SCENES = {
@@ -134,7 +134,7 @@ CALLS = {
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
-    """Compare steps within a process."""
+    """Compare watched and bare steps within a process."""
     pairs, share = (3, 10) if quick else (5, 1)
     for name, scene in SCENES.items():
         steps = scene.steps // share
@@ -202,14 +202,14 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
 
 
 def _of_call(folder: Path, load: str, call: str, steps: int) -> tuple[float, float]:
-    """Return what calls add to a step [µs], watched and bare."""
+    """Return the time that calls add to a step [µs], watched and bare."""
     (with_call,), (bare_with,), *_ = _runs(folder, load, call, steps, 1)
     (without,), (bare_without,), *_ = _runs(folder, load, "pass", steps, 1)
     return with_call - without, bare_with - bare_without
 
 
 def _runs(folder: Path, load: str, call: str, steps: int, runs: int) -> list[list[float]]:
-    """Return the time of a step [µs] of each run: watched, bare, logged by hand, and only read."""
+    """Return each run's time per step [µs]: watched, bare, logged by hand, and with reads only."""
     path = _written(folder, load, call, steps)
     each = [
         (_watched(path), _bare(path), _bare(path, "log"), _bare(path, "read")) for _ in range(runs)

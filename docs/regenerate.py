@@ -1,4 +1,4 @@
-"""Make what is generated in these documents anew: `python docs/regenerate.py [PAGE.md …]`.
+"""Regenerate the generated parts of the documents: `python docs/regenerate.py [PAGE.md …]`.
 
 The outputs and pictures that pages show are those of their commands; the references are written
 from the code. `tests/test_pages.py` and `tests/test_references.py` fail where one is stale. The
@@ -25,13 +25,13 @@ from generators.pictures import alike
 
 
 def references() -> dict[Path, bytes]:
-    """Return the references as the code has them now."""
+    """Return the reference pages generated from the current code."""
     texts = commands.made() | recording.made() | json_objects.made()
     return {(pages.DOCS / name).resolve(): text.encode() for name, text in texts.items()}
 
 
 def is_current(path: Path, content: bytes) -> bool:
-    """Whether a file says what it should; pictures may differ by what nobody sees."""
+    """Whether a file is up to date; images may differ invisibly."""
     if not path.exists():
         return False
     known = path.read_bytes()
@@ -41,7 +41,7 @@ def is_current(path: Path, content: bytes) -> bool:
 
 
 def main(names: list[str]) -> None:
-    """Write what is stale, and say so; of the pages only those that are named, if any is."""
+    """Update and list the files that are out of date; only the named pages, if any are named."""
     if not names or "validation.md" in names:
         write({pages.DOCS / name: text.encode() for name, text in validation.made().items()})
     if not names or "README.md" in names:
@@ -58,7 +58,7 @@ def main(names: list[str]) -> None:
 
 
 def write(made: dict[Path, bytes]) -> None:
-    """Write the files that are stale."""
+    """Write the files that are out of date."""
     for path, content in made.items():
         if not is_current(path, content):
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Recordings whose samples are other than those that were recorded."""
+"""Recordings whose samples are altered after they were recorded."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drop_physics.trace.tables import columns_of
 
 @dataclass(frozen=True)
 class Held:
-    """Samples in memory."""
+    """Samples held in memory."""
 
     whole: Piece
 
@@ -29,7 +29,7 @@ class Held:
         return self.whole.end - 1
 
     def piece(self, first: int, end: int) -> Piece:
-        """Return the samples from one step to before another."""
+        """Return the samples from step `first` up to, but not including, step `end`."""
         held = self.whole
         return Piece(
             first,
@@ -50,7 +50,7 @@ class Held:
 
 
 def otherwise(seen: Seen, **parts: Any) -> Seen:
-    """Return a recorded history with other `bases`, `joints`, `forces`, `contacts` or `calls`.
+    """Return a recorded history with `bases`, `joints`, `forces`, `contacts` or `calls` replaced.
 
     Bases and contacts may be tables.
     """
@@ -63,7 +63,7 @@ def otherwise(seen: Seen, **parts: Any) -> Seen:
 
 
 def rows_in(table: pl.DataFrame, kind: np.dtype[np.void]) -> Rows:
-    """Return a table of states or contact points as rows of their dtype."""
+    """Convert a table of states or contact points to an array of records."""
     rows = np.empty(len(table), kind)
     for name in kind.names or ():
         values = table.select(columns_of(name)).to_numpy()

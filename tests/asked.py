@@ -1,4 +1,4 @@
-"""Ask a recorded scene a question: what its findings say."""
+"""Record a scene and return its findings."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from drop_physics.trace.history import Seen
 from scenes import ORIGIN, record
 
 COMPLETE = {**ORIGIN, "ended": "finished", "error": None}
-"""What is said of a script that came to its end."""
+"""Metadata of a script that ran to its end."""
 
 
 def findings(scene: str, path: Path, **origin: str) -> list[Finding]:
-    """Record a scene (`scenes.record`), and return what is found in it, the gravest first."""
+    """Record a scene (`scenes.record`), and return its findings, most severe first."""
     return told_whole(record(scene, path).seen, **origin)
 
 
 def told_whole(seen: Seen, **origin: str) -> list[Finding]:
-    """Return the findings of a recording."""
+    """Return a recording's findings, computed in a single chunk."""
     return Story(seen, COMPLETE | origin, call_of=call_of(seen.engine)).analysis().findings
 
 
 def codes(scene: str, path: Path) -> list[str]:
-    """Return the codes of all findings, the gravest first."""
+    """Return the codes of all findings, most severe first."""
     return [finding.code for finding in findings(scene, path)]
 
 
 def told_in_pieces(seen: Seen, **origin: str) -> list[Finding]:
-    """Return the findings of a recording that is read in ten pieces, of seven steps at least."""
+    """Return a recording's findings, computed in ten chunks of at least seven steps each."""
     story = Story(seen, COMPLETE | origin, call_of=call_of(seen.engine))
     steps = max(7, max(seen.samples.values()) // 10)
     for piece in story.explanation.pieces(steps):
@@ -39,11 +39,11 @@ def told_in_pieces(seen: Seen, **origin: str) -> list[Finding]:
 
 
 def found(scene: str, folder: Path, code: str) -> list[Finding]:
-    """Record a scene in a folder, and return the findings of one code."""
+    """Record a scene in a folder, and return its findings of one code."""
     return [each for each in findings(scene, folder / "scene.rrd") if each.code == code]
 
 
 def in_pieces(scene: str, folder: Path, code: str) -> list[Finding]:
-    """Return the same where the recording comes in pieces."""
+    """Return a scene's findings of one code, computed from the recording chunk by chunk."""
     said = told_in_pieces(record(scene, folder / "pieces.rrd").seen)
     return [each for each in said if each.code == code]

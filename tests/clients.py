@@ -1,4 +1,4 @@
-"""PyBullet's client 0, which calls without a client id reach."""
+"""PyBullet's client 0, which calls without a client id use."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import oracle
 import pybullet as p
 
 MOST = 64
-"""More clients than any test has."""
+"""Upper limit on the number of clients in a test."""
 
 
 def release_clients() -> None:
-    """Disconnect what earlier tests of this process left, for one that needs client 0."""
+    """Disconnect the clients that earlier tests left connected, for a test that needs client 0."""
     oracle.scratch.cache_clear()
     if any(map(p.isConnected, range(MOST))):
         gc.collect()  # worlds that only wait to be finalized

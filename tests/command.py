@@ -1,4 +1,4 @@
-"""The command line as a user has it: in this process, where that will do, or in one of its own.
+"""Run the command line as a user does: in this process if that suffices, else in a separate one.
 
 A process of its own takes a second for its imports alone. It is needed where signals, limits, the
 module path, what is read at import, or the end of the process itself are tested.
@@ -34,11 +34,11 @@ typer.main.get_command = functools.cache(typer.main.get_command)
 fork_scripts()
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 HANGS_S = 600
-"""What takes so long hangs, whatever else the machine has to do: nothing here takes a minute."""
+"""Time after which a process counts as hung [s], whatever the machine's load."""
 
 
 def wait_for(condition: Callable[[], bool], what: str) -> None:
-    """Wait until it is so; fail, with what was not, if that hangs."""
+    """Wait until a condition holds; fail with a description of it after a time limit."""
     deadline = time.monotonic() + HANGS_S
     while not condition():
         assert time.monotonic() < deadline, what
@@ -46,7 +46,7 @@ def wait_for(condition: Callable[[], bool], what: str) -> None:
 
 
 def environment(**more: str) -> dict[str, str]:
-    """Return the environment of a process of the command, which finds this checkout."""
+    """Return environment variables with which a process of the command imports this checkout."""
     return {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "80"} | more
 
 
@@ -133,7 +133,7 @@ def _signal_handlers() -> Iterator[None]:
 def drop_here(
     *arguments: object, folder: Path, stdin: int | None = None, **variables: str
 ) -> subprocess.CompletedProcess[str]:
-    """Run the command in this process; its output goes into files, and its input is empty.
+    """Run the command in this process, with output redirected to files and empty input.
 
     `variables` are added to those of the environment.
     """
@@ -158,7 +158,7 @@ def drop_here(
 def measured(
     arguments: list[str], folder: Path, cpu_s: int
 ) -> tuple[subprocess.CompletedProcess[str], float]:
-    """Run the command in this process, a worker's, which ends where that computes for too long.
+    """Run the command in this worker process, which is ended if it exceeds a processor time limit.
 
     Returns
     -------
@@ -175,7 +175,7 @@ def measured(
 
 
 def drop_alone(*arguments: object, folder: Path, **how: object) -> subprocess.CompletedProcess[str]:
-    """Run the command as a process of its own, its streams being pipes."""
+    """Run the command as a separate process, with pipes as its streams."""
     return subprocess.run(
         [sys.executable, "-m", "drop_physics", *map(str, arguments)],
         capture_output=True,

@@ -1,4 +1,4 @@
-"""Fixtures shared by the tests: one standard drop a session, and the command as users have it."""
+"""Fixtures shared by the tests: one standard drop per session, and the command as users have it."""
 
 from __future__ import annotations
 
@@ -59,12 +59,12 @@ LONGEST = (
     "/test_site.py",
     "/test_viewer.py",
 )
-"""Tests that take half a minute and more, or wait."""
+"""Tests that take at least half a minute, or wait."""
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection(session: pytest.Session) -> None:
-    """Let processes compile different modules first: what one has compiled, the others only read.
+    """Compile different modules in each process, so that the other processes can read the result.
 
     Compiling all tests, with assertions that show their values, takes 10 s.
     """
@@ -85,7 +85,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Print what tests have to say although they pass."""
+    """Print the messages that passing tests left for the terminal summary."""
     for report in terminalreporter.stats.get("passed", ()):
         for name, text in report.user_properties:
             if name == "say":
@@ -93,18 +93,18 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Let the longest begin first: at the end, all processes have something to do."""
+    """Start the longest tests first, so that no process is idle at the end."""
     without_pybullet(config, items)
     items.sort(key=lambda item: not any(name in item.nodeid for name in LONGEST))
 
 
 def pytest_collection_finish() -> None:
-    """Let the garbage collector pass over what is imported and collected: it stays."""
+    """Exclude the objects that exist after collection from garbage collection: they stay alive."""
     gc.freeze()
 
 
 def some(values: Iterable[Any], first: int) -> list[Any]:
-    """Return values for `parametrize`, of which only the first few are tried without `-m long`."""
+    """Return values for `parametrize`; all but the first few are marked `long`."""
     sets = [value if hasattr(value, "marks") else pytest.param(*_parts(value)) for value in values]
     return [
         *sets[:first],
@@ -121,7 +121,7 @@ def _parts(value: Any) -> tuple[Any, ...]:
 
 @pytest.fixture(scope="session")
 def standard(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """Return the experiment itself, simulated, analyzed and rendered once for all tests.
+    """Return the standard experiment, simulated, analyzed and rendered once for all tests.
 
     The first of pytest's processes that needs it makes it, and the others wait for that.
     """
@@ -140,7 +140,7 @@ def standard(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 @dataclass(frozen=True)
 class Recorder:
-    """Record scenarios, each once in a session, without frames."""
+    """Records scenarios without frames, each once per session."""
 
     folder: Path
 
@@ -155,7 +155,7 @@ class Recorder:
 
 @pytest.fixture(scope="session")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorder:
-    """Return a function from scenario fields to their recording."""
+    """Return a function that records a scenario given by its fields."""
     return Recorder(tmp_path_factory.mktemp("recorded"))
 
 
@@ -166,18 +166,18 @@ def judge(
     *,
     at_s: Sequence[float] = (),
 ) -> DropAnalysis:
-    """Analyze a drop that was read back, as `analyze` does, perhaps with other numbers."""
+    """Analyze a recorded drop as `analyze` does, optionally with altered states or contacts."""
     seen = seen_with(recording.seen, states, contacts)
     return drop_analysis_of(recording.scenario, recording.engine, seen, at_s=at_s)
 
 
 def said(finding: Finding) -> str:
-    """Return a finding as one text."""
+    """Return a finding's message and advice as one text."""
     return f"{finding.message}: {finding.advice or ''}"
 
 
 def rerun_rrd(*arguments: object) -> str:
-    """Run `rerun rrd`, which must not fail, and return what it says."""
+    """Run `rerun rrd`, assert that it succeeds, and return its output."""
     command = [binary(), "rrd", *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -185,27 +185,27 @@ def rerun_rrd(*arguments: object) -> str:
 
 
 def descendants_of(pid: int | str) -> list[str]:
-    """Return the numbers of the processes that a process started, and those that they did."""
+    """Return the process ids of all descendants of a process."""
     children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
     return children + [grandchild for child in children for grandchild in descendants_of(child)]
 
 
 @pytest.fixture(autouse=True)
 def starts(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Really start scripts in tests that are about how they start (`starts`)."""
+    """Use real process starts instead of forks, in tests marked `starts`."""
     if request.node.get_closest_marker("starts") is not None:
         monkeypatch.setattr(script, "subprocess", subprocess)
 
 
 @pytest.fixture
 def drop(tmp_path: Path) -> Drop:
-    """Return the command line, run in this process."""
+    """Return a function that runs the command line in this process."""
     return partial(drop_here, folder=tmp_path)
 
 
 @pytest.fixture
 def drop_process(tmp_path: Path) -> Drop:
-    """Return the command line as a process of its own; takes what `subprocess.run` does."""
+    """Return a function that runs the command line as a separate process, like `subprocess.run`."""
     return partial(drop_alone, folder=tmp_path)
 
 
@@ -218,7 +218,7 @@ heard = os.open({heard!r}, os.O_WRONLY | os.O_APPEND)
 os.write(heard, "\\n".join([*sys.modules, ""]).encode())
 sys.meta_path.insert(0, Listen)
 """
-"""A `sitecustomize` that writes down each module that any Python process looks for."""
+"""A `sitecustomize` that logs every module name that any Python process tries to import."""
 
 LOOKED_FOR = {
     *("__main__", "_drop_engines", "cython", "drop_physics", "sitecustomize", "usercustomize"),
@@ -227,14 +227,14 @@ LOOKED_FOR = {
     *("fsspec", "gevent", "great_tables", "org", "pinocchio", "polars_cloud", "polars_nanook"),
     *("pyiceberg", "pytz", "simplejson", "socks", "torch"),
 }
-"""What no environment has and commands look for; more is found as they run."""
+"""Modules that commands look for and that no environment has; the runs find further ones."""
 
 Planted = Callable[..., subprocess.CompletedProcess[str]]
 
 
 @pytest.fixture
 def planted(tmp_path: Path) -> Iterator[Planted]:
-    """Return the installed command, typed in a folder full of modules; none of them may be run.
+    """Return the installed command, run in a folder full of modules that it must not import.
 
     They have the names of all that Python and its environment have, and of all else that the
     command looks for, whether it finds that or not: it is run again until there is nothing more.

@@ -1,4 +1,4 @@
-"""Scenes whose truth is known by construction: what is wrong, by a formula, before anything runs.
+"""Scenes whose correct diagnosis is known by construction: a formula says whether they are faulty.
 
     python tests/constructed.py --seeds 20              # each kind 20 times, wrong and right ones
     python tests/constructed.py --kind arm --seeds 200  # one kind
@@ -39,7 +39,7 @@ from scenes import number_of, record
 G = 9.81
 Draw = random.Random
 GRAVE = ("broken", "asked")
-"""Levels of findings that say that something is wrong."""
+"""Severity levels of findings that report a fault."""
 
 PRELUDE = """
 import math
@@ -81,7 +81,7 @@ BESIDE = (
     "other = p.connect(p.DIRECT); p.setGravity(0, 0, -1.62, physicsClientId=other)",
     "away = chain(1, .3, [0, 0, 1]); p.setCollisionFilterGroupMask(away, 0, 0, 0)",
 )
-"""What changes nothing of what is true, put before a scene: settings, bodies far away."""
+"""Code put before a scene that does not affect its outcome: settings, and bodies far away."""
 LINK = """<link name='{name}'><inertial><origin xyz='{at} 0 0'/><mass value='{mass}'/>
 <inertia ixx='{i}' iyy='{i}' izz='{i}' ixy='0' ixz='0' iyz='0'/></inertial></link>"""
 BASE = "<robot name='r'>" + LINK.format(name="base", at=0, mass=1, i=0.01)
@@ -92,20 +92,21 @@ velocity='100'/>{more}</joint>"""
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of scene."""
+    """A kind of scene, with the findings that its faulty versions must produce."""
 
     name: str
     codes: frozenset[str]
-    """Codes or reasons of which one must be among the first two findings of a wrong scene."""
+    """Codes or reasons, one of which must be among the first two findings about a faulty scene."""
     also: frozenset[str]
-    """What is true of a wrong scene besides, of the grave ones."""
+    """Codes of further severe findings that are true of a faulty scene."""
     small: float
-    """Largest `miss` of a right scene; a wrong one has twice as much at least."""
+    """Largest `miss` of a correct scene; a faulty scene has at least twice this."""
     measured: bool
-    """Whether what the script measures says if it is wrong: no formula does."""
+    """Whether the script's own measurement decides if a scene is faulty, as no formula does."""
     engine: str
     text: Callable[[Draw, bool], str]
-    """Returns a script that sets `miss`, from a source of numbers and whether it is wrong."""
+    """Returns a script that sets `miss`, from a random generator and whether the scene is
+    faulty."""
 
 
 KINDS: dict[str, Kind] = {}
@@ -114,7 +115,7 @@ KINDS: dict[str, Kind] = {}
 def kind(
     *codes: str, small: float, also: str = "", measured: bool = False, engine: str = "pybullet"
 ) -> Callable[[Callable[[Draw, bool], str]], Callable[[Draw, bool], str]]:
-    """Add a kind, named after the function that draws it."""
+    """Return a decorator that registers a kind of scene under its function's name."""
 
     def add(text: Callable[[Draw, bool], str]) -> Callable[[Draw, bool], str]:
         known = frozenset(codes), frozenset(also.split())
@@ -126,7 +127,7 @@ def kind(
 
 
 def _ratio(draw: Draw, wrong: bool, least: float = 1.25, most: float = 2.5) -> float:
-    """Return a load over what can hold it: above 1 where it is too much."""
+    """Return a random ratio of load to capacity: above 1 if the scene is faulty."""
     ratio = draw.uniform(least, most)
     return ratio if wrong else 1 / ratio
 
@@ -136,7 +137,7 @@ def _ratio(draw: Draw, wrong: bool, least: float = 1.25, most: float = 2.5) -> f
 
 @kind("off-target", small=0.01)
 def arm(draw: Draw, wrong: bool) -> str:
-    """A motor of F N m holds m g l cos(q)."""
+    """A motor with a limit of F N m holds an arm up against the torque m g l cos(q)."""
     mass, length, q = draw.uniform(0.3, 5), draw.uniform(0.2, 0.8), draw.uniform(-0.8, 0.8)
     force = mass * G * length * math.cos(q) / _ratio(draw, wrong)
     return f"""
@@ -150,7 +151,7 @@ miss = abs(angle(a) - {q})
 
 @kind("off-target", small=0.01)
 def hoist(draw: Draw, wrong: bool) -> str:
-    """A sliding motor of F N holds platform and load."""
+    """A prismatic motor with a limit of F N lifts a platform and its load."""
     own, load, up = draw.uniform(0.5, 3), draw.uniform(0.5, 5), draw.uniform(0.05, 0.3)
     force = (own + load) * G / _ratio(draw, wrong)
     return f"""
@@ -164,7 +165,7 @@ miss = abs(angle(a) - {up})
 
 @kind("motor-gain", "unstable", small=0.003, also="off-target velocity-clamped")
 def gains(draw: Draw, wrong: bool) -> str:
-    """A step is stable while kp + 2 kd < 4 and kd < 2: gains are shares per step."""
+    """A PD step is stable while kp + 2 kd < 4 and kd < 2, with gains as fractions per step."""
     kd = draw.uniform(2.1, 3) if wrong else draw.uniform(0.8, 1)
     kp = draw.uniform(0.05, 0.4)
     return f"""
@@ -181,7 +182,7 @@ miss = max(seen) - min(seen)
 
 @kind("target-clamped", small=0.01, also="off-target")
 def stop(draw: Draw, wrong: bool) -> str:
-    """A target lies beyond its joint's limit, or before it."""
+    """A target position lies beyond its joint's limit, or within it."""
     high = draw.uniform(0.3, 1.2)
     target = high + draw.uniform(0.1, 0.5) * (1 if wrong else -1)
     robot = (
@@ -200,7 +201,7 @@ miss = abs(angle(a) - {target})
 
 @kind("default-motor", small=0.2)
 def pendulum(draw: Draw, wrong: bool) -> str:
-    """It swings through, unless the motor that each joint has by default is left on."""
+    """A pendulum swings through, unless the motor that each joint has by default is left on."""
     q = draw.uniform(0.2, 1.2)
     return f"""
 a = chain({draw.uniform(0.2, 3)}, {draw.uniform(0.2, 0.8)}, [0, 1, 0])
@@ -216,7 +217,7 @@ miss = max(0, 1 - (max(seen) - {q}) / (2 * (math.pi / 2 - {q})))
 
 @kind("default-motor", small=0.2)
 def torque(draw: Draw, wrong: bool) -> str:
-    """A torque turns a free joint by t²τ/2I; the default motor stops it."""
+    """A torque turns a free joint by t²τ/2I, unless the default motor stops it."""
     tau = draw.uniform(0.05, 0.5)
     inertia = draw.uniform(0.05, 0.2)
     robot = (
@@ -238,7 +239,7 @@ miss = abs(1 - angle(a) / ({tau} / {inertia} * .25 / 2))
 
 @kind("reset-leaves", small=0.01, also="off-target")
 def reset(draw: Draw, wrong: bool) -> str:
-    """A joint is reset, and its motor still has the target from before."""
+    """A joint is reset, but its motor keeps its earlier target."""
     away, home = draw.uniform(0.4, 1.2), draw.uniform(-0.8, 0.1)
     return f"""
 a = chain({draw.uniform(0.3, 2)}, {draw.uniform(0.1, 0.4)}, [0, 1, 0])
@@ -253,7 +254,7 @@ miss = abs(angle(a) - {home})
 
 @kind("mimic-ignored", small=0.02)
 def mimic(draw: Draw, wrong: bool) -> str:
-    """A joint that its file wants to follow another does not."""
+    """A joint that its URDF declares as a mimic joint does not follow the other joint."""
     target = draw.uniform(0.2, 0.8)
     how = "<mimic joint='a' multiplier='1'/>" if wrong else ""
     robot = (
@@ -275,7 +276,7 @@ miss = abs(angle(a) - angle(a, 1))
 
 @kind("timestep-after-motor", small=0.01, also="off-target")
 def timestep_late(draw: Draw, wrong: bool) -> str:
-    """A motor keeps F dt, so a longer timestep after its call leaves a part of F."""
+    """A motor keeps its call's impulse limit F dt, so a longer timestep afterwards reduces F."""
     mass, length, factor = draw.uniform(0.5, 4), draw.uniform(0.2, 0.6), draw.choice((2, 4))
     force = mass * G * length * draw.uniform(1.1, 0.8 * factor)
     first, then = "p.setTimeStep(1 / 240)", f"p.setTimeStep({factor} / 240)"
@@ -293,7 +294,7 @@ miss = abs(angle(a))
 
 @kind("substeps-scale-motors", "off-target", small=0.01)
 def substeps(draw: Draw, wrong: bool) -> str:
-    """With n substeps a motor's limit counts n times: what it held is lost with one."""
+    """With n substeps a motor's limit applies n times; with one, the motor is too weak."""
     mass, length, n = draw.uniform(0.5, 4), draw.uniform(0.2, 0.6), draw.choice((2, 4))
     force = mass * G * length * (1 / draw.uniform(1.2, 0.85 * n) if wrong else 1.5)
     return f"""
@@ -307,7 +308,7 @@ miss = {"" if wrong else "1 - "}(abs(angle(a)) < .01)
 
 @kind("joint-damping", small=0.05)
 def joint_damping(draw: Draw, wrong: bool) -> str:
-    """A file's damping c takes c ω of a torque: it turns at τ/c, and not at τ t/I."""
+    """A URDF's damping c takes the torque c ω, so that a joint turns at τ/c instead of τ t/I."""
     tau, inertia = draw.uniform(0.2, 1), draw.uniform(0.05, 0.2)
     damping = inertia * draw.uniform(2, 8) if wrong else 0
     robot = (
@@ -340,7 +341,7 @@ miss = abs(1 - p.getJointState(a, 0)[1] / ({tau} / {inertia} * .5))
 
 @kind("slides", small=0.005)
 def ramp(draw: Draw, wrong: bool) -> str:
-    """A box rests on a ramp while tan(angle) is below the product of both frictions."""
+    """A box rests on a ramp while tan(angle) is below the product of both friction coefficients."""
     slope = draw.uniform(0.1, 0.5)
     mu, own = math.tan(slope) / _ratio(draw, wrong), draw.uniform(0.5, 2)
     half = draw.uniform(0.03, 0.15)
@@ -358,7 +359,7 @@ miss = math.dist(at, place(b))
 
 @kind("slides", small=0.005)
 def grip(draw: Draw, wrong: bool) -> str:
-    """Two fingers hold a box while 2 mu F is more than its weight."""
+    """Two fingers hold a box while 2 mu F exceeds its weight."""
     mass, mu = draw.uniform(0.1, 1), draw.uniform(0.3, 1)
     force = mass * G / (2 * mu) / _ratio(draw, wrong)
     return f"""
@@ -383,7 +384,7 @@ miss = 1 - place(b)[2]
 
 @kind("dragged-by-nothing", small=0.02)
 def platform(draw: Draw, wrong: bool) -> str:
-    """A platform that poses move has no velocity, and takes nothing along."""
+    """A platform moved by setting its pose has no velocity, and carries nothing along."""
     way = draw.uniform(0.1, 0.3)
     velocity = f"p.resetBaseVelocity(t, [{way} * math.pi / 2 * math.sin(math.pi * i / 240), 0, 0])"
     return f"""
@@ -401,7 +402,7 @@ miss = abs(place(b)[0] - {way})
 
 @kind("wheel-slip", small=0.08)
 def wheels(draw: Draw, wrong: bool) -> str:
-    """Wheels that are set to ω at once slip until v = mu g t: a share ω r / (2 mu g T)."""
+    """Wheels set to ω at once slip until v = mu g t: for a fraction ω r / (2 mu g T) of the run."""
     mu, radius, seconds = draw.uniform(0.1, 0.4), draw.uniform(0.05, 0.1), 2.0
     share = draw.uniform(0.2, 0.4) if wrong else 0.15
     rate = share * 2 * mu * G * seconds / radius
@@ -434,7 +435,7 @@ miss = abs(1 - abs(place(c)[0]) / rolled)
 
 @kind("no-restitution", small=0.1)
 def bounce(draw: Draw, wrong: bool) -> str:
-    """A ball rises to e²h; e is the product of both restitutions, and a floor's is 0."""
+    """A ball rises to e²h; e is the product of both restitutions, and a floor's default is 0."""
     e, height = draw.uniform(0.5, 0.95), draw.uniform(0.3, 1.5)
     return f"""
 f = p.loadURDF("plane.urdf")
@@ -452,7 +453,7 @@ miss = max(0, 1 - (max(seen[lowest:]) - .1) / ({e} ** 2 * {height}))
 
 @kind("tunnelled", small=0.1)
 def wall(draw: Draw, wrong: bool) -> str:
-    """A ball that goes farther in a step than wall and ball are thick is never inside."""
+    """A ball tunnels through a wall if it moves farther in a step than wall and ball are thick."""
     radius, thick = draw.uniform(0.01, 0.03), draw.uniform(0.01, 0.03)
     step_m = (thick + 2 * radius) * draw.uniform(1.3, 3) if wrong else thick * 0.3
     speed = min(step_m * 240, 95)
@@ -470,7 +471,7 @@ miss = max(0, place(b)[0] - 1)
 
 @kind("starts-in-contact", small=0.05, also="deep-penetration")
 def overlap(draw: Draw, wrong: bool) -> str:
-    """A box that is put into another is thrown out."""
+    """A box that is placed inside another is ejected."""
     half = draw.uniform(0.05, 0.2)
     deep = half * draw.uniform(0.3, 0.8) if wrong else 0
     return f"""
@@ -486,7 +487,7 @@ miss = max(seen)
 
 @kind("deep-penetration", small=0.3, also="starts-in-contact", measured=True)
 def press(draw: Draw, wrong: bool) -> str:
-    """A heavy box on a light one sinks in: the solver gives up after 50 iterations."""
+    """A heavy box on a light one sinks in, because the solver stops after 50 iterations."""
     light = draw.uniform(0.05, 0.2)
     heavy = light * (draw.uniform(200, 600) if wrong else draw.uniform(0.5, 3))
     return f"""
@@ -504,7 +505,7 @@ miss = deepest / .1
 
 @kind("filter", "no-contact", small=0.1, also="no-floor")
 def mask(draw: Draw, wrong: bool) -> str:
-    """A body whose mask excludes another, of which no call gives one, falls through it."""
+    """A body whose collision mask excludes another body's group falls through it."""
     half = draw.uniform(0.05, 0.2)
     group = 2
     return f"""
@@ -548,7 +549,7 @@ miss = max(0, place(b)[2] - .1) / {height}
 
 @kind("wrong-body", small=0.05, also="no-floor")
 def mass_for_all(draw: Draw, wrong: bool) -> str:
-    """A static table that a loop gives mass falls."""
+    """A static table to which a loop over all bodies gives a mass falls."""
     bodies = "(t, b)" if wrong else "(b,)"
     return f"""
 t = box(0, [0, 0, .5], [.5, .5, .1])
@@ -562,7 +563,7 @@ miss = .5 - place(t)[2]
 
 @kind(small=0.05)
 def release(draw: Draw, wrong: bool) -> str:
-    """A body held by a mass of 0, and then released, falls as it should: always right."""
+    """A body held by a mass of 0, and then released, falls as it should: never faulty."""
     mass = draw.uniform(0.2, 5)
     held, made = "p.changeDynamics(b, -1, mass=0)\nsteps(30)", f"{mass}"
     if wrong:
@@ -579,7 +580,7 @@ miss = max(0, place(b)[2] - .1)
 
 @kind("no-gravity", small=0.05)
 def weightless(draw: Draw, wrong: bool) -> str:
-    """A reset takes gravity away, and nothing falls."""
+    """`resetSimulation` removes gravity, so nothing falls."""
     height = draw.uniform(0.5, 2)
     return f"""
 {"p.resetSimulation()" if wrong else ""}
@@ -606,7 +607,7 @@ miss = 1 - p.getBaseVelocity(b)[0][0] / {speed}
 
 @kind("inertia-from-shape", small=0.1)
 def inertia(draw: Draw, wrong: bool) -> str:
-    """A file's moments of inertia count only with a flag: else those of its shape."""
+    """A URDF's moments of inertia are used only with a flag; otherwise they come from the shape."""
     mass, half = draw.uniform(0.5, 3), draw.uniform(0.05, 0.2)
     own = mass * 4 * half**2 / 6 * draw.choice((0.3, 3))
     turn = draw.uniform(4, 20) * own
@@ -631,7 +632,7 @@ miss = abs(1 - p.getBaseVelocity(a)[1][2] / ({turn / own} * 60 / 240))
 
 @kind("push-lasted-a-step", small=0.1)
 def push(draw: Draw, wrong: bool) -> str:
-    """A thrust of m g, given once for each so many steps, carries a part of the weight."""
+    """A thrust of m g, applied once every few steps, carries only a fraction of the weight."""
     mass, often = draw.uniform(0.2, 3), draw.choice((2, 4, 8))
     inner = often if wrong else 1
     return f"""
@@ -645,7 +646,7 @@ miss = 5 - place(b)[2]
 
 @kind("force-off-centre", small=0.05, also="velocity-clamped")
 def off_centre(draw: Draw, wrong: bool) -> str:
-    """A force at the body's own origin, in the frame of the world, turns it."""
+    """A force at the body's own origin turns it if it is given in the world frame."""
     x, mass = draw.uniform(0.3, 2), draw.uniform(0.5, 3)
     frame = "WORLD" if wrong else "LINK"
     return f"""
@@ -659,7 +660,7 @@ miss = math.hypot(*p.getBaseVelocity(b)[1])
 
 @kind("velocity-set-each-step", "overwritten", small=0.05)
 def walker(draw: Draw, wrong: bool) -> str:
-    """A velocity that is set before each step leaves gravity's of one step."""
+    """A velocity that is set before each step leaves only one step's gravity."""
     speed = draw.uniform(0.2, 1)
     fall = "0" if wrong else "p.getBaseVelocity(b)[0][2]"
     return f"""
@@ -674,7 +675,7 @@ miss = 1 - (5 - place(b)[2]) / (9.81 / 2 * .25)
 
 @kind("asleep", small=0.004)
 def asleep(draw: Draw, wrong: bool) -> str:
-    """A cube that may sleep does so after 2 s of rest, and a push does not wake it."""
+    """A cube that may sleep does so after 2 s at rest, and a push does not wake it."""
     push = draw.uniform(1.2, 3)
     flags = ", flags=p.URDF_ENABLE_SLEEPING" if wrong else ""
     return f"""
@@ -691,7 +692,7 @@ miss = max(0, .01 - (place(b)[0] - x))
 
 @kind("weak-constraint", small=0.01)
 def rope(draw: Draw, wrong: bool) -> str:
-    """A constraint of maxForce holds a weight below it."""
+    """A constraint with maxForce carries a weight that hangs from it."""
     mass = draw.uniform(0.5, 20)
     force = mass * G / _ratio(draw, wrong)
     return f"""
@@ -705,7 +706,7 @@ miss = 2 - place(b)[2]
 
 @kind("constraint-apart", small=0.05, also="weak-constraint")
 def frames(draw: Draw, wrong: bool) -> str:
-    """Frames of a constraint that do not meet are pulled together."""
+    """Constraint frames that do not coincide are pulled together."""
     gap = draw.uniform(0.05, 0.3) if wrong else 0
     return f"""
 a = box(0, [0, 0, 2], [.1] * 3)
@@ -721,7 +722,7 @@ miss = max(seen)
 
 @kind("restore-differs", small=1e-9, measured=True)
 def restore(draw: Draw, wrong: bool) -> str:
-    """A heap that is restored runs on otherwise, unless its pairs are sorted."""
+    """A pile restored from a saved state evolves differently, unless its pairs are sorted."""
     ordered = "" if wrong else "p.setPhysicsEngineParameter(deterministicOverlappingPairs=1)"
     shift = draw.uniform(0.005, 0.03)
     return f"""
@@ -740,7 +741,7 @@ miss = max(math.dist(a, place(b)) for a, b in zip(first, bs))
 
 @kind("pose-set-each-step", "overwritten", small=0.2, also="deep-penetration tunnelled")
 def driven(draw: Draw, wrong: bool) -> str:
-    """A joint whose position is set goes through what a motor would push or stop at."""
+    """A joint whose position is set each step passes through stops and overrides motors."""
     to, reach = draw.uniform(0.5, 1) if wrong else draw.uniform(0.05, 0.15), 0.4
     drive = f"p.resetJointState(a, 0, {to} * i / 240)"
     if not wrong:
@@ -789,7 +790,7 @@ def _hinge(
 
 @kind("forcerange", "off-target", small=0.05, engine="mujoco")
 def mj_force(draw: Draw, wrong: bool) -> str:
-    """A forcerange of F N m holds m g l."""
+    """An actuator with a forcerange of F N m holds the load m g l."""
     mass, length = draw.uniform(0.3, 3), draw.uniform(0.2, 0.6)
     load = mass * G * length
     force = load / _ratio(draw, wrong)
@@ -802,7 +803,7 @@ miss = abs(d.qpos[0])
 
 @kind("spring", "off-target", small=0.02, engine="mujoco")
 def mj_spring(draw: Draw, wrong: bool) -> str:
-    """A servo of gain kp is off its target by m g l / kp."""
+    """A servo of gain kp ends off its target by m g l / kp."""
     mass, length = draw.uniform(0.3, 3), draw.uniform(0.2, 0.6)
     load = mass * G * length
     off = draw.uniform(0.06, 0.2) if wrong else 0.005
@@ -815,7 +816,7 @@ miss = abs(d.qpos[0])
 
 @kind("ctrlrange", "target-clamped", small=0.05, engine="mujoco", also="off-target")
 def mj_clamp(draw: Draw, wrong: bool) -> str:
-    """A target beyond ctrlrange is moved to its end."""
+    """A target beyond ctrlrange is clamped to its limit."""
     high = draw.uniform(0.2, 0.6)
     target = high + 0.2 if wrong else high - 0.1
     return f"""{_hinge(0.2, 0.1, 50, f'ctrlrange="-1 {high}"')}
@@ -828,7 +829,7 @@ miss = abs(d.qpos[0] - {target})
 
 @kind("unstable", "motor-gain", "auto-reset", small=0.05, engine="mujoco", also="off-target")
 def mj_gain(draw: Draw, wrong: bool) -> str:
-    """A spring of kp is stable while kp h²/I < 4 in semi-implicit Euler."""
+    """A spring of stiffness kp is stable while kp h²/I < 4 in semi-implicit Euler."""
     mass, length = draw.uniform(0.1, 0.5), draw.uniform(0.05, 0.1)
     moment = mass * length**2 + 0.4 * mass * 0.02**2
     kp = moment / 0.002**2 * (draw.uniform(5, 12) if wrong else 0.05)
@@ -845,7 +846,7 @@ miss = float(max(seen) > 1)
 
 @kind("slides", small=0.01, engine="mujoco")
 def mj_ramp(draw: Draw, wrong: bool) -> str:
-    """A box rests while tan(angle) is below the larger of both frictions."""
+    """A box rests while tan(angle) is below the larger of the two friction coefficients."""
     slope = draw.uniform(0.1, 0.5)
     mu = math.tan(slope) / _ratio(draw, wrong)
     tilt = f'euler="0 {math.degrees(slope)} 0"'
@@ -869,7 +870,7 @@ miss = math.dist(at, d.qpos[:3])
 
 @kind("filter", "no-contact", small=0.05, engine="mujoco", also="no-floor")
 def mj_contype(draw: Draw, wrong: bool) -> str:
-    """Geoms whose contype and conaffinity do not meet pass through each other."""
+    """Geoms whose contype and conaffinity do not match pass through each other."""
     half = draw.uniform(0.03, 0.1)
     kinds = 'contype="2" conaffinity="2"' if wrong else 'contype="3" conaffinity="1"'
     return f"""{
@@ -891,17 +892,17 @@ miss = max(0, {half} - d.qpos[2])
 
 @dataclass
 class Judged:
-    """The findings about one scene, and the results of their trials."""
+    """The findings about one scene, and the results of trying their cures."""
 
     kind: Kind
     wrong: bool
     miss: float
     findings: Sequence[Finding]
     cures: list[tuple[Finding, str, float | None]]
-    """Findings with a cure, its call, and the `miss` with it; None where the run failed."""
+    """Findings with a cure, the cure's call, and the `miss` with it; None if that run failed."""
 
     def faults(self) -> Iterator[str]:
-        """Yield errors in the findings, or in the scene itself."""
+        """Yield the errors in the findings, or in the scene itself."""
         small, codes = self.kind.small, self.kind.codes
         if self.kind.measured and small < self.miss <= 2 * small:
             return
@@ -919,12 +920,12 @@ class Judged:
 
 
 def names(finding: Finding) -> set[str]:
-    """Return code and reason of a finding."""
+    """Return a finding's code and reason."""
     return {finding.code, finding.reason or ""}
 
 
 def judged(name: str, seed: int, folder: Path, *, cures: bool = True) -> Judged:
-    """Record a scene, ask what is wrong with it, and try what is advised."""
+    """Record a scene, analyze it, and try the cures that its findings propose."""
     one, draw = KINDS[name], random.Random(f"{name} {seed}")
     wrong = seed % 3 != 2  # two of three
     text = one.text(draw, wrong)
@@ -966,7 +967,7 @@ def judged(name: str, seed: int, folder: Path, *, cures: bool = True) -> Judged:
 
 
 def recorded_mujoco(folder: Path, script: str) -> tuple[Seen, float]:
-    """Record a MuJoCo script, and return that and what it prints."""
+    """Record a MuJoCo script, and return the recording and the number that the script prints."""
     folder.mkdir()
     path = folder / "script.py"
     path.write_text(script)
@@ -976,7 +977,7 @@ def recorded_mujoco(folder: Path, script: str) -> tuple[Seen, float]:
 
 
 def main() -> int:
-    """Hunt, and print each fault."""
+    """Search random scenes for wrong findings, and print each."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )

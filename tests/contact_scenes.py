@@ -1,4 +1,4 @@
-"""Scenes of bodies that touch, and what bare PyBullet makes of them."""
+"""Scenes of touching bodies, and their outcome in bare PyBullet."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ STACK = FLOOR + BOX + "for k in range(5):\n    b = box(1, [0, 0, .05 + .1 * k])\
 
 
 def bare(scene: str) -> dict[str, Any]:
-    """Run a scene without a recorder; return its names, and `where`: the place of its body b."""
+    """Run a scene without a recorder; return its variables, and body b's end position `where`."""
     names: dict[str, Any] = {}
     release_clients()
     exec(HEAD + scene, names)

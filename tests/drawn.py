@@ -1,4 +1,4 @@
-"""The drawn contents of a figure."""
+"""Geometry of the drawn contents of a figure."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 
 def is_within(figure: Figure) -> bool:
-    """Return whether all that is drawn, ticks and texts too, lies within a figure."""
+    """Return whether all drawn elements, ticks and texts included, lie within a figure."""
     figure.draw_without_rendering()
     drawn = figure.get_tightbbox()
     width, height = figure.get_size_inches()

@@ -1,4 +1,4 @@
-"""A drop as it is analyzed, without a file between simulation and analysis."""
+"""Analyze a drop in memory, without a file between simulation and analysis."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def seen_with(
     seen: Seen, states: pl.DataFrame | None, contacts: pl.DataFrame | None = None
 ) -> Seen:
-    """Return the record of a drop with other states of its body, or other contact points."""
+    """Return the record of a drop with its body's states or contact points replaced."""
     given = {"contacts": contacts}
     if states is not None:
         given["bases"] = states.filter(pl.col("link") == -1).sort("step")
@@ -31,18 +31,18 @@ def seen_with(
 
 
 def case_with(recording: Recording, states: pl.DataFrame | None = None) -> Case:
-    """Return the drop of a recording, perhaps with other states."""
+    """Return a recording's drop, optionally with its states replaced."""
     return Case(recording.scenario, recording.engine, seen_with(recording.seen, states))
 
 
 def dropped_whole(world: World | OtherWorld) -> Samples:
-    """Drop the body of a world, and return all samples."""
+    """Drop the body of a world, and return all samples as one chunk."""
     (samples,) = world.samples(world.scenario.steps + 1)
     return samples
 
 
 def departs(case: Case) -> int | None:
-    """Return the first sample in the air that the law does not lead to."""
+    """Return the first airborne sample that the integration rule does not lead to."""
     course = Course(case)
     for part in case.parts():
         course.add(part)
@@ -50,6 +50,6 @@ def departs(case: Case) -> int | None:
 
 
 def analysis_of_world(world: World) -> DropAnalysis:
-    """Drop the body of a world, and analyze that."""
+    """Drop the body of a world, and return the analysis."""
     case = case_of(world, world.samples(BATCH))
     return drop_analysis_of(case.scenario, case.engine, case.seen)

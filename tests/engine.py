@@ -1,4 +1,4 @@
-"""Drive PyBullet directly, through none of our code: what the tests compare it with."""
+"""Drive PyBullet directly, with none of our code, as a reference for the tests."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pybullet_data
 from drop_physics.engines.pybullet import probe
 
 ROUNDS_ONCE = platform.machine() in ("x86_64", "AMD64")
-"""Whether each operation rounds once here; elsewhere a compiler may fuse multiply and add."""
+"""Whether each operation rounds once on this machine; elsewhere compilers may fuse multiply-add."""
 MODES: tuple[Any, ...] = ("reduced", "maximal")
 DATA = Path(pybullet_data.getDataPath())
 AT_REST = (0.0, 0.0, 0.0)
@@ -22,7 +22,7 @@ AT_REST = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Driven:
-    """PyBullet's reports before each step; rows of shape (samples, ...)."""
+    """PyBullet's reported state before each step; arrays of shape (samples, ...)."""
 
     position_m: np.ndarray
     velocity_m_s: np.ndarray
@@ -30,7 +30,7 @@ class Driven:
     orientation_xyzw: np.ndarray
     mass_kg: float
     picture_hashes: dict[int, str] = field(default_factory=dict)
-    """By step."""
+    """Hashes of rendered images by step."""
 
 
 def drive(
@@ -50,7 +50,7 @@ def drive(
     dynamics: dict[str, Any] | None = None,
     engine: dict[str, Any] | None = None,
 ) -> Driven:
-    """Drop a URDF, cube_small.urdf by default.
+    """Drop a body loaded from a URDF, cube_small.urdf by default.
 
     `dynamics` are told of the body, `engine` of the physics.
     """
@@ -95,14 +95,14 @@ def drive(
 
 
 def shape(geometry: str, xyz: str = "0 0 0", rpy: str = "0 0 0") -> str:
-    """Return a collision shape as URDF."""
+    """Return the URDF element of a collision shape."""
     return (
         f'<collision><origin xyz="{xyz}" rpy="{rpy}"/><geometry>{geometry}</geometry></collision>'
     )
 
 
 def box(size: str, xyz: str = "0 0 0", rpy: str = "0 0 0") -> str:
-    """Return a box of these edges [m] as a collision shape."""
+    """Return the URDF element of a box-shaped collision shape with the given edges [m]."""
     return shape(f'<box size="{size}"/>', xyz, rpy)
 
 
@@ -114,7 +114,7 @@ def urdf_of(
     centre: str = "0 0 0",
     contact: str = "",
 ) -> str:
-    """Write a URDF of one link with these shapes, which needs no trial, and return its path."""
+    """Write a URDF of one link with the given collision shapes, and return its path."""
     path = folder / f"body-{len(list(folder.iterdir()))}.urdf"
     path.write_text(
         f'<robot name="body"><link name="base"><contact>{contact}</contact><inertial>'
@@ -129,7 +129,7 @@ def urdf_of(
 
 
 def lowered(body: str, orientation: Any, *, from_m: float, maximal: bool) -> float | None:
-    """Let a body sink at 1 mm/s, and return the height at which the floor first pushes [m]."""
+    """Lower a body at 1 mm/s, and return the height at which the floor first pushes it [m]."""
     client = p.connect(p.DIRECT)
     try:
         p.setAdditionalSearchPath(str(DATA), physicsClientId=client)

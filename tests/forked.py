@@ -1,4 +1,4 @@
-"""Start Python programs in a fiftieth of the time, where a test is not about how they start.
+"""Start Python programs by forking, 50 times faster, in tests that are not about process start.
 
 The first one starts a process that has imported what scripts and we import, and forks for each
 program: what runs there is the same code. A program whose environment counts when Python starts
@@ -28,14 +28,14 @@ from types import SimpleNamespace
 from typing import Any, BinaryIO
 
 STARTS = ("MALLOC_PERTURB_", "PYTHONHASHSEED", "LD_PRELOAD")
-"""Variables that count when Python starts; `PYTHONPATH` does, too, but can be made up for."""
+"""Environment variables that take effect when Python starts; `PYTHONPATH` is emulated instead."""
 PERTURB = "85"
-"""What `Script` sets the first of them to."""
+"""The value of the first of these variables that `Script` sets."""
 STATUS = struct.Struct("i")
 ASKS = threading.Lock()
-"""Trials of one run ask from threads beside each other: a request is sent in one piece."""
+"""Serializes requests of parallel trials, each of which must be sent in one piece."""
 BEGAN = dict(os.environ)
-"""The environment before any test: a command line that runs in this process adds to it."""
+"""The environment before any test, as command lines run in this process add to it."""
 IMPORTED = (
     *("argparse", "logging", "pathlib", "tempfile", "traceback", "numpy", "pybullet"),
     *("pybullet_data", "drop_physics.engines.watching.start"),
@@ -44,7 +44,7 @@ IMPORTED = (
 
 
 class Forked:
-    """What `subprocess.Popen` is to `Script`: a program that runs, and ends."""
+    """A forked program, with the interface of `subprocess.Popen` that `Script` uses."""
 
     def __init__(
         self,
@@ -103,31 +103,31 @@ class Forked:
         self.wait()
 
     def poll(self) -> int | None:
-        """Return its exit code, or None while it runs."""
+        """Return the program's exit code, or None while it runs."""
         if self.returncode is None and select.select([self._status], [], [], 0)[0]:
             self.wait()
         return self.returncode
 
     def wait(self) -> int:
-        """Wait for its end, and return its exit code."""
+        """Wait for the program's end, and return its exit code."""
         if self.returncode is None:
             self.returncode = self._read()
             os.close(self._status)
         return self.returncode
 
     def send_signal(self, number: int) -> None:
-        """Send it a signal."""
+        """Send the program a signal."""
         if self.poll() is None:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self.pid, number)
 
     def kill(self) -> None:
-        """End it."""
+        """Kill the program."""
         self.send_signal(signal.SIGKILL)
 
 
 def fork_scripts() -> None:
-    """Let scripts, and what takes their steps again, start in a moment in this process."""
+    """Make this process start scripts and replay processes by forking."""
     from drop_physics.engines import script
     from drop_physics.engines.mujoco import stepping
     from drop_physics.engines.pybullet import replayed
@@ -137,7 +137,7 @@ def fork_scripts() -> None:
 
 
 def popen(command: Sequence[str], **how: Any) -> Any:
-    """Start a program, forked where that comes to the same."""
+    """Start a program, by forking if the effect is the same."""
     same = command[0] == sys.executable and not command[1].startswith("-")
     then, env = _started_with(), {"MALLOC_PERTURB_": PERTURB, **how["env"]}
     if not same or any(env.get(name) != then.get(name) for name in STARTS) or _customized(env):
@@ -152,7 +152,7 @@ def popen(command: Sequence[str], **how: Any) -> Any:
 def run(
     command: Sequence[str], folder: Path, *, also: str = ""
 ) -> subprocess.CompletedProcess[str]:
-    """Run a program in a folder, and return what it printed."""
+    """Run a program in a folder, and return its output."""
     with contextlib.chdir(folder), TemporaryFile() as out, TemporaryFile() as err:
         code = Forked(command, stdout=out.fileno(), stderr=err.fileno(), also=also).wait()
         for file in (out, err):
@@ -161,19 +161,19 @@ def run(
 
 
 def _paths(environment: Mapping[str, str] = os.environ) -> list[str]:
-    """Return the folders of `PYTHONPATH`, as Python puts them behind the script's."""
+    """Return the folders of `PYTHONPATH`, in the order in which Python searches them."""
     named = environment.get("PYTHONPATH", "").split(os.pathsep)
     return [*dict.fromkeys(map(os.path.abspath, filter(None, named)))]
 
 
 def _customized(environment: Mapping[str, str]) -> bool:
-    """Return whether Python runs a module of the user's when it starts."""
+    """Return whether Python would run a customization module of the user's at start-up."""
     names = ("sitecustomize.py", "usercustomize.py")
     return any(Path(folder, name).exists() for folder in _paths(environment) for name in names)
 
 
 def _started_with() -> dict[str, str]:
-    """Return the variables that are set when Python starts, of the process that forks."""
+    """Return the start-up variables with which the forking process was started."""
     kept = {name: BEGAN[name] for name in STARTS if name in BEGAN}
     return kept | {"MALLOC_PERTURB_": PERTURB}
 
@@ -210,7 +210,7 @@ def _server(also: str) -> socket.socket:
 
 
 def _serve(serving: socket.socket) -> Callable[[], None]:
-    """Fork for each request; in the child return what runs the program."""
+    """Fork a child for each request; in the child, return a function that runs the program."""
     woken, wakes = os.pipe()
     for end in (woken, wakes):
         os.set_blocking(end, False)
@@ -256,7 +256,7 @@ def _reap(running: dict[int, int]) -> None:
 
 
 def _become(request: dict[str, Any], files: list[int]) -> None:
-    """Be the program: its files, arguments, variables, folder; then run it."""
+    """Turn this process into the requested program, with its files, arguments and environment."""
     told, *theirs = files
     os.close(told)
     numbers = request["numbers"]

@@ -1,4 +1,4 @@
-"""Bullet's law with floats, step upon step from a release: where it must be PyBullet's every bit.
+"""Bullet's integration rule in floats, iterated from a release: must match PyBullet bit for bit.
 
 The program takes single steps from recorded samples, in arrays; the formulas are the same ones.
 """
@@ -19,7 +19,7 @@ from drop_physics.physics.laws.bullet.law import BulletLaw
 from drop_physics.physics.theory import TheoreticalFall
 
 SIN, COS = (np.vectorize(function, otypes=[float]) for function in (math.sin, math.cos))
-"""The C library's, as the engine's."""
+"""The C library's functions, which the engine uses too."""
 AT_REST = (0.0, 0.0, 0.0)
 
 
@@ -34,7 +34,7 @@ def law_of(
     angular_damping: float | None = None,
     coordinates: Any = "reduced",
 ) -> BulletLaw:
-    """Return the law of a body that is told these dampings."""
+    """Return the integration rule for a body with the given damping settings."""
     return BulletLaw(
         timestep_s=timestep_s,
         substeps=substeps,
@@ -50,7 +50,7 @@ def law_of(
 def thrown_as(
     law: BulletLaw, velocity_m_s: Any = AT_REST, height_m: float = 1.0
 ) -> TheoreticalFall:
-    """Return the fall of a body through the law's air."""
+    """Return the fall of a body under the rule's air damping."""
     return TheoreticalFall(
         position_m=(0.0, 0.0, height_m),
         velocity_m_s=velocity_m_s,

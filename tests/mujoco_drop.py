@@ -1,4 +1,4 @@
-"""Drive MuJoCo directly, through none of our code: what the tests compare it with."""
+"""Drive MuJoCo directly, with none of our code, as a reference for the tests."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def drive(
     integrator: str = "Euler",
     solref: float = 0.02,
 ) -> np.ndarray:
-    """Return position, orientation x y z w, velocity and spin in the body's axes, (steps + 1, 13).
+    """Return position, orientation x y z w, velocity and spin in body axes, shape (steps + 1, 13).
 
     From a release that is not turned.
     """

@@ -1,4 +1,4 @@
-"""Run MuJoCo scripts as `drop record` runs them: what was sent, what is explained; and models."""
+"""Run MuJoCo scripts as `drop record` does, and return the sent data and the explained steps."""
 
 from __future__ import annotations
 
@@ -93,45 +93,45 @@ MACHINE = """
   <keyframe><key name="home" ctrl="1 0.5 0 0 0 0 0"/></keyframe>
 </mujoco>
 """
-"""Everything that the sum has a name for."""
+"""A model with every element that the sum of impulses has a term for."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A script that was watched."""
+    """A watched run of a script."""
 
     received: Received
     pieces: list[StepPiece]
     ending: Ending
     printed: str
     said: str
-    """Its standard error."""
+    """The script's standard error."""
     frames: list[Frames]
-    """One simulation after the other."""
+    """The recorded frames of each simulation."""
     models: Path
-    """The folder with their models, by number."""
+    """The folder with the simulations' models, by model number."""
     sent: list[bytes]
-    """The payloads."""
+    """The payloads sent to the recorder."""
 
     def steps(self, world: int = 0) -> int:
-        """Return the number of steps of a simulation."""
+        """Return the number of steps in a simulation."""
         return sum(len(piece.times_s) for piece in self.pieces if piece.world == world)
 
     def column(self, name: str, world: int = 0) -> np.ndarray:
-        """Return a part of the state after each step."""
+        """Return one component of the state after each step."""
         found = [piece.parts[name] for piece in self.pieces if piece.world == world]
         return np.concatenate(found)
 
     def written(self, world: int = 0) -> list[ReceivedWrite]:
-        """Return the writes before steps."""
+        """Return the writes to the state that the script made before steps."""
         return [each for piece in self.pieces if piece.world == world for each in piece.written]
 
     def line(self, site: int) -> int:
-        """Return the line of the script that a site is."""
+        """Return the script's line number for a call site."""
         return self.received.sites[site].line
 
     def explained(self) -> list[ReplayedPiece]:
-        """Return the steps, replayed and explained."""
+        """Replay and explain the steps, and return the result in chunks."""
         with Stepper(sys.executable, self.received.version) as stepper:
             wanted = (
                 StepsWanted(self.models / f"{each.model}.mjb", each, 0, len(each))
@@ -141,7 +141,7 @@ class Run:
 
 
 def bare(folder: Path, text: str, *, alone: bool = False) -> subprocess.CompletedProcess[str]:
-    """Run a script in a folder, unwatched; alone, in an interpreter that nobody has forked."""
+    """Run a script unwatched in a folder; if `alone`, in a fresh interpreter instead of a fork."""
     folder.mkdir(exist_ok=True)
     folder.joinpath("script.py").write_text(text)
     command = [sys.executable, "script.py"]
@@ -151,7 +151,7 @@ def bare(folder: Path, text: str, *, alone: bool = False) -> subprocess.Complete
 
 
 def watched(folder: Path, text: str, **how: Any) -> Run:
-    """Run a script in a folder, and return what its process has sent."""
+    """Run a script in a folder, and return the data that its process sent."""
     folder.mkdir(exist_ok=True)
     folder.joinpath("script.py").write_text(text)
     back, pieces, sent = Path.cwd(), [], []
@@ -189,12 +189,12 @@ def watched(folder: Path, text: str, **how: Any) -> Run:
 
 
 def of_world(pieces: list[ReplayedPiece], world: int) -> Iterator[ReplayedPiece]:
-    """Yield the pieces of one simulation."""
+    """Yield the chunks of one simulation."""
     yield from (piece for piece in pieces if piece.world == world)
 
 
 def statuses(pieces: list[ReplayedPiece], world: int = 0) -> list[tuple[int, str]]:
-    """Return status and reason of each step of a simulation."""
+    """Return the status and reason of each step of a simulation."""
     return [
         (status, REASONS[reason])
         for piece in of_world(pieces, world)

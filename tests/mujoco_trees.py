@@ -1,4 +1,4 @@
-"""MuJoCo's trees of bodies from a model's constants alone: poses, momentum, weight, without MuJoCo.
+"""MuJoCo's kinematic trees from a model's constants: poses, momentum and weight without MuJoCo.
 
 A body has no joint, one, or several, one after the other; a joint is free, a ball, a slide or a
 hinge (`mj_kinematics`). A degree of freedom moves its body and all that this carries: a velocity at
@@ -22,48 +22,48 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 DOFS, COORDINATES = (6, 3, 1, 1), (7, 4, 1, 1)
-"""Degrees of freedom of each type, and its numbers in `qpos`."""
+"""Number of degrees of freedom per joint type, and number of coordinates in `qpos`."""
 
 
 @dataclass(frozen=True)
 class _Joint:
-    """A joint of all copies of a tree."""
+    """A joint, in all copies of a kinematic tree."""
 
     kind: int
     numbers: Int64
-    """The joints in the model, shape (c,)."""
+    """The joint's index in the model for each copy, shape (c,)."""
     coordinates: Int64
     dofs: Int64
-    """Where they begin, shape (c,)."""
+    """The index of the joint's first degree of freedom for each copy, shape (c,)."""
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """The trees of one structure."""
+    """The kinematic trees that share one structure."""
 
     bodies: Int64
-    """The bodies of each copy, parents first, shape (c, b)."""
+    """Body indices of each copy, parents first, shape (c, b)."""
     parents: tuple[int, ...]
-    """The place of each body's parent in the tree; -1 for the first, whose parent stands."""
+    """Index of each body's parent within the tree; -1 for the first body, whose parent is fixed."""
     joints: tuple[tuple[_Joint, ...], ...]
     """The joints of each body."""
 
 
 @dataclass(frozen=True)
 class _DofMotion:
-    """The effect of a degree of freedom on the bodies that it moves, at steps in all copies."""
+    """The motion that a degree of freedom gives to the bodies it moves, at all steps and copies."""
 
     spin: Float64
     velocity: Float64
-    """What it does at the tree's first body, shape (n, c, 3) each."""
+    """Velocity at the tree's first body, shape (n, c, 3), like `spin`."""
     dofs: Int64
     body: int
-    """The place of its body in the tree."""
+    """Index of the degree of freedom's body within the tree."""
 
 
 @dataclass(frozen=True)
 class _Placed:
-    """The trees of one structure, at some steps."""
+    """Poses of the trees of one structure, at a number of steps."""
 
     kind: _Kind
     positions: list[Float64]
@@ -71,11 +71,11 @@ class _Placed:
     """The poses of each body, shapes (n, c, 3) and (n, c, 4)."""
     motions: list[_DofMotion]
     arms: list[Float64]
-    """The way from the first body to each centre of mass [m], shape (n, c, 3)."""
+    """Vector from the first body to each centre of mass [m], shape (n, c, 3)."""
 
 
 class MujocoTrees:
-    """The bodies of a model.
+    """Kinematics of a model's bodies.
 
     Parameters
     ----------
@@ -95,13 +95,13 @@ class MujocoTrees:
 
     @property
     def is_complete(self) -> bool:
-        """Return whether all inertia is known: that of a tendon along a path in space is not."""
+        """Return whether all inertia is known; a spatial tendon's is not."""
         return self._tendons is not None
 
     # -- structure --------------------------------------------------------------------------------
 
     def _kinds_of_trees(self) -> list[_Kind]:
-        """Return the trees, those of one structure together."""
+        """Return the kinematic trees, grouped by structure."""
         m = self._m
         trees: dict[int, list[int]] = {}
         root_of = [-1] * self.nbody
@@ -147,7 +147,7 @@ class MujocoTrees:
         return _Joint(kind, numbers, m["jnt_qposadr"][numbers], m["jnt_dofadr"][numbers])
 
     def _tendons_with_inertia(self) -> list[tuple[float, Float64]] | None:
-        """Return inertia and Jacobian of each tendon that has any; None if one's is not known."""
+        """Return inertia and Jacobian of each tendon with inertia; None if any is unknown."""
         m, found = self._m, []
         for tendon in np.flatnonzero(m.get("tendon_armature", ())).tolist():
             jacobian = np.zeros(self.nv)
@@ -185,7 +185,7 @@ class MujocoTrees:
         return positions, _normed(quaternions)
 
     def _standing(self, n: int, mocap: tuple[Float64, Float64] | None) -> tuple[Float64, Float64]:
-        """Return the poses of the bodies that no joint moves; others are zero."""
+        """Return the poses of the bodies that no joint moves; other bodies' poses are zero."""
         m = self._m
         positions, quaternions = np.zeros((n, self.nbody, 3)), np.zeros((n, self.nbody, 4))
         quaternions[:, 0, 0] = 1.0
@@ -205,7 +205,7 @@ class MujocoTrees:
         return positions, quaternions
 
     def _placed(self, qpos: Float64, positions: Float64, quaternions: Float64) -> list[_Placed]:
-        """Return the trees at some steps, given the poses of what stands."""
+        """Return the poses of the trees at given steps, given the poses of the fixed bodies."""
         return [self._place(kind, qpos, positions, quaternions) for kind in self._kinds]
 
     def _place(
@@ -243,7 +243,7 @@ class MujocoTrees:
     def _through(
         self, joint: _Joint, qpos: Float64, at: Float64, turn: Float64
     ) -> tuple[Float64, Float64, list[tuple[Float64, Float64 | None, Int64]]]:
-        """Return the pose beyond a joint, and axis, anchor and dofs of its motions.
+        """Return the pose after a joint, and axis, anchor and dof indices of its motions.
 
         An anchor of None is that of a motion along its axis.
         """
@@ -277,7 +277,7 @@ class MujocoTrees:
         velocity: Float64,
         mocap: tuple[Float64, Float64] | None = None,
     ) -> Float64:
-        """Return M u, the generalised momentum, shape (n, nv); `velocity` is u, of that shape."""
+        """Return the generalised momentum M u, shape (n, nv); `velocity` is u, of that shape."""
         found = self._armature * velocity
         for inertia, jacobian in self._tendons or ():
             found += inertia * (velocity @ jacobian)[:, None] * jacobian
@@ -327,14 +327,14 @@ class MujocoTrees:
 def _around(
     turn: Float64, anchor: Float64, dofs: Int64
 ) -> list[tuple[Float64, Float64 | None, Int64]]:
-    """Return the motions about a body's own three axes."""
+    """Return the rotations about a body's own three axes."""
     return [(turned(turn, np.eye(3)[axis]), anchor, dofs + axis) for axis in range(3)]
 
 
 def _add_shares(
     found: Float64, placed: _Placed, linear: list[Float64], angular: list[Float64]
 ) -> None:
-    """Add to each degree of freedom its share of momenta about the first body, leaves first."""
+    """Add each degree of freedom's share of the bodies' momenta, from the leaves to the root."""
     for place in range(len(placed.kind.parents) - 1, -1, -1):
         for motion in placed.motions:
             if motion.body == place:
@@ -347,7 +347,7 @@ def _add_shares(
 
 
 def product(a: Float64, b: Float64) -> Float64:
-    """Return products of quaternions, real part first, shape (…, 4)."""
+    """Return the products of quaternions, real part first, shape (…, 4)."""
     aw, ax, ay, az = np.moveaxis(a, -1, 0)
     bw, bx, by, bz = np.moveaxis(b, -1, 0)
     return np.stack(
@@ -362,7 +362,7 @@ def product(a: Float64, b: Float64) -> Float64:
 
 
 def turned(quaternions: Float64, vectors: Float64) -> Float64:
-    """Return vectors turned by quaternions, real part first, shape (…, 3)."""
+    """Rotate vectors by quaternions, real part first, shape (…, 3)."""
     axis = quaternions[..., 1:]
     once = np.cross(axis, vectors)
     return np.asarray(
@@ -371,10 +371,10 @@ def turned(quaternions: Float64, vectors: Float64) -> Float64:
 
 
 def _inverse(quaternions: Float64) -> Float64:
-    """Return the inverse turns."""
+    """Return the inverses of quaternions."""
     return np.asarray(quaternions * np.array([1.0, -1.0, -1.0, -1.0]), dtype=np.float64)
 
 
 def _normed(quaternions: Float64) -> Float64:
-    """Return quaternions of length 1."""
+    """Normalize quaternions to length 1."""
     return np.asarray(quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True))

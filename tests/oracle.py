@@ -1,4 +1,4 @@
-"""The truth about a drop, from PyBullet alone: nothing of `drop_physics` is imported here.
+"""The correct results for a drop, computed with PyBullet alone: imports nothing of `drop_physics`.
 
 A drop is plain values. It is replayed in a client of its own, and what is true of it is read off
 the replay, step by step: contact points, poses, velocities of all links. A cause is confirmed by a
@@ -28,23 +28,23 @@ Quaternion = tuple[float, float, float, float]
 
 AS_LOADED: Quaternion = (0.0, 0.0, 0.0, 1.0)
 DEFAULT_DAMPING = float(np.float32(0.04))
-"""Of a btMultiBody, linear and angular; a btRigidBody has none."""
+"""Linear and angular damping of a btMultiBody; a btRigidBody has none."""
 CONVERGED = 300
-"""Iterations after which a contact solver has converged that is not let stop before."""
+"""Iterations after which a contact solver without early stopping has converged."""
 CLAMP = 100.0
-"""A btMultiBody holds each component of its velocities within this [m/s or rad/s]."""
+"""Limit to which a btMultiBody clamps each velocity component [m/s or rad/s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drop:
-    """Body and settings of a drop, SI units; None leaves the engine's own value."""
+    """Body and settings of a drop, in SI units; None keeps the engine's default."""
 
     body: str
     height_m: float = 1.0
     timestep_s: float = 1 / 240
     steps: int = 240
     gravity_m_s2: float | None = -9.81
-    """z component; None where gravity is never set."""
+    """z component; None if gravity is never set."""
     orientation: Quaternion = AS_LOADED
     velocity_m_s: Vector = (0.0, 0.0, 0.0)
     spin_rad_s: Vector = (0.0, 0.0, 0.0)
@@ -65,17 +65,17 @@ class Drop:
 
     @property
     def gravity(self) -> float:
-        """The z component that acts [m/s²]."""
+        """The effective z component [m/s²]."""
         return self.gravity_m_s2 or 0.0
 
     @property
     def step_s(self) -> float:
-        """The timestep that the engine integrates with [s]."""
+        """The timestep of the engine's integration [s]."""
         return self.timestep_s / max(1, self.substeps or 1)
 
     @property
     def damping(self) -> float:
-        """The coefficient of linear damping that acts."""
+        """The effective coefficient of linear damping."""
         if self.linear_damping is None:
             return 0.0 if self.maximal else DEFAULT_DAMPING
         return self.linear_damping
@@ -83,7 +83,7 @@ class Drop:
 
 @dataclass(frozen=True)
 class Touch:
-    """One contact point between body and floor, as the step that led to a sample reports it."""
+    """A contact point between body and floor, as reported by the step that led to a sample."""
 
     link: int
     distance_m: float
@@ -92,7 +92,7 @@ class Touch:
 
 @dataclass(frozen=True)
 class Replay:
-    """The state before each step and after the last; rows of shape (samples, ...), world axes."""
+    """The state before each step and after the last; arrays of shape (samples, ...), world axes."""
 
     position_m: Float64
     orientation: Float64
@@ -102,9 +102,9 @@ class Replay:
     links: Float64
     """Pose and velocities of each link's centre of mass, the base first: (samples, links, 13)."""
     mass_kg: Float64
-    """Of each link; nan where PyBullet does not say how the links move."""
+    """Mass of each link; nan if PyBullet does not report the links' motion."""
     inertia_kg_m2: Float64
-    """Of each link about its principal axes, shape (links, 3)."""
+    """Principal moments of inertia of each link, shape (links, 3)."""
     gravity_m_s2: float
 
     @property
@@ -135,7 +135,7 @@ class Replay:
 
     @functools.cached_property
     def momentum_kg_m_s(self) -> Float64:
-        """Momentum of all links, shape (samples, 3)."""
+        """Total linear momentum of all links, shape (samples, 3)."""
         return np.asarray(np.einsum("l,nlk->nk", self.mass_kg, self.links[:, :, 7:10]))
 
     @functools.cached_property
@@ -150,7 +150,7 @@ class Replay:
         return np.asarray(orbital + np.einsum("nlij,nlj->ni", axes, moment))
 
     def _spins(self) -> tuple[Float64, Float64]:
-        """Return angular velocity and momentum in each link's own axes, (samples, links, 3)."""
+        """Return each link's angular velocity and momentum in its own axes, (samples, links, 3)."""
         axes = matrices(self.links[:, :, 3:7])
         spin = np.einsum("nlji,nlj->nli", axes, self.links[:, :, 10:])
         known = np.where(np.isnan(self.mass_kg)[:, None], math.nan, self.inertia_kg_m2)
@@ -168,7 +168,7 @@ class Replay:
 
 
 class Client:
-    """A PyBullet client with the body of a drop and its floor; use it in a `with` statement."""
+    """A PyBullet client with a drop's body and floor; use it in a `with` statement."""
 
     def __init__(self, drop: Drop) -> None:
         self.drop = drop
@@ -199,13 +199,13 @@ class Client:
         return int(p.loadURDF(urdf, physicsClientId=self.id, **how))
 
     def change(self, body: int, link: int, **what: float | Vector | None) -> None:
-        """Call changeDynamics with what is not None."""
+        """Call changeDynamics with the arguments that are not None."""
         chosen = {name: value for name, value in what.items() if value is not None}
         if chosen:
             p.changeDynamics(body, link, physicsClientId=self.id, **chosen)
 
     def dynamics(self, link: int = -1) -> Any:
-        """Return getDynamicsInfo of a link of the body; -1 is its base."""
+        """Return getDynamicsInfo for a link of the body; -1 is the base."""
         return p.getDynamicsInfo(self.body, link, physicsClientId=self.id)
 
     def _set_dynamics(self) -> None:
@@ -243,7 +243,7 @@ class Client:
                     )
 
     def place(self, height_m: float, orientation: Sequence[float]) -> None:
-        """Put the centre at a height above the origin."""
+        """Place the body's centre at a height above the origin."""
         p.resetBasePositionAndOrientation(
             self.body, (0.0, 0.0, height_m), orientation, physicsClientId=self.id
         )
@@ -267,7 +267,7 @@ class Client:
         return np.array((boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)))
 
     def links(self) -> list[tuple[float, ...]]:
-        """Return pose and velocities of each link's centre of mass now, the base first."""
+        """Return the current pose and velocities of each link's centre of mass, the base first."""
         position, orientation = p.getBasePositionAndOrientation(self.body, physicsClientId=self.id)
         velocity, spin = p.getBaseVelocity(self.body, physicsClientId=self.id)
         found = [(*position, *orientation, *velocity, *spin)]
@@ -285,7 +285,7 @@ class Client:
 
 @functools.lru_cache(maxsize=4096)
 def _urdf_mass(body: str) -> tuple[float, Vector]:
-    """Return mass and moments of inertia of the base, as the URDF has them."""
+    """Return mass and moments of inertia of the base as given in the URDF."""
     with Client(Drop(body=body)) as client:
         mass, _, inertia = client.dynamics()[:3]
         return mass, inertia
@@ -293,7 +293,7 @@ def _urdf_mass(body: str) -> tuple[float, Vector]:
 
 @dataclass(frozen=True)
 class BodyFacts:
-    """PyBullet's report of a loaded body; links and shapes as a btMultiBody."""
+    """PyBullet's information about a loaded body; links and shapes are those of a btMultiBody."""
 
     joints: int
     total_mass_kg: float
@@ -304,29 +304,29 @@ class BodyFacts:
     friction: tuple[float, float, float]
     floor_friction: float
     shapes: tuple[tuple[int, Vector], ...]
-    """Of all links, the base first: pybullet's kind and dimensions."""
+    """Shapes of all links, the base first: PyBullet's shape type and dimensions."""
     name: str
     margin_m: float
 
     @property
     def has_shape(self) -> bool:
-        """Whether any link of it can touch anything."""
+        """Whether any link has a collision shape."""
         return bool(self.shapes)
 
     @property
     def is_rigid(self) -> bool:
-        """Whether it is one body, with nothing joined to it."""
+        """Whether the body is a single rigid body without joints."""
         return self.joints == 0
 
     @property
     def pair_restitution(self) -> float:
-        """Restitution of base and floor together."""
+        """Combined restitution of base and floor."""
         return self.restitution * self.floor_restitution
 
 
 @functools.lru_cache(maxsize=4096)
 def facts_of(drop: Drop) -> BodyFacts:
-    """Return the engine's report of the drop's body."""
+    """Return PyBullet's information about the drop's body."""
     with Client(replace(drop, maximal=False, floor=True)) as client:
         links = range(-1, client.joints)
         told = [client.dynamics(link) for link in links]
@@ -349,7 +349,7 @@ def facts_of(drop: Drop) -> BodyFacts:
 
 @functools.lru_cache(maxsize=64)
 def replay(drop: Drop, start: tuple[float, ...] | None = None) -> Replay:
-    """Drop the body again; `start` is a base state to begin with instead of the release."""
+    """Simulate the drop again; `start` is an initial base state that replaces the release."""
     facts = facts_of(body_only(drop))
     seen = not drop.maximal or facts.is_rigid  # PyBullet hides the links of btRigidBodies
     links, touches = [], []
@@ -385,7 +385,7 @@ def matrices(orientation: Float64) -> Float64:
 
 
 def body_only(drop: Drop) -> Drop:
-    """Return the drop with nothing but what decides what the body is, so that caches are hit."""
+    """Return a drop with only the settings that define the body, so that caches are hit."""
     return Drop(
         body=drop.body,
         mass_kg=drop.mass_kg,
@@ -399,7 +399,7 @@ def body_only(drop: Drop) -> Drop:
 
 
 def touching_height(drop: Drop, orientation: Sequence[float]) -> float | None:
-    """Return the height of the centre at which the body, so turned, just touches the floor [m].
+    """Return the centre's height at which the body in this orientation just touches the floor [m].
 
     Bisection with the engine's own collision detection; links stand as they were loaded. None
     where it never touches.
@@ -438,12 +438,12 @@ def _touching_height(drop: Drop, orientation: Quaternion) -> float | None:
 
 @functools.lru_cache(maxsize=2)
 def scratch(drop: Drop) -> Client:
-    """Return a client to try poses in; it goes with the cache."""
+    """Return a cached client for collision queries at arbitrary poses."""
     return Client(drop)
 
 
 def extent_m(drop: Drop, orientation: Sequence[float]) -> Float64:
-    """Return the edges of the body's bounding box, turned so [m], margins included."""
+    """Return the edges of the body's bounding box in an orientation [m], margins included."""
     client = scratch(body_only(drop))
     client.place(0.0, orientation)
     low, high = client.box_m()
@@ -451,21 +451,21 @@ def extent_m(drop: Drop, orientation: Sequence[float]) -> Float64:
 
 
 def reach_m(drop: Drop) -> float:
-    """Return the largest distance of the body from its centre of mass [m]."""
+    """Return the largest distance between the body's surface and its centre of mass [m]."""
     client = scratch(body_only(drop))
     client.place(0.0, AS_LOADED)
     return float(np.linalg.norm(np.abs(client.box_m()).max(axis=0)))
 
 
 def shape_pose(drop: Drop) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return position [m] and quaternion of the base's first shape, in the body's axes."""
+    """Return position [m] and quaternion of the base's first shape, in body axes."""
     client = scratch(body_only(replace(drop, maximal=False)))
     shape = p.getCollisionShapeData(client.body, -1, client.id)[0]
     return tuple(shape[5]), tuple(shape[6])
 
 
 def depth_m(drop: Drop, height_m: float, orientation: Sequence[float]) -> float | None:
-    """Return the depth of the lowest point of a body without joints in the floor [m]."""
+    """Return how deep the lowest point of a jointless body is in the floor [m]."""
     touching = touching_height(drop, orientation)
     return None if touching is None else touching - height_m
 
@@ -483,7 +483,7 @@ def turn_rad(a: Sequence[float] | Float64, b: Sequence[float] | Float64) -> floa
 
 @functools.lru_cache(maxsize=4096)
 def _is_ball(drop: Drop) -> bool:
-    """Whether the body touches at the same height however it is turned."""
+    """Whether the body is a ball: it touches the floor at the same height in any orientation."""
     turns = np.random.default_rng(0).normal(size=(6, 4))
     heights = [touching_height(drop, turn / np.linalg.norm(turn)) for turn in turns]
     known = [one for one in heights if one is not None]
@@ -494,12 +494,12 @@ def _is_ball(drop: Drop) -> bool:
 
 
 def free_fall_m(drop: Drop, time_s: float) -> float:
-    """Return z0 + v0 t + g t²/2 [m]."""
+    """Return the height in free fall, z0 + v0 t + g t²/2 [m]."""
     return drop.height_m + (drop.velocity_m_s[2] + drop.gravity * time_s / 2) * time_s
 
 
 def damping_m(drop: Drop, time_s: float) -> Float64:
-    """Return the displacement by drag from free fall at a time [m]: x, y, z, by its own ODE.
+    """Return the drag's displacement from free fall at a time [m] (x, y, z), from its own ODE.
 
     What is integrated is the difference from free fall over the coefficient, which is no
     difference of large numbers.
@@ -554,7 +554,7 @@ def falls_to_s(drop: Drop, floor_m: float, *, damped: bool, latest_s: float) -> 
 def exact_law_m(
     drop: Drop, steps: int, sideways_m: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[list[tuple[Decimal, Decimal, Decimal]], bool]:
-    """Return the positions of the discrete step in 40 digits, and whether it was clamped.
+    """Return the discrete step's positions in 40-digit arithmetic, and whether a clamp acted.
 
     Semi-implicit Euler: v' = v + h (g - k v (1 + |v|)) of a btMultiBody, v' = v (1 - k)^h + h g of
     a btRigidBody, and x' = x + h v'. `steps` counts samples, of which each is of `substeps`.
@@ -588,28 +588,28 @@ def exact_law_m(
 
 @dataclass(frozen=True)
 class Rebound:
-    """One contact that ended in the air again."""
+    """A contact that the body left again into the air."""
 
     step: int
-    """The last sample before it: nothing touches."""
+    """The last sample before the contact."""
     end: int
-    """The first sample after it that does not touch."""
+    """The first sample after the contact that does not touch."""
     until: int
     """The first sample of the next contact, or one past the end."""
 
 
 class Truth:
-    """The truth about one drop; values are computed on demand."""
+    """The correct results for one drop, computed on demand."""
 
     def __init__(self, drop: Drop) -> None:
         self.drop = drop
         self.facts = facts_of(body_only(drop))
         self.run = replay(drop)
         self.release_height_m = touching_height(drop, drop.orientation)
-        """At which the body touches, turned as released."""
+        """Height at which the body touches the floor in its release orientation."""
 
     def again(self, **changed: Any) -> Replay:
-        """Return the replay in which only this is changed."""
+        """Return a replay in which only these settings are changed."""
         return replay(replace(self.drop, **changed))
 
     def converged(self, **changed: Any) -> Replay:
@@ -623,7 +623,7 @@ class Truth:
 
     @functools.cached_property
     def acted_step(self) -> int | None:
-        """The first sample that would be another one without the floor."""
+        """The first sample whose state differs from a replay without the floor."""
         seen = self.run.reported.any() or max(1, self.drop.substeps or 1) > 1
         if not (self.drop.floor and self.drop.stepped and seen):
             return None
@@ -633,12 +633,12 @@ class Truth:
 
     @functools.cached_property
     def pushed_steps(self) -> NDArray[np.int64]:
-        """Samples whose step reports a contact point that pushed."""
+        """Samples whose step reports a contact point with a positive force."""
         return np.flatnonzero([any(one.force_n > 0 for one in touch) for touch in self.run.touches])
 
     @functools.cached_property
     def touching_steps(self) -> NDArray[np.int64]:
-        """Samples whose step found a contact point that pushes, or is not above the floor."""
+        """Samples whose step found a contact point that pushes, or has no gap to the floor."""
         return np.flatnonzero(
             [
                 any(one.force_n > 0 or one.distance_m <= 0 for one in touch)
@@ -648,7 +648,7 @@ class Truth:
 
     @functools.cached_property
     def touched_steps(self) -> NDArray[np.int64]:
-        """The same, and the first that the floor acted on: substeps hide what it did before."""
+        """`touching_steps`, and the floor's first acting step, which substeps may have hidden."""
         if self.acted_step is None or max(1, self.drop.substeps or 1) == 1:
             return self.touching_steps
         return np.unique(np.append(self.touching_steps, self.acted_step))
@@ -660,7 +660,7 @@ class Truth:
 
     @functools.cached_property
     def clamped_steps(self) -> NDArray[np.int64]:
-        """Samples whose step ran into the limit of a btMultiBody's velocities."""
+        """Samples whose step hit a btMultiBody's velocity limit."""
         if self.drop.maximal or not self.drop.stepped:
             return np.empty(0, np.int64)
         each, run = max(1, self.drop.substeps or 1), self.run
@@ -671,28 +671,28 @@ class Truth:
 
     @functools.cached_property
     def is_ball(self) -> bool:
-        """Whether it touches at the same height however it is turned."""
+        """Whether the body touches the floor at the same height in any orientation."""
         return self.facts.is_rigid and self.facts.has_shape and _is_ball(body_only(self.drop))
 
     def tilted_rad(self, step: int) -> float:
-        """Return by how much a sample's up axis, seen from the body, is off the release's [rad]."""
+        """Return the angle between world-up in body axes, at a sample, and at the release [rad]."""
         first, then = matrices(self.run.orientation[[0, step]])[:, 2]
         return 2 * math.asin(min(1.0, float(np.linalg.norm(first - then)) / 2))
 
     def lean_rad(self, step: int) -> float:
-        """Return by how much the nearest of the body's axes is off the vertical [rad]."""
+        """Return the angle between the vertical and the nearest axis of the body [rad]."""
         up = np.abs(matrices(self.run.orientation[step])[2])
         return math.atan2(float(np.linalg.norm(np.sort(up)[:2])), float(up.max()))
 
     def is_flat(self, step: int, within_rad: float) -> bool:
-        """Whether it lies as contact laws assume: a box on a face, others as they were released."""
+        """Whether the body lies as contact laws assume: a box on a face, others as released."""
         if self.is_ball:
             return True
         is_box = self.facts.is_rigid and [kind for kind, _ in self.facts.shapes] == [p.GEOM_BOX]
         return (self.lean_rad(step) if is_box else self.tilted_rad(step)) <= within_rad
 
     def tumbles_at(self, within_rad: float) -> int:
-        """Return the first touching sample that is not flat; one past the last where none is."""
+        """Return the first touching sample that does not lie flat; one past the last if none."""
         steps = list(map(int, self.touching_steps))
         if steps and max(1, self.drop.substeps or 1) > 1:  # not every touch is reported
             steps = list(range(steps[0], self.last + 1))
@@ -700,13 +700,13 @@ class Truth:
         return next(found, self.last + 1)
 
     def depth_m(self, step: int) -> float | None:
-        """Return the depth of the lowest point of a sample in the floor [m]; < 0 above it."""
+        """Return the depth of a sample's lowest point in the floor [m]; negative above it."""
         if not self.facts.is_rigid:
             return None
         return depth_m(self.drop, float(self.run.height_m[step]), self.run.orientation[step])
 
     def contact_after(self, step: int) -> Rebound | None:
-        """Return the contact that begins after a sample and ends in the air; None if none does."""
+        """Return the first contact after a sample if it ends in the air; None otherwise."""
         touched = set(map(int, self.touching_steps))
         if step in touched or step + 1 not in touched:
             return None
@@ -718,17 +718,17 @@ class Truth:
 
     @functools.cached_property
     def rebounds(self) -> list[Rebound]:
-        """All contacts that begin in the air and end going up, in order."""
+        """All contacts that begin in the air and end with an upward velocity, in order."""
         found = (self.contact_after(int(step) - 1) for step in self.touching_steps if step)
         up = self.run.velocity_m_s[:, 2]
         return [one for one in found if one is not None and up[one.end - 1] > 0]
 
     def apex_m(self, one: Rebound) -> float:
-        """Return the greatest height of the centre after a contact, before the next one [m]."""
+        """Return the centre's greatest height between a contact and the next one [m]."""
         return float(self.run.height_m[one.end - 1 : one.until].max())
 
     def stays(self, since: int, position_m: float, turn_by: float) -> bool:
-        """Whether position and orientation stay within so much, and go on to for 20 steps more."""
+        """Whether the pose stays within tolerances from a sample on, also for 20 further steps."""
         state = self.again(steps=self.last + 20).state
         end = state[self.last]
         moved = np.abs(state[since:, :3] - end[:3]).max()
@@ -737,5 +737,5 @@ class Truth:
 
 
 def data_path(name: str) -> Path:
-    """Return the path of a file of pybullet_data."""
+    """Return the path of a file in pybullet_data."""
     return Path(pybullet_data.getDataPath()) / name

@@ -1,4 +1,4 @@
-"""States as other programs leave them on disk: made with MuJoCo, and rounded as on a GPU."""
+"""States in the file formats of other programs: made with MuJoCo, and rounded as on a GPU."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ HAMMER = (
 
 
 def arm(**how: Any) -> str:
-    """Return an arm of two links, perhaps with more beside it."""
+    """Return the MJCF of a two-link arm, optionally with further elements."""
     usual = {
         "h": 0.002, "integrator": "Euler", "height": 1, "damping": 0.1, "elbow": "", "mass": 0.3,
         "more": "", "actuators": SERVOS,
@@ -61,11 +61,11 @@ def held(_: int) -> list[float]:
 
 @dataclass(frozen=True)
 class Dump:
-    """A run that ends in numbers that are not finite, and why."""
+    """A run that ends in non-finite numbers, and the cause."""
 
     xml: str
     says: str
-    """What is said of the cause."""
+    """The expected description of the cause."""
     ctrl: Callable[[int], list[float]] = held
     spin: tuple[float, float, float] | None = None
 
@@ -124,7 +124,7 @@ DUMPS = {
 
 
 def dumped(name: str, folder: Path, most: int = 100) -> Path:
-    """Write a run as mjlab's guard against NaN does, and return the file."""
+    """Save a run in the format of mjlab's NaN guard, and return the file."""
     dump = DUMPS[name]
     m, free = (mujoco.MjModel.from_xml_string(dump.xml) for _ in range(2))
     free.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # no GPU has that
@@ -161,14 +161,14 @@ SWINGS = arm(
 
 @dataclass(frozen=True)
 class Twin:
-    """A run in single precision of an engine that has one thing otherwise."""
+    """A single-precision run of an engine that differs from ours in one property."""
 
     edit: Callable[[Any], None]
     kind: str
     names: tuple[str, ...]
     factor: float | None = None
     begins: int = 0
-    """The first step with that."""
+    """The first step in which the property differs."""
 
 
 def _set(name: str, place: Any, value: Any) -> Callable[[Any], None]:
@@ -203,7 +203,7 @@ TWINS = {
 
 
 def twin_of(twin: Twin | None, steps: int = 300) -> tuple[dict[str, Any], int | None]:
-    """Return the states of a run's twin, and the first step that is beyond rounding."""
+    """Return a twin's states, and the first step that differs by more than rounding."""
     ours, theirs = (mujoco.MjModel.from_xml_string(SWINGS) for _ in range(2))
     if twin is not None:
         twin.edit(theirs)

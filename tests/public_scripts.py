@@ -1,4 +1,4 @@
-"""Record scripts that others wrote, and hold what `drop record` promises over each of them.
+"""Record third-party scripts, and check for each that `drop record` keeps its promises.
 
     python tests/public_scripts.py                   # those of PyBullet's wheel
     python tests/public_scripts.py FOLDER …          # those below some folders
@@ -39,9 +39,9 @@ PACKAGES = (
     "pybullet_data",
 )
 STEPS, DURATION_S, WALL_S = 300, 2.0, 60.0
-"""Where a script is stopped."""
+"""Limits at which a script is stopped: steps, simulated time [s], and wall time [s]."""
 HANGS_S = 20.0
-"""A recorder that has not ended so long after its Ctrl-C hangs."""
+"""Time after Ctrl-C at which a recorder that has not ended counts as hung [s]."""
 DEFINITIONS = (ast.FunctionDef, ast.ClassDef)
 COMMAND = [sys.executable, "-P", "-c", "from drop_physics.console.running import main; main()"]
 
@@ -61,7 +61,7 @@ else:
     sys.path.insert(0, os.getcwd())
     runpy._run_module_as_main(target)
 """
-"""Runs a script without drop, and without a window, which a machine without a screen needs."""
+"""Program that runs a script without drop and without a window, for machines without a display."""
 
 
 @dataclass
@@ -70,23 +70,25 @@ class Tried:
 
     name: str
     outcome: str
-    """`recorded`, `posed only`, `simulates nothing`, `fails`, or what is wrong with drop."""
+    """`recorded`, `posed only`, `simulates nothing`, `fails`, or the description of a fault in
+    drop."""
     ended: str = ""
     error: str = ""
     bare_error: str = ""
-    """Of a script that fails: what it says without drop; empty where it does not fail there."""
+    """Error message of a failing script when run without drop; empty if it succeeds then."""
     steps: int = 0
     same_unread: bool | None = None
-    """Whether every simulation ends in the same state where nobody reads it; None: no steps."""
+    """Whether every simulation ends in the same state if nothing reads it; None if it makes no
+    steps."""
     first_difference: int | None = None
-    """Between its two recordings."""
+    """The first difference between the script's two recordings."""
     verified: bool = False
     wall_s: float = 0.0
     notes: tuple[str, ...] = ()
 
 
 def is_runnable(path: Path) -> bool:
-    """Whether a file is a script: it has a main guard, or uses pybullet as it is imported."""
+    """Whether a file is a script: has a main guard, or calls pybullet at import."""
     try:
         tree = ast.parse(path.read_text(encoding="utf-8", errors="replace"))
     except (SyntaxError, ValueError, OSError):
@@ -101,7 +103,7 @@ def is_runnable(path: Path) -> bool:
 
 
 def of_the_wheel() -> Iterator[str]:
-    """Yield the modules of PyBullet's wheel that can be run."""
+    """Yield the runnable modules in PyBullet's wheel."""
     for package in PACKAGES:
         spec = importlib.util.find_spec(package)
         assert spec is not None
@@ -121,7 +123,7 @@ def below(folder: Path) -> Iterator[str]:
 
 
 def run(command: Sequence[str], folder: Path, wall_s: float, **environment: str) -> Any:
-    """Run a command, with a Ctrl-C after some time; return what it said, or None if it hangs."""
+    """Run a command, send Ctrl-C after a time; return its output, or None if it hangs."""
     with (
         tempfile.TemporaryFile("w+", errors="replace") as out,
         tempfile.TemporaryFile("w+", errors="replace") as err,
@@ -153,14 +155,14 @@ def run(command: Sequence[str], folder: Path, wall_s: float, **environment: str)
 
 
 class Trial:
-    """Tries scripts in a folder of its own."""
+    """Records scripts in a folder of its own."""
 
     def __init__(self, folder: Path, *, wall_s: float = WALL_S) -> None:
         self.folder, self._wall_s = folder, wall_s
         self._python = interpreter(folder)
 
     def tried(self, name: str) -> Tried:
-        """Record a script, and look at what came of it."""
+        """Record a script, and return the outcome."""
         began = time.perf_counter()
         is_file = name.endswith(".py")
         where = Path(name).parent if is_file else self.folder / "work"
@@ -246,7 +248,7 @@ class Trial:
 
 
 def _contents(path: Path) -> tuple[int, bool]:
-    """Return the number of steps of a recording, and whether it has any body."""
+    """Return a recording's number of steps, and whether it contains any body."""
     steps, bodies = 0, False
     for chunk in RrdReader(path).stream():
         bodies |= chunk.entity_path == "/bodies"
@@ -257,7 +259,7 @@ def _contents(path: Path) -> tuple[int, bool]:
 
 
 def table(rows: Sequence[Tried], folders: Sequence[Path] = ()) -> str:
-    """Return the table as Markdown, and below it what did not go well, script by script."""
+    """Return the outcomes as a Markdown table, with details of each script that went wrong."""
     groups: dict[str, collections.Counter[str]] = {}
     for row in rows:
         groups.setdefault(_group(row.name, folders), collections.Counter())[row.outcome] += 1
@@ -299,7 +301,7 @@ def table(rows: Sequence[Tried], folders: Sequence[Path] = ()) -> str:
 
 
 def _group(name: str, folders: Sequence[Path]) -> str:
-    """Return the package, or the folder below those given, that a script is from."""
+    """Return a script's package, or its folder below the given ones."""
     for folder in folders:
         if name.startswith(f"{folder.resolve()}{os.sep}"):
             return Path(name).relative_to(folder.resolve()).parts[0]
@@ -307,7 +309,7 @@ def _group(name: str, folders: Sequence[Path]) -> str:
 
 
 def main() -> None:
-    """Try scripts, one after the other."""
+    """Record scripts, one after the other, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("folders", nargs="*", type=Path)
     parser.add_argument("--only", default="")

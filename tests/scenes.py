@@ -1,4 +1,4 @@
-"""Record some lines of PyBullet in a tenth of a second, where `drop record` takes two.
+"""Record a few lines of PyBullet in a tenth of a second; `drop record` takes two seconds.
 
 The same watching half, the same recorder, the same file; only that one process has both, a worker
 that records one scene after the other, and that Rerun's own programs are left out.
@@ -48,16 +48,16 @@ def steps(number):
     for _ in range(number):
         p.stepSimulation()
 """
-"""Every scene begins with these lines; its own are counted from behind them."""
+"""Code before every scene; the scene's own line numbers start after it."""
 NAME = "scene.py"
 Code = tuple[tuple[str, str], ...]
-"""Texts, and what the file of each is called."""
+"""Source texts, each with its file name."""
 ORIGIN = {"kind": "script", "script": NAME}
 MOST_CLIENTS = 4
 
 
 def site(line: int) -> str:
-    """Return the name of a scene's line in a finding, the first being 1."""
+    """Return the call site of a scene's line as findings cite it; the first line is 1."""
     return f"{NAME}:{line}"
 
 
@@ -88,7 +88,7 @@ def record(scene: str, path: Path, *, for_viewer: bool = False, folder: Path = P
 
 
 def number_of(scene: str, name: str, folder: Path, changed: ChangedRun | None = None) -> float:
-    """Run a scene in a folder, with something changed, and return a number that it works out."""
+    """Run a scene in a folder with changes applied, and return the value of a variable."""
     run = changed or ChangedRun([])
     made = _worker().submit(_number_of, _code(scene), name, folder, run.operations, run.finer)
     return float(made.result(timeout=HANGS_S))
@@ -99,7 +99,7 @@ def _code(scene: str) -> Code:
 
 
 def record_file(script: Path, path: Path, *arguments: str) -> Recording:
-    """Record a script, run in its folder and cited by its name alone, and read that back.
+    """Record a script in its folder, named in findings by file name only, and read the recording.
 
     It has a layout.
     """
@@ -110,7 +110,7 @@ def record_file(script: Path, path: Path, *arguments: str) -> Recording:
 
 @functools.cache
 def _kept() -> Path:
-    """Return the folder of what this process has recorded."""
+    """Return the folder of this process's recordings."""
     folder = tempfile.TemporaryDirectory(prefix="scenes-")
     atexit.register(folder.cleanup)
     return Path(folder.name)
@@ -118,7 +118,7 @@ def _kept() -> Path:
 
 @functools.cache
 def _worker() -> ProcessPoolExecutor:
-    """Return the worker, in which client 0 is free: tests that ran before may have one here."""
+    """Return the worker process, in which client 0 is free; here earlier tests may have used it."""
     return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
 
 
@@ -150,7 +150,7 @@ def _record(
 def _watched(
     code: Code, folder: Path, **how: Any
 ) -> Iterator[tuple[tuple[IO[bytes], IO[bytes]], dict[str, Any]]]:
-    """Run a scene; yield what was sent and the memory shared with it, and its names."""
+    """Run a scene; yield the sent data, the shared memory, and the scene's variables."""
     _as_at_first()
     with (
         contextlib.chdir(folder),
@@ -187,7 +187,7 @@ def _number_of(
 
 
 def _as_at_first() -> None:
-    """Set back what PyBullet keeps for a whole process."""
+    """Restore the settings that PyBullet keeps for the whole process."""
     client = p.connect(p.DIRECT)
     p.setPhysicsEngineParameter(contactBreakingThreshold=0.02, physicsClientId=client)
     p.disconnect(client)
@@ -216,13 +216,13 @@ def codes(analysis: Analysis) -> list[str]:
 
 
 def found(analysis: Analysis, code: str) -> Finding:
-    """Return the one finding of a code."""
+    """Return the only finding of a code."""
     (one,) = (one for one in analysis.findings if one.code == code)
     return one
 
 
 def explanation(seen: Seen) -> Explanation:
-    """Return a recording explained as a whole, its pieces forgotten."""
+    """Return the explanation of a whole recording, after going through all of its chunks."""
     whole = Explanation(seen)
     for _ in whole.pieces():
         pass

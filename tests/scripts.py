@@ -1,4 +1,4 @@
-"""Small scripts as people write them, for the tests of `drop record`; none of them knows drop.
+"""Small scripts as users write them, for the tests of `drop record`; none of them imports drop.
 
 Each ends by printing, to the last bit, what the engine has: the same with and without recording.
 """
@@ -20,7 +20,7 @@ def show(p, *clients):
             print(c, b, repr(said))
         print(repr(p.getContactPoints(physicsClientId=c)))
 """
-"""Prints what the engine has at the end: `repr` of a float is exact."""
+"""Code that prints the engine's final state; `repr` of a float is exact."""
 
 HEAD = """
 import pybullet as p, pybullet_data

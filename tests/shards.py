@@ -1,4 +1,4 @@
-"""Work for workers in tests of workers alone; it imports next to nothing."""
+"""Tasks for tests of worker processes; imports very little."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from drop_physics.errors import OutputError
 
 
 def double(shard: int) -> int:
-    """Return twice the number; the third one fails."""
+    """Return twice a number; fail for the third."""
     if shard == 3:
         raise OutputError("three")
     return 2 * shard
 
 
 def nap(shard: int) -> int:
-    """Take some time."""
+    """Sleep for a moment."""
     time.sleep(0.02)
     return shard
 
 
 def first_is_quick(shard: int) -> int:
-    """Take very long, but not for the first."""
+    """Take very long, except for the first task."""
     time.sleep(600 if shard else 0)
     return shard
 
 
 def always_dies(_: int) -> None:
-    """End the worker."""
+    """Kill the worker process."""
     os.kill(os.getpid(), signal.SIGKILL)

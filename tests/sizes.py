@@ -1,4 +1,4 @@
-"""The size of each room of the package, beside that in the last version: `python tests/sizes.py`.
+"""Code size of each room of the package, compared with the last version: `python tests/sizes.py`.
 
 A statement is any statement of Python but a docstring or an import. Tokens are those of the code,
 without comments, docstrings and line ends: formatting cannot squeeze either. The last version is
@@ -25,18 +25,18 @@ NO_CODE = {
     *(tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT),
     *(tokenize.ENDMARKER, tokenize.ENCODING),
 }
-"""Tokens that are layout."""
+"""Token types that are layout."""
 
 
 @dataclass(frozen=True)
 class Size:
-    """Statements and tokens of code."""
+    """Number of statements and tokens of code."""
 
     statements: int = 0
     tokens: int = 0
 
     def __add__(self, other: Size) -> Size:
-        """Return both together."""
+        """Return the sum of both sizes."""
         return Size(self.statements + other.statements, self.tokens + other.tokens)
 
 
@@ -57,13 +57,13 @@ def size_of(code: str) -> Size:
 
 
 def room_of(module: Path) -> str:
-    """Return a module's room: the folder it lies in below the package, of engines the engine's."""
+    """Return a module's room: its folder in the package; for engines, the engine's folder."""
     depth = 2 if module.parts[0] == "engines" else 1
     return "/".join(module.parent.parts[:depth]) or "(root)"
 
 
 def sizes_of(modules: dict[Path, str]) -> dict[str, Size]:
-    """Return the size of each room, given the code of modules by their path in the package."""
+    """Return each room's size, given the modules' code by path in the package."""
     sizes: dict[str, Size] = {}
     for path, code in modules.items():
         sizes[room_of(path)] = sizes.get(room_of(path), Size()) + size_of(code)
@@ -71,7 +71,7 @@ def sizes_of(modules: dict[Path, str]) -> dict[str, Size]:
 
 
 def modules_now() -> dict[Path, str]:
-    """Return the code of the package's modules by their path in it."""
+    """Return the modules' current code by path in the package."""
     package = ROOT / SOURCES
     return {
         path.relative_to(package): path.read_text(encoding="utf-8")
@@ -80,7 +80,7 @@ def modules_now() -> dict[Path, str]:
 
 
 def modules_before() -> dict[Path, str]:
-    """Return the same of the last version; empty where git does not know it."""
+    """Return the modules' code in the last version, by path; empty if git does not have it."""
     changed = ["log", "-1", "--format=%H", "-G", "^version = ", "--", "pyproject.toml"]
     commit = _git(*changed).decode().strip()
     held = _git("archive", "--format=tar", f"{commit}^", SOURCES) if commit else b""
@@ -95,7 +95,7 @@ def modules_before() -> dict[Path, str]:
 
 
 def _git(*arguments: str) -> bytes:
-    """Return the output of git; nothing if it fails, or is not installed."""
+    """Return the output of a git command; empty if it fails, or if git is not installed."""
     try:
         return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, check=True).stdout
     except (OSError, subprocess.CalledProcessError):
@@ -103,7 +103,7 @@ def _git(*arguments: str) -> bytes:
 
 
 def table(now: dict[str, Size], before: dict[str, Size]) -> Iterator[str]:
-    """Yield the lines of a table: each room's size now, before, and the difference in tokens."""
+    """Yield the lines of a table: each room's size now and before, and the difference in tokens."""
     now, before = (
         {**sizes, "together": sum(sizes.values(), Size())} if sizes else {}
         for sizes in (now, before)
@@ -121,7 +121,7 @@ def table(now: dict[str, Size], before: dict[str, Size]) -> Iterator[str]:
 
 
 def classes_twice() -> set[str]:
-    """Return the names of classes that more than one module defines."""
+    """Return the class names that more than one module defines."""
     names = Counter(
         node.name
         for code in modules_now().values()
@@ -135,11 +135,11 @@ FRAGMENT = re.compile(
     r"(Of|In|By|To|From|On|At|With|Along|That|Which|As|For|Below|Above|Beside|Besides|Between"
     r"|Without|Or|If|But|Until|Beyond|Likewise|Shorter|Longer|Slower|Less|More|Not)\b"
 )
-"""The beginning of a docstring that only the name before it completes."""
+"""Matches the beginning of a docstring that is a fragment, understandable only with its name."""
 
 
 def fragments_in(code: str) -> list[str]:
-    """Return the docstrings of a module that begin like a part of a sentence.
+    """Return a module's docstrings that are sentence fragments.
 
     So does a function's that says "Whether …" where it should say "Return whether …".
     """

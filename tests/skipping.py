@@ -1,4 +1,4 @@
-"""Skipped tests, of which CI allows none; `test_docs` uses this file as a `conftest` of its own."""
+"""Handling of skipped tests, which CI forbids; `test_docs` uses this file as a `conftest`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip a test that needs what only `[dev]` brings, where that is not installed."""
+    """Skip a test that needs dependencies from `[dev]` if they are not installed."""
     for mark in item.iter_markers("needs"):
         (module,) = mark.args
         if find_spec(module) is None:
@@ -21,7 +21,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 def pytest_runtest_makereport(
     item: pytest.Item,
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Let a test that skips fail in CI, whatever its reason: what it needs is there.
+    """Report a skipped test as failed in CI, where all dependencies are installed.
 
     But CI runs `pytest` with `[test]` first, and then, with `[dev]`, `pytest -m "needs or long"`.
     """

@@ -10,7 +10,7 @@ from scenes import record
 
 
 def rows(scene: str, path: Path, body: int = 0, *, steps: int = 0) -> dict[str, JointRow]:
-    """Record a scene; return the rows of a body by name, its spherical joints as NAME.AXIS."""
+    """Record a scene; return a body's joint table by name, spherical joints as NAME.AXIS."""
     seen = record(scene, path).seen
     table = JointTable(seen)
     for explained in Explanation(seen).pieces(steps):

@@ -1,4 +1,4 @@
-"""The account: what was asked of each body, what came, and who took it.
+"""The account: for each body, the requested and the actual result, and the causes of the gap.
 
 Verification: each kind of row against a closed form of the same motion; and the false rows that a
 generic account is prone to, none of which may be told.
@@ -47,7 +47,7 @@ for step in range({steps}):
 
 @pytest.fixture
 def told(tmp_path: Path) -> Told:
-    """Return the rows of a MuJoCo script: of its world, its other elements, and what it does."""
+    """Return a function that records a MuJoCo script and returns the rows of its account."""
 
     def rows(
         world: str, more: str = "", before: str = "pass", steps: int = 500
@@ -62,14 +62,14 @@ def told(tmp_path: Path) -> Told:
 
 
 def the(rows: Sequence[AccountRow], kind: str, who: str) -> AccountRow:
-    """Return the only row of a kind about something."""
+    """Return the only row of a kind about a given element."""
     found = [row for row in rows if row.kind == kind and who in (row.who, row.body)]
     assert len(found) == 1, [(row.kind, row.who, str(row.told)) for row in rows]
     return found[0]
 
 
 def value(row: AccountRow, words: str) -> float:
-    """Return the value of a row's only term whose words begin so."""
+    """Return the value of a row's only term whose description begins with a text."""
     (found,) = [term.value for term in row.terms if str(term.words).startswith(words)]
     return found
 
@@ -337,7 +337,7 @@ def test_a_base_is_not_said_to_carry_what_gravity_compensation_does(told: Told) 
 
 
 def test_a_connect_is_told_by_its_gap(told: Told) -> None:
-    """A mass hangs on a soft connect: at rest, its gap is what the states say it is."""
+    """A mass hangs on a soft connect constraint: at rest, the gap follows from the states."""
     world = """<body name="mass" pos="0 0 1"><joint name="up" type="slide" axis="0 0 1"/>
     <geom type="sphere" size="0.1" mass="2"/></body>"""
     more = """<equality><connect name="hook" body1="mass" anchor="0.02 0 0.1"
@@ -350,7 +350,7 @@ def test_a_connect_is_told_by_its_gap(told: Told) -> None:
 
 
 def test_an_equality_counts_only_while_it_is_active(told: Told) -> None:
-    """A weld that was off while its body fell away is not said to have gaped."""
+    """A weld that was inactive while its body fell away is not reported to have had a gap."""
     body = """<body name="one" pos="0 0 1"><freejoint/><geom size="0.1"/></body>"""
     weld = "<equality><weld name='hold' body1='one'/></equality>"
     row = the(told(body, weld, "data.eq_active[0] = step < 100", steps=400), "asked", "hold")
@@ -414,7 +414,7 @@ def test_a_flexible_body_is_one_row_of_each_kind(told: Told) -> None:
 
 
 def test_what_falls_on_a_flexible_body_is_told_without_terms(told: Told) -> None:
-    """It ends at rest, so that all it loses is potential energy; no step has a sum."""
+    """The body ends at rest, so its whole energy loss is potential energy; no step has a sum."""
     world = """<flexcomp name="cloth" type="grid" count="3 3 1" spacing="0.1 0.1 0.1" pos="0 0 .3"
     radius="0.01" dim="2" mass="0.5"><contact selfcollide="none"/></flexcomp>
     <body name="ball" pos="2 0 0.3"><freejoint/><geom size="0.1" mass="1"/></body>"""
@@ -459,7 +459,7 @@ EACH = """data.xfrc_applied[2, 0] = 4
 
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory: pytest.TempPathFactory) -> list[AccountRow]:
-    """Return the rows of several bodies side by side, a closed form each."""
+    """Return the rows of several bodies in one scene, each with a closed-form solution."""
     folder = tmp_path_factory.mktemp("parts")
     script = folder / "script.py"
     model = MODEL.format(world=FLOOR + PARTS, more=OF_PARTS)
@@ -520,7 +520,7 @@ def test_an_equality_that_locks_a_joint_commands_it(parts: list[AccountRow]) -> 
 
 
 def test_an_axis_of_a_ball_is_that_of_its_link(parts: list[AccountRow]) -> None:
-    """A rod along x has its z axis of inertia along x; its motor turns it about its own z."""
+    """A rod along x has its z axis of inertia along x; its motor turns it about the link's z."""
     (row,) = [row for row in parts if row.kind == "given" and "socket" in str(row.joint)]
     assert str(row.joint) in ("socket[z]", "socket[-z]")
     assert row.asked == pytest.approx(0.01)
@@ -596,7 +596,7 @@ def test_damping_that_the_engine_does_not_read_is_told(tmp_path: Path) -> None:
 
 @pytest.mark.pybullet
 def test_each_constraint_is_named_by_what_it_holds_to(tmp_path: Path) -> None:
-    """A pendulum of two: the world gives the first nothing to speak of, its neighbour swings it."""
+    """Double pendulum: the world constraint does little work, the neighbour's swings the body."""
     before = (
         "p.resetBasePositionAndOrientation(box, [0.3, 0, 1], [0, 0, 0, 1])\n"
         "more = p.createMultiBody(2, cube, basePosition=[0.9, 0, 1])\n"
@@ -619,7 +619,7 @@ def test_each_constraint_is_named_by_what_it_holds_to(tmp_path: Path) -> None:
 
 @pytest.mark.pybullet
 def test_inverse_dynamics_stands_beside_the_gravity_that_it_is_to_balance(tmp_path: Path) -> None:
-    """It takes gravity in the axes of the base; here that is turned by a right angle."""
+    """Inverse dynamics takes gravity in base axes; here the base is rotated by a right angle."""
     script = tmp_path / "script.py"
     script.write_text(
         textwrap.dedent(
@@ -678,7 +678,7 @@ def test_what_is_thrown_is_not_said_to_fall_by_nothing(told: Told) -> None:
 
 
 def test_no_torque_is_told_of_steps_without_a_sum(told: Told) -> None:
-    """A step that resets itself has no sum: what began it is not said to be 0 N m."""
+    """A step that resets itself has no sum: its initial torque is not reported as 0 N m."""
     world = """<body><joint name="j" axis="0 0 1" damping="-1000"/><geom size="0.1" mass="1"
     pos="0.1 0 0"/></body>"""
     more = "<option integrator='RK4'/><actuator><motor joint='j'/></actuator>"
@@ -700,7 +700,7 @@ def test_a_filter_that_lets_a_box_fall_through_is_told(tmp_path: Path) -> None:
 
 
 def test_what_a_table_turns_is_not_said_to_lack_friction(told: Told) -> None:
-    """A box that rides on a turntable turns at its rate; no friction of its contact brakes that."""
+    """A box riding on a turntable rotates at its rate; no contact friction brakes that rotation."""
     world = """<body name="table" pos="0 0 0.1"><joint name="spin" axis="0 0 1" damping="0.1"/>
     <geom type="cylinder" size="0.5 0.02" mass="5"/></body>
     <body name="box" pos="0.1 0 0.17"><freejoint/>
@@ -893,7 +893,7 @@ def test_what_a_file_says_that_a_joint_follows_is_told(tmp_path: Path) -> None:
 
 
 def test_a_bounce_that_is_shorter_than_a_bin_gives_what_it_gives(told: Told) -> None:
-    """In a long run bins hold several steps; a work is that of each step all the same."""
+    """In a long run a bin holds several steps; the work is still computed for each step."""
     world = """<geom type="box" size="0.1 1 1" pos="0.6 0 0" solref="-2e5 -10"/>
     <body name="ball"><freejoint/><geom size="0.1" mass="2" solref="-2e5 -10"/></body>"""
     more = "<option gravity='0 0 0'/>"
@@ -904,7 +904,7 @@ def test_a_bounce_that_is_shorter_than_a_bin_gives_what_it_gives(told: Told) -> 
 
 
 def test_a_fall_along_a_slanted_gravity_is_told_once(told: Told) -> None:
-    """No axis is upright there: a way has no parts along gravity and beside it."""
+    """No axis is vertical there, so the displacement is not split into along and across gravity."""
     ball = """<body name="ball"><freejoint/><geom size="0.1" mass="2"/></body>"""
     rows = told(ball, "<option gravity='3 0 -9'/>", steps=250)
     (row,) = [row for row in rows if row.kind == "moved"]
@@ -913,7 +913,7 @@ def test_a_fall_along_a_slanted_gravity_is_told_once(told: Told) -> None:
 
 
 def test_a_torque_that_begins_small_is_told_with_its_most(told: Told) -> None:
-    """A controller that begins on its target gives little at first; here in the last steps only."""
+    """A controller that starts on its target needs little torque at first; here only at the end."""
     more = "<actuator><motor name='m' joint='up'/></actuator>"
     before = "data.ctrl[0] = 0 if step < 60 else 0.01 if step < 90 else 5.0"
     row = the(told(SLIDE.format(damping=1), more, before, 64), "given", "up")

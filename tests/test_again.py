@@ -1,4 +1,4 @@
-"""A script that is run again touches nothing: its files are as after one run, whatever it writes.
+"""Running a script again leaves its files as after a single run, whatever the script writes.
 
 Each way of writing is a script; each verb that runs a script again takes it, and its runs end as
 the first did. Afterwards contents and modes are those of a bare run in another folder, and nothing
@@ -139,9 +139,9 @@ WAYS: dict[str, tuple[str, str, str]] = {
     ),
 }
 CONSUMES = ("renamed", "removed", "a folder removed", "a folder moved")
-"""Those after which a bare second run fails, too: what it needs is gone."""
+"""Cases in which a second run without drop fails too: a file that it needs is gone."""
 QUICK = ("a file opened before", "a state log", "a database at the end", "a folder", "elsewhere")
-"""Those that are tried without `-m long`."""
+"""Cases that run without `-m long`."""
 
 
 def by_why(script: str) -> set[str]:
@@ -214,7 +214,7 @@ def test_files_are_as_after_one_run(
 
 
 def contents_of(folder: Path) -> dict[str, object]:
-    """Return mode and bytes of all that a script has written, by path."""
+    """Return mode and content of everything that a script has written, by path."""
     return {name: (path.lstat().st_mode, held_by(path)) for name, path in written_in(folder)}
 
 
@@ -230,7 +230,7 @@ def held_by(path: Path) -> object:
 
 
 def times_of(folder: Path) -> dict[str, tuple[int, int, int]]:
-    """Return when files and folders changed, in content or otherwise, and their inodes."""
+    """Return modification times, change times and inodes of files and folders."""
     return {
         name: (path.lstat().st_mtime_ns, path.lstat().st_ctime_ns, path.lstat().st_ino)
         for name, path in written_in(folder)

@@ -32,7 +32,7 @@ Pixels = np.ndarray
 
 
 def shown(path: Path) -> tuple[list[Pixels], list[float]]:
-    """Return the pictures that a viewer shows, and when each begins [s], with the end last."""
+    """Return the images that a viewer shows, and when each starts [s], with the end time last."""
     if path.suffix == ".mp4":
         import av
 
@@ -226,7 +226,7 @@ def test_the_caption_says_time_height_and_error() -> None:
 def test_caption_and_plot_are_those_of_the_step_that_is_shown(
     standard: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """After the last error that the plot explains, the caption keeps it."""
+    """After the last error value in the plot, the caption keeps showing it."""
     captioned: list[tuple[float, ...]] = []
 
     def noted(*values: float, ended: bool) -> str:
@@ -251,7 +251,7 @@ def test_caption_and_plot_are_those_of_the_step_that_is_shown(
 def test_the_camera_picture_stays_itself(
     standard: Run, recorded: list[Pixels], tmp_path: Path
 ) -> None:
-    """To the pixel, even in a gif: plot and caption leave enough colours for it."""
+    """The image is unchanged to the pixel, even in a GIF: plot and caption leave enough colours."""
     path = tmp_path / "fall.gif"
     render(
         standard.simulation.recording,

@@ -1,4 +1,4 @@
-"""Validation: what was asked of PyBullet against what it got, with each script and its cure."""
+"""Validation: requested against actual results in PyBullet, for each script and its cure."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ REASONS = {
     "link_stale": "reading-stale",
     "kinematic_velocity": "reading-static",
 }
-"""Scripts of the corpus that have a cure, and why they did not get what they asked for."""
+"""Scripts of the corpus that have a cure, and the reason why a request had no effect."""
 
 CAUSES = {
     "no_fixed_base": "free-base",
@@ -44,7 +44,7 @@ CAUSES = {
     "mask_of_zero": "no-contact",
     "wheels_apart": "wheel-slip",
 }
-"""Likewise, and the code of their cause."""
+"""Scripts of the corpus that have a cure, and the code of the cause."""
 
 
 def found(name: str, path: Path, *arguments: str) -> list[Finding]:
@@ -81,7 +81,7 @@ def test_what_calls_alone_move_is_not_said_to_stand_still(tmp_path: Path) -> Non
 
 
 def test_what_is_true_of_nearly_every_run_stands_beside_nothing_graver(tmp_path: Path) -> None:
-    """Damping takes 84 J of the box that slipped out, whose cause is the friction."""
+    """Damping takes 84 J of the box that slipped out, but the cause is the friction."""
     assert "default-damping" not in {each.code for each in found("friction_to_base", tmp_path)}
 
 

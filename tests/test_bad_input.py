@@ -39,7 +39,7 @@ from hypothesis import strategies as st
 
 NUMBERS = {name: spec for name, spec in Scenario.options().items() if math.isfinite(spec.high)}
 LETTERS = st.characters(exclude_categories=["Cs"])
-"""All of them; the default, those that UTF-8 can encode, takes seconds to find the same."""
+"""All characters that UTF-8 can encode; Hypothesis takes seconds to compute its equal default."""
 ANYTHING = st.one_of(
     st.none(),
     st.booleans(),
@@ -52,7 +52,7 @@ ANYTHING = st.one_of(
     st.tuples(st.floats(), st.floats(), st.floats()),
     st.sampled_from([10**400, -(10**400), 10**5000, 5e-324, sys.float_info.max, math.nan]),
 )
-"""Values of every type, and numbers that programs often get wrong."""
+"""Values of every type, and numbers that programs often handle incorrectly."""
 TEXTS = st.one_of(
     st.text(LETTERS),
     st.floats().map(str),
@@ -95,7 +95,7 @@ def one_line(error: BaseException) -> str:
 
 
 def refused_or(make: Callable[[], Optioned], option: Option) -> Optioned | None:
-    """Return what is made, or None if it is rejected in one line that names the option."""
+    """Return the result of a call, or None if it is rejected in one line that names the option."""
     try:
         return make()
     except ScenarioError as error:
@@ -167,7 +167,7 @@ ONES = {"X,Y,Z": "0,0,{}", "R,P,Y|X,Y,Z,W": "0,{},0", "WIDTHxHEIGHT": "{}x480"}
 def test_a_number_is_what_every_program_takes_for_one(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, command: str, option: str
 ) -> None:
-    """Python alone reads underscores, digits of all scripts, and spaces of all kinds."""
+    """Python alone accepts underscores, digits of all scripts, and every kind of space."""
     monkeypatch.chdir(tmp_path)
     for number in ("3_2", "1__0", "٣٢", "３２", "³²", "\u2003 32", "32\u00a0"):
         text = ONES.get(NUMERIC[command, option], "{}").format(number)
@@ -199,7 +199,7 @@ def test_nor_is_another_number_drawn(values: str) -> None:
 
 
 def edges(spec: Option) -> list[tuple[float, bool]]:
-    """Return numbers at the edges of a domain, and whether they are in it."""
+    """Return numbers at the edges of a domain, and whether each is inside it."""
     inward, outward = math.nextafter(spec.low, math.inf), math.nextafter(spec.low, -math.inf)
     return [
         (spec.low, not spec.above),
@@ -271,7 +271,7 @@ def test_an_invalid_orientation_is_rejected(text: str, message: str) -> None:
 
 @pytest.mark.parametrize("timestep_s", [1 / 240, 1 / 100, 1 / 1000, 0.1])
 def test_substeps_are_those_that_the_engine_takes(timestep_s: float) -> None:
-    """Bullet takes int(dt / (dt/N)) of them, which can be N - 1: such an N is rejected."""
+    """Bullet makes int(dt / (dt/N)) substeps, which can be N - 1: such an N is rejected."""
     refused = []
     for substeps in range(1, 301):
         try:
@@ -292,7 +292,7 @@ def test_too_many_steps_are_refused_with_what_they_would_take() -> None:
 def test_a_whole_number_is_as_good_as_a_float_in_every_recording_of_a_process(
     tmp_path: Path,
 ) -> None:
-    """Rerun keeps the type with which a component was first logged in a process."""
+    """Rerun fixes a component's type at its first use in a process."""
     for number, height_m in enumerate((1, 1.5)):
         path = tmp_path / f"{number}.rrd"
         simulate(Scenario(height_m=height_m, mass_kg=2, duration_s=1 / 240), path, camera=None)
@@ -303,7 +303,7 @@ def test_a_whole_number_is_as_good_as_a_float_in_every_recording_of_a_process(
 
 
 def within(name: str) -> st.SearchStrategy[Any]:
-    """Return values of a field's whole domain, including its edges and small values."""
+    """Return a strategy for a field's whole domain, including its limits and small values."""
     spec, default = NUMBERS[name], getattr(Scenario(), name)
     number = st.floats(spec.low, spec.high, exclude_min=spec.above)
     number |= st.sampled_from([value for value, inside in edges(spec) if inside])
@@ -315,7 +315,7 @@ def within(name: str) -> st.SearchStrategy[Any]:
 
 
 def extreme(extremes: dict[str, Any], steps: int) -> Scenario:
-    """Return such a scenario; skip examples that start below their floor."""
+    """Draw a scenario of extreme values; skip those that start below their floor."""
     if extremes.get("floor", True):
         assume(extremes.get("height_m", 1.0) > 0)
     timestep_s = extremes.get("timestep_s", 1 / 240)
@@ -520,7 +520,7 @@ NAMES = (
 def test_names_are_taken_as_they_are_whatever_is_in_them(
     drop: Drop, tmp_path: Path, name: str
 ) -> None:
-    """Names of folders, recordings and bodies are used and printed as they are, on one line."""
+    """Folder, recording and body names are used and printed unchanged, on one line."""
     folder = tmp_path / name
     folder.mkdir()
     (folder / f"{name}.urdf").write_text(urdf())
@@ -541,7 +541,7 @@ def test_names_are_taken_as_they_are_whatever_is_in_them(
 def test_a_name_with_a_dash_in_front_is_no_option_of_rerun(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Rerun seals recordings, and packs golden ones."""
+    """Rerun is called to seal recordings, and to pack golden ones."""
     monkeypatch.chdir(tmp_path)
     run, golden = Path("-x.rrd"), Path("--golden.rrd")
     simulate(Scenario(duration_s=0.1), run, camera=None)
@@ -560,7 +560,7 @@ def test_a_name_with_a_dash_in_front_is_no_option_of_rerun(
 def test_a_home_that_the_shell_did_not_expand_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    """As in `--out-dir=~/runs`: no folder called ~ is created. An existing one is used."""
+    """An example is `--out-dir=~/runs`: no folder called ~ is created; an existing one is used."""
     monkeypatch.chdir(tmp_path)
     home = Path(name).expanduser()
     for write in (

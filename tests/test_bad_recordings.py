@@ -1,4 +1,4 @@
-"""Bad recordings: every mutation of a real one gives the right numbers, or one clear line.
+"""Damaged recordings: every mutation of a real one gives correct numbers, or an error in one line.
 
 "Right" means to the bit: the data read back from an accepted file equal those recorded, and every
 number and picture is a function of them. Files are changed as bytes, as by a disk or a transfer,
@@ -38,7 +38,7 @@ from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 pytestmark = pytest.mark.pybullet
 
 FLIPS = 300
-"""Flipped bits, one per file."""
+"""Number of flipped bits, one per file."""
 SEED = 6
 ENTITIES = tuple(f"/{entity}" for entity in schema.TABLES)
 NUMBERS = {
@@ -47,18 +47,19 @@ NUMBERS = {
     for component in table.components
     if table.kind[component].base.kind == "f"
 }
-"""Components of float64, and how many numbers a part or a contact point has of each."""
+"""Float64 components, and their number of values per body or contact point."""
 ROWS = {"state": 241, "contacts": 132}
-"""Steps of the mutated recording: its box touches the floor with four corners from 109 on."""
+"""Number of rows in the mutated recording: its box touches the floor with four corners from step
+109 on."""
 POINTS = 4
 MEMORY_MB = 1000
 CPU_S = 30
-"""Processor time of a command [s], which takes one."""
+"""Limit on the processor time of a command [s]; one second is normal."""
 
 
 @dataclass(frozen=True)
 class Sound:
-    """A recording as it was written, and what reading it must give."""
+    """A recording as it was written, and the correct result of reading it."""
 
     path: Path
     data: bytes = field(repr=False)
@@ -74,7 +75,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Sound:
 
 
 def refusal(path: Path, sound: Sound) -> dict[str, str]:
-    """Return why a file is rejected, by what cannot be read: all of it, or only its frames.
+    """Return why a file is rejected, keyed by the unreadable part: all of it, or only its frames.
 
     Empty if it reads back, to the bit, as recorded.
     """
@@ -95,7 +96,7 @@ def refusal(path: Path, sound: Sound) -> dict[str, str]:
 
 
 def verdict(path: Path, sound: Sound) -> str:
-    """Return `right`, or `refused` if that is said in one line, by the stages that need frames too.
+    """Return `right`, or `refused` if the stages that need the unreadable part say so in one line.
 
     That each stage reads first, and then writes nothing, is tested with the command, below.
     """
@@ -120,7 +121,7 @@ def verdict(path: Path, sound: Sound) -> str:
 
 @pytest.mark.long
 def test_flipped_bits_are_refused_or_change_nothing(sound: Sound, tmp_path: Path) -> None:
-    """Bits anywhere: in the state they are damage; in data that no number uses they may pass."""
+    """Flipped bits in the state count as damage; bits that affect no number may pass."""
     chance, path, verdicts = random.Random(SEED), tmp_path / "run.rrd", Counter[str]()
     for _ in range(FLIPS):
         data = bytearray(sound.data)
@@ -168,7 +169,7 @@ def test_a_part_that_was_cut_gives_the_samples_before_the_cut(
 
 
 def test_a_part_with_no_sample_yet_is_refused(sound: Sound, tmp_path: Path) -> None:
-    """As written by a filtering tool; ours writes whole batches."""
+    """A filtering tool may write such a file; our writer saves whole batches."""
     closing = f"/__properties/{schema.RECORDING_PROPERTY}"
     path = rewritten(
         sound.path, tmp_path / "run.rrd.part", both(taken(lambda _: []), without(closing))
@@ -180,7 +181,7 @@ def test_a_part_with_no_sample_yet_is_refused(sound: Sound, tmp_path: Path) -> N
 def test_of_a_part_that_was_cut_before_its_states_the_contacts_are_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The contacts of a batch come first, so that no sample is ever read without them."""
+    """A batch's contacts are written first, so that no sample is ever read without them."""
     monkeypatch.setattr("drop_physics.stages.simulate.BATCH", 60)
     whole, path = tmp_path / "run.rrd", tmp_path / "run.rrd.part"
     simulate(Scenario(), whole, camera=None)
@@ -236,7 +237,7 @@ def test_other_damage_to_bytes_is_refused(sound: Sound, tmp_path: Path, kind: st
 def test_a_chunk_that_claims_to_be_huge_is_not_believed(
     sound: Sound, tmp_path: Path, claimed: int
 ) -> None:
-    """The message states the size after unpacking; Rerun's own reader allocates it unchecked."""
+    """The message states the unpacked size, which Rerun's own reader allocates unchecked."""
     head, size = 140, 204  # of the first chunk: where its header is, and its field 3
     assert sound.data[size] == 0x18
     end = next(place for place in range(size + 1, size + 9) if sound.data[place] < 0x80) + 1
@@ -264,11 +265,11 @@ def varint(value: int) -> bytes:
 
 Batch = pa.RecordBatch
 Change = Callable[[str, Batch], Iterator[Batch] | None]
-"""From an entity and its rows to what is written in their place; None keeps them."""
+"""Function from an entity and its rows to the rows written instead; None keeps them."""
 
 
 def rewritten(source: Path, path: Path, change: Change, *, resealed: bool = False) -> Path:
-    """Write a recording again, with a change; `resealed` gives it digests that fit."""
+    """Write a recording with a change applied; `resealed` updates its digests."""
     closing = f"/__properties/{schema.RECORDING_PROPERTY}"
     chunks: list[Chunk] = []
     for chunk in RrdReader(source).stream():
@@ -292,7 +293,7 @@ def write(path: Path, chunks: list[Chunk]) -> None:
 
 
 def seal_of(path: Path) -> Chunk:
-    """Return the closing property that fits the contents of a file."""
+    """Return the closing property with the correct digests for a file's contents."""
     try:
         held = contents(path)
     except RecordingError:  # of properties that are refused before their digest matters
@@ -338,7 +339,7 @@ def with_column(batch: Batch, name: str, values: pa.Array) -> Batch:
 
 
 def with_numbers(change: Callable[[np.ndarray], Any], *components: str) -> Change:
-    """Change the numbers of some components, shape (rows, numbers); of all if none is named."""
+    """Change the values of components, shape (rows, values); of all components if none is named."""
 
     def changed(entity: str, batch: Batch) -> Iterator[Batch] | None:
         if entity not in ENTITIES:
@@ -355,7 +356,7 @@ def with_numbers(change: Callable[[np.ndarray], Any], *components: str) -> Chang
 
 
 def cast(kind: pa.DataType) -> Change:
-    """Write the positions as another type."""
+    """Convert the positions to another type."""
 
     def changed(entity: str, batch: Batch) -> Iterator[Batch] | None:
         if entity != STATES:
@@ -397,7 +398,7 @@ def at_step(row: int, step: int) -> Change:
 
 
 def taken(steps: Callable[[int], list[int]], *entities: str) -> Change:
-    """Write other rows, by their number, of states or contacts, or of both."""
+    """Select and reorder rows of states, contacts, or both by index."""
 
     def changed(entity: str, batch: Batch) -> Iterator[Batch] | None:
         if entity not in (entities or ENTITIES):
@@ -436,7 +437,7 @@ def with_property(name: str, key: str, value: Any) -> Change:
 
 
 def both(*changes: Change) -> Change:
-    """Make one change after the other."""
+    """Apply one change after the other."""
 
     def changed(entity: str, batch: Batch) -> Iterator[Batch] | None:
         batches, touched = [batch], False
@@ -586,7 +587,7 @@ def test_chunks_that_were_changed_are_refused(sound: Sound, tmp_path: Path, kind
 
 
 def test_every_bit_of_the_state_matters(sound: Sound, tmp_path: Path) -> None:
-    """Flip single bits of states and contacts, of any component, row, number and place."""
+    """Flip single bits of states and contacts, in any component, row, value and bit position."""
     chance, path = random.Random(SEED), tmp_path / "run.rrd"
     for _ in range(25):
         component, bit = chance.choice([*NUMBERS]), chance.randrange(64)
@@ -606,7 +607,7 @@ def test_every_bit_of_the_state_matters(sound: Sound, tmp_path: Path) -> None:
 
 
 def test_two_recordings_in_one_file_are_refused(sound: Sound, tmp_path: Path) -> None:
-    """As made by `rerun rrd merge`, and by two writers of one file."""
+    """Such files are made by `rerun rrd merge`, and by two processes that write to one file."""
     other, path = tmp_path / "other.rrd", tmp_path / "both" / "run.rrd"
     path.parent.mkdir()
     simulate(Scenario(height_m=2.0), other, camera=None)
@@ -668,7 +669,7 @@ OF_ANOTHER_DROP: dict[str, Change] = {
     "an engine that nobody knows": with_property("scenario", "engine", ["newton"]),
     "a value that was not reported": with_property("engine", "mass_kg", None),
 }
-"""What an earlier or later version may have written, with its digests."""
+"""Changes as an earlier or later version may have written them, with valid digests."""
 
 
 @pytest.mark.parametrize("kind", OF_ANOTHER_DROP)
@@ -702,7 +703,7 @@ OTHER_KINDS: dict[str, Change] = {
         )
     },
 }
-"""Columns without a digest of ours."""
+"""Changes to columns that none of our digests cover."""
 
 
 @pytest.mark.parametrize("kind", OTHER_KINDS)
@@ -715,7 +716,7 @@ def test_columns_of_other_kinds_are_one_line(sound: Sound, tmp_path: Path, kind:
 
 
 def with_frames(change: Callable[[int, bytes], bytes | None]) -> Change:
-    """Change the pictures, by step; None removes one."""
+    """Replace the images by step; None removes one."""
 
     def changed(entity: str, batch: Batch) -> Iterator[Batch] | None:
         if entity != f"/{schema.IMAGE}":
@@ -773,7 +774,7 @@ def test_frames_that_were_changed_are_refused(sound: Sound, tmp_path: Path, kind
 
 
 def test_a_frame_whose_pixels_cannot_be_decoded_is_refused(sound: Sound, tmp_path: Path) -> None:
-    """It is structured like a PNG of the right size, and its digest is right, too."""
+    """The frame has the structure of a PNG of the right size, and a valid digest."""
 
     def spoilt(_: int, png: bytes) -> bytes:
         end = png.index(b"IDAT") - 4
@@ -790,7 +791,7 @@ def test_a_frame_whose_pixels_cannot_be_decoded_is_refused(sound: Sound, tmp_pat
 
 
 def arrow(columns: dict[str, pa.Array], *, entity: str = "/x", compression: str = "") -> pa.Buffer:
-    """Return a chunk as Arrow's stream: a schema, and one batch of rows."""
+    """Return a chunk in Arrow's stream format: a schema, and one batch of rows."""
     batch = pa.record_batch(
         list(columns.values()),
         schema=pa.schema(
@@ -805,7 +806,7 @@ def arrow(columns: dict[str, pa.Array], *, entity: str = "/x", compression: str 
 
 
 def message(data: pa.Buffer, *, more: bytes = b"") -> bytes:
-    """Return a chunk as a message of a file, packed as Rerun packs it."""
+    """Return a chunk as a message of the file format, compressed as Rerun does."""
 
     def field(number: int, value: int | bytes) -> bytes:
         if isinstance(value, int):
@@ -874,7 +875,7 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
         lambda: struct.pack("<QQ", rrd.STORE, 0) * 100_000, "messages in",
     ),
 }  # fmt: skip
-"""Chunks put at the start of a file, and the error for each."""
+"""Chunks placed at the start of a file, and the expected error for each."""
 
 
 def with_bomb(sound: Sound, path: Path, kind: str) -> Path:
@@ -893,7 +894,7 @@ def test_what_unpacks_to_far_more_than_it_is_is_refused(
 
 
 def test_a_recording_is_closed_by_a_digest_of_each_of_its_many_series(tmp_path: Path) -> None:
-    """Each body with joints, each constraint and each client adds one of 64 letters."""
+    """Each body with joints, each constraint and each client adds a digest of 64 characters."""
     closing = {"series_sha256": [f"{number:064x}" for number in range(100_000)]}
     made = writer.property_chunk(schema.RECORDING_PROPERTY, closing).to_record_batch()
     entity = f"__properties/{schema.RECORDING_PROPERTY}"
@@ -903,13 +904,13 @@ def test_a_recording_is_closed_by_a_digest_of_each_of_its_many_series(tmp_path: 
 
 @pytest.fixture(scope="module")
 def worker() -> Iterator[Worker]:
-    """Return a process that runs the command within limits."""
+    """Return a worker process that runs the command within limits."""
     with Worker() as worker:
         yield worker
 
 
 def test_a_bomb_takes_little_memory(sound: Sound, tmp_path: Path, worker: Worker) -> None:
-    """More than the interpreter and its libraries, which take 150 MB, but far less than 1 GB."""
+    """Peak memory may exceed the 150 MB of interpreter and libraries, but stays far below 1 GB."""
     for kind in ("a property of 250 MB", "zeros for a state", "zeros that nobody asked for"):
         path = with_bomb(sound, tmp_path / "run.rrd", kind)
         worker.ask("command:measured", ["analyze", path], tmp_path, CPU_S)

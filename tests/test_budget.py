@@ -1,4 +1,4 @@
-"""Verification: the terms of the error are those that physics predicts, and they add up."""
+"""Verification: the error's terms are those predicted by theory, and they add up to the error."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_golden_terms_at_three_tenths_of_a_second(
 
 
 def test_the_timestep_term_is_signed_and_exact_without_damping(recorded: Recorder) -> None:
-    """Semi-implicit Euler is behind by exactly g t dt / 2; explicit Euler would be ahead by it."""
+    """Semi-implicit Euler lags by exactly g t dt / 2; explicit Euler would lead by it."""
     table = judge(recorded(linear_damping=0.0)).table.head(100)
     time_s = table["time_s"].to_numpy()
     # 100 additions of numbers up to 1 m, each rounded to half of 2.2e-16 m, and two in theory.
@@ -175,7 +175,7 @@ def test_where_an_edge_was_deeper_the_centre_does_not_say_how_deep(
 
 
 def test_numbers_of_things_are_the_same_as_json(recorded: Recorder) -> None:
-    """A message is copied on its way there."""
+    """A message is copied on its way into the JSON output."""
     analysis = judge(recorded(restitution=0.9, height_m=0.1, timestep_s=1 / 960, duration_s=2.0))
     messages = [finding.message for finding in analysis.findings]
     assert messages
@@ -183,7 +183,7 @@ def test_numbers_of_things_are_the_same_as_json(recorded: Recorder) -> None:
 
 
 def test_an_apex_of_one_sample_is_counted(recorded: Recorder) -> None:
-    """Its bounce leaves the floor and returns within two steps; the recording goes on."""
+    """Its bounce leaves the floor and returns within two steps, and the recording goes on."""
     drop = {
         "body": "cube.urdf",
         "height_m": 2.493832761794609,
@@ -198,7 +198,7 @@ def test_an_apex_of_one_sample_is_counted(recorded: Recorder) -> None:
 
 
 def test_a_spin_that_is_held_is_not_booked_as_damping(recorded: Recorder) -> None:
-    """The first step reduces 150 rad/s by damping, and then to 100."""
+    """The first step reduces 150 rad/s by damping, and then clamps it to 100."""
     for damping in (0.0, 0.04):
         spun = {"spin_rad_s": (0.0, 0.0, 150.0), "angular_damping": damping, "duration_s": 0.3}
         recording = recorded(**spun, linear_damping=0.0)
@@ -222,7 +222,7 @@ def test_a_body_with_joints_is_left_out_loudly(recorded: Recorder) -> None:
 
 
 def test_a_landing_that_is_not_flat_gets_no_prediction(recorded: Recorder) -> None:
-    """A spinning box lands on an edge and tumbles: no law here predicts where it comes to rest."""
+    """A spinning box lands on an edge and tumbles: no formula predicts where it comes to rest."""
     analysis = judge(recorded(spin_rad_s=(4.0, 7.0, 0.0), duration_s=3.0))
     assert analysis.coverage.samples < analysis.coverage.of
     assert analysis.contact is None
@@ -342,7 +342,7 @@ def test_bounces_rise_as_theory_says_once_the_correction_is_off(recorded: Record
 
 
 def causes_of(recording: Recording) -> dict[str, float]:
-    """Return the causes of the body's change of energy [J], which add up to all of it."""
+    """Return the contributions to the body's change of energy by cause [J]; they add up to it."""
     energy = judge(recording).bodies[0].energy
     assert energy is not None
     change_j = energy.end_j - energy.start_j
@@ -351,7 +351,7 @@ def causes_of(recording: Recording) -> dict[str, float]:
 
 
 def test_every_joule_is_booked_to_a_cause(recorded: Recorder) -> None:
-    """What the integrator lends while the box falls it gives back when that stops."""
+    """The energy that the integrator adds during the fall is taken back when the box stops."""
     causes = causes_of(recorded())
     assert causes["contacts"] == pytest.approx(-0.9090126, abs=5e-8)
     assert causes["damping"] == pytest.approx(-0.0474, abs=2e-4)
@@ -401,7 +401,7 @@ def test_the_drift_is_the_largest_on_the_way_whatever_its_sign() -> None:
 
 
 def test_undamped_energy_less_its_integrator_term_is_conserved(recorded: Recorder) -> None:
-    """In the air without damping E - m g dt v / 2 is constant, g = 9.81 and v downwards < 0."""
+    """Airborne and undamped, E - m g dt v / 2 is constant (g = 9.81, v negative downwards)."""
     recording = recorded(linear_damping=0.0)
     table = judge(recording).table.head(100)
     shadow = table["energy_j"].to_numpy() - 0.1 * 9.81 / 240 * recording.states["vz_m_s"][:100] / 2
@@ -438,7 +438,7 @@ def test_floating_and_spinning_bodies_conserve_what_they_should(
 
 
 def test_energy_and_momentum_of_a_turned_body_are_those_of_its_principal_axes() -> None:
-    """A body turned by 90° about x, spinning about world z, spins about its own y."""
+    """A body rotated by 90° about x that spins about world z spins about its own y axis."""
     half = math.sqrt(0.5)
     sample = Motion(
         position_m=np.array([[0.0, 0.0, 2.0]]),
@@ -463,7 +463,7 @@ def test_what_starts_at_zero_has_no_relative_drift(recorded: Recorder) -> None:
 
 
 def test_what_slides_or_spins_is_not_at_rest(recorded: Recorder) -> None:
-    """Its height stays, or its centre; at rest both position and orientation stay."""
+    """Sliding keeps the height, spinning keeps the centre; at rest both pose parts stay."""
     slides = recorded(height_m=0.03, velocity_m_s=(0.5, 0.0, 0.0), friction=0.0, duration_s=1.0)
     spins = recorded(
         body="sphere_small.urdf",
@@ -483,12 +483,12 @@ SLOW: dict[str, dict[str, Any]] = {
     "is slowed down": {"height_m": 0.0251, "spin_rad_s": (0.0, 0.0, 0.005), "angular_damping": 0.9,
                        "duration_s": 8.0},
 }  # fmt: skip
-"""On a floor without friction, for 3 s."""
+"""Slow motions on a frictionless floor, for 3 s."""
 
 
 @pytest.mark.parametrize("kind", SLOW)
 def test_what_goes_on_slowly_has_no_first_sample_of_its_rest(recorded: Recorder, kind: str) -> None:
-    """It would change with the recording's length: the body moves the same before and after."""
+    """A slow motion is the same before and after, so a rest sample would depend on the duration."""
     recording = recorded(**{"duration_s": 3.0, "friction": 0.0} | SLOW[kind])
     analysis = judge(recording)
     rest, stops = analysis.rest, kind == "is slowed down"
@@ -501,7 +501,7 @@ def test_what_goes_on_slowly_has_no_first_sample_of_its_rest(recorded: Recorder,
 
 @pytest.mark.long
 def test_a_body_rests_only_after_a_tenth_of_a_second(recorded: Recorder) -> None:
-    """For any length of the recording, 24 steps of 1/240 s are between settling and its end."""
+    """Recordings of any length end 24 steps of 1/240 s after the settling sample."""
     recording = recorded()
     seen, lasts = recording.seen, {}
     for samples in range(150, 242):

@@ -1,4 +1,4 @@
-"""Verification: where a call of changeDynamics lands is what bare PyBullet makes of it.
+"""Verification: changeDynamics affects the link that bare PyBullet changes for the same call.
 
 Each pair of keywords, and many sets of them, are given to link 0 of a body of two links; which link
 then reports another spinning friction (or another mass) is the one that the call reached.
@@ -44,7 +44,7 @@ GIVES: Mapping[str, Mapping[str, Any]] = {
     "collisionMargin": {"collisionMargin": 0.001},
     "sleepThreshold": {"sleepThreshold": 0.1},
 }
-"""What a call gives so that PyBullet calls the setter of an argument."""
+"""Arguments with which a call makes PyBullet run the setter of an argument."""
 IGNORED: Mapping[str, Mapping[str, Any]] = {
     "linearDamping": {"linearDamping": -1.0},
     "maxJointVelocity": {"maxJointVelocity": -0.5},
@@ -52,7 +52,7 @@ IGNORED: Mapping[str, Mapping[str, Any]] = {
     "jointLowerLimit": {"jointLowerLimit": 1.0, "jointUpperLimit": -1.0},
     "restitution": {"restitution": -1.0},
 }
-"""Values with which it does not."""
+"""Values for which PyBullet ignores the argument."""
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,7 @@ def made(client: int) -> int:
 
 
 def changed(client: int, link: int, given: Mapping[str, Any]) -> list[int]:
-    """Return the links of which PyBullet reports something else after a call."""
+    """Return the links whose reported properties change after a call."""
     body = made(client)
     before = [p.getDynamicsInfo(body, each, client) for each in (-1, 0)]
     p.changeDynamics(body, link, **given, physicsClientId=client)
@@ -99,7 +99,7 @@ def reached(link: int, given: Mapping[str, Any]) -> int:
 
 
 def shown(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a call gives, and a friction before it in PyBullet's order, which is reported."""
+    """Return a call's arguments, preceded by a friction, whose reported change shows the link."""
     probe = "rollingFriction" if "spinningFriction" in given else "spinningFriction"
     return {probe: 0.33, **given}
 
@@ -180,7 +180,7 @@ LINKED = {
 def test_every_step_is_explained_wherever_a_call_lands(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Damping taken for the named link's leaves steps unexplained where the base got it."""
+    """If damping of the base is attributed to the named link, steps stay unexplained."""
     given, on_link = LINKED[name]
     seen = record(ARM.replace("{given}", given), tmp_path / "arm.rrd").seen
     assert {each.link >= 0 for each in seen.calls.given()} == {on_link}
@@ -249,8 +249,8 @@ EXPECTED = {
     (8, "numSubSteps"): (-1, -1, (0.0,), (0.0,), (0.0,), True),
     (8, "contactERP"): (-1, -1, (0.3,), None, None, True),
 }
-"""As bare PyBullet has it: links have a friction of 0.5, the cube has edges of 5 cm. What was there
-before a body was listed is not known; line 12 repeats line 11; there is no link 9."""
+"""Results of bare PyBullet: links have a friction of 0.5, the cube has edges of 5 cm. Values before
+a body was listed are unknown; line 12 repeats line 11; there is no link 9."""
 
 
 def test_what_was_asked_and_what_was_got_are_both_there(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Verification: the discrete law is PyBullet's, bit for bit, and its exact version is that law.
+"""Verification: the integration rule is PyBullet's, bit for bit, and so is its exact version.
 
 On x86-64 the engine rounds once per operation, and equality is asserted. On other machines a
 compiler may fuse multiply and add: there 1e-12 is allowed, some thousand roundings of a metre.
@@ -91,7 +91,7 @@ GRID = list(
         ((-9.81, None), (0.0, 0.3), (3.7, 1e-3), (-9.81, 49.0)),  # 1 / (1 / 49) is not 49.
     )
 )[::3]
-"""A third of all combinations, in which each two values of different kinds come together."""
+"""A third of all combinations, in which every pair of values of different parameters occurs."""
 
 
 @pytest.mark.parametrize("coordinates", some(MODES, 2))

@@ -1,4 +1,4 @@
-"""The single changes of the causal search, in PyBullet: as a user would write them, to the bit.
+"""The causal search's single changes in PyBullet: bitwise equal to the user's edit of the script.
 
 Verification: a run with a change equals a bare run of PyBullet whose calls were written that way.
 """
@@ -26,7 +26,7 @@ CALLS = {name: value for name, value in vars(p).items() if callable(value)}
 
 
 class Watched:
-    """PyBullet whose calls are made otherwise."""
+    """PyBullet with its calls modified."""
 
     def __init__(self, operations: Any) -> None:
         self.fired: set[int] = set()
@@ -38,7 +38,7 @@ class Watched:
 
 
 def script(p: Any, **other: Any) -> Any:
-    """Run what a user writes, or has written otherwise; return the states after each step."""
+    """Run a user's script, with arguments optionally replaced; return the state after each step."""
 
     def given(name: str, usual: Any) -> Any:
         return other.get(name, usual)
@@ -92,7 +92,7 @@ def changes() -> list[Change]:
 
 
 def the(found: list[Change], change: str, op: str, *of: str) -> Change:
-    """Return the one change of something by an operator, or that of some names among several."""
+    """Return the change of a property with an operator, if needed the one for given names."""
     alike = [each for each in found if (each.change, each.op) == (change, op)]
     if of:
         return next(each for each in alike if each.of == of)
@@ -104,7 +104,7 @@ def links(body: int) -> range:
 
 
 def dynamics(**values: float) -> Callable[..., None]:
-    """Return what sets properties of all links of all bodies."""
+    """Return a function that sets dynamics properties of all links of all bodies."""
 
     def set_them(*_: int) -> None:
         for body in range(p.getNumBodies()):
@@ -175,7 +175,7 @@ EDITS: dict[tuple[str, ...], dict[str, Any]] = {
 
 
 def found_of(found: list[Change], key: tuple[str, ...]) -> Change:
-    """Return a change: of one line of several, of all, or of a call that is added."""
+    """Return a change: of one line among several, of all lines, or of an added call."""
     alike = [each for each in found if (each.change, each.op) == key[:2]]
     added = [each for each in alike if isinstance(each.how[1], dict)]
     made = [each for each in alike if each not in added]
@@ -238,7 +238,7 @@ def test_changes_are_those_that_change_something() -> None:
 
 
 def test_a_change_of_some_elements_or_by_another_factor() -> None:
-    """What is added is made of some things alone; a change of several lines of one joint alone."""
+    """An added call affects given elements only; a change may affect several lines of one joint."""
     found = changes()
     friction = found_of(found, ("changeDynamics.lateralFriction", "=3"))
     of_plane = friction.of_some([friction.ids.index((0, 0, -1))])
@@ -254,7 +254,7 @@ def test_a_change_of_some_elements_or_by_another_factor() -> None:
 
 
 def test_a_change_may_begin_at_any_step() -> None:
-    """From the step on at which a trial parts, calls are added once, and others made otherwise."""
+    """From the step at which a trial branches, calls are added once, and others modified."""
     found = changes()
     added = found_of(found, ("changeDynamics.linearDamping", "=0"))
     run, later = Watched([]), Watched(trial_of(added)["interventions"])
@@ -282,7 +282,7 @@ def test_what_makes_a_thing_and_is_left_out_returns_that_there_is_none() -> None
 
 
 def several(p: Any, *, targets: Any = (0.3, 0.2), joints: Any = (0, 1), turn: Any = None) -> bytes:
-    """Run a script that commands two joints in one call, of an arm that lies; return its states."""
+    """Run a script that commands two joints of a lying arm in one call; return its states."""
     p.disconnect()
     p.connect(p.DIRECT)
     p.setAdditionalSearchPath(pybullet_data.getDataPath())

@@ -1,4 +1,4 @@
-"""Validation: what hangs on the clock or on chance is told, and bare PyBullet shows that it does.
+"""Validation: results that depend on the clock or on chance are reported, as bare PyBullet shows.
 
 What else calls and files mean is in `corpus/attacks/calls.toml`.
 """

@@ -1,4 +1,4 @@
-"""Capsules of MJCF files are drawn where PyBullet has them, which only their boxes show."""
+"""Capsules of MJCF files are drawn where PyBullet has them, which only bounding boxes reveal."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from engine import DATA
 from numpy.typing import NDArray
 
 MARGIN_M = 0.04
-"""Of what is given from point to point, a shape of two spheres: their box is that much larger."""
+"""Margin of capsules given from point to point, which are shapes of two spheres: their bounding box
+is that much larger."""
 
 
 @pytest.mark.parametrize("name", ["ant", "humanoid", "hopper", "walker2d", "swimmer", "reacher"])
@@ -41,7 +42,7 @@ def test_a_capsule_lies_where_its_box_is(name: str) -> None:
 
 
 def box_of(shapes: list[Any], body: int, link: int, client: int) -> NDArray[np.float64]:
-    """Return the corners of the box around capsules, (2, 3): the engine turns that of the link."""
+    """Return the corners of the bounding box around capsules, (2, 3), as the engine computes it."""
     if link < 0:
         inertial = p.getDynamicsInfo(body, -1, client)[3:5]
         base = p.getBasePositionAndOrientation(body, client)

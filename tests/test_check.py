@@ -1,4 +1,4 @@
-"""Comparison with a golden recording: exactly what differs is found and named.
+"""Comparison with a golden recording: exactly the differences are found and named.
 
 Each script is recorded once for all tests; differences that none can cause here are made in the
 data read back.
@@ -56,7 +56,7 @@ def side(recording: Recording) -> Side:
 
 
 def with_samples(golden: Side, **change: Any) -> Side:
-    """Return a side with other bases, joints, forces, contacts or calls."""
+    """Return a side with its bases, joints, forces, contacts or calls replaced."""
     return replace(golden, seen=otherwise(golden.seen, **change))
 
 
@@ -69,7 +69,7 @@ def with_contacts(golden: Side, contacts: pl.DataFrame) -> Side:
 
 
 def with_drop(golden: Side, **change: object) -> Side:
-    """Return a side with another engine report."""
+    """Return a side with the engine's report replaced."""
     assert golden.drop is not None
     engine = replace(golden.drop.engine, **change)  # type: ignore[arg-type]
     return replace(golden, drop=golden.drop._replace(engine=engine))
@@ -82,7 +82,7 @@ def altered(golden: Side, column: str, step: int, by: float) -> Side:
 
 
 def touched(golden: Side, column: str, step: int, by: float) -> Side:
-    """Alter a number of the last contact point of a step."""
+    """Change a value of the last contact point of a step."""
     contacts = table_of(golden.seen.contacts)
     values = contacts[column].to_numpy().copy()
     values[np.flatnonzero(contacts["step"] == step)[-1]] += by
@@ -90,13 +90,13 @@ def touched(golden: Side, column: str, step: int, by: float) -> Side:
 
 
 def where(found: Difference | None) -> tuple[object, ...]:
-    """Return step and column of a difference, and both values."""
+    """Return step, column and both values of a difference."""
     assert found is not None
     return found.step, found.column, found.value, found.golden
 
 
 def place(found: Difference | None) -> tuple[object, ...]:
-    """Return where a difference is, and both values."""
+    """Return the location of a difference, and both values."""
     assert found is not None
     return found.step, found.body, found.link, found.column, found.value, found.golden
 
@@ -256,7 +256,7 @@ def test_in_contact_a_nanometre_passes_and_no_more(recorded: Recorder) -> None:
 def test_the_tolerance_of_a_column_is_what_moves_the_body_a_nanometre(
     recorded: Recorder,
 ) -> None:
-    """The cube's centre is 0.025 m from its floor, it weighs 0.1 kg, a step is 1/240 s."""
+    """The cube's centre is 0.025 m above its floor, its mass is 0.1 kg, a step is 1/240 s."""
     golden = side(recorded())
     for column, allowed in (
         ("y_m", 1e-9),
@@ -282,7 +282,7 @@ def test_the_tolerance_of_a_column_is_what_moves_the_body_a_nanometre(
 
 
 def test_friction_is_compared_as_one_force(recorded: Recorder) -> None:
-    """Its directions are arbitrary where it is small; only the force moves the body."""
+    """Friction directions are arbitrary if the force is small; only the force moves the body."""
     golden = side(recorded())
     turned = table_of(golden.seen.contacts).with_columns(
         friction_1_n=-pl.col("friction_1_n"),
@@ -345,7 +345,7 @@ def test_a_contact_that_only_one_of_them_has_differs(recorded: Recorder) -> None
 
 
 def test_what_differs_first_comes_first(recorded: Recorder) -> None:
-    """After a step with more points in one recording, points no longer correspond."""
+    """After a step with more points in one recording, contact points no longer correspond."""
     golden = side(recorded())
     less = with_contacts(golden, table_of(golden.seen.contacts).filter(pl.col("step") != 150))
     assert where(compare(less, golden).first) == (150, "contact_points", 0.0, 4.0)
@@ -454,7 +454,7 @@ def test_frames_are_compared_by_their_pixels(
 def test_a_frame_is_only_ever_opened_as_a_png(
     pictured: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Pillow passes an EPS to Ghostscript if it may guess the format."""
+    """Pillow would pass an EPS file to Ghostscript if it were free to guess the format."""
     stream = io.BytesIO()
     Image.new("RGB", (64, 48)).save(stream, "eps")
 
@@ -511,7 +511,7 @@ def test_update_writes_the_golden_anew_and_whole(drop: Drop, tmp_path: Path) -> 
 def test_update_replaces_recordings_only(
     tmp_path: Path, recorded: Recorder, standard: Run, kind: str
 ) -> None:
-    """Any other file called .rrd is kept, even a layer."""
+    """Any other file named .rrd is kept, even a layer."""
     run, golden = recorded().path, tmp_path / "golden.rrd"
     if kind == "layer":
         golden.write_bytes(standard.analysis.layer.read_bytes())
@@ -608,7 +608,7 @@ ARM = """<robot name="arm"><link name="base"/>
 
 @pytest.fixture(scope="session")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Record:
-    """Return a function that records `BOX` with changes as `sim.py`, once for each change."""
+    """Return a function that records `BOX` with changes as `sim.py`, once per set of changes."""
     folder = tmp_path_factory.mktemp("scripts")
 
     @cache
@@ -662,7 +662,7 @@ for _ in range(24):
 
 
 def recorded_script(script: str, path: Path, *arguments: str) -> Path:
-    """Record a script that is written beside its recording."""
+    """Record a script, written to a file beside the recording."""
     source = path.parent / "sim.py"
     source.write_text(textwrap.dedent(script))
     scenes.record_file(source, path, *arguments)
@@ -770,7 +770,7 @@ def test_what_differs_first_is_named_and_so_is_the_call(
     first: tuple[object, ...],
     call: str | None,
 ) -> None:
-    """Lines inserted before the call do not count."""
+    """Lines inserted before the call do not count as a difference."""
     for lines in ((), (("import pybullet as p", "import pybullet as p\n"),)):
         result = compared(recording(change, *lines), golden)
         *where, value, other = place(result.first)
@@ -808,7 +808,7 @@ def test_what_the_engine_does_not_report_shows_in_the_motion(
 def test_nothing_of_two_small_recordings_is_decoded_twice(
     standard: Run, pictured: Path, golden: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Larger ones are, piece by piece: then it is the memory that is kept small."""
+    """Larger recordings are read twice, in chunks, to limit the memory."""
     decoded = 0
     batch_of = rrd._batch
 
@@ -955,7 +955,7 @@ def test_a_constraint_whose_force_differs_is_named(tmp_path: Path) -> None:
 
 
 def test_inputs_after_the_samples_differ_are_not_the_cause(recording: Record, golden: Path) -> None:
-    """A script that pushes harder the farther it is off: only the first cause is reported."""
+    """The script pushes harder the larger the error; only the first cause is reported."""
     steering = (
         "    p.stepSimulation()",
         "    z = p.getBasePositionAndOrientation(ball)[0][2]\n"
@@ -1053,7 +1053,7 @@ def test_an_image_that_differs(recording: Record, golden: Path, drop: Drop) -> N
 
 
 def test_an_image_that_one_lacks_is_called_that(recording: Record) -> None:
-    """Those after it are the same."""
+    """The following images are the same."""
     taking = (
         ("import pybullet as p", "import sys, pybullet as p"),
         (
@@ -1071,7 +1071,7 @@ def test_an_image_that_one_lacks_is_called_that(recording: Record) -> None:
 
 
 def test_a_picture_before_the_scene_is_complete_is_no_other_physics(recording: Record) -> None:
-    """What comes after it has no sample of where it began."""
+    """The images after it have no sample of the initial state."""
     looking = (
         ("import pybullet as p", "import sys, pybullet as p"),
         ("arm = p.load", "if 'look' in sys.argv: p.getCameraImage(16, 16)\narm = p.load"),
@@ -1090,7 +1090,7 @@ def test_another_file_that_the_same_calls_load(recording: Record, golden: Path) 
 
 
 def test_soft_bodies_are_not_compared_and_never_the_same(drop: Drop, tmp_path: Path) -> None:
-    """PyBullet reports no state of them: only other calls that load them are a difference."""
+    """PyBullet does not report their state: only calls that load them can differ."""
     cloth = recorded_script(CLOTH, tmp_path / "cloth.rrd")
     done = drop("check", "cloth.rrd", "--against", "cloth.rrd", "--json")
     result = json.loads(done.stdout)
@@ -1185,7 +1185,7 @@ def test_two_clients_are_compared_each_by_its_steps(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_the_numbers_of_clients_do_not_count(tmp_path: Path) -> None:
-    """A connection that is not used shifts them, as does one that a notebook left open."""
+    """An unused connection shifts client ids, as does one that a notebook left open."""
     text = """
         import sys, pybullet as p
         for _ in range(int(sys.argv[1])):
@@ -1263,7 +1263,7 @@ def test_twice_the_same_in_whatever_turn(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_a_body_that_turns_over_is_the_same_within_a_tolerance(tmp_path: Path) -> None:
-    """Bullet makes them from matrices: at 120° the sign changes, here at different steps."""
+    """Bullet computes quaternions from matrices: at 120° the sign flips, here at other steps."""
     text = """
         import sys, pybullet as p
         p.connect(p.DIRECT)
@@ -1284,7 +1284,7 @@ def test_a_body_that_turns_over_is_the_same_within_a_tolerance(tmp_path: Path) -
 
 
 def test_a_tolerance_of_an_angle_is_the_way_of_the_surface(tmp_path: Path) -> None:
-    """Half the diagonal is 0.374 m, where 0.05 rad are 18.7 mm."""
+    """Half the diagonal is 0.374 m, so that 0.05 rad moves the surface by 18.7 mm."""
     text = """
         import sys, pybullet as p
         p.connect(p.DIRECT)
@@ -1317,7 +1317,7 @@ def test_a_step_more_differs_though_nothing_moves_any_more(tmp_path: Path) -> No
 
 
 def test_contact_of_a_link_that_is_not_shown_is_compared(tmp_path: Path) -> None:
-    """PyBullet calls the body of such a link -1."""
+    """PyBullet reports -1 as the body of such a link."""
     text = """
         import sys, pybullet as p
         p.connect(p.DIRECT)
@@ -1357,7 +1357,7 @@ def test_an_altered_recording_is_refused_by_its_checksum(golden: Path, tmp_path:
 
 
 def _altered(chunk: Chunk) -> list[Chunk]:
-    """Return a chunk of states with its last position moved by a nanometre."""
+    """Return a chunk of states whose last position is shifted by a nanometre."""
     batch = chunk.to_record_batch()
     index = batch.schema.get_field_index("position_m")
     values = batch.column(index).to_pylist()
@@ -1369,7 +1369,7 @@ def _altered(chunk: Chunk) -> list[Chunk]:
 def rewritten(
     source: Path, path: Path, entity: str, change: Callable[[Chunk], list[Chunk]]
 ) -> Path:
-    """Write a recording again, with other chunks of one entity."""
+    """Write a recording with the chunks of one entity replaced."""
     chunks: list[Chunk] = []
     for chunk in RrdReader(source).stream():
         chunks += change(chunk) if chunk.entity_path == f"/{entity}" else [chunk]
@@ -1382,7 +1382,7 @@ def rewritten(
 
 
 def test_an_image_that_was_altered_is_damage(golden: Path, tmp_path: Path) -> None:
-    """Its digest is checked, even if both recordings claim the same one."""
+    """An image's digest is checked even if both recordings state the same one."""
 
     def change(chunk: Chunk) -> list[Chunk]:
         batch = chunk.to_record_batch()

@@ -1,4 +1,4 @@
-"""Which findings are reported, as a linter's: by a command, a project, a comment in the script.
+"""Selection of findings, as in a linter: by a command's option, a project, or a script's comment.
 
 And which let an analysis fail; where each stands.
 """
@@ -57,7 +57,7 @@ Analyzed = Callable[..., tuple[list[str], int]]
 
 @pytest.fixture(scope="module")
 def arms_recorded(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
-    """Return a function from the script's text to its recording: of each text one is made."""
+    """Return a function that records a script, given its text, once for each text."""
 
     @cache
     def recording(text: str) -> Path:
@@ -70,7 +70,7 @@ def arms_recorded(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], P
 
 @pytest.fixture
 def arms(arms_recorded: Callable[[str], Path], tmp_path: Path) -> Callable[..., None]:
-    """Return what records the script, with comments on its two lines."""
+    """Return a function that records the script with comments on its two lines."""
 
     def record(one: str = "", two: str = "") -> None:
         text = ARMS.format(one=one, two=two)
@@ -83,7 +83,7 @@ def arms(arms_recorded: Callable[[str], Path], tmp_path: Path) -> Callable[..., 
 
 @pytest.fixture
 def analyzed(drop: Drop) -> Analyzed:
-    """Return what analyzes the newest recording: sites of `off-target`, and what is left out."""
+    """Return a function that analyzes the newest recording: `off-target` sites, number left out."""
 
     def analyze(*options: str) -> tuple[list[str], int]:
         result = json.loads(drop("analyze", *options, "--json").stdout)
@@ -151,7 +151,7 @@ SARIF = {
         },
     },
 }
-"""What OASIS's schema of SARIF 2.1.0 requires of the parts that we write (3.13 to 3.30)."""
+"""Parts that OASIS's schema of SARIF 2.1.0 requires in the output that we write (3.13 to 3.30)."""
 
 
 def project(folder: Path, text: str) -> None:
@@ -332,7 +332,7 @@ def test_a_project_that_asks_for_what_is_not_there_is_one_line(
 
 @pytest.fixture(scope="module")
 def standard_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a short drop."""
+    """Return the recording of a short drop."""
     path = tmp_path_factory.mktemp("drop") / "run.rrd"
     scenario = drop_physics.Scenario(duration_s=0.1)
     drop_physics.simulate(scenario, path, camera=None)
@@ -374,7 +374,7 @@ def test_a_plot_is_of_what_is_reported(
 def test_a_comment_spares_its_line_and_no_other(
     arms: Callable[..., None], analyzed: Analyzed
 ) -> None:
-    """The same finding on two arms is one, of the worse: it is not spared with the other's."""
+    """Equal findings on two arms merge into the worse, which the other's comment does not spare."""
     arms(two="  # drop: ignore[off-target]")
     assert analyzed() == (["arms.py:14"], 1)
     arms(one="  # it is weak  # drop: ignore[slides, off-target]")
@@ -460,7 +460,7 @@ def test_a_site_stands_first_and_alone(drop: Drop, arms: Callable[..., None]) ->
 
 
 def test_every_code_of_a_finding_can_be_chosen() -> None:
-    """Those that are written in the sources of the rules, and no others."""
+    """The codes are exactly those in the source code of the rules."""
     written: set[str] = set()
     for path in [*(PACKAGE / "rules").rglob("*.py"), *(PACKAGE / "drop").rglob("*.py")]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -513,7 +513,7 @@ def test_the_version_is_the_packages_and_stands_where_it_is_cited() -> None:
 
 
 def test_what_explains_little_is_folded_away() -> None:
-    """Below `asked`, less than a tenth of the gravest; without a mistake, of the largest."""
+    """The limit is a tenth of the gravest mistake's share; without a mistake, of the largest."""
 
     def of(level: Level, share: float) -> Finding:
         return Finding(code="slides", level=level, message="", share=share)

@@ -169,7 +169,7 @@ def test_table_holds_every_sample(drop: Drop, tmp_path: Path, standard: Run, suf
 
 @pytest.mark.long
 def test_standard_output_carries_the_result_and_nothing_else(drop_process: Drop) -> None:
-    """Bullet prints its banner from C, at exit if stdout is a pipe; Rerun logs if asked to."""
+    """Bullet prints its banner from C, at exit if stdout is a pipe; Rerun logs if configured to."""
     done = drop_process("simulate", "--out", "run.rrd", "--no-camera", "--json")
     assert isinstance(json.loads(done.stdout), dict)
     assert done.stderr == ""
@@ -196,7 +196,7 @@ LOUD = {
 def test_settings_of_somebodys_own_programs_make_no_library_talk(
     drop_process: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And a script still has them."""
+    """The script still gets these settings."""
     for name, value in LOUD.items():
         monkeypatch.setenv(name, value)
     done = drop_process("run", "--duration", "0.1", "--json")

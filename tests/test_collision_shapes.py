@@ -1,4 +1,4 @@
-"""Validation: meshes with a hollow are touched where they have no surface, and that is shown."""
+"""Validation: PyBullet touches concave meshes where they have no surface, and we report it."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ CASES = {
 
 
 def bare(scene: str) -> float:
-    """Run a scene; return how high its body b is in the end."""
+    """Run a scene; return the end height of its body b."""
     release_clients()
     names: dict[str, int] = {}
     exec(HEAD + scene, names)

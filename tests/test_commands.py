@@ -1,4 +1,4 @@
-"""Commands of calls to joints in a recording: targets and limits, a row when one changes."""
+"""Targets and limits from joint calls in a recording: a row for each change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Verification: what is said of scenes whose truth is known by construction, and tried of it.
+"""Verification of findings about scenes whose faults are known by construction, and of their cures.
 
 Of each kind, a wrong scene and a right one; `python tests/constructed.py --seeds N` draws others.
 """
@@ -12,7 +12,7 @@ from constructed import KINDS, Judged, judged
 from drop_physics.rules.answer import Finding
 
 WRONG, RIGHT = 1, 2
-"""Seeds: of three, one is right."""
+"""Seeds of faulty and of correct scenes: of three seeds, one is correct."""
 
 
 @pytest.mark.long

@@ -1,4 +1,4 @@
-"""Validation: why a contact is deep, by bare PyBullet; and where nothing gains energy.
+"""Validation: the cause of a deep contact, checked in bare PyBullet; no energy gain is reported.
 
 What else is said of bodies that touch is in `corpus/attacks/contacts.toml`.
 """

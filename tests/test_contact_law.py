@@ -1,4 +1,4 @@
-"""Verification: the contact law follows PyBullet's converged solver through impact and rest.
+"""Verification: the contact model follows PyBullet's converged solver through impact and rest.
 
 Its predictions of bounces are checked against e^(2k) h. The solver is made to converge
 (`solverResidualThreshold=0`); the effect of its default is asserted too, with its sign and size.
@@ -29,7 +29,7 @@ CONVERGED = {"solverResidualThreshold": 0}
 
 @dataclass(frozen=True)
 class Dropped:
-    """A box, and how it is dropped."""
+    """A box, and its release conditions."""
 
     height_m: float
     gravity_m_s2: float
@@ -38,7 +38,7 @@ class Dropped:
     velocity_m_s: float = 0.0
 
     def law(self, rate: float, substeps: int = 1) -> BulletLaw:
-        """Return its law at a given number of steps per second."""
+        """Return the contact model for a number of steps per second."""
         return law_of(
             timestep_s=1 / rate,
             substeps=substeps,
@@ -95,7 +95,7 @@ def predicted(
 
 
 class Bounce(NamedTuple):
-    """A contact followed by flight: its last sample before, effective restitution, apex."""
+    """A contact followed by flight: the last sample before it, effective restitution, apex."""
 
     step: int
     restitution: float
@@ -172,7 +172,7 @@ def test_threshold_and_substeps_are_pybullets(
 
 
 def test_the_floor_of_our_own_worlds_is_the_laws() -> None:
-    """In maximal coordinates too: the floor is a btMultiBody, which decides the contact solver."""
+    """The floor is a btMultiBody in maximal coordinates too, which decides the contact solver."""
     scenario = Scenario(
         coordinates="maximal", restitution=0.9, solver_residual=0.0, timestep_s=1 / 60
     )
@@ -185,7 +185,7 @@ def test_the_floor_of_our_own_worlds_is_the_laws() -> None:
 
 @pytest.mark.parametrize("coordinates", MODES)
 def test_contact_begins_where_the_body_just_touches(coordinates: Any) -> None:
-    """At a distance of exactly 0 the engine holds the body; 1e-15 m above it lets it fall."""
+    """At a gap of exactly 0 the engine holds the body; 1e-15 m above the floor it falls."""
     for height_m, velocity_m_s in (
         (REST_HEIGHT_M, -bullet_contact.CONTACT_SLOP_M * 240),  # it may sink by the slop
         (REST_HEIGHT_M + 1e-15, -9.81 / 240),
@@ -201,7 +201,7 @@ def test_contact_begins_where_the_body_just_touches(coordinates: Any) -> None:
 def test_a_body_as_fast_as_the_threshold_bounces_and_one_a_bit_slower_does_not(
     coordinates: Any,
 ) -> None:
-    """Thrown down without gravity, it arrives at the speed of the throw."""
+    """Thrown down without gravity, the body arrives at its release speed."""
     threshold_m_s = bullet_contact.RESTITUTION_THRESHOLD_M_S
     for speed_m_s, bounces in ((threshold_m_s, True), (np.nextafter(threshold_m_s, 0), False)):
         fall = Dropped(0.05, 0.0, 0.0, coordinates, velocity_m_s=-speed_m_s)

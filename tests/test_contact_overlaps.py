@@ -1,4 +1,4 @@
-"""Validation: what is said of bodies that overlap or gain energy is true of bare PyBullet."""
+"""Validation: findings about overlaps and energy gain are true of bare PyBullet."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ for i in range({n}):
 
 
 def run(scene: str, n: int, act: str = "pass") -> str:
-    """Return a scene that notes how deep its body b was in another."""
+    """Return a scene that stores how deep its body b was in another body."""
     return scene + DEEPEST.format(n=n, act=act)
 
 

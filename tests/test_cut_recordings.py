@@ -1,4 +1,4 @@
-"""Recordings whose writer was stopped: what is left gives its whole steps, or says so in one line.
+"""Truncated recordings: the remaining whole steps are read, or an error is given in one line.
 
 A recording of each kind is cut before the first, second and last chunk of each kind of entity, and
 at places drawn by chance. What is left is analyzed, and holds the first steps of the whole, to the
@@ -78,7 +78,7 @@ BY_CHANCE = 50
 
 @pytest.fixture(scope="module", params=RECORDED)
 def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a recording, whose rows are written in many groups."""
+    """Return a recording whose rows are written in many batches."""
     path = tmp_path_factory.mktemp(request.param) / "run.rrd"
     if request.param == "drop":
         simulate(Scenario(duration_s=0.5), path)
@@ -107,7 +107,7 @@ def test_any_prefix_gives_its_whole_steps_or_one_line(whole: Path, part: int) ->
 
 
 def borders_of(whole: Path) -> set[int]:
-    """Return where the first, second and last chunk of each kind of entity begin."""
+    """Return the file positions of the first, second and last chunk of each kind of entity."""
     positions: dict[str, list[int]] = {}
     for chunk in rrd.chunks(whole):
         positions.setdefault(re.sub(r"\d+", "", chunk.entity), []).append(chunk.position)
@@ -115,7 +115,7 @@ def borders_of(whole: Path) -> set[int]:
 
 
 def whole_steps_of(path: Path, complete: Recording) -> int:
-    """Return the last step of a part of a recording, which is as in the whole one."""
+    """Return the last step of a truncated recording, after checking it against the whole one."""
     try:
         held = read(path)
         Story(held.seen, held.origin_and_end).analysis()
@@ -133,7 +133,7 @@ def whole_steps_of(path: Path, complete: Recording) -> int:
 
 
 def states(held: Recording, last: int) -> dict[object, bytes]:
-    """Return all numbers of the steps up to one, by what they are of."""
+    """Return all values up to and including a step, by body and component."""
     piece = held.seen.sampled.piece(0, last + 1)
     found: dict[object, bytes] = {}
     for number in held.seen.bodies:

@@ -1,4 +1,4 @@
-"""Why one run is not another: the cause that was put into a script is found, and proved by a swap.
+"""Why two runs differ: the cause planted in a script is found, and proved by a swap.
 
 Each second script is the first with one thing changed, beside which something may differ that has
 no effect. The judge is how the scripts were made.
@@ -54,7 +54,7 @@ HEAVIER = SCRIPT.replace('mass="0.6"', 'mass="0.61"')
 MARKED = SCRIPT.replace("</worldbody>", '<camera name="eye" pos="0 -2 1"/></worldbody>')
 PUSHED = SCRIPT.replace("    mujoco.mj_step", "    if k == 40: d.ctrl[1] = 0.2\n    mujoco.mj_step")
 LINE = PUSHED[: PUSHED.index("if k == 40")].count("\n") + 1
-"""The line of the step in `PUSHED`, where the write is seen."""
+"""The line of the step in `PUSHED`, at which the write is detected."""
 
 
 def compared(folder: Path, a: str, b: str, **how: Any) -> Diff:
@@ -318,7 +318,7 @@ def test_values_have_as_many_digits_as_tell_them_apart() -> None:
 
 
 def test_numbering_that_differs_is_one_swap_where_sizes_are_the_same() -> None:
-    """Of two versions, one says in another way how elements hang together."""
+    """One of the two versions encodes the connections between elements differently."""
     xml = "<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>"
     fields = constants_of(mujoco.MjModel.from_xml_string(xml))
     other = {**fields, "body_simple": fields["body_simple"] + 1}

@@ -1,4 +1,4 @@
-"""Why a run of PyBullet is not another, or not that of MuJoCo: calls are swapped in its log.
+"""Why two runs of PyBullet differ, or PyBullet and MuJoCo: calls are swapped in the log.
 
 PyBullet hides part of its state, so no step of it can be made alone: the log of its calls is made
 again, bare, and has to be the recorded run to the bit before anything is claimed.

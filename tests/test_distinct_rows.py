@@ -1,4 +1,4 @@
-"""Distinct rows of whole numbers are those of NumPy's `unique`, with the same places."""
+"""Distinct rows of integers are the same as from NumPy's `unique`, with the same indices."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from drop_physics.physics.vectors import distinct_bytes, distinct_rows
 
 @pytest.mark.parametrize(("count", "columns"), [(0, 4), (1, 2), (5, 0), (500, 3), (500, 4)])
 def test_distinct_rows_are_those_of_numpy(count: int, columns: int) -> None:
-    """With numbers below zero, such as the base's as a link, and of none, too."""
+    """Negative numbers occur, such as the base's link index -1; empty arrays are covered too."""
     numbers = np.random.default_rng(count).integers(-1, 5, size=(count, columns))
     rows, first, which = distinct_rows(numbers)
     expected = np.unique(numbers, axis=0, return_index=True, return_inverse=True)
@@ -19,7 +19,7 @@ def test_distinct_rows_are_those_of_numpy(count: int, columns: int) -> None:
 
 
 def test_rows_that_no_whole_number_holds_are_refused() -> None:
-    """Instead of being taken for others."""
+    """Otherwise they would be confused with other rows."""
     with pytest.raises(ValueError, match="dims"):
         distinct_rows(np.array([[0, 0], [2**40, 2**40]]))
 

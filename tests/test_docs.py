@@ -1,4 +1,4 @@
-"""The documents are true of the program."""
+"""The documents agree with the program."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_the_readme_is_short_and_asks_first_what_readers_ask() -> None:
 
 
 def test_every_option_of_the_box_is_told_in_japanese_too() -> None:
-    """Help is in English only, and `docs/commands.md` with it."""
+    """Help texts are in English only, and `docs/commands.md` with them."""
     options = {**Scenario.options(), **Camera.options()}
     for option in options.values():
         assert f"`{option.name}`" in BOX_JA, option.name
@@ -141,7 +141,7 @@ def test_every_dependency_has_a_reason() -> None:
 
 
 def test_nobody_is_told_to_install_somebody_elses_package() -> None:
-    """The package index has another `drop`; ours is `drop-physics`."""
+    """The package index has an unrelated `drop`; ours is `drop-physics`."""
     assert PROJECT["name"] == "drop-physics"
     assert list(PROJECT["scripts"]) == ["drop"]
     others = re.compile(
@@ -159,7 +159,7 @@ def test_nobody_is_told_to_install_somebody_elses_package() -> None:
 def test_the_pipeline_to_copy_is_50_lines_and_comes_to_what_we_say(
     tmp_path: Path, standard: Run
 ) -> None:
-    """Its damping is a difference of two runs: what we call the interaction is a part of it."""
+    """Its damping is a difference of two runs, which contains part of what we call interaction."""
     page = (ROOT / "docs/pipeline.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     lines = [line for line in code.splitlines() if line.strip() and line.lstrip()[0] != "#"]
@@ -190,7 +190,7 @@ def test_the_pipeline_to_copy_is_50_lines_and_comes_to_what_we_say(
 
 
 NAMED_ON = ("architecture",)
-"""Pages that say in which file of ours something is."""
+"""Pages that name source files of ours."""
 
 
 @pytest.mark.parametrize("page", NAMED_ON)
@@ -223,7 +223,7 @@ EPSILON = 2.0**-52
     ids=["standard", "small steps", "large steps", "thrown", "no floor", "maximal", "high"],
 )
 def test_rounding_is_as_small_as_the_page_says(scenario: Scenario, tmp_path: Path) -> None:
-    """Below steps × 2⁻⁵² × the largest height so far. Measured over 35 scenarios: 0.36 of it.
+    """The bound is steps × 2⁻⁵² × the greatest height so far; over 35 scenarios, 0.36 of it occurs.
 
     A position rounds by at most half of 2⁻⁵² of itself in each step. So do velocities, and the more
     steps there are, the more of these roundings cancel.

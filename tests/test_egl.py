@@ -1,4 +1,4 @@
-"""Validation: `--renderer egl` draws without a screen, and records the driver; else tiny draws.
+"""Validation: `--renderer egl` renders without a display, and records the driver, or falls back.
 
 Debian needs: libegl1 libegl-mesa0 libgl1-mesa-dri.
 """
@@ -48,7 +48,7 @@ def test_egl_is_recorded_as_what_it_is(by_egl: Recording) -> None:
 
 
 def test_egl_sees_the_box_where_tinyrenderer_sees_it(by_egl: Recording, tmp_path: Path) -> None:
-    """Shades differ, so the box is found as the pixels that change from release to last frame.
+    """Shading differs, so the box is located by the pixels that change from release to last frame.
 
     It has five pixels; which of its faces are visible on the floor depends on their shade.
     """
@@ -74,7 +74,7 @@ def test_the_fall_is_the_same_whatever_draws_it(by_egl: Recording, tmp_path: Pat
 def test_without_egl_tinyrenderer_draws_and_the_recording_says_so(
     drop_process: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The plugin ends its process if there is no device; that must not be ours."""
+    """The plugin ends its process if there is no device; that process must not be ours."""
     monkeypatch.setenv("EGL_VISIBLE_DEVICES", "99")
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_DIRS", "/nowhere")
     options = ("--renderer", "egl", "--duration", "0.25", "--size", "160x120")

@@ -1,4 +1,4 @@
-"""The same drop in both engines: recorded as the engine steps it, and explained by its own law.
+"""The same drop in both engines: recorded as each engine steps it, explained by each engine's rule.
 
 MuJoCo has more in `test_mujoco`.
 """
@@ -45,7 +45,7 @@ HEAVY = (
 
 
 def drawn(seed: int) -> Scenario:
-    """Return a scenario of a body in the air; every second is thrown, every third spins."""
+    """Return a random scenario of a flying body; every second body is thrown, every third spins."""
     rng = np.random.default_rng(seed)
     timestep_s = float(rng.choice([1 / 240, 1 / 1000, 0.01, 0.0003]))
     values: dict[str, object] = {
@@ -84,7 +84,7 @@ def test_every_step_in_the_air_follows_the_law() -> None:
 
 
 def test_a_long_flight_follows_the_law_as_well(tmp_path: Path) -> None:
-    """Rounding turns a body that is thrown sideways by less than 1e-15 rad/s."""
+    """Rounding rotates a body that is thrown sideways by less than 1e-15 rad/s."""
     heavy = tmp_path / "heavy.urdf"
     heavy.write_text(HEAVY)
     scenario = Scenario(
@@ -124,7 +124,7 @@ def test_both_share_the_integrator(recorded: Recorder) -> None:
 def test_the_same_run_is_the_same_to_the_bit(
     tmp_path: Path, drop: Drop, drop_process: Drop
 ) -> None:
-    """In two processes."""
+    """The runs are made in two processes."""
     tumbling = ("--spin", "3,5,-2", "--velocity", "1,0,1", "--no-camera", "--engine", "mujoco")
     for name, call in (("a.rrd", drop), ("b.rrd", drop_process)):
         done = call("simulate", *tumbling, "--out", name)
@@ -137,7 +137,7 @@ def test_the_same_run_is_the_same_to_the_bit(
 
 
 def test_findings_about_contact_are_true(recorded: Recorder) -> None:
-    """A tumbling body is explained, or the reason is given, and never called altered."""
+    """A tumbling body is explained, or a reason is given; it is never reported as altered."""
     for scenario in ({}, TUMBLING, {"timestep_s": 1 / 960}, {"body": "sphere_small.urdf"}):
         analysis = judge(recorded(engine="mujoco", **scenario))
         codes = {finding.code for finding in analysis.findings}
@@ -153,7 +153,7 @@ def test_findings_about_contact_are_true(recorded: Recorder) -> None:
 def test_how_deep_a_long_step_goes_is_not_blamed_on_a_spring(
     recorded: Recorder, solref: float
 ) -> None:
-    """MuJoCo has not computed a contact yet, whatever its time constant."""
+    """MuJoCo has not computed a contact yet, so its time constant has no effect."""
     recording = recorded(engine="mujoco", timestep_s=0.05, duration_s=2.0, height_m=5.0)
     bare = mujoco_drop.drive(steps=40, timestep_s=0.05, height_m=5.0, solref=solref)
     depth_m = 0.025 - bare[:, 2].min()
@@ -193,7 +193,7 @@ def test_a_contact_that_gives_way_gradually_is_not_blamed_on_the_step(recorded: 
 def test_a_cylinder_is_a_cylinder(
     recorded: Recorder, tmp_path: Path, tilt_deg: float, rest_m: float
 ) -> None:
-    """PyBullet makes it a hull, 1 mm thicker; its inertia is the hull's in both engines."""
+    """PyBullet makes a convex hull, 1 mm thicker; the inertia is the hull's in both engines."""
     can = urdf_of(tmp_path, shape('<cylinder radius="0.1" length="0.3"/>'))
     body = {"body": can, "orientation": (float(tilt_deg), 0.0, 0.0), "height_m": 0.2}
     recording, bullets = recorded(engine="mujoco", **body), recorded(**body).engine
@@ -240,7 +240,7 @@ def compared(one: Recording, other: Recording, **options: Any) -> Comparison:
 
 
 def parted(one: Recording, other: Recording) -> str:
-    """Return the words about two engines."""
+    """Return the comparison's description of the difference between two engines."""
     return str(check(one.path, other.path).engines)
 
 

@@ -1,4 +1,4 @@
-"""Episodes: where they begin and end, how, and what is told of them.
+"""Episodes: where they begin and end, how they end, and what is reported about them.
 
 Verification: against what the script itself counts and sums.
 """
@@ -58,7 +58,7 @@ END = "print(json.dumps(said))"
 
 @pytest.fixture
 def told(tmp_path: Path) -> Told:
-    """Return the episodes of a script that prints what it knows of them, and that."""
+    """Return a function that records a script; it returns the episodes and the printed JSON."""
 
     def rows(script: str, **how: Any) -> tuple[list[EpisodeRow], Any]:
         file, printed = tmp_path / "script.py", tmp_path / "printed.txt"
@@ -279,7 +279,7 @@ def test_the_account_is_of_the_end_of_what_failed(tmp_path: Path) -> None:
 def test_of_the_other_episodes_a_line_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, episodes: Any, kept: list[int]
 ) -> None:
-    """What is kept is the same to the bit, and each of its steps leads to the next one.
+    """The kept episode is bitwise equal, and each of its steps leads to the next one.
 
     None keeps all until there are too many; the last one has not ended, and may have failed.
     """
@@ -307,7 +307,7 @@ def test_of_the_other_episodes_a_line_is_kept(
 
 
 RESET = "env.reset(); env.unwrapped.data.xfrc_applied[1, 0] = 0.3"
-"""A reset and a force that is the same in all episodes: it is sent with the first alone."""
+"""A reset and a force that is the same in all episodes, so that it is sent for the first only."""
 
 
 def test_an_episode_without_steps_is_not_looked_at(tmp_path: Path) -> None:
@@ -400,7 +400,7 @@ except drop_physics.DropError as error:
 
 
 def _python(script: str) -> Any:
-    """Run a script without `drop record`; return what it printed last, as JSON."""
+    """Run a script without `drop record`; return the last line that it printed, parsed as JSON."""
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=False
     )
@@ -469,7 +469,7 @@ def test_what_happens_in_twenty_episodes_is_one_finding_with_a_count(
 def test_an_episode_that_would_go_on_for_ever_is_what_was_expected(
     tmp_path: Path, text: str
 ) -> None:
-    """Without gravity the ball never falls: the trial ends where it has made twice the steps."""
+    """Without gravity the ball never falls: the trial ends after twice the episode's steps."""
     script = tmp_path / "script.py"
     script.write_text(f"""{ENVIRONMENT}
 env = Falling()
@@ -487,7 +487,7 @@ while not env.step(0)[2]:
 
 @pytest.mark.long
 def test_a_change_is_tried_from_a_second_before_a_failure_on(tmp_path: Path) -> None:
-    """A ball is pressed into the ground after 5.5 s: before that its force may be what it is."""
+    """A ball is pressed into the ground after 5.5 s: the force before that does not matter."""
     script = tmp_path / "script.py"
     script.write_text(f"""{ENVIRONMENT}
 env = Falling(0.04)

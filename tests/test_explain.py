@@ -1,4 +1,4 @@
-"""`drop explain` says of each code what its rule says of itself."""
+"""`drop explain` describes each finding code with the text of its rule."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_a_rule_is_explained_in_its_own_words() -> None:
 
 @pytest.mark.long
 def test_thresholds_messages_and_cure_are_those_of_the_rule() -> None:
-    """Of two rules in one file each has its own."""
+    """Of two rules in one file, each has its own texts."""
     (made,) = explain("target-clamped").codes
     limits = {threshold.name: threshold.value for threshold in made.thresholds}
     assert limits["BEYOND_RANGE"] == BEYOND_RANGE

@@ -1,4 +1,4 @@
-"""Verification: an analysis explains every sample of a drop, and claims no more than that."""
+"""Verification: an analysis explains every sample of a drop, and claims nothing beyond that."""
 
 from __future__ import annotations
 
@@ -169,14 +169,14 @@ def test_a_release_that_is_not_the_scenarios_is_unexplained(recorded: Recorder) 
 
 
 def test_what_is_recorded_after_the_last_state_is_no_sample(recorded: Recorder) -> None:
-    """As in a recording that was cut off between contacts and states."""
+    """Such a recording was cut off between contacts and states."""
 
     class Ahead(HeldSamples):
-        """Samples that seem to go on."""
+        """Samples with a claimed last step that was never sampled."""
 
         @property
         def last(self) -> int:
-            """Return a step that was never sampled."""
+            """Return a last step that was never sampled."""
             return 20_000
 
     recording = recorded()
@@ -191,7 +191,7 @@ def test_what_is_recorded_after_the_last_state_is_no_sample(recorded: Recorder) 
 
 
 def test_a_robot_is_explained_by_the_sum(recorded: Recorder) -> None:
-    """The law of a fall is that of one rigid body."""
+    """The integration rule for a free fall is that of one rigid body."""
     recording = recorded(body="r2d2.urdf", duration_s=0.1)
     analysis = judge(recording)
     assert analysis.explained.samples == analysis.explained.of == 25
@@ -224,7 +224,7 @@ def test_rolling_friction_is_a_term_of_the_sum(recorded: Recorder, tmp_path: Pat
 
 
 def test_the_first_push_of_a_turned_btrigidbody_is_reported(recorded: Recorder) -> None:
-    """A slab that is loaded flat and released on its edge is pushed as if it were flat."""
+    """A slab that is loaded flat and released on its edge is pushed as if it lay flat."""
     how: Any = {"body": "jenga/jenga.urdf", "orientation": (20.0, 50.0, 10.0), "height_m": 0.02}
     analysis = judge(recorded(coordinates="maximal", **how))
     assert analysis.explained.until_s == 0

@@ -1,4 +1,4 @@
-"""Verification: every step of every body of a recording is the sum of its named impulses.
+"""Verification: every step of every body in a recording equals the sum of its named impulses.
 
 The tolerance is the rule's own: a remainder up to 1e-9 of a step's largest term is rounding. What
 was measured is 4e-12 at most; CLOSES is what the sums of causes may be off, of the largest cause.
@@ -229,11 +229,11 @@ steps(20)
 
 @dataclass(frozen=True)
 class Case:
-    """A scene, and which segments its bodies have."""
+    """A scene, and the expected kinds of segments for its bodies."""
 
     scene: str
     segments: dict[int, set[str]]
-    """By body, besides `set`."""
+    """Kinds of segments by body id, in addition to `set`."""
 
 
 CASES = {
@@ -259,7 +259,7 @@ DRIVEN = ("kuka free", "kuka position", "kuka velocity", "kuka torque", "kuka pd
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Seen]:
-    """Return what was seen of a scene, recorded once."""
+    """Return a function that records a scene, once, and returns the recorded data."""
     made: dict[str, Seen] = {}
     folder = tmp_path_factory.mktemp("explained")
 
@@ -276,7 +276,7 @@ def segments(totals: Totals) -> set[str]:
 
 
 def closes(totals: Totals) -> None:
-    """Check that the causes are what changed, to 1e-9 of the largest."""
+    """Check that the impulses by cause add up to the change of momentum, to 1e-9 of the largest."""
     energy = totals.energy_j
     largest = max(map(abs, energy.values()))
     assert abs(sum(energy.values()) - totals.changed_j) <= CLOSES * largest
@@ -304,7 +304,7 @@ def test_every_sample_is_explained(name: str, seen: Callable[[str], Seen]) -> No
 
 @pytest.mark.parametrize("name", some(["push", "hold", "set", "again", "kuka torque"], 1))
 def test_pieces_come_to_the_same(name: str, seen: Callable[[str], Seen]) -> None:
-    """Cut anywhere, what is carried from piece to piece makes up for it."""
+    """The state carried from chunk to chunk makes the result independent of where a run is cut."""
     whole, pieces = explanation(seen(CASES[name].scene)), Explanation(seen(CASES[name].scene))
     for _ in pieces.pieces(7):
         pass
@@ -319,7 +319,7 @@ def test_pieces_come_to_the_same(name: str, seen: Callable[[str], Seen]) -> None
 
 
 def test_the_energy_of_a_box_by_hand(seen: Callable[[str], Seen]) -> None:
-    """It starts at rest at 0.3 m, of 0.1 kg; what it ends with is kinetic and potential energy."""
+    """A box of 0.1 kg starts at rest at 0.3 m; its final energy is kinetic and potential."""
     found = seen(BOX)
     totals = explanation(found).totals[1]
     assert totals.start_j == pytest.approx(0.1 * 9.81 * 0.3, rel=1e-12)
@@ -396,7 +396,7 @@ def test_what_the_law_does_not_cover_says_why(name: str, seen: Callable[[str], S
 
 
 def test_a_body_alone_follows_its_own_law(seen: Callable[[str], Seen]) -> None:
-    """No sum, so no causes; its flight is explained, and contact."""
+    """Such a body has no sum, so no causes; its flight and its contact are explained."""
     turn = "p.getQuaternionFromEuler([0.3, 0.2, 0])"
     box = f'b = p.loadURDF("cube_small.urdf", [0, 0, 0.3], {turn}, useMaximalCoordinates=True)\n'
     push = "p.applyExternalForce(b, -1, [0, 1, 0], [0, 0, 0.5], p.WORLD_FRAME)\n"
@@ -425,19 +425,19 @@ def test_a_planar_joint_is_not_covered(seen: Callable[[str], Seen], tmp_path: Pa
 
 
 class Unheard:
-    """Samples of a recording that began after all calls."""
+    """Samples of a recording that started after all calls."""
 
     def __init__(self, seen: Seen) -> None:
         self._sampled = seen.sampled
         self.first, self.last = seen.sampled.first, seen.sampled.last
 
     def piece(self, first: int, end: int) -> Piece:
-        """Return a piece without its calls."""
+        """Return a chunk of samples without its calls."""
         return replace(self._sampled.piece(first, end), calls=Log())
 
 
 def test_what_was_set_before_the_recording_is_not_known(seen: Callable[[str], Seen]) -> None:
-    """A default is taken for true as long as the steps agree with it."""
+    """A default setting is assumed as long as the steps agree with it."""
     for call, reason in (("", None), ("p.changeDynamics(b, -1, linearDamping=0.5)", "before")):
         scene = AIR + f'b = p.loadURDF("cube_small.urdf", [0, 0, 9])\n{call}\nsteps(20)\n'
         known = seen(scene)
@@ -458,7 +458,7 @@ def test_a_body_that_nothing_moves_is_still(seen: Callable[[str], Seen]) -> None
 
 
 def forgotten(name: str) -> Callable[[Any], Any]:
-    """Return what makes `Reported` without one of its parts."""
+    """Return a function that builds a `Reported` with one of its fields zeroed."""
 
     def made(**given: Any) -> Reported:
         nothing = Forces() if isinstance(given[name], Forces) else given[name] * 0
@@ -496,7 +496,7 @@ def test_without_pushes_it_does_not_close(
 def test_poses_of_pushes_matter(
     seen: Callable[[str], Seen], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of one step earlier until i = 30, and where calls refreshed them later."""
+    """Poses are one step old until i = 30, and current where calls refreshed them afterwards."""
     monkeypatch.setattr(steps, "TRIALS", 0)
     totals = explanation(seen(PUSH)).totals[0]
     assert 30 <= totals.explained <= 34
@@ -519,7 +519,7 @@ def test_what_calls_set_matters(
     seen: Callable[[str], Seen],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """With another number in the law than the engine has, steps are unexplained."""
+    """If the integration rule's value differs from the engine's, steps are unexplained."""
     other = {"linear_damping": 0.3, "angular_damping": 0.3, "velocity_limit": 100.0}
     make = BodyConfigs._make
 
@@ -545,7 +545,7 @@ def test_what_calls_set_matters(
 def test_pd_control_outlives_the_body(
     seen: Callable[[str], Seen], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """PyBullet keeps it by the id, beyond `resetSimulation`; forgotten there, nothing closes."""
+    """PyBullet keeps the target by id beyond `resetSimulation`; without it, no sum closes."""
     monkeypatch.setattr(
         commands.Commanded,
         "servos",
@@ -556,7 +556,7 @@ def test_pd_control_outlives_the_body(
 
 
 def test_a_gear_between_joints_that_do_not_move_gives_nothing(seen: Callable[[str], Seen]) -> None:
-    """PyBullet takes it; what it reports of it acts on no rate."""
+    """PyBullet accepts such a gear; the force that it reports acts on no joint rate."""
     scene = GEAR.replace("racecar_differential", "racecar").replace(
         "p.setJoint", "0 and p.setJoint"
     )
@@ -565,7 +565,7 @@ def test_a_gear_between_joints_that_do_not_move_gives_nothing(seen: Callable[[st
 
 
 def test_the_first_that_applies(seen: Callable[[str], Seen]) -> None:
-    """A cube that is held, touches the arm and is pushed is `pushed`; then `constrained`."""
+    """A cube that is held, touches the arm and is pushed is `pushed`, and later `constrained`."""
     found: dict[int, SampleStatus] = {}
     for piece in Explanation(seen(HOLD)).pieces():
         found |= piece.bodies

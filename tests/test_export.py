@@ -1,4 +1,4 @@
-"""`drop export`: what other tools read is what the script saw, and what the recording holds."""
+"""`drop export`: other tools read the values that the script saw and the recording holds."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ STEPS = 61
 
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[list[Any]]]:
-    """Return the folder of the script's recording and tables, and what the script saw."""
+    """Return the folder of the recording and its tables, and the values that the script saw."""
     folder = tmp_path_factory.mktemp("export")
     (folder / "look.py").write_text(SCRIPT)
     done = drop_here("record", "--out", "run.rrd", "look.py", folder=folder)

@@ -1,4 +1,4 @@
-"""Expectations: what an expression means, and by how much it holds.
+"""Expectations: the meaning of an expression, and the margin by which it holds.
 
 Verification: the margin is the distance to the nearest value with which the expression would be
 true, which is worked out by hand beside each case.
@@ -57,7 +57,7 @@ def test_an_expression_holds_by_a_margin(
 
 
 def test_a_number_of_the_script_covers_no_function_of_ours_and_a_function_does() -> None:
-    """`end` and `z` are common names of a script's numbers."""
+    """`end` and `z` are common names for numbers in a script."""
     script = {"end": 0.75, "z": 3.0}
     assert Expression("end > 0.7 and end(z('cube')) < 0.3").judged(script, OURS)[0]
     own = {"low": lambda _: 5.0}
@@ -89,41 +89,41 @@ def test_what_is_read_is_known_before_a_run() -> None:
 
 
 class Falling(Observed):
-    """A body that falls by its number of steps."""
+    """A body whose height falls with its number of steps."""
 
     def __init__(self) -> None:
         self.steps = 0
 
     @property
     def time_s(self) -> float:
-        """Return the time: a tenth of a second a step."""
+        """Return the time: a tenth of a second per step."""
         return 0.1 * self.steps
 
     def reader(self, _: str, *names: Any) -> Any:
-        """Return a function that reads a height that falls by one a step."""
+        """Return a function that reads a height that decreases by one per step."""
         if names != ("ball",):
             raise UnknownNameError(names[0], ["ball", "wall", "floor"])
         return lambda: -float(self.steps)
 
     def positions(self) -> list[float]:
-        """Return its position."""
+        """Return the body's position."""
         return 3 * [0.0, 0.0, -float(self.steps)]
 
     def bodies(self) -> list[str]:
-        """Return its name."""
+        """Return the body's name."""
         return ["ball"]
 
     def astray(self) -> dict[str, float]:
-        """Return its distance from its target: it has none."""
+        """Return the body's distance from its target: none."""
         return {}
 
     def is_finite(self) -> bool:
-        """Return True: it is finite."""
+        """Return True: the state is finite."""
         return True
 
 
 def run_of(text: str, steps: int = 3) -> Any:
-    """Return the answer of an expectation in a run whose steps a function of a script makes."""
+    """Return the result of an expectation in a run whose steps a function of the script makes."""
     expected, falling = ExpectationEvaluator(text), Falling()
     host = SimpleNamespace(environments=SimpleNamespace(outcome=dict))
     engine: Any = SimpleNamespace(observed=lambda: falling, host=host)

@@ -1,4 +1,4 @@
-"""Faults: whatever happens while a recording is written, no existing file is lost.
+"""Fault tolerance: whatever happens while a recording is written, no existing file is lost.
 
 After each fault an existing recording is untouched or replaced whole, the `.part` holds every
 complete chunk that was written and can be analyzed, one line says what happened, the exit code is
@@ -54,7 +54,7 @@ from rerun.chunk import LazyChunkStream
 pytestmark = pytest.mark.pybullet
 
 KILLS = 9
-"""Runs that are killed, each at another moment: by each signal while stepping and sealing."""
+"""Number of runs to kill at various moments: with each signal, while stepping and while sealing."""
 SEED = 6
 ONE_BATCH = BATCH * BYTES_PER_SAMPLE
 """Maximum number of bytes written at once."""
@@ -79,13 +79,13 @@ def start(arguments: tuple[str, ...], folder: Path, **how: object) -> subprocess
 
 
 def outcome(arguments: tuple[str, ...], folder: Path) -> tuple[int, str, str]:
-    """Run the command in this process; return its exit code and what it printed."""
+    """Run the command in this process; return its exit code and its output."""
     done = drop_here(*arguments, folder=folder)
     return done.returncode, done.stdout, done.stderr
 
 
 def ended(process: subprocess.Popen[str]) -> tuple[str, str]:
-    """Return what a process printed, once it and all processes it started have ended."""
+    """Return a process's output, once it and all its descendants have ended."""
     try:
         output = process.communicate(timeout=HANGS_S)
     except subprocess.TimeoutExpired:
@@ -116,7 +116,7 @@ def assert_one_line(stdout: str, stderr: str, *words: str) -> None:
 
 
 def salvaged(part: Path) -> Recording | None:
-    """Return what a `.part` holds; None if it was stopped before its first complete sample."""
+    """Read a `.part`; return None if it was stopped before its first complete sample."""
     if size(part) < 2 * ONE_BATCH:
         with contextlib.suppress(RecordingError):
             return read(part)
@@ -126,7 +126,7 @@ def salvaged(part: Path) -> Recording | None:
 
 @pytest.fixture(scope="module")
 def precious(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """Return a recording that already existed."""
+    """Return the content of an already existing recording."""
     path = tmp_path_factory.mktemp("precious") / "run.rrd"
     simulate(Scenario(duration_s=0.1), path, camera=None)
     return path.read_bytes()
@@ -137,7 +137,7 @@ def precious(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 @contextlib.contextmanager
 def small_disk(folder: Path, kilobytes: int) -> Iterator[None]:
-    """Mount a small disk on a folder; if that is not allowed, limit the size of files instead.
+    """Mount a small disk on a folder; if that is not permitted, limit the file size instead.
 
     The limit is that of this process and of those it starts.
     """
@@ -386,7 +386,7 @@ def test_targets_that_are_not_files_are_kept(tmp_path: Path) -> None:
 
 
 def named(kind: str, folder: Path, target: Path, suffix: str) -> Path:
-    """Return another name for a file: as it is, by a symbolic link, or by a hard link."""
+    """Return a path for a file: the file itself, a symbolic link, or a hard link."""
     path = folder / f"other{suffix}"
     if kind == "symbolic link":
         path.symlink_to(target)
@@ -402,7 +402,7 @@ def named(kind: str, folder: Path, target: Path, suffix: str) -> Path:
 
 @pytest.fixture
 def run_rrd(tmp_path: Path, precious: bytes) -> Path:
-    """Return a recording in a separate folder."""
+    """Return a recording in a folder of its own."""
     path = tmp_path / "run.rrd"
     path.write_bytes(precious)
     return path
@@ -461,7 +461,7 @@ def test_a_body_is_not_replaced_by_its_recording(tmp_path: Path) -> None:
 
 
 def test_the_part_that_is_read_is_not_written_over(run_rrd: Path, precious: bytes) -> None:
-    """`RUN.rrd` grows as `RUN.rrd.part`: with that as input, its name is taken."""
+    """`RUN.rrd` is written as `RUN.rrd.part`, a name that is taken if that is the input."""
     part = run_rrd.rename(run_rrd.with_name("run.rrd.part"))
     with pytest.raises(OutputError, match=r"run\.rrd\.part, which the same command reads"):
         analyze(part, out=run_rrd)
@@ -516,7 +516,7 @@ def test_only_a_layer_is_replaced_under_a_layers_default_name(
 def test_only_pictures_are_replaced_under_their_default_names(
     run_rrd: Path, precious: bytes
 ) -> None:
-    """And only those that drop made: a user's own film may have the name."""
+    """Only images made by drop are replaced: a user's own video may have the same name."""
     film = io.BytesIO()
     Image.new("RGB", (8, 8), "red").save(film, "gif")
     plot = io.BytesIO()
@@ -534,7 +534,7 @@ def test_only_pictures_are_replaced_under_their_default_names(
 
 
 def test_what_a_killed_analysis_left_is_written_over(run_rrd: Path, drop: Drop) -> None:
-    """A layer is made anew from its recording: what is unfinished of it is nobody's."""
+    """A layer is recomputed from its recording, so that an unfinished one is of no value."""
     layer = layer_of(run_rrd)
     left = [part_of(layer), sealed_of(part_of(layer))]
     for each in left:
@@ -546,7 +546,7 @@ def test_what_a_killed_analysis_left_is_written_over(run_rrd: Path, drop: Drop) 
 
 
 def test_a_part_that_is_a_link_is_not_followed(run_rrd: Path, precious: bytes) -> None:
-    """Nor does a pipe make it wait."""
+    """A named pipe does not make it wait either."""
     part = run_rrd.with_name("new.rrd.part")
     for make in (lambda: part.symlink_to(run_rrd), lambda: os.mkfifo(part), part.mkdir):
         make()
@@ -587,12 +587,12 @@ WRITERS: dict[str, Callable[[Path, Path, bool], object]] = {
     "script.rrd": lambda run, out, force: record_one_step(run.parent, out, force=force),
     "golden.rrd": lambda run, out, _: check(run, out, update=True),
 }
-"""How each file is written from a recording `run.rrd` with frames, by the file's name."""
+"""How each file is written from a recording `run.rrd` with frames, keyed by the file's name."""
 
 
 @pytest.mark.parametrize("name", some([name for name in WRITERS if name != "run.analysis.rrd"], 1))
 def test_an_existing_part_is_kept(tmp_path: Path, filmed: Path, name: str) -> None:
-    """It may be anything, complete or unfinished; with --force it is replaced.
+    """The `.part` may be anything, complete or unfinished; with --force it is replaced.
 
     That of a layer is nobody's: `test_what_a_killed_analysis_left_is_written_over`.
     """
@@ -611,12 +611,12 @@ def test_an_existing_part_is_kept(tmp_path: Path, filmed: Path, name: str) -> No
 
 
 def stop(*_: object) -> None:
-    """Receive the progress, and end as by Ctrl-C."""
+    """Interrupt a run from its progress callback, as Ctrl-C does."""
     raise KeyboardInterrupt
 
 
 def test_a_run_that_was_stopped_can_be_repeated_and_what_it_left_stays(tmp_path: Path) -> None:
-    """Until there are too many such files: then a line says so."""
+    """When there are too many such files, an error in one line says so."""
     run, notes = tmp_path / "run.rrd", list[str]()
     left: dict[Path, bytes] = {}
     for number in range(1, MOST_PARTS + 1):
@@ -665,7 +665,7 @@ def test_a_second_writer_is_rejected_beside_an_existing_part_too(tmp_path: Path)
 
 
 def test_a_forced_part_holds_only_this_run(tmp_path: Path) -> None:
-    """A run that fails before writing anything does not claim that the part holds anything."""
+    """A run that fails before writing anything does not claim that the part contains data."""
     run = tmp_path / "run.rrd"
     with pytest.raises(KeyboardInterrupt):
         simulate(Scenario(duration_s=0.1), run, camera=None, progress=stop)
@@ -678,7 +678,7 @@ def test_a_forced_part_holds_only_this_run(tmp_path: Path) -> None:
 def test_a_damaged_recording_is_read_under_a_name_that_is_free(
     run_rrd: Path, precious: bytes
 ) -> None:
-    """The line on how to read a cut recording does not suggest replacing an existing file."""
+    """The advice on reading a truncated recording does not suggest replacing an existing file."""
     part_of(run_rrd).write_bytes(b"theirs")
     run_rrd.write_bytes(precious[:-2000])
     with pytest.raises(RecordingError) as raised:
@@ -689,7 +689,7 @@ def test_a_damaged_recording_is_read_under_a_name_that_is_free(
 def test_a_part_that_is_also_a_whole_recording_is_not_written_into(
     run_rrd: Path, precious: bytes
 ) -> None:
-    """A run is killed after its recording has got the final name, before the `.part` is removed."""
+    """A run is killed after its recording has its final name, but before the `.part` is removed."""
     part = part_of(run_rrd)
     part.hardlink_to(run_rrd)
     with sealing.unfinished(run_rrd, force=True):
@@ -708,7 +708,7 @@ def test_a_link_that_leads_nowhere_is_a_file_that_exists(run_rrd: Path) -> None:
 
 
 def test_a_recording_created_by_another_process_is_kept(run_rrd: Path) -> None:
-    """And the message is true of the files."""
+    """The error message describes the files correctly, too."""
     new = run_rrd.with_name("new.rrd")
 
     def create(*_: object) -> None:
@@ -747,7 +747,7 @@ def test_a_recording_that_does_not_verify_is_not_reported_as_kept(
 def test_where_rerun_gets_no_memory_the_file_is_not_said_to_be_wrong(
     run_rrd: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With `ulimit -v 1300000` it prints this, and ends with 102."""
+    """With `ulimit -v 1300000` Rerun prints this message, and exits with 102."""
     rerun = run_rrd.with_name("rerun")
     text = "thread 'main' panicked at 'OS can't spawn worker thread'"
     rerun.write_text(f'#!/bin/sh\necho "{text}" >&2\nexit 102\n')
@@ -776,7 +776,7 @@ def test_no_file_that_goes_with_its_folder_is_said_to_be_kept() -> None:
 def test_runs_at_once_in_one_folder_are_numbered(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each waits, its number chosen, until all have chosen one."""
+    """Each run waits after choosing its number, until all have chosen one."""
     all_chosen = threading.Barrier(2)
     real = run_stage.Worker
 
@@ -806,7 +806,7 @@ def test_a_run_that_fails_frees_its_number(tmp_path: Path) -> None:
 
 
 def killed(folder: Path, number: int, seed: int, precious: bytes) -> tuple[int, str, str]:
-    """Kill one run at its moment; return its exit code and what it printed.
+    """Kill one run at its chosen moment; return its exit code and output.
 
     Two of three are killed while stepping, the others around the time of sealing.
     """
@@ -830,7 +830,7 @@ def killed(folder: Path, number: int, seed: int, precious: bytes) -> tuple[int, 
 
 
 def hold_many(kills: int, seed: int, place: Path, precious: bytes) -> None:
-    """Kill a number of runs, and check what each leaves."""
+    """Kill a number of runs, and check the files that each leaves."""
     folders = [place / str(number) for number in range(kills)]
     given = folders, range(kills), [seed] * kills, [precious] * kills
     with ThreadPoolExecutor(2) as pool:
@@ -869,7 +869,7 @@ def test_a_run_killed_at_any_moment_loses_no_existing_file(tmp_path: Path, preci
 def test_a_sweep_that_is_killed_repeatedly_resumes_from_its_own_files(
     tmp_path: Path, drop: Drop
 ) -> None:
-    """It then finds complete parts, recordings of incomplete ones, and unfinished files."""
+    """It finds complete parts, recordings of incomplete parts, and unfinished files."""
     plan = {"samples": 40, "seed": 1, "vary": ["height=uniform:1:2"]}
     words = (
         "sweep",
@@ -903,7 +903,7 @@ def test_a_sweep_that_is_killed_repeatedly_resumes_from_its_own_files(
 
 @pytest.fixture(scope="module")
 def left(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """Return what a killed run left."""
+    """Return the files that a killed run left."""
     folder = tmp_path_factory.mktemp("killed")
     process, part = start(LONG, folder), folder / "run.rrd.part"
     wait_for(lambda: size(part) > 2 * ONE_BATCH, "no .part")
@@ -973,7 +973,7 @@ def test_while_a_recording_grows_it_can_be_read_and_a_second_writer_is_rejected(
 
 @pytest.mark.long
 def test_many_writers_of_one_target_leave_one_whole_recording(tmp_path: Path) -> None:
-    """They start together; each finishes, or is rejected before or after its work."""
+    """The writers start together; each finishes, or is rejected before or after its work."""
     arguments = ("simulate", "--out", "run.rrd", "--no-camera", "--force", "--duration", "0.5")
     processes = [start(arguments, tmp_path) for _ in range(3)]
     for process in processes:
@@ -1072,7 +1072,7 @@ main()
 def test_a_signal_that_rerun_loses_stops_a_drop(
     tmp_path: Path, how: str, code: int, lost: str
 ) -> None:
-    """Rerun raises its own error, which names what the signal's handler raised."""
+    """Rerun replaces the exception raised by the signal handler with its own, which names it."""
     drops = ("simulate", "--duration", "0.1", "--no-camera", "--out", "run.rrd")
     done = subprocess.run(
         [sys.executable, "-c", LOSING, how, lost, *drops],
@@ -1123,7 +1123,7 @@ main()
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with a recording."""
+    """Return a folder with a short recording."""
     folder = tmp_path_factory.mktemp("short")
     simulate(Scenario(duration_s=0.1), folder / "run.rrd", camera=None)
     return folder
@@ -1170,7 +1170,7 @@ def test_standard_output_that_is_closed_or_full_ends_in_its_exit_code(
 def test_a_closed_or_full_standard_output_or_error_does_not_change_the_exit_code(
     short: Path, command: str, stream: int, to: str | None, code: int, lines: int
 ) -> None:
-    """In this process: the test above covers how Python itself ends."""
+    """The command runs in the test's process; the test above covers how Python itself exits."""
     with (
         Path(os.devnull).open("r+") as nothing,
         tempfile.TemporaryFile("w+") as error,
@@ -1200,7 +1200,7 @@ def test_a_standard_output_that_gets_too_large_is_named(short: Path) -> None:
 
 
 def main() -> None:
-    """Kill many runs by hand."""
+    """Kill the given number of runs, when started by hand."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("kills", type=int, nargs="?", default=KILLS)
     parser.add_argument("seed", type=int, nargs="?", default=SEED)

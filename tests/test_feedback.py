@@ -1,4 +1,4 @@
-"""What a control is computed from: which joint, how late, how stiff, towards what.
+"""How a control is computed: from which joint, at what delay and stiffness, towards which target.
 
 Verification: controllers whose law is known; and controls of which nothing may be said.
 """
@@ -20,7 +20,7 @@ K, D = 40.0, 1.5
 
 
 def motion(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions and rates of joints that impacts move, shape (CONTROLS, JOINTS) each."""
+    """Return positions and rates of joints in random motion, shape (CONTROLS, JOINTS) each."""
     random = np.random.default_rng(seed)
     rate = np.cumsum(random.standard_normal((CONTROLS, JOINTS)), axis=0)
     rate -= np.linspace(0, 1, CONTROLS)[:, None] * rate[-1]
@@ -48,7 +48,7 @@ def test_the_law_of_a_controller_is_found(aim: str, joint: int, late: int) -> No
 
 
 def test_a_control_that_only_brakes_has_no_aim() -> None:
-    """Its stiffness is rounding, by which a target would be anywhere."""
+    """Its stiffness is due to rounding, so that any target would fit."""
     position, rate = motion()
     found = feedback_of(-D * rate[:, 2], position, rate)
     assert found is not None
@@ -57,7 +57,7 @@ def test_a_control_that_only_brakes_has_no_aim() -> None:
 
 
 def test_the_largest_states_of_a_run_that_diverges_are_not_all_of_it() -> None:
-    """Its first half has half the stiffness, which its last states outweigh."""
+    """The first half of the run has half the stiffness, but the large last states outweigh it."""
     position, rate = motion()
     grown = np.exp(np.linspace(0, 24, CONTROLS))[:, None]
     position, rate = position * grown, rate * grown

@@ -1,4 +1,4 @@
-"""Verification: a gif shows every frame, exactly, at its time; a plot shows what it is given.
+"""Verification: a GIF shows every frame exactly and at its time; a plot shows the given data.
 
 The frames are drawn by PyBullet here, without any of our code.
 """
@@ -45,7 +45,7 @@ def png_of(pixels: Pixels, *, effort: int = 1) -> bytes:
 
 @pytest.fixture(scope="module")
 def standard_frames() -> list[Pixels]:
-    """Return the experiment's 41 pictures, each of shape (360, 480, 3)."""
+    """Return the 41 frames of the standard experiment, each of shape (360, 480, 3)."""
     client = p.connect(p.DIRECT)
     try:
         p.setAdditionalSearchPath(pybullet_data.getDataPath(), physicsClientId=client)
@@ -73,7 +73,7 @@ def standard_frames() -> list[Pixels]:
 
 
 def coloured(count: int, *, seed: int = 0, size: tuple[int, int] = (40, 30)) -> Pixels:
-    """Return a picture with a given number of colours, at random places."""
+    """Return an image with a given number of colours, at random pixels."""
     rng = np.random.default_rng(seed)
     packed = rng.choice(1 << 24, count, replace=False)
     palette = np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=1).astype(np.uint8)
@@ -89,7 +89,7 @@ def written(frames: Sequence[Pixels], *, fps: float = 20.0) -> tuple[int, bytes]
 
 
 def decoded(gif: bytes) -> tuple[list[Pixels], list[int]]:
-    """Return the pictures that a viewer shows, and for how long each [ms]."""
+    """Return the images that a viewer shows, and the duration of each [ms]."""
     with Image.open(io.BytesIO(gif)) as image:
         pictures, delays_ms = [], []
         for frame in range(image.n_frames):
@@ -177,7 +177,7 @@ def test_more_colours_than_a_gif_holds_are_close() -> None:
 
 
 def test_frames_are_written_as_they_come() -> None:
-    """Memory does not grow with the number of frames: each is written before the next is taken."""
+    """Memory does not grow with the number of frames: each is written before the next is read."""
     stream = io.BytesIO()
     lengths = []
 
@@ -345,7 +345,7 @@ def test_the_usual_unit_is_kept_from_a_hundredth_to_9999_of_it(largest: float, u
 
 
 def test_the_colours_are_those_that_readers_have_learnt() -> None:
-    """As in texts, docs and pictures: Okabe and Ito's, and two greys."""
+    """Texts, docs and images use the palette of Okabe and Ito, and two greys."""
     assert colours.TERMS == {
         "timestep": "#d55e00",  # vermilion
         "damping": "#009e73",  # bluish green

@@ -1,4 +1,4 @@
-"""Animations of scripts' recordings: what their cameras saw, and their poses drawn afterwards."""
+"""Animations of recorded scripts: their cameras' images, and their poses rendered afterwards."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def pictures(path: Path) -> list[NDArray[np.uint8]]:
 
 
 def redness(picture: NDArray[np.uint8]) -> NDArray[np.intp]:
-    """Return rows and columns at which a picture is red: there the box is."""
+    """Return rows and columns of an image's red pixels, which show the box."""
     red, green, blue = np.moveaxis(picture.astype(int), 2, 0)
     return np.argwhere((red > 100) & (green < red / 2) & (blue < red / 2))
 
@@ -113,7 +113,7 @@ def test_recorded_poses_are_drawn_where_a_script_took_no_frames(
 
 @pytest.mark.long
 def test_two_runs_are_seen_side_by_side_by_one_camera(record: Record, tmp_path: Path) -> None:
-    """Left the box falls by 0.4 m from 1 m, right from 2 m: both are in view, at their heights."""
+    """The left box falls by 0.4 m from 1 m, the right one from 2 m: both are in view, at scale."""
     low, high = record(FALLS), record(FALLS.replace("[0, 0, 1])", "[0, 0, 2])"))
     film = tmp_path / "both.gif"
     assert film_beside(low, high, film, titles=("low", "a title " * 20)) == 11
@@ -137,7 +137,7 @@ def _red_rows(picture: NDArray[np.uint8]) -> NDArray[np.intp]:
 
 @pytest.mark.long
 def test_a_body_is_drawn_as_it_looked_at_the_time(record: Record, tmp_path: Path) -> None:
-    """Blue from 0.2 s on, then unseen, and red again from 0.4 s on."""
+    """The body is blue from 0.2 s on, then invisible, and red again from 0.4 s on."""
     looks = """
     if step in (48, 72, 96):
         rgba = {48: [0, 0, 1, 1], 72: [0, 0, 1, 0], 96: [1, 0, 0, 1]}[step]
@@ -163,7 +163,7 @@ steps(120)
 
 
 def test_a_link_is_drawn_where_kinematics_has_it(tmp_path: Path) -> None:
-    """Each is recorded in its parent's frame, as float32."""
+    """Each link is recorded in its parent's frame, in float32."""
     recording = scenes.record(SWINGING, tmp_path / "arm.rrd")
     seen, steps = recording.seen, np.array([0, 60, 120])
     (piece,), (body,) = seen.pieces(), seen.bodies.values()
@@ -194,7 +194,7 @@ def test_a_mesh_in_another_colour_is_not_written_again(tmp_path: Path) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("how", some(["p.removeBody(body)", "p.resetSimulation()"], 1))
 def test_a_body_is_drawn_while_it_is_there(record: Record, tmp_path: Path, how: str) -> None:
-    """Until 0.2 s, and again from 0.4 s on."""
+    """The body exists until 0.2 s, and again from 0.4 s on."""
     there = f"""
     if step == 47:
         {how}
@@ -276,7 +276,7 @@ def test_the_view_asked_for_is_drawn_even_where_there_are_frames(
 
 @pytest.mark.long
 def test_the_standard_view_sees_the_whole_of_what_moves(record: Record, tmp_path: Path) -> None:
-    """A ball 1 m wide that starts higher than it is wide: neither it nor its fall is cut off."""
+    """A ball of 1 m starts higher than its own width: neither ball nor fall is cropped."""
     render(record(BALL), out=tmp_path / "ball.gif")
     shown = pictures(tmp_path / "ball.gif")
     for picture in (shown[0], shown[-1]):
@@ -348,7 +348,7 @@ def test_bodies_far_apart_are_seen_though_nothing_is_in_their_middle(
 def test_the_poses_of_a_drop_are_drawn_near_where_a_camera_is_named(
     drop: Drop, tmp_path: Path, view: str
 ) -> None:
-    """On a floor of tiles; as often as frames are taken, and up to the end, where it is at rest."""
+    """The floor is tiled; frames have their usual rate, up to the end, at which the body rests."""
     drop("simulate", "--height", "0.5", "--duration", "0.7", "--out", "run.rrd")
     assert drop("render", "run.rrd", "--camera", view).returncode == 0
     shown = pictures(tmp_path / "run.gif")
@@ -373,7 +373,7 @@ def test_the_poses_of_a_drop_are_drawn_near_where_a_camera_is_named(
 
 @pytest.mark.long
 def test_beside_a_drop_its_free_fall_lands_and_a_ruler_says_how_high_it_is(standard: Run) -> None:
-    """Free fall is in the plane of the picture, and the ruler's ticks where PyBullet sees them."""
+    """Free fall is drawn in the image plane, and the ruler's ticks at PyBullet's projection."""
     held = read(standard.simulation.recording)
     parts, table = parts_of(held.path, held.seen)[:1], standard.analysis.table
     scene = FallScene(parts, table, AXES, held.engine.rest_height_m)
@@ -476,7 +476,7 @@ def test_a_plot_of_what_is_found_grows_beside_a_film(record: Record, tmp_path: P
 
 @pytest.mark.long
 def test_a_btrigidbody_is_drawn_round_its_centre_of_mass(record: Record, tmp_path: Path) -> None:
-    """PyBullet does not report where that is in its frame; a btMultiBody of the same is alike."""
+    """PyBullet does not report its centre of mass in the body frame; a btMultiBody looks alike."""
     shown = []
     for rigid in (False, True):
         render(record(RIGID.format(rigid=rigid)), out=tmp_path / f"{rigid}.gif")
@@ -486,7 +486,7 @@ def test_a_btrigidbody_is_drawn_round_its_centre_of_mass(record: Record, tmp_pat
 
 
 def test_a_plane_is_a_checkerboard_from_any_side_of_it() -> None:
-    """Against PyBullet's own matrices: each pixel's ray is cut with the plane."""
+    """Compared with PyBullet's own matrices: each pixel's ray is intersected with the plane."""
     camera = replace(STANDARD_CAMERA, size_px=(640, 480), target_m=(0.3, -0.2, 0.4), distance_m=1.5)
     place = (0.1, 0.2, -0.3), p.getQuaternionFromEuler((0.3, -0.2, 0.7))
     tiles = np.array([[200] * 3, [100] * 3, [255] * 3], np.uint8)

@@ -1,4 +1,4 @@
-"""Each finding is reported if and only if its cause is present, with its number."""
+"""Each finding is reported if and only if its cause is present, with the correct value."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_a_finding_is_not_reported_without_its_cause(recorded: Recorder, code: s
 
 
 def test_a_cure_is_the_scenarios_option(recorded: Recorder) -> None:
-    """As of a script's finding: an intervention, its value, and what its user would write."""
+    """It is structured like a script's cure: an intervention, its value, and the user's edit."""
     standard, weightless = judge(recorded()), judge(recorded(gravity_set=False))
     cures = {
         each.code: (each.cure.name, each.cure.value, each.cure.call)
@@ -115,7 +115,7 @@ def test_an_altered_state_does_not_follow_the_law(
 
 
 def test_an_engine_with_another_law_is_noticed(recorded: Recorder) -> None:
-    """A recording that claims the default damping, made with another."""
+    """The recording claims the default damping, but was made with another."""
     other = recorded(linear_damping=0.05)
     named = recorded()
     analysis = judge(named, other.states, other.contacts)
@@ -124,7 +124,7 @@ def test_an_engine_with_another_law_is_noticed(recorded: Recorder) -> None:
 
 @pytest.mark.parametrize(("rate", "deep"), [(240, True), (300, True), (480, False)])
 def test_a_tenth_of_its_height_is_deep(recorded: Recorder, rate: int, deep: bool) -> None:
-    """It sinks 18 %, 14 % and 8 % of its 5 cm."""
+    """The body sinks in by 18 %, 14 % and 8 % of its 5 cm."""
     codes = [finding.code for finding in judge(recorded(timestep_s=1 / rate)).findings]
     assert ("deep-penetration" in codes) == deep
 
@@ -134,7 +134,7 @@ def test_a_tenth_of_its_height_is_deep(recorded: Recorder, rate: int, deep: bool
 def test_as_short_a_step_as_is_advised_lets_a_body_sink_less(
     recorded: Recorder, body: str, height_m: float
 ) -> None:
-    """Where in a step it lands is chance: a step that is only a little shorter may be worse."""
+    """The landing's position within a step is chance: a slightly shorter step may be worse."""
     drop = {"body": body, "height_m": height_m, "duration_s": 0.6}
     (message,) = (
         said(finding)
@@ -167,7 +167,7 @@ def test_inflated_is_relative_to_the_restitution_asked_for(recorded: Recorder) -
 def test_a_contact_that_is_a_spring_is_not_explained_by_the_solver(
     recorded: Recorder, tmp_path: Path, coordinates: str
 ) -> None:
-    """Its four corners give way by m g / 4 k; only the URDF's setting is reported."""
+    """The four corners give way by m g / 4 k; only the URDF's contact stiffness is reported."""
     spring = '<stiffness value="300"/><damping value="10"/>'
     body = urdf_of(tmp_path, box("0.1 0.2 0.06"), contact=spring)
     analysis = judge(recorded(body=body, duration_s=3.0, restitution=0.9, coordinates=coordinates))
@@ -198,7 +198,7 @@ def test_more_iterations_remove_what_few_leave(recorded: Recorder, residual: flo
 
 
 def test_a_correction_adds_as_much_in_shorter_steps(recorded: Recorder) -> None:
-    """At most ERP × speed, in whichever step the body lands: only ERP 0 removes it."""
+    """A correction adds up to ERP × speed, wherever the body lands in a step: only ERP 0 helps."""
     drop = {"body": "block.urdf", "gravity_m_s2": -3.71, "restitution": 0.5, "duration_s": 0.8}
     added = []
     for rate in (240, 480):
@@ -211,7 +211,7 @@ def test_a_correction_adds_as_much_in_shorter_steps(recorded: Recorder) -> None:
 
 
 def test_an_unknown_landing_is_not_reported(recorded: Recorder) -> None:
-    """It moves at the limit of 100 m/s, and passes the floor's edge."""
+    """The body moves at the limit of 100 m/s, and misses the floor's edge."""
     fast = {"height_m": 10.0, "linear_damping": 0.0, "velocity_m_s": (150.0, 0.0, 0.0)}
     messages = {
         finding.code: said(finding) for finding in judge(recorded(**fast, duration_s=0.5)).findings
@@ -222,7 +222,7 @@ def test_an_unknown_landing_is_not_reported(recorded: Recorder) -> None:
 
 
 def test_the_depth_within_substeps_is_not_reported(recorded: Recorder) -> None:
-    """In the same motion with every substep recorded, it is deeper than in any sample of ten."""
+    """With every substep of the same motion recorded, it is deeper than in any tenth sample."""
     fast = {"velocity_m_s": (0.0, 0.0, -90.0), "height_m": 1.0, "duration_s": 0.1}
     seen = judge(recorded(**fast, timestep_s=1 / 4800))
     hidden = judge(recorded(**fast, timestep_s=1 / 480, substeps=10))
@@ -249,7 +249,7 @@ def test_a_contact_of_several_substeps_and_joints_is_not_denied(
 def test_a_body_that_passes_the_floor_in_each_step_is_not_still_airborne(
     recorded: Recorder, duration_s: float
 ) -> None:
-    """Steps of 10 s take it to -980 m and, through Bullet's damping, back, for ever."""
+    """Steps of 10 s take the body to -980 m and, by Bullet's damping, back, for ever."""
     recording = recorded(timestep_s=10.0, duration_s=duration_s)
     heights_m = recording.states["z_m"].to_numpy()
     assert len(recording.contacts) == 0

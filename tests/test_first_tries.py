@@ -1,4 +1,4 @@
-"""The first hour: what a new user types first, and scripts that fail, ask, or start again.
+"""The first hour of a new user: typical first commands, and scripts that fail, prompt, or restart.
 
 Each verb ends with what to type next, each error with what to try.
 """
@@ -44,7 +44,7 @@ for _ in range({steps}):
 
 
 def written(folder: Path, name: str, end: str = "", *, steps: int = 24) -> Path:
-    """Write a script in which a ball falls, and that ends with these lines."""
+    """Write a script in which a ball falls, followed by the lines `end`."""
     script = folder / name
     script.write_text(FALLS.format(steps=steps) + end)
     return script
@@ -247,7 +247,7 @@ def test_recordings_without_a_state_are_not_the_same(tmp_path: Path) -> None:
 
 
 def test_a_setting_that_only_one_version_has_is_no_difference(tmp_path: Path) -> None:
-    """As `sleep_tolerance`, which later versions of MuJoCo report, and earlier ones do not."""
+    """An example is `sleep_tolerance`, which only later versions of MuJoCo report."""
     (tmp_path / "arm.urdf").write_text(ARM)
     script = tmp_path / "arm.py"
     script.write_text(IN_MUJOCO.replace('"arm.urdf"', repr(str(tmp_path / "arm.urdf"))))
@@ -481,7 +481,7 @@ def test_a_film_shows_simulations_side_by_side(tmp_path: Path) -> None:
 
 
 def test_what_is_far_from_a_links_centre_is_in_the_ball_around_it() -> None:
-    """A head on a torso: its far side is 0.4 m from the torso's centre."""
+    """A torso has a head whose far side is 0.4 m from the torso's centre."""
     torso = Shape(-1, "sphere", (0.1,), "", (0.0, 0.0, -0.1), (0, 0, 0, 1), (1, 1, 1, 1))
     head = replace(torso, size_m=(0.1,), position_m=(0.0, 0.0, 0.3))
     body = SimpleNamespace(shapes=(torso, head), bounds_m=(-0.1, -0.1, -0.2, 0.1, 0.1, 0.4))

@@ -1,4 +1,4 @@
-"""Every function of pybullet has a role, and the older motor call is read as what it commands."""
+"""Every function of pybullet has a role; the older motor call is read as the command it gives."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from scenes import explanation, record
 OF_MODULE = {name for name, value in vars(p).items() if inspect.isbuiltin(value)}
 NAMED = Counter(name for names in ROLES.values() for name in names.split())
 TWICE = {"loadSDF", "loadMJCF", "loadBullet", "executePluginCommand"}
-"""They make bodies, or remove some, and do something else, too."""
+"""Functions with two roles: they create or remove bodies, and have a further effect."""
 WITHOUT_ARGUMENTS = {"renderImage"}
-"""It is gone, and raises."""
+"""Functions that were removed from PyBullet, and raise."""
 
 
 def test_the_table_has_every_function_of_the_module_and_no_other() -> None:
@@ -56,7 +56,7 @@ for n in range(200):
 
 
 def test_the_older_motor_call_means_what_its_mode_and_length_say(tmp_path: Path) -> None:
-    """One line, ten forms: each call is the one that PyBullet carries out, in every step."""
+    """One line in ten forms: each call is interpreted as PyBullet executes it, in every step."""
     seen = record(OLDER, tmp_path / "older.rrd").seen
     totals = explanation(seen).totals[0]
     assert totals.explained == totals.samples == 201
@@ -76,7 +76,7 @@ def test_the_older_motor_call_means_what_its_mode_and_length_say(tmp_path: Path)
 
 
 def test_torque_control_without_a_torque_gives_the_default_of_the_force(tmp_path: Path) -> None:
-    """100,000 N m, which takes a joint to PyBullet's clamp at once."""
+    """The default is 100,000 N m, which takes a joint to PyBullet's velocity clamp in one step."""
     scene = """
 p.setGravity(0, 0, -9.81)
 k = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)

@@ -1,4 +1,4 @@
-"""Validation: the drop reproduces the experiment's published figures and Bullet's own bits."""
+"""Validation: the drop reproduces the experiment's published results and Bullet's bits."""
 
 from __future__ import annotations
 

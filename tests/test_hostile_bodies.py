@@ -1,4 +1,4 @@
-"""Hostile bodies: whatever a URDF or a mesh does to Bullet, `drop` reports it in one line.
+"""Hostile body files: whatever a URDF or a mesh does to Bullet, `drop` reports it in one line.
 
 First the checks of the files alone, then the trials in a separate process.
 """
@@ -69,7 +69,7 @@ def mesh(name: str, more: str = "") -> str:
 
 
 def linked(count: int, kind: str = "fixed", *, star: bool = False) -> str:
-    """Return a body with a given number of joints, in a chain or all on its base."""
+    """Return a body with a number of joints, in a chain or all on its base."""
     more = "".join(
         LINK.format(name=f"l{number}", shape=BOX)
         + JOINT.format(kind=kind, parent=f"l{0 if star else number - 1}", child=f"l{number}")
@@ -90,7 +90,7 @@ def one_line(error: BaseException) -> None:
 
 
 def refused(path: Path, rule: str, check: Callable[[Path], None] = check_urdf) -> None:
-    """Check that a URDF or a mesh is rejected for its contents, in one line."""
+    """Check that a URDF or a mesh is rejected for its content, in one line."""
     with pytest.raises(BodyFileError, match=rule) as raised:
         check(path)
     one_line(raised.value)
@@ -179,7 +179,7 @@ def test_a_large_file_or_none_at_all_is_refused(tmp_path: Path) -> None:
 def test_the_limits_of_joints_are_those_of_pybullet(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """At the limits PyBullet reads correctly; beyond them nothing, or a wrong velocity."""
+    """At the limits PyBullet reads correctly; beyond them, nothing or a wrong velocity."""
     monkeypatch.setattr(probe, "problem_of", lambda _: ("", []))
     for kind, most in (
         ("fixed", MOST_JOINTS),
@@ -254,7 +254,7 @@ def test_a_mesh_that_bullet_would_misread_is_refused(tmp_path: Path, kind: str) 
     ],
 )
 def test_a_mesh_is_quoted_as_it_is_written(tmp_path: Path, line: str, quoted: str) -> None:
-    """Not as Python's repr of bytes."""
+    """It is not quoted as Python's repr of bytes."""
     with pytest.raises(BodyFileError) as raised:
         check_mesh(written(tmp_path, f"{TETRAHEDRON}{line}\n", "m.obj"))
     assert quoted in str(raised.value)
@@ -267,7 +267,7 @@ def test_good_meshes_are_accepted(tmp_path: Path) -> None:
 
 
 def test_nearly_every_body_of_pybullet_data_passes_the_checks_for_own_files() -> None:
-    """Those rejected are not XML, lack numbers, or have a radius of 0 or a NUL character."""
+    """The rejected ones are not XML, lack numbers, or have a radius of 0 or a NUL character."""
     bodies = sorted(DATA.glob("*.urdf")) + sorted(DATA.glob("[!r]*/*.urdf"))
     failed = set()
     for path in bodies:
@@ -335,7 +335,7 @@ def test_the_command_ends_with_one_line_where_bullet_would_end_it(
 def test_a_trial_that_waits_forever_is_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """For a texture in an unlikely place where Bullet looks."""
+    """It waits for a texture in an unlikely folder that Bullet searches."""
     (tmp_path / "data" / "data").mkdir(parents=True)
     os.mkfifo(tmp_path / "data" / "data" / "pipe.png")
     written(tmp_path, "newmtl a\nmap_Kd pipe.png\n", "a.mtl")
@@ -366,7 +366,7 @@ def test_a_trial_that_takes_too_much_memory_is_ended(tmp_path: Path) -> None:
 
 @pytest.fixture
 def trials(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
-    """Return the bodies that are tried from now on, in this process."""
+    """Collect the bodies that this process loads on trial from now on."""
     tried: list[Path] = []
 
     def passed(path: Path) -> tuple[str, list[Path]]:
@@ -451,7 +451,7 @@ MUTATED = {
 
 
 def mutated(data: bytes, chance: random.Random) -> bytes:
-    """Cut something out of a file, repeat it, or replace it with something hard to parse."""
+    """Delete a part of a file, repeat it, or replace it with something hard to parse."""
     start = chance.randrange(len(data) + 1)
     stop = min(len(data), start + chance.choice([0, 1, 4, 40]))
     middle = chance.choice([chance.choice(WORDS), data[start:stop] * 50, chance.randbytes(1)])
@@ -461,7 +461,7 @@ def mutated(data: bytes, chance: random.Random) -> bytes:
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(12))
 def test_mutations_of_pybullets_own_files_are_loaded_or_refused(tmp_path: Path, seed: int) -> None:
-    """If this process dies, a bad body has passed."""
+    """If this process dies, a bad body has passed the checks."""
     chance = random.Random(seed)
     place, names = chance.choice(sorted(MUTATED.items()))
     home = DATA / place if (DATA / place).is_dir() else (DATA / place).parent

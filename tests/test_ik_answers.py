@@ -1,4 +1,4 @@
-"""Validation: a hand that is not where it was wanted, since inverse kinematics did not get there.
+"""Validation: a hand misses its target because inverse kinematics did not converge.
 
 The truth is where bare PyBullet has the hand, with few iterations and with many.
 """
@@ -33,18 +33,18 @@ READY = [0, -0.4, 0, -2.2, 0, 2, 0.8, 0.02, 0.02]
 
 
 def reach(file: str, link: int, point: list[float], **how: object) -> str:
-    """Return a scene in which a hand is sent to a point."""
+    """Return a scene in which a hand is commanded to a point."""
     values = {"start": [0] * 9, "times": 1, "steps": 480, "more": ""} | how
     return REACH.format(file=file, link=link, point=point, **values)
 
 
 def said(scene: str, path: Path) -> list[Finding]:
-    """Return the findings of this code."""
+    """Return the findings of the code under test."""
     return [finding for finding in findings(scene, path / "a.rrd") if finding.code == "ik-off"]
 
 
 def off_m(scene: str, point: list[float]) -> float:
-    """Return how far the hand is from the point in bare PyBullet."""
+    """Return the hand's distance from the point in bare PyBullet."""
     names = run(scene)
     off = float(np.linalg.norm(np.subtract(names["hand"], point)))
     names["p"].disconnect()
@@ -86,7 +86,7 @@ def test_a_point_out_of_reach(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_no_number_of_iterations_gets_farther_than_the_arm_is_long(tmp_path: Path) -> None:
-    """A file with all joints in a line is 1.1 m long from its first joint, at z = 0.1575 m."""
+    """The arm reaches 1.1 m from its first joint, which is at z = 0.1575 m."""
     for x, is_out in ((1.15, True), (1.05, False)):
         scene = reach(KUKA, 6, [x, 0, 0.1575], more=MANY)
         (found,) = said(scene, tmp_path)

@@ -1,4 +1,4 @@
-"""Validation: the states of other programs are MuJoCo's steps or not, and the term says by what.
+"""Validation: imported states are MuJoCo's steps or not, and a term shows the cause.
 
 The causes of dumps, and what twins have otherwise, are those that `other_engines` made them with.
 """
@@ -24,7 +24,7 @@ from other_engines import DUMPS, SWINGS, TWINS, dumped, twin_of
 
 @pytest.fixture
 def swings(tmp_path: Path) -> Path:
-    """Return the folder with the model of twins."""
+    """Return the folder with the twins' model."""
     (tmp_path / "arm.xml").write_text(SWINGS)
     return tmp_path
 
@@ -35,7 +35,7 @@ def imported(folder: Path, arrays: dict[str, Any], **how: Any) -> Any:
 
 
 def some(names: Any, few: tuple[str, ...]) -> list[Any]:
-    """Return all names, of which only a few are tried by default."""
+    """Return parameters for all names, of which only a few run by default."""
     return [each if each in few else pytest.param(each, marks=pytest.mark.long) for each in names]
 
 
@@ -144,14 +144,14 @@ def test_an_input_that_is_no_number_is_the_cause(swings: Path) -> None:
 
 
 def test_states_in_half_precision_are_read_without_a_warning(swings: Path) -> None:
-    """The largest number that MuJoCo allows is none in half precision."""
+    """The largest number that MuJoCo allows is not representable in half precision."""
     arrays, _ = twin_of(None, 10)
     arrays["qpos"] = arrays["qpos"].astype(np.float16)
     assert imported(swings, arrays).states == 10
 
 
 class Never:
-    """What must not be made when a file is read."""
+    """An object that must never be unpickled when a file is read."""
 
     def __reduce__(self) -> Any:
         return exec, ("raise SystemExit('unpickled')",)

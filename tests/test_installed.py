@@ -1,4 +1,4 @@
-"""`drop` where PyBullet is not installed, and scripts in environments of their own."""
+"""`drop` without PyBullet, and scripts in environments of their own."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from drop_physics.workers import cores
 
 PACKAGE = Path(drop_physics.__file__).parent
 MISSING = "import sys\nsys.modules.update(pybullet=None, pybullet_data=None)\n"
-"""A `sitecustomize` in which PyBullet cannot be imported; nor can anything find it."""
+"""A `sitecustomize` that makes PyBullet impossible to import or find."""
 Call = Callable[..., subprocess.CompletedProcess[str]]
 
 
 @pytest.fixture
 def without(tmp_path: Path) -> Call:
-    """Return the command line as a process that has no PyBullet, in a folder of its own."""
+    """Return the command line as a process without PyBullet, in a folder of its own."""
     (tmp_path / "site").mkdir()
     (tmp_path / "site/sitecustomize.py").write_text(MISSING)
     paths = os.pathsep.join(map(str, (tmp_path / "site", PACKAGE.parent)))
@@ -112,7 +112,7 @@ def test_a_golden_recording_of_mujoco_names_its_version(without: Call, tmp_path:
 
 
 def test_a_script_of_pybullet_is_told_what_it_needs(tmp_path: Path) -> None:
-    """The script's own interpreter has none; `drop` itself may have it."""
+    """The script's interpreter does not have PyBullet; `drop` itself may."""
     venv.create(tmp_path / ".venv", symlinks=True)
     (tmp_path / "fall.py").write_text("import pybullet\n")
     done = subprocess.run(
@@ -133,7 +133,7 @@ def test_a_script_of_pybullet_is_told_what_it_needs(tmp_path: Path) -> None:
 
 
 def test_what_only_linux_has_is_done_without(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on macOS, which has no wider pipes, and does not say which processors are ours."""
+    """On macOS pipes cannot be enlarged, and a process's processors are not reported."""
     monkeypatch.delattr(fcntl, "F_SETPIPE_SZ")
     monkeypatch.delattr(os, "sched_getaffinity")
     for end in wide_pipe():
@@ -144,7 +144,7 @@ def test_what_only_linux_has_is_done_without(monkeypatch: pytest.MonkeyPatch) ->
 # -- what a URDF says -----------------------------------------------------------------------------
 
 INERTIA = '<mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
-"""Which is the file's, and counts neither here nor in PyBullet."""
+"""The URDF's inertia, which neither we nor PyBullet use."""
 BODIES = {
     "box": '<collision><geometry><box size=".1 .2 .3"/></geometry></collision>',
     "ball": '<collision><geometry><sphere radius=".07"/></geometry></collision>',
@@ -157,7 +157,7 @@ BODIES = {
 @pytest.mark.pybullet
 @pytest.mark.parametrize("kind", BODIES)
 def test_a_body_is_read_as_pybullet_reads_it(kind: str, tmp_path: Path) -> None:
-    """But for the inertia of a shape beside the centre: PyBullet takes that of a box around it."""
+    """An exception is an off-centre shape's inertia: PyBullet uses that of its bounding box."""
     from drop_physics.engines.pybullet.world import World
 
     file, turned = tmp_path / "body.urdf", (20.0, 30.0, 40.0)
@@ -182,7 +182,7 @@ def test_a_body_is_read_as_pybullet_reads_it(kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.pybullet
 def test_the_standard_body_falls_the_same_to_the_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In the air, unless it spins: of its inertia Bullet has another last digit, for its margin."""
+    """Airborne and without spin: Bullet's inertia differs in the last digit, due to its margin."""
     scenario = Scenario(engine="mujoco", velocity_m_s=(1.0, 0.0, 2.0))
     falls = []
     for has in (True, False):
@@ -199,7 +199,7 @@ def test_the_standard_body_falls_the_same_to_the_bit(monkeypatch: pytest.MonkeyP
 
 
 def test_inertia_is_that_of_uniform_shapes() -> None:
-    """A capsule's by quadrature of its slices: discs of radius r at height z."""
+    """A capsule's inertia is integrated over its slices: discs of radius r at height z."""
     z_m = np.linspace(-0.2, 0.2, 400_001)
     radius_m = np.sqrt(np.clip(0.05**2 - np.clip(np.abs(z_m) - 0.15, 0, None) ** 2, 0, None))
     weight = radius_m**2 / (radius_m**2).sum()
@@ -243,7 +243,7 @@ ACTIVE = "VIRTUAL_ENV", "CONDA_PREFIX"
 
 
 def environment(folder: Path) -> str:
-    """Make an environment, and return its interpreter."""
+    """Create an environment, and return its interpreter."""
     (folder / "bin").mkdir(parents=True)
     (folder / "pyvenv.cfg").touch()
     (folder / "bin/python").symlink_to(sys.executable)

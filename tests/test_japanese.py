@@ -1,4 +1,4 @@
-"""Japanese readers get whole sentences in Japanese; everything that programs read stays English."""
+"""Japanese readers get whole sentences in Japanese; output read by programs stays English."""
 
 from __future__ import annotations
 
@@ -46,29 +46,29 @@ def catalogue() -> dict[str, str]:
 
 
 def fields(template: str) -> list[tuple[str, str | None, str | None]]:
-    """Return what a template takes: each name, with its format and conversion."""
+    """Return a template's fields: name, format and conversion."""
     parsed = string.Formatter().parse(template)
     return sorted((name, kind, how) for _, name, kind, how in parsed if name is not None)
 
 
 @pytest.fixture
 def japanese(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the reader be Japanese."""
+    """Set the language to Japanese for the test."""
     monkeypatch.setenv("DROP_LANG", "ja")
 
 
 class Complete(gettext.GNUTranslations):
-    """The Japanese messages, and one character for each word of those that wait for theirs."""
+    """The Japanese messages, with a placeholder character for each untranslated word."""
 
     def gettext(self, message: str) -> str:
-        """Return a translation."""
+        """Return the translation of a message."""
         known = super().gettext(message)
         return known if known != message else re.sub(r"\w+(?![^{]*\}|[^\[]*\])", "訳", message)
 
 
 @pytest.fixture
 def complete(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the reader be Japanese, and no message wait for its translation."""
+    """Set the language to Japanese, with placeholders for missing translations."""
     with FILE.open("rb") as file:
         translations = Complete(file)
     monkeypatch.setenv("DROP_LANG", "ja")
@@ -76,10 +76,10 @@ def complete(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Wide(io.StringIO):
-    """A terminal."""
+    """A stream that acts as a terminal."""
 
     def isatty(self) -> bool:
-        """Whether it is one."""
+        """Return True: the stream is a terminal."""
         return True
 
 
@@ -88,7 +88,7 @@ class Wide(io.StringIO):
 
 @pytest.mark.long
 def test_a_template_is_a_literal() -> None:
-    """Nothing else can be looked up; `fields.counted` alone takes one that it was given."""
+    """Only literals can be looked up; `fields.counted` alone takes a template as an argument."""
     for path in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             name = getattr(getattr(node, "func", None), "id", None)
@@ -102,7 +102,7 @@ def test_a_template_is_a_literal() -> None:
 def test_how_many_messages_wait_for_a_translation(
     record_property: Callable[[str, str], None],
 ) -> None:
-    """They are shown in English meanwhile: a new sentence fails no test."""
+    """Untranslated messages are shown in English: a new sentence fails no test."""
     there, known = dict(templates()), catalogue()
     waiting = there.keys() - known.keys()
     assert len(there) > 1000
@@ -124,7 +124,7 @@ def test_a_translation_takes_what_its_template_takes() -> None:
 
 
 def test_a_translation_keeps_options_calls_and_files() -> None:
-    """They are typed; none may be lost, misspelled or translated."""
+    """They are typed literally; none may be lost, misspelled or translated."""
     names = re.compile(
         r"--[a-z][a-z-]*|\bp\.\w+|\w+\.(?:urdf|rrd|gif|mp4)"
         r"|\bdrop (?:simulate|analyze|render|run|check|sweep|record|view|info)\b"
@@ -190,7 +190,7 @@ NAMES = {"PyBullet", "Bullet", "mm", "Ns", "kB", "run", "rrd", "gif", "png", "li
 @pytest.mark.long
 @pytest.mark.usefixtures("japanese")
 def test_what_a_code_means_is_in_japanese() -> None:
-    """A message of a rule has … where a finding has a value, in either language."""
+    """A rule's message shows … in place of a finding's value, in either language."""
     known = catalogue()
     shown = [
         text
@@ -232,7 +232,7 @@ def test_lines_fit_the_terminal_counted_in_columns(
 
 
 def test_lines_end_between_phrases() -> None:
-    """No line begins with `、` or a particle, or parts a word, or a number from its unit."""
+    """No line begins with `、` or a particle, or splits a word, or a number from its unit."""
     text = "モーターの力が 720 ステップ中 72 ステップで「上限」の 30 N m に達しています。"
     text += "p.setGravity(0, 0) を呼ぶ"
     assert wrapped(text, 24, indent=" ") == [
@@ -273,7 +273,7 @@ def test_json_is_the_same_in_both_languages(drop: Drop, standard: Run, command: 
 
 
 def test_only_what_is_shown_is_translated() -> None:
-    """Results, recordings and errors in Python are English because nothing else translates."""
+    """Results, recordings and Python errors stay English because no other code translates."""
     translates = {
         path.relative_to(PACKAGE).parts[0]
         for path in PACKAGE.rglob("*.py")
@@ -338,7 +338,7 @@ def texts(analysis: Analysis) -> set[str]:
 
 @pytest.fixture
 def font(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], None]]:
-    """Return a function that installs a font of a name; all its characters are boxes."""
+    """Return a function that installs a font with a name, whose glyphs are all boxes."""
     before = list(font_manager.fontManager.ttflist)
 
     def install(name: str) -> None:

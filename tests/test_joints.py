@@ -1,4 +1,4 @@
-"""Verification: the joint table, against PyBullet's own numbers and what calls asked for."""
+"""Verification: the joint table, against PyBullet's own values and the commands of calls."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ J2, J4 = "lbr_iiwa_joint_2", "lbr_iiwa_joint_4"
 
 
 def run(scene: str) -> dict[str, Any]:
-    """Run a scene in bare PyBullet; return its names, its client still connected."""
+    """Run a scene in bare PyBullet; return its variables, with its client still connected."""
     release_clients()  # what a scene calls is client 0
     names: dict[str, Any] = {}
     exec(HEAD, names)
@@ -48,7 +48,7 @@ def run(scene: str) -> dict[str, Any]:
 
 
 def holds(scene: str, body: int = 0) -> dict[str, float]:
-    """Return the result of `calculateInverseDynamics` for the pose in which a scene ends."""
+    """Return the result of `calculateInverseDynamics` for a scene's final pose."""
     run(scene)
     try:
         moving = [j for j in range(p.getNumJoints(body)) if p.getJointInfo(body, j)[2] in (0, 1)]

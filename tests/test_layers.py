@@ -1,4 +1,4 @@
-"""Architecture: the rooms are as `docs/architecture.md` shows them, and imports only point down."""
+"""Architecture: the rooms match `docs/architecture.md`, and imports only point downwards."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ FILES = {str(path.relative_to(PACKAGE)): path for path in sorted(PACKAGE.rglob("
 
 
 def room_of(*parts: str) -> str:
-    """Return the room of a path or module below the package: `scenario` has three files."""
+    """Return the room of a path or module in the package; `scenario` consists of three files."""
     first = parts[0].removesuffix(".py")
     parts_of = {"scenario": ("fields", "option_types")}
     parts_of["workers"] = ("loading", "installed", "temporary", "address_space")
@@ -67,7 +67,7 @@ def room_of(*parts: str) -> str:
 
 @cache
 def knows(room: str) -> set[str]:
-    """Return the rooms that a room imports from, except those that any may import."""
+    """Return the rooms that a room imports from, except those that every room may import."""
     paths = [path for name, path in FILES.items() if room_of(*Path(name).parts) == room]
     modules = [
         module
@@ -133,7 +133,7 @@ def test_the_judge_knows_neither_engine_nor_recorder() -> None:
 
 
 def names_in(path: Path) -> set[str]:
-    """Return all names that a file gives or uses, its own and those of its folders."""
+    """Return all names that a file defines or uses, including its own and its folders' names."""
     found = {*path.relative_to(PACKAGE).with_suffix("").parts}
     for node in ast.walk(parsed(path)):
         for name in ("id", "attr", "arg", "name", "asname"):
@@ -142,7 +142,7 @@ def names_in(path: Path) -> set[str]:
 
 
 def test_nothing_of_the_judge_is_named_after_an_engine() -> None:
-    """Nor imports the law of one: `physics/laws` alone has these, and `lookup` chooses."""
+    """Engines' integration rules are imported in `physics/laws` alone, and chosen in `lookup`."""
     neutral = [
         name
         for name in FILES
@@ -187,7 +187,7 @@ def test_every_public_name_exists_and_is_known_to_type_checkers() -> None:
 
 
 def test_an_analysis_loads_no_library_that_few_need() -> None:
-    """Each takes as long as everything else together, so it is imported where it is called."""
+    """Each takes as long to import as everything else together, so it is imported when needed."""
     command = "import sys, drop_physics.drop.analysis; print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", command],
@@ -200,7 +200,7 @@ def test_an_analysis_loads_no_library_that_few_need() -> None:
 
 
 def test_only_the_trace_and_engines_know_the_name_of_a_call() -> None:
-    """Of PyBullet's functions, of MuJoCo's, and of the memory whose writing stands for a call."""
+    """These are functions of PyBullet and MuJoCo, and memory writes that count as calls."""
     functions = [name for name in dir(pybullet) if callable(getattr(pybullet, name))]
 
     def is_call(word: str) -> bool:

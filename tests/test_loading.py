@@ -1,4 +1,4 @@
-"""What a process of ours leaves out of libraries, and that nothing is missing for it."""
+"""Parts of libraries that our processes skip at import, without missing anything."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_a_lazy_package_loads_what_is_used_and_has_every_name() -> None:
 
 
 def test_where_there_is_no_room_for_a_library_that_aborts_it_is_not_loaded() -> None:
-    """Polars ends the process where an allocation fails."""
+    """Polars aborts the process if an allocation fails."""
     code = """
 import resource
 from drop_physics import loading

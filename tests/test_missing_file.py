@@ -1,4 +1,4 @@
-"""A file that a script cannot load: where it is."""
+"""A file that a script cannot load: the message says where it is."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A drop in MuJoCo: recorded as MuJoCo takes it, and explained by MuJoCo's own law."""
+"""A drop in MuJoCo: recorded as MuJoCo steps it, and explained by MuJoCo's integration rule."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SOLREF, SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 
 
 def drawn(seed: int) -> dict[str, object]:
-    """Return a scenario of a body in the air; every other one is thrown, every third spins."""
+    """Return a random scenario of a flying body; every second body is thrown, every third spins."""
     rng = np.random.default_rng(seed)
     timestep_s = float(rng.choice([1 / 240, 1 / 1000, 0.01, 0.0003]))
     values: dict[str, object] = {
@@ -74,7 +74,7 @@ def test_every_step_in_the_air_follows_the_law(integrator: str) -> None:
 @pytest.mark.pybullet
 @pytest.mark.parametrize("integrator", INTEGRATORS["mujoco"])
 def test_what_is_recorded_is_what_mujoco_does(recorded: Recorder, integrator: str) -> None:
-    """Also on the floor, by a model that shares nothing with ours but its numbers."""
+    """The floor is included, in a model that shares only numbers with ours."""
     thrown: dict[str, object] = {"velocity_m_s": (1.0, -0.5, 2.0), "spin_rad_s": (3.0, 5.0, -2.0)}
     recording = recorded(engine="mujoco", integrator=integrator, **BLOCK, **thrown)
     engine = recording.engine
@@ -110,7 +110,7 @@ def test_runge_kutta_has_no_error_but_rounding(recorded: Recorder) -> None:
 
 @pytest.mark.pybullet
 def test_a_law_that_is_another_one_is_noticed(recorded: Recorder) -> None:
-    """The other integrators' law, and a number that is off by a few units of its last place."""
+    """Tested with other integrators' formulas, and with a value that is off by a few ulp."""
     recording = recorded(engine="mujoco", **BLOCK, height_m=6.0, spin_rad_s=(3.0, 5.0, -2.0))
     assert judge(recording).explained.why is None
     states = recording.states
@@ -136,7 +136,7 @@ def test_a_law_that_is_another_one_is_noticed(recorded: Recorder) -> None:
 def test_what_a_coarse_solver_leaves_is_no_alteration(
     recorded: Recorder, coarse: dict[str, Any]
 ) -> None:
-    """However much it is; and what is advised explains every step."""
+    """The residual may have any size, and the proposed setting explains every step."""
     analysis = judge(recorded(engine="mujoco", **coarse))
     assert analysis.segments["unexplained"]
     assert "law-mismatch" not in {finding.code for finding in analysis.findings}
@@ -166,7 +166,7 @@ UNSTABLE: dict[str, dict[str, Any]] = {
 def test_mujoco_does_not_start_again_from_zero(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, too_large: str
 ) -> None:
-    """As it does where a number is beyond 1e10, with a warning in a file of the working folder."""
+    """It would where a number exceeds 1e10, with a warning in a file in the working folder."""
     scenario = Scenario(engine="mujoco", **UNSTABLE[too_large])
     monkeypatch.chdir(tmp_path)
     with other_world.OtherWorld(scenario) as world, pytest.raises(DropError) as raised:
@@ -231,7 +231,7 @@ def test_the_rest_has_a_closed_form(
 @pytest.mark.pybullet
 @pytest.mark.parametrize("timestep_s", [0.01, 0.02])
 def test_no_time_constant_is_below_two_timesteps(recorded: Recorder, timestep_s: float) -> None:
-    """A smaller one changes nothing then."""
+    """A smaller time constant has no effect."""
     values = {"body": "cube.urdf", "timestep_s": timestep_s}
     analysis = judge(recorded(engine="mujoco", duration_s=2.0, **values))
     rows = [
@@ -269,7 +269,7 @@ def test_the_same_run_is_the_same_to_the_bit(tmp_path: Path, drop_process: Drop)
 
 @pytest.mark.pybullet
 def test_frames_are_drawn_from_its_poses(tmp_path: Path) -> None:
-    """The picture of a pose is the same, whichever engine led to it."""
+    """The image of a pose is the same, whichever engine computed the pose."""
     short = {"duration_s": 1 / 240, "height_m": 0.5}
     for engine in ("bullet", "mujoco"):
         simulate(Scenario(engine=engine, **short), tmp_path / f"{engine}.rrd")  # type: ignore[arg-type]
@@ -323,7 +323,7 @@ def test_a_drop_without_a_step_stays(recorded: Recorder) -> None:
 
 
 def test_angular_momentum_drifts_as_measured() -> None:
-    """By the first order of the timestep with Euler; 2.7e-11 with the Runge-Kutta method."""
+    """The drift is first order in the timestep with Euler; 2.7e-11 with the Runge-Kutta method."""
     inertia = np.array([0.80833, 0.68333, 0.14167])
     drifts = {}
     for integrator in ("Euler", "implicit", "RK4"):
@@ -347,7 +347,7 @@ def test_angular_momentum_drifts_as_measured() -> None:
 
 
 def parted(run: Recording, golden: Recording) -> str:
-    """Return the words about two engines."""
+    """Return the comparison's description of the difference between two engines."""
     return str(check(run.path, golden.path).engines)
 
 
@@ -377,7 +377,7 @@ def test_what_it_promises_of_pybullet_without_damping_holds(recorded: Recorder) 
 
 @pytest.mark.pybullet
 def test_nothing_is_advised_where_nothing_is_damped(recorded: Recorder) -> None:
-    """They differ by rounding alone."""
+    """The engines differ by rounding only."""
     drop = {"body": "jenga/jenga.urdf", "velocity_m_s": (0.0, -7.3, 0.0), "duration_s": 0.4}
     found = parted(recorded(**drop, linear_damping=0.0), recorded(**drop, engine="mujoco"))
     assert found.endswith("less than 0.0001 mm apart")
@@ -405,7 +405,7 @@ def test_engines_part_where_they_are_farthest_and_not_by_terms_of_what_is_clampe
 
 @pytest.mark.pybullet
 def test_nothing_is_promised_that_the_law_does_not_give(recorded: Recorder) -> None:
-    """MuJoCo's own gravity is altered: PyBullet without damping would not follow it."""
+    """MuJoCo's gravity is altered, so PyBullet would not match it even without damping."""
     golden = recorded()
     run = recorded(engine="mujoco")
     states = run.states.with_columns(pl.col("z_m") + 1e-6 * pl.col("step"))

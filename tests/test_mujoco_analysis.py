@@ -1,4 +1,4 @@
-"""What `drop analyze` says of a recorded MuJoCo script.
+"""Findings of `drop analyze` about a recorded MuJoCo script.
 
 Verification: every step is a sum with the mass matrix of our own kinematics, of a machine that has
 something of every kind; energy and momentum by cause add up to the change; what was not replayed is
@@ -24,7 +24,7 @@ from mujoco_scripts import MACHINE
 from test_mujoco_explain import DRIVEN, INTEGRATORS, STEPS
 
 CLOSES = 1e-11
-"""What rounding may leave of a body's sum, in shares of its largest term."""
+"""Tolerance for rounding in a body's sum, relative to its largest term."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Told:
 
 
 def told(folder: Path, text: str, *, explain: bool = True, at_s: tuple[float, ...] = ()) -> Told:
-    """Record a script, and analyze it."""
+    """Record a script, and analyze the recording."""
     script = folder / "script.py"
     script.write_text(text)
     with (folder / "printed.txt").open("wb") as printed:
@@ -69,7 +69,7 @@ def test_every_step_is_a_sum_by_our_own_kinematics(machine: Told) -> None:
 
 
 class _Shifted(NamedTuple):
-    """A recording whose cart is elsewhere from a step on."""
+    """A recording whose cart is shifted from a step on."""
 
     sampled: Sampled
     cart: int
@@ -97,7 +97,7 @@ class _Shifted(NamedTuple):
 def test_a_pose_that_velocities_do_not_lead_to_is_not_explained(
     machine: Told, by_m: float, unexplained: int
 ) -> None:
-    """The sum of impulses still closes: a slide of the whole cart changes no mass matrix."""
+    """The sum of impulses still closes: shifting the whole cart does not change the mass matrix."""
     seen = read(machine.recorded.recording).seen
     if (
         seen.settings[0].values["integrator"] == 1.0
@@ -223,7 +223,7 @@ mujoco.mj_step(m, d, 79)
 def test_a_force_that_breaks_a_state_is_told_with_its_number_and_lasts_until_the_reset(
     tmp_path: Path,
 ) -> None:
-    """MuJoCo starts again, and a reset clears forces: it has pushed in one step of eighty."""
+    """MuJoCo resets itself, which clears forces: the push acted in one step of eighty."""
     (found,) = told(tmp_path, BROKEN).analysis.findings
     assert found.code == "auto-reset"
     assert "huge or no number after xfrc_applied was given 1e+308" in found.message
@@ -249,7 +249,7 @@ mujoco.mj_step(m, d, 20)
 
 
 def test_bodies_whose_mass_is_edited_in_place_are_explained(tmp_path: Path) -> None:
-    """Until `mj_setConst` MuJoCo pulls at the new mass and moves the old one (`dof_M0`)."""
+    """Until `mj_setConst`, MuJoCo's gravity uses the new mass, inertia the old one (`dof_M0`)."""
     analysis = told(tmp_path, EDITED).analysis
     box, cart = (body for body in analysis.bodies if body.name != "world")
     for body in (box, cart):
@@ -260,7 +260,7 @@ def test_bodies_whose_mass_is_edited_in_place_are_explained(tmp_path: Path) -> N
 
 
 def test_a_push_and_friction_are_seen(tmp_path: Path) -> None:
-    """Of 20 N, friction takes half of 19.6: what slides gets the rest."""
+    """Friction takes half of 19.6 N from the push of 20 N, and the sliding body gets the rest."""
     found = told(tmp_path, PUSHES)
     box = found.body("box")
     assert box.momentum is not None
@@ -276,7 +276,7 @@ def test_a_push_and_friction_are_seen(tmp_path: Path) -> None:
 
 
 def test_what_the_end_of_a_tendon_takes_no_pose_needs(tmp_path: Path) -> None:
-    """The elbow turns about an upright axis: what its servo gives, the tendon takes."""
+    """The elbow turns about a vertical axis: the tendon balances the servo's torque."""
     model = """<mujoco><worldbody><body name="arm"><joint name="elbow" axis="0 0 1" damping="2"/>
     <geom type="capsule" size="0.03" fromto="0 0 0 0.4 0 0"/></body></worldbody>
     <tendon><fixed name="cable" range="0 0.36" limited="true"><joint joint="elbow" coef="1"/>

@@ -1,4 +1,4 @@
-"""Steps of MuJoCo as sums, against MuJoCo itself and against our own kinematics.
+"""MuJoCo's steps as sums of impulses, against MuJoCo itself and our own kinematics.
 
 Verification: each step is replayed to the last bit, and the named impulses add up to the change of
 momentum to rounding, with MuJoCo's mass matrix and with ours. What each is named after is compared
@@ -22,7 +22,7 @@ from mujoco_scripts import MACHINE, Run, of_world, statuses, watched
 from mujoco_trees import MujocoTrees
 
 CLOSES = 1e-12
-"""What rounding may leave, in shares of the largest impulse."""
+"""Tolerance for rounding, relative to the largest impulse."""
 
 INTEGRATORS = ("EULER", "RK4", "IMPLICIT", "IMPLICITFAST")
 OPTIONS = {
@@ -63,12 +63,12 @@ def driven(m, steps, look=lambda *_: None):
         look(k, d)
         mujoco.mj_step(m, d)
 """
-"""Everything is driven at random, and for a while pushed."""
+"""Every actuator is driven at random, and for a while forces are applied."""
 STEPS = 120
 
 
 def machine(folder: Path, runs: list[tuple[str, str]], steps: int = STEPS) -> Run:
-    """Record the machine once for each integrator and option, each in a simulation of its own."""
+    """Record the machine with each integrator and option, each in a simulation of its own."""
     made = "".join(
         f"m = mujoco.MjModel.from_xml_string(XML)\nm.opt.integrator = "
         f"mujoco.mjtIntegrator.mjINT_{integrator}\n{OPTIONS[option]}\ndriven(m, {steps})\n"
@@ -79,7 +79,7 @@ def machine(folder: Path, runs: list[tuple[str, str]], steps: int = STEPS) -> Ru
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, list[ReplayedPiece]]:
-    """Return the machine with each integrator."""
+    """Return the machine's recording with each integrator."""
     run = machine(tmp_path_factory.mktemp("plain"), [(name, "plain") for name in INTEGRATORS])
     return run, run.explained()
 
@@ -88,7 +88,7 @@ Impulses = dict[tuple[str, int, int], np.ndarray]
 
 
 def impulses_of(pieces: list[ReplayedPiece], world: int, nv: int) -> Impulses:
-    """Return the impulses of each cause at all steps of a simulation, shape (STEPS, nv)."""
+    """Return the impulses of each cause in all steps of a simulation, shape (STEPS, nv)."""
     found: Impulses = {}
     for piece in of_world(pieces, world):
         for cause, values in piece.impulses(nv).items():
@@ -140,7 +140,7 @@ def test_all_causes_are_met(plain: tuple[Run, list[ReplayedPiece]]) -> None:
 def test_our_own_kinematics_find_the_same_change_of_momentum(
     plain: tuple[Run, list[ReplayedPiece]], world: int
 ) -> None:
-    """The judge: M (u' - u) without MuJoCo equals what the recorded impulses add up to."""
+    """Independent check: M (u' - u), computed without MuJoCo, is the sum of recorded impulses."""
     run, pieces = plain
     model = run.received.models[world]
     trees = MujocoTrees(model.arrays)
@@ -160,14 +160,14 @@ def test_our_own_kinematics_find_the_same_change_of_momentum(
 
 
 class Reference:
-    """What MuJoCo says of the state before each step, in data of its own."""
+    """MuJoCo's results for the state before each step, computed in a separate `MjData`."""
 
     def __init__(self, m: Any) -> None:
         self.m, self.d = m, mujoco.MjData(m)
         self.rows: list[dict[tuple[str, int, int], np.ndarray]] = []
 
     def look(self, _: int, d: Any) -> None:
-        """Compute the forces of a state, each by another function than the one under test."""
+        """Compute the forces in a state, each with another function than the code under test."""
         m, mine = self.m, self.d
         spec = mujoco.mjtState.mjSTATE_INTEGRATION
         state = np.empty(mujoco.mj_stateSize(m, spec))
@@ -235,7 +235,7 @@ class Reference:
         return found
 
     def _others(self) -> dict[tuple[str, int, int], np.ndarray]:
-        """Return the rows of other constraints, one by one."""
+        """Return the force of each remaining constraint row, keyed by kind."""
         m, d = self.m, self.d
         found: dict[tuple[str, int, int], np.ndarray] = {}
         kinds = ("equality", "friction loss", "tendon friction", "limit", "tendon limit")
@@ -276,7 +276,7 @@ def test_each_impulse_is_what_its_name_says(plain: tuple[Run, list[ReplayedPiece
 def test_springs_of_tendons_are_apart_from_those_of_joints(
     plain: tuple[Run, list[ReplayedPiece]],
 ) -> None:
-    """Without its stiffness and damping a tendon leaves the springs and dampers of joints."""
+    """A tendon without stiffness and damping leaves only the joints' springs and dampers."""
     model = mujoco.MjModel.from_xml_string(MACHINE)
     space: dict[str, Any] = {}
     exec(DRIVEN, space)
@@ -438,7 +438,7 @@ def test_what_has_no_sum_says_why(tmp_path: Path, name: str) -> None:
 def test_steps_are_replayed_by_their_own_version_alone(
     plain: tuple[Run, list[ReplayedPiece]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Another version may load a model's binary form as something else, or end."""
+    """Another version may misread a model's binary form, or crash."""
     run, _ = plain
     monkeypatch.setattr(run.received, "version", f"{mujoco.__version__}.1")
     with pytest.raises(DropError, match="while it replayed the script's steps"):
@@ -464,7 +464,7 @@ for k in range(30):
 
 
 def test_memory_does_not_grow_with_steps(tmp_path: Path) -> None:
-    """Long runs come in pieces, none much larger than another."""
+    """Long runs are replayed in chunks of limited size."""
     run = watched(tmp_path, FALLING + "for k in range(3000): mujoco.mj_step(m, d)\n")
     sizes = [len(piece.status) for piece in run.explained()]
     assert sum(sizes) == 3000

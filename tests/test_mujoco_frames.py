@@ -1,4 +1,4 @@
-"""A MuJoCo recording holds its model and a frame before each step: MuJoCo alone takes it again.
+"""A MuJoCo recording has its model and a frame before each step: MuJoCo alone can replay it.
 
 The judge here is MuJoCo itself, given nothing but what `reader` returns: from each frame, with its
 inputs, one step must lead to the recorded state, to the last bit. No step knows of the one before.
@@ -149,7 +149,7 @@ def step(m: Any, d: Any, frames: Frames, number: int) -> None:
 
 
 def redone(run: Recording) -> Iterator[tuple[int, int, bool]]:
-    """Yield client, step, and whether MuJoCo's step from its frame leads to the recorded state."""
+    """Yield client, step, and whether MuJoCo's step from its frame gives the recorded state."""
     for client in run.steps.clients:
         (model,) = {frames.model for frames in run.steps.pieces(client, 0, 1 << 60)}
         m = models_of(run)[model]
@@ -184,7 +184,7 @@ def test_each_step_is_taken_again_from_its_frame(name: str, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("name", some(RUNS, 2))
 def test_a_stepper_takes_each_step_alone_and_leads_to_its_state(name: str, tmp_path: Path) -> None:
-    """The process that takes them is given whole pieces, and leads where the script's steps led."""
+    """The replaying process receives whole chunks, and reproduces the script's states."""
     run, files = recorded(tmp_path, RUNS[name]), tmp_path / "models"
     files.mkdir()
     for number in run.steps.models:
@@ -203,7 +203,7 @@ def test_a_stepper_takes_each_step_alone_and_leads_to_its_state(name: str, tmp_p
 
 
 def test_a_step_of_another_state_is_taken_too(tmp_path: Path) -> None:
-    """One step from a state of ours, with inputs that were none of the script's."""
+    """The step starts from a state of ours, with inputs that the script never gave."""
     run = recorded(tmp_path, "for k in range(20): mujoco.mj_step(m, d)")
     path = tmp_path / "model.mjb"
     path.write_bytes(run.steps.model(0))
@@ -261,7 +261,7 @@ mujoco.mj_forward(seen, mujoco.MjData(seen))
 
 @pytest.mark.long
 def test_models_of_one_colour_are_recorded(tmp_path: Path) -> None:
-    """100 models of a megabyte, most of whose bytes are alike."""
+    """100 models of a megabyte are recorded, most of whose bytes are equal."""
     flat = '<texture name="t" type="2d" builtin="flat" width="600" height="600"/>'
     body = '<body><freejoint/><geom size="%f"/></body>'
     xml = f"<mujoco><asset>{flat}</asset><worldbody>{body}</worldbody></mujoco>"

@@ -1,4 +1,4 @@
-"""What `record` does not explain, `analyze` does when asked: the same sums, to the bit.
+"""Steps that `record` leaves unexplained are explained by `analyze` on request, bitwise equally.
 
 The reference is the recording of the same script that was explained while it was made.
 """
@@ -41,7 +41,7 @@ STEPS = 600
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Return the recording explained at once, and the one that is not."""
+    """Return a recording explained at once, and one without explanation."""
     folder = tmp_path_factory.mktemp("later")
     (folder / "script.py").write_text(SCRIPT)
     script = str(folder / "script.py")
@@ -61,12 +61,12 @@ few = pytest.mark.usefixtures("counts_as_long")
 
 @pytest.fixture
 def counts_as_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have the run count as a long one."""
+    """Lower the limit above which a run counts as long."""
     monkeypatch.setattr(explaining, "FEW_STEPS", 100)
 
 
 def acted(seen: Seen, first: int, end: int) -> tuple[dict[Any, Any], dict[int, int], Any]:
-    """Return the impulses of each cause in the steps to some samples, statuses, and contacts.
+    """Return the impulses by cause in steps to the given samples, their statuses, and contacts.
 
     A cause that is less than the last bit of a step's largest impulse may be there or not.
     """

@@ -1,4 +1,4 @@
-"""What a recording of a MuJoCo script holds.
+"""The contents of a recorded MuJoCo script.
 
 Verification: where links are, by our own kinematics from what was recorded, against MuJoCo's own
 `xipos`; what was set, by which line; and that the script prints the same as without us.
@@ -67,7 +67,7 @@ look()
 print(json.dumps(places))
 """
 KEPT = 60
-"""The steps of which the script looks where bodies are."""
+"""Number of steps in which the script reads the bodies' positions."""
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def test_the_script_prints_the_same(recorded: tuple[Recorded, str], tmp_path: Pa
 
 
 def test_links_are_where_mujoco_has_them(recorded: tuple[Recorded, str], held: Recording) -> None:
-    """Of bodies with several joints, a ball, references, mocap: to rounding."""
+    """Covers several joints per body, a ball joint, reference poses, mocap: equal to rounding."""
     places = np.array(json.loads(recorded[1]))
     numbers = {body.name: number for number, body in held.seen.bodies.items()}
     states, puts = held.seen.states, held.seen.puts
@@ -115,7 +115,7 @@ def test_links_are_where_mujoco_has_them(recorded: tuple[Recorded, str], held: R
 
 
 def test_velocities_are_those_of_centres_of_mass(held: Recording) -> None:
-    """Semi-implicit Euler moves a free base by its new velocity, its spin aside."""
+    """Semi-implicit Euler moves a free base by its new velocity, apart from its spin's share."""
     box = next(number for number, body in held.seen.bodies.items() if body.name == "box")
     base = held.seen.bases[held.seen.bases["body"] == box][5:15]
     moved = np.diff(base["position_m"], axis=0)
@@ -260,7 +260,7 @@ def test_a_script_that_steps_two_engines_has_a_recording_of_each(
 def test_the_steps_of_both_engines_are_compared(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A second run makes as many steps of both, and the engine whose states differ is named."""
+    """A second run steps both engines equally often; the engine whose states differ is named."""
     monkeypatch.chdir(tmp_path)
     script = tmp_path / "script.py"
     notes: list[str] = []
@@ -277,7 +277,7 @@ def test_the_steps_of_both_engines_are_compared(
 def test_trust_and_why_say_that_they_compare_one_engine_of_two(
     tmp_path: Path, drop: Drop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Their runs are stopped by the steps of that engine, and so make all of them."""
+    """Their runs are stopped by that engine's steps, and so make all of them."""
     monkeypatch.chdir(tmp_path)
     tmp_path.joinpath("script.py").write_text(f"{BOTH}muj(); bullet(); muj()")
     said = drop("trust", "--vary", "nudge", "script.py")
@@ -290,7 +290,7 @@ def test_trust_and_why_say_that_they_compare_one_engine_of_two(
 
 
 def test_an_edit_in_each_step_takes_its_own_bytes_alone(tmp_path: Path) -> None:
-    """It does not cut the samples into chunks of a step, and each counts from its step on."""
+    """The samples are not cut into chunks of one step, and each edit applies from its step on."""
     script = tmp_path / "script.py"
     script.write_text(
         RANDOMISED.partition("for mass")[0] + "for k in range(100):\n"
@@ -307,7 +307,7 @@ def test_an_edit_in_each_step_takes_its_own_bytes_alone(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_a_chain_of_hundreds_of_links_is_recorded(tmp_path: Path) -> None:
-    """The names of links that are each drawn below the one before would be too long to read."""
+    """Entity paths of links nested one below the other would be too long to read."""
     link = '<body pos="0 .1 0"><joint/><geom size=".02" contype="0" conaffinity="0"/>'
     script = tmp_path / "script.py"
     script.write_text(
@@ -322,7 +322,7 @@ def test_a_chain_of_hundreds_of_links_is_recorded(tmp_path: Path) -> None:
 
 
 def test_names_may_be_longer_than_an_entity_s(tmp_path: Path) -> None:
-    """A chain of links that are each drawn below the one before, as deep as they are."""
+    """The chain's links are nested one below the other, as deep as there are links."""
     deep = 64
     links = "".join(
         f'<body name="{number}{"n" * 6000}" pos="0 .1 0"><joint/><geom size=".02" contype="0"/>'
@@ -377,7 +377,7 @@ for mass in (0.5, 2.0):
 
 
 def test_edits_that_another_state_of_the_model_saw_count(tmp_path: Path) -> None:
-    """`mj_setConst` with data of its own is the first call to see a mass that was edited."""
+    """`mj_setConst` with separate data is the first call that sees an edited mass."""
     script = tmp_path / "script.py"
     script.write_text(RANDOMISED)
     found = record_script(str(script), out=tmp_path / "run.rrd", stdout=2)
@@ -403,7 +403,7 @@ for size in (1, 3):
 
 
 def test_meshes_of_one_name_in_two_models_are_each_its_own(tmp_path: Path) -> None:
-    """A valley of two faces is 1 m long; one is 2 m wide, one 6 m."""
+    """A valley of two faces is 1 m long; in one model it is 2 m wide, in the other 6 m."""
     (tmp_path / "script.py").write_text(MESHES)
     record_script(str(tmp_path / "script.py"), out=tmp_path / "run.rrd")
     surfaces = read(tmp_path / "run.rrd").seen.surfaces

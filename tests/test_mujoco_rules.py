@@ -1,4 +1,4 @@
-"""What `drop analyze` says of MuJoCo scripts that go wrong, and not of mended ones.
+"""Findings of `drop analyze` about faulty MuJoCo scripts, and none about the corrected ones.
 
 Verification: each world of WORLDS has one thing wrong, whose truth stands beside it; the same
 world, mended, is silent. Limits of stability are those at which the scheme itself, stepped here,
@@ -321,7 +321,7 @@ def analyzed(folder: Path, *arguments: str) -> Analysis:
 
 @pytest.fixture(scope="module")
 def wrong(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Finding]:
-    """Return the findings of all worlds, by code and joint or body."""
+    """Return the findings about all simulations, by code and joint or body."""
     findings = analyzed(tmp_path_factory.mktemp("wrong")).findings
     return {f"{each.code} {each.joint or each.body or ''}": each for each in findings}
 
@@ -503,7 +503,7 @@ for k in range(100):
 
 
 def test_a_control_in_degrees_is_told(tmp_path: Path) -> None:
-    """It is clamped to a range that holds it as an angle in degrees."""
+    """The control is clamped to a range that contains it when read as an angle in degrees."""
     script = tmp_path / "in_degrees.py"
     script.write_text(IN_DEGREES, encoding="utf-8")
     (found,) = analyze(record_script(str(script), out=tmp_path / "a.rrd").recording).findings
@@ -514,7 +514,7 @@ def test_a_control_in_degrees_is_told(tmp_path: Path) -> None:
 def servos(
     *inertia: float, stiffness: float = 0, ends: float = 0, begins: float = 0, fourth: bool = False
 ) -> Servos:
-    """Return one degree of freedom, or two of which the other has a spring of a tenth."""
+    """Return servos with one degree of freedom, or two, of which the second is a tenth as stiff."""
     n = round(len(inertia) ** 0.5)
     springs, late, early = (
         np.array([value, value / 10][:n]) for value in (stiffness, ends, begins)
@@ -536,7 +536,7 @@ SERVOS = [
 
 
 def grown(servo: Servos, steps: int = 4000) -> float:
-    """Return by what the scheme itself, step by step, multiplies a state."""
+    """Return the factor by which the integration scheme grows a state per step."""
     n, h = len(servo.inertia), servo.timestep_s
     x, v = 1e-3 * np.ones(n), 1e-3 / h * np.ones(n)
     size = np.hypot(x, v * h).max()

@@ -1,4 +1,4 @@
-"""The single changes of the causal search, in MuJoCo: each is what a user would write, to the bit.
+"""The causal search's single changes in MuJoCo: bitwise equal to the user's edit of the script.
 
 Verification: a run with a change equals a bare run of MuJoCo whose model, state or inputs were
 edited by hand; the script still reads its own.
@@ -43,7 +43,7 @@ STEPS = 60
 
 
 def scripted(_: Any, d: Any, step: int) -> None:
-    """Give inputs as a script does, before each step."""
+    """Set inputs before each step, as a script does."""
     d.ctrl[:] = [0.3 + 0.01 * step, 0.2, 0.1]
     d.xfrc_applied[1, 0] = 0.5
     if step % 20 == 10:
@@ -51,7 +51,7 @@ def scripted(_: Any, d: Any, step: int) -> None:
 
 
 class Script:
-    """A script whose functions of mujoco are watched; `changed` from a step on."""
+    """A script whose calls of mujoco are watched; `changed` applies from a step on."""
 
     def __init__(self, *operations: dict[str, Any]) -> None:
         self.fired: set[int] = set()
@@ -67,7 +67,7 @@ class Script:
         self.d = mujoco.MjData(self.m)
 
     def become(self, change: Change) -> None:
-        """Go on with a change."""
+        """Continue with a change."""
         trial = json.loads(json.dumps(trial_of(change)))
         self.changes.become(trial["interventions"], trial["variation"])
 
@@ -82,7 +82,7 @@ class Script:
 
 
 def bare(edit: Callable[[Any, Any], object], *, script: Any = scripted, finer: int = 1) -> Any:
-    """Return the states of a run of MuJoCo without any of drop, edited before the first step."""
+    """Return the states of a MuJoCo run without drop, edited before the first step."""
     m = mujoco.MjModel.from_xml_string(SCENE)
     d = mujoco.MjData(m)
     edit(m, d)
@@ -97,7 +97,7 @@ def bare(edit: Callable[[Any, Any], object], *, script: Any = scripted, finer: i
 
 @pytest.fixture(scope="module")
 def found() -> dict[tuple[str, str], Change]:
-    """Return the changes of the script, by what is changed and how."""
+    """Return the changes to the script, keyed by target and kind of change."""
     own = Script({"do": "see"})
     states = own.run()
     assert states.tobytes() == bare(nothing).tobytes()
@@ -107,7 +107,7 @@ def found() -> dict[tuple[str, str], Change]:
 
 
 def nothing(_: Any, __: Any) -> None:
-    """Edit nothing."""
+    """Leave the model unedited."""
 
 
 def set_const(m: Any) -> None:
@@ -148,7 +148,7 @@ def inertia_more(m: Any) -> None:
 
 
 def apart(m: Any) -> None:
-    """Let the three that touch meet nothing: as each pair of them is off."""
+    """Disable all collisions of the three touching geoms, which equals disabling each pair."""
     for name in ("floor", "box", "ball"):
         m.geom(name).contype = m.geom(name).conaffinity = 0
 
@@ -254,7 +254,7 @@ def test_an_input_is_another_and_the_script_reads_its_own(
 def test_what_is_undone_is_not_how_the_script_begins(
     found: dict[tuple[str, str], Change],
 ) -> None:
-    """Its first pose and speeds are the script's, which writes no others then."""
+    """The initial pose and velocities are the script's, which are not written again."""
 
     def begins(_: Any, d: Any) -> None:
         d.qvel[-1] = 0.5
@@ -308,7 +308,7 @@ def test_changes_are_those_that_change_something(found: dict[tuple[str, str], Ch
 
 
 def test_what_holds_a_robot_from_outside_takes_a_part_of_the_scene_away() -> None:
-    """A brake at its base, which nothing drives, is no part of it; a door's hinge may have one."""
+    """An unactuated joint at its base is not the robot's brake; a door's hinge may have one."""
     scene = """<mujoco><worldbody><body name="torso"><joint name="rail" type="slide"/>
     <joint name="pitch" axis="0 1 0"/><geom size="0.1"/><body name="leg" pos="0 0 -0.3">
     <joint name="knee" axis="0 1 0"/><geom size="0.1"/></body></body>
@@ -337,7 +337,7 @@ def test_a_change_of_some_elements_or_by_another_factor(
 
 
 def test_another_model_has_other_elements(found: dict[tuple[str, str], Change]) -> None:
-    """What is changed by number in one model is not in one that has other elements."""
+    """A change by index in one model does not exist in a model with other elements."""
     run = Script()
     run.become(found["geom_friction", "*10"])
     run.m = mujoco.MjModel.from_xml_string(

@@ -1,4 +1,4 @@
-"""Poses, momentum and weight of MuJoCo's trees without MuJoCo, against MuJoCo.
+"""Poses, momentum and weight of MuJoCo's kinematic trees, computed independently of MuJoCo.
 
 Verification: with the model's constants alone, everything is as MuJoCo computes it, to rounding.
 """
@@ -16,7 +16,7 @@ from mujoco_scripts import MACHINE
 from mujoco_trees import MujocoTrees, product, turned
 
 SHIPPED = Path(mujoco.__file__).parent / "testdata/model.xml"
-"""A model that comes with mujoco, from some version on."""
+"""A model that ships with mujoco, from a certain version on."""
 ROUNDING = 1e-13
 STEPS = 40
 
@@ -27,7 +27,7 @@ CRATES = "".join(
     <joint axis="0 1 0" pos="0 0.1 0" ref="0.3"/><geom size="0.1"/></body></body>"""
     for i in range(5)
 )
-"""Five trees of one structure, with two joints at a body."""
+"""Five kinematic trees of one structure, with two joints on one body."""
 SPATIAL = """<mujoco><worldbody><site name="a"/><body pos="0 0 -1"><joint/><geom size="0.1"/>
 <site name="b" pos="0.1 0 0"/></body></worldbody><tendon><spatial armature="1"><site site="a"/>
 <site site="b"/></spatial></tendon></mujoco>"""
@@ -90,7 +90,7 @@ def test_inertia_of_a_tendon_through_space_is_not_known() -> None:
 
 
 def test_quaternions_multiply_and_turn() -> None:
-    """A quarter turn about x, then one about z: y goes to z and stays, z goes to -y and to x."""
+    """A quarter turn about x, then one about z: y becomes z and stays, z becomes -y, then x."""
     half = np.sqrt(0.5)
     about_x, about_z = np.array([half, half, 0, 0]), np.array([half, 0, 0, half])
     both = product(about_z, about_x)

@@ -1,4 +1,4 @@
-"""MuJoCo scripts in an interpreter with another version of MuJoCo than ours, as users have it.
+"""MuJoCo scripts in an interpreter whose MuJoCo version differs from ours.
 
 `.ci/run` makes one with the oldest that is supported, and names it in `OLDER_MUJOCO`.
 """

@@ -1,4 +1,4 @@
-"""What is seen of a MuJoCo script, and that watching changes nothing.
+"""Watching a MuJoCo script captures its steps, and changes nothing.
 
 Verification: a script prints the same to the last bit with and without being watched; the states
 sent are those that it reads itself; what it wrote without a call is found, between which lines.
@@ -36,7 +36,7 @@ def look(d=d):
 def tell():
     print(json.dumps(seen))
 """
-"""A box on a plane, and an arm that is driven."""
+"""A box on a plane, and an actuated arm."""
 
 WAYS = {
     "mj_step": """
@@ -223,7 +223,7 @@ for k in range(6):
     look()
 """,
 }
-"""What has lost, or mixed up, simulations."""
+"""Script idioms that once made the recorder lose or confuse simulations."""
 
 
 @pytest.mark.parametrize("trap", some(TRAPS, 1))
@@ -244,7 +244,7 @@ def test_nothing_is_lost_where_models_and_states_are_made_anew(tmp_path: Path, t
 
 
 def test_a_state_that_is_no_number_goes_on_as_it_is(tmp_path: Path) -> None:
-    """Where MuJoCo is not to start again, such steps are replayed, and have no sum."""
+    """With MuJoCo's automatic reset off, such steps are replayed, and have no sum."""
     text = f"""{SCENE}
 m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 for k in range(8):
@@ -325,7 +325,7 @@ mujoco.mj_step(m, d)  # F
 
 
 def test_only_what_changed_is_sent(tmp_path: Path) -> None:
-    """A long part that changes in few places is sent as these."""
+    """A long array that changes in few elements is sent as these elements."""
     bodies = "".join(
         f'<body pos="{i} 0 1"><freejoint/><geom size="0.1"/></body>' for i in range(40)
     )
@@ -419,7 +419,7 @@ tell()
 
 
 def test_a_step_with_data_of_another_state_is_proven_to_be_one(tmp_path: Path) -> None:
-    """dm_control's order: the second half, then the first; its cheetah writes a pose in between."""
+    """dm_control runs the second half, then the first; its cheetah writes a pose in between."""
     run = watched(
         tmp_path,
         SCENE
@@ -472,7 +472,7 @@ tell()
 
 
 def test_every_reset_that_mujoco_makes_is_seen(tmp_path: Path) -> None:
-    """It clears its counters of warnings, which are the same after the second reset."""
+    """A reset clears the warning counters, so the second reset leaves the same counts."""
     run = watched(
         tmp_path,
         SCENE
@@ -691,7 +691,7 @@ def test_a_block_puts_everything_back(tmp_path: Path) -> None:
 
 
 def test_numbers_of_what_is_sent_are_small(tmp_path: Path) -> None:
-    """A step takes the bytes of what it changes, and a head of 29."""
+    """A step takes the bytes that it changes, and a header of 29."""
     run = watched(tmp_path, SCENE + "for k in range(1000): mujoco.mj_step(m, d)\n")
     numbers = run.column("qpos").shape[1] + 2 * run.column("qvel").shape[1]
     steps = sum(len(each) for each in run.sent if each[:1] == b"S")
@@ -699,7 +699,7 @@ def test_numbers_of_what_is_sent_are_small(tmp_path: Path) -> None:
 
 
 def test_a_model_is_sent_once(tmp_path: Path) -> None:
-    """An environment that is made again has the same model: its digest is known."""
+    """An environment that is created again has the same model, recognized by its digest."""
     run = watched(
         tmp_path,
         SCENE
@@ -724,7 +724,7 @@ for k in range(5):
 
 
 def test_what_cannot_be_read_is_said_once_and_the_script_goes_on(tmp_path: Path) -> None:
-    """States are looked at in memory: where that is not as it should be, nothing is followed."""
+    """States are read from memory: if the layout is not as expected, nothing is recorded."""
     text = (
         SCENE
         + """
@@ -763,7 +763,7 @@ print(len(watch.data) < 70)
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
 def test_the_arena_of_a_state_takes_no_memory(tmp_path: Path) -> None:
-    """300 boxes have an arena of 200 MB, of which MuJoCo uses some 2 MB."""
+    """300 boxes have an arena of 200 MB, of which MuJoCo uses about 2 MB."""
     text = """
 import mujoco
 def peak_kb():
@@ -785,7 +785,7 @@ except TypeError as error:
 
 
 def test_what_a_state_leaves_is_not_filled(tmp_path: Path) -> None:
-    """A state of one body has an arena of 14 MB; a second one is where the first has been."""
+    """A state of one body has an arena of 14 MB; a second state reuses the first one's memory."""
     text = """
 import mujoco
 def peak_kb():

@@ -1,4 +1,4 @@
-"""Changes in a run of a MuJoCo script: steps find them, and the script reads its own values."""
+"""Changes to a MuJoCo run: they apply inside steps, and the script reads its own values."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -38,14 +38,14 @@ SCENE = """<mujoco><option timestep="0.002"/><worldbody>
 
 
 class RunChanged:
-    """A model whose functions are called with changes."""
+    """A model whose functions are called with changes applied."""
 
     def __init__(
         self, *operations: dict[str, Any], pair: str = "", at: Any = None, **variation: Any
     ) -> None:
         self.fired: list[int] = []
         self.inside: list[float] = []
-        """The timestep that each step has found."""
+        """The timestep in effect during each step."""
         sites = SimpleNamespace(place=lambda _: ("a.py", at.line), outside=lambda frame: frame)
         self.host: Any = SimpleNamespace(sites=sites, forks=None, standing=lambda _, call: call)
         originals = {"mj_setConst": mujoco.mj_setConst}
@@ -73,7 +73,7 @@ class RunChanged:
         mujoco.mj_step(m, d)
 
     def steps(self, count: int) -> None:
-        """Make steps of the script."""
+        """Make a number of the script's steps."""
         for _ in range(count):
             self.call["mj_step"](self.m, self.d)
 
@@ -83,7 +83,7 @@ class RunChanged:
 
 
 FRICTIONS = [("geom", 0), ("pair", 0), ("pair", 1)]
-"""Where a coefficient of friction is written: of geometries, and of both ways of pairs."""
+"""Places where a coefficient of friction is written: geoms, and pairs in both orders."""
 
 
 def test_a_finer_timestep_is_seen_by_steps_alone() -> None:
@@ -352,7 +352,7 @@ def test_every_intervention_has_a_name_and_a_call() -> None:
 
 @pytest.mark.long
 def test_why_cures_by_what_the_sum_says(tmp_path: Path) -> None:
-    """The corpus' truth: with kp 1 no automatic reset is left, of 250."""
+    """With kp 1, as the corpus says, none of 250 automatic resets is left."""
     found = why(str(CORPUS / "gain_explodes.py"), out=tmp_path, jobs=1)
     by_code = {finding.finding.code: finding for finding in found.findings}
     assert by_code["unstable"].verdict == by_code["auto-reset"].verdict == "cured"
@@ -363,7 +363,7 @@ def test_why_cures_by_what_the_sum_says(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_trust_varies_a_script_s_model(tmp_path: Path) -> None:
-    """The corpus' truth: of 18.2 mm an elliptic cone leaves some 9 mm, and impratio 10 some 4."""
+    """By the corpus, an elliptic cone reduces 18.2 mm to about 9 mm, and impratio 10 to about 4."""
     script = CORPUS / "grasp_creeps.py"
     vary = ["cone=elliptic", "impratio=10", "nudge", "option.cone =1"]
     found = trust(str(script), out=tmp_path / "out", vary=vary, jobs=1)

@@ -1,4 +1,4 @@
-"""Shapes that overlap do by what PyBullet's `getClosestPoints` says of the same.
+"""Overlap of collision shapes, against PyBullet's `getClosestPoints` for the same shapes.
 
 Why some make no contact is in `corpus/attacks/contacts.toml`.
 """
@@ -38,7 +38,7 @@ def shape(kind: str, poses: np.ndarray) -> PlacedShape:
     some([(a, b) for k, a in enumerate(SHAPES) for b in list(SHAPES)[k:]], 4),
 )
 def test_overlap_is_what_the_engine_measures(one: str, two: str) -> None:
-    """What is said to overlap does, by 1 mm and more; what overlaps by 5 mm is found."""
+    """Reported overlaps are real, by at least 1 mm; overlaps of 5 mm are found."""
     random = np.random.default_rng(7)
     poses = np.hstack((random.uniform(-0.2, 0.2, (60, 3)), random.normal(size=(60, 4))))
     poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1)[:, None]
@@ -67,7 +67,7 @@ def test_overlap_is_what_the_engine_measures(one: str, two: str) -> None:
 def test_shapes_that_are_apart_are_known_to_be_after_a_few_looks(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The gap is 5 mm everywhere; without an end, each of 100 samples takes 800 projections."""
+    """The gap is 5 mm everywhere; without early stopping, 100 samples take 800 projections each."""
     looks = [0]
 
     def counted(shape: Collision, local: Float64) -> tuple[Float64, Float64]:

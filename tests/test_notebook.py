@@ -15,7 +15,7 @@ NOTEBOOK = Path(__file__).parents[1] / "docs/examples/arm.ipynb"
 
 @pytest.fixture(scope="module")
 def outputs(tmp_path_factory: pytest.TempPathFactory) -> list[list[dict[str, Any]]]:
-    """Return the outputs of the notebook's cells with code."""
+    """Return the outputs of the notebook's code cells."""
     import nbformat
     from nbclient import NotebookClient
 

@@ -1,4 +1,4 @@
-"""The wheel is complete: it holds the program and nothing else, and runs where no checkout is."""
+"""The wheel is complete: it contains only the program, and runs without a checkout."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SOURCES = ROOT / "pipeline"
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a wheel built from this folder, as `pip install .` builds one."""
+    """Return a wheel built from this folder, as `pip install .` builds it."""
     folder = tmp_path_factory.mktemp("wheel")
     subprocess.run(
         [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)],
@@ -46,7 +46,7 @@ def test_the_wheel_holds_the_program_and_nothing_else(wheel: Path) -> None:
 
 @pytest.fixture(scope="module")
 def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the `bin` of an environment of its own: the wheel, and the libraries of this one."""
+    """Return the `bin` of a new environment with the wheel and this environment's libraries."""
     folder = tmp_path_factory.mktemp("environment")
     venv.create(folder, symlinks=True)
     (packages,) = folder.glob("lib/python*/site-packages")
@@ -67,7 +67,7 @@ Call = Callable[..., str]
 
 @pytest.fixture
 def call(environment: Path, tmp_path: Path) -> Call:
-    """Return a program of that environment, run in a folder."""
+    """Return a function that runs a program of that environment in a folder."""
 
     def run(folder: Path, program: str, *arguments: str) -> str:
         done = subprocess.run(
@@ -95,7 +95,7 @@ def test_it_takes_one_import_name(call: Call, environment: Path, tmp_path: Path)
 
 
 def test_it_explains_in_the_readers_language_with_an_example(call: Call, tmp_path: Path) -> None:
-    """Of what the build adds: translations, and a page."""
+    """It needs files that the build adds: translations, and a page."""
     assert "docs/examples/why/slides.py:14" in call(tmp_path, "drop", "explain", "slides")
     script = "import os; os.environ['DROP_LANG'] = 'ja'\n"
     script += "from drop_physics.messages import localized; print(localized('Contacts'))"
@@ -112,7 +112,7 @@ def test_installed_it_runs_in_a_clean_folder(call: Call, tmp_path: Path) -> None
 
 @pytest.mark.long
 def test_a_project_with_the_same_names_keeps_its_own(call: Call, tmp_path: Path) -> None:
-    """A `pipeline` package, a `cli.py`, `tests` and `recordings` of theirs, in one environment."""
+    """Their `pipeline` package, `cli.py`, `tests` and `recordings` are in the same environment."""
     theirs = {
         "pipeline/__init__.py": "MINE = 'pipeline'",
         "cli.py": "MINE = 'cli'",

@@ -1,4 +1,4 @@
-"""`--html`: one file with everything, which a browser opens without asking anybody for more."""
+"""`--html`: one self-contained file, which a browser opens without further requests."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from PIL import Image
 pytestmark = pytest.mark.pybullet
 
 CURVES = {"1": (0, 114, 178), "0": (216, 239, 253)}
-"""Colours of a simulated curve on a light and on a dark page."""
+"""Colours of a simulated curve in the light and the dark theme."""
 
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the page of the arm whose motor is too weak."""
+    """Return the HTML page about an arm whose motor is too weak."""
     folder = tmp_path_factory.mktemp("page")
     shutil.copy(ROOT / "docs/examples/arm.py", folder)
     assert drop_here("record", "arm.py", folder=folder).returncode == 0
@@ -52,7 +52,7 @@ def test_a_page_has_verdict_finding_and_its_line(page: Path) -> None:
 
 
 def test_a_page_shows_a_row_with_its_curve_and_the_frame_of_its_moment(page: Path) -> None:
-    """The finding has taken the row's place: the joint is 1.29 rad off at the end, after 3 s."""
+    """The finding replaces the row: the joint is 1.29 rad off at the end, after 3 s."""
     text = page.read_text(encoding="utf-8")
     (row,) = re.findall('<div class="moment">(.*?)</div>', text, re.DOTALL)
     svg = base64.b64decode(re.findall('src="data:image/svg[+]xml;base64,([^"]+)', row)[0]).decode()

@@ -1,4 +1,4 @@
-"""The pages are true: what they say to type works, and prints and draws what they show."""
+"""The pages are correct: what they say to type works, with the output and images that they show."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def text_of(page: Path) -> str:
 
 
 def prose_of(page: Path) -> str:
-    """Return a page's text without its blocks."""
+    """Return a page's text without its code blocks."""
     return re.sub(r"^```.*?^```$", "", text_of(page), flags=re.DOTALL | re.MULTILINE)
 
 
@@ -64,7 +64,7 @@ def test_what_a_page_says_to_type_works_prints_what_it_shows_and_draws_its_pictu
 
 
 def without_numbers(text: str) -> str:
-    """Return a text with a sign for each number, and lines that may break elsewhere as one."""
+    """Replace numbers in a text by `#`, and join its lines."""
     return " ".join(re.sub(r"[+−-]?\d[\d.,]*(?:e[+-]?\d+)?", "#", text).split())
 
 
@@ -91,7 +91,7 @@ def test_the_pictures_of_the_readme_are_what_its_commands_draw() -> None:
 
 
 def test_the_box_of_a_film_is_large_and_seen_to_fall() -> None:
-    """It is the only thing that is dark blue: see where it is, and how wide."""
+    """The box is the only dark blue object: its position and width are measured."""
     with Image.open(DOCS / "images/film.gif") as film:
         rows = []
         for number in range(film.n_frames):
@@ -121,7 +121,7 @@ def test_a_translation_has_the_blocks_and_pictures_of_its_page() -> None:
 
 
 def _typed(block: Block) -> tuple[str, str]:
-    """Return the kind of a block and what it says to type, without comments."""
+    """Return a block's kind and its input, without comments."""
     return block.kind, re.sub(r" +# .*", "", pages.typed(block))
 
 
@@ -149,7 +149,7 @@ def test_a_page_leads_on_to_pages_that_exist() -> None:
 
 
 def typed() -> str:
-    """Return everything that pages say to type where no output is quoted."""
+    """Return all input of the pages for which no output is quoted."""
     every = (block for page in PAGES for block in blocks(text_of(page)))
     return "".join(block.text for block in every if not block.quotes)
 
@@ -185,7 +185,7 @@ def test_every_extra_that_a_page_names_exists() -> None:
 
 
 def test_the_tests_that_the_table_of_promises_names_exist() -> None:
-    """Where only `-k` is said, the file is the one that was said last."""
+    """A row that gives only `-k` refers to the last file named before it."""
     file, checked = "", 0
     for row in re.findall(r"^\| .* \|$", text_of(DOCS / "reliability.md"), re.MULTILINE):
         for named, *words in re.findall(r"pytest (tests/\w+\.py)|-k (?:\"([\w ]+)\"|(\w+))", row):

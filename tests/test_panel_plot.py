@@ -1,4 +1,4 @@
-"""Plots: of a script the verdict and the panels of the findings, of a drop its error by terms."""
+"""Plots: a script's verdict and panels for the findings, a drop's error by terms."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ steps(240)
 
 
 def told(scene: str, path: Path) -> tuple[Analysis, Plot]:
-    """Return a scene's analysis, and what its plot tells."""
+    """Return a scene's analysis, and the contents of its plot."""
     analysis = analyze(record(scene, path / "scene.rrd").seen)
     return analysis, plot_of(analysis)
 
@@ -88,7 +88,7 @@ def panel_of(low: float, high: float, unit: str, names: Sequence[str], **how: bo
 def test_no_label_is_cut_whatever_the_numbers(
     spans: Sequence[tuple[float, float]], names: list[str]
 ) -> None:
-    """Whether of a plot, or of one beside a film."""
+    """Plots are tested alone, and beside a video."""
     looks: list[dict[str, bool]] = [{}, {"zero": True}, {"stacked": True}, {}, {}]
     units = ("rad", "m", "N m", "J", "mm")
     panels = [
@@ -106,7 +106,7 @@ def test_no_label_is_cut_whatever_the_numbers(
 
 @pytest.mark.parametrize(("unit", "least"), [("rad", 1e-3), ("m", 1e-4), ("mm", 0.1)])
 def test_what_hardly_moves_is_not_blown_up(unit: str, least: float) -> None:
-    """A range of less than 1 mrad or 0.1 mm is shown as one of that."""
+    """Axes span at least 1 mrad or 0.1 mm."""
     for far, shown in ((0.01, least), (3.0, 3 * least)):
         panel = panel_of(-1.2, -1.2 + far * least, unit, ["a"])
         with style.themed(LIGHT):
@@ -133,7 +133,7 @@ def test_the_impact_is_enlarged_with_every_sample_around_it(standard: Run) -> No
 
 
 def test_a_drop_shows_its_fall_beside_theory_and_its_error_by_terms(standard: Run) -> None:
-    """As at 0.3 s in the budget: -6.131 mm timestep, +4.310 mm damping, -1.820 mm together."""
+    """At 0.3 s the budget is -6.131 mm timestep, +4.310 mm damping, -1.820 mm in total."""
     story = plot_of(standard.analysis)
     assert story.title == "cube_small.urdf dropped from 1 m"
     assert "at 0.3 s -1.820 mm: timestep -6.131, damping +4.310, interaction +0.001" in story.lines

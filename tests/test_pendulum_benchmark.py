@@ -69,7 +69,7 @@ def test_with_damping_the_error_is_the_dampings_and_no_timestep_helps() -> None:
 
 
 def test_the_steps_of_the_pendulum_are_the_trees_sum(tmp_path: pytest.TempPathFactory) -> None:
-    """Damping takes what energy it loses, but for what the integrator takes."""
+    """The energy loss is due to damping, except for the integrator's share."""
     path = tmp_path / "pendulum.urdf"  # type: ignore[operator]
     path.write_text(pendulum.URDF)
     with engine():

@@ -1,4 +1,4 @@
-"""Verification: however frames are drawn, they are the pixels that PyBullet gives for the pose."""
+"""Verification: however frames are rendered, they equal PyBullet's pixels for the pose."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def decoded(png: bytes) -> np.ndarray:
     "body", some(["cube_small.urdf", "sphere2.urdf", "duck_vhacd.urdf", "r2d2.urdf"], 1)
 )
 def test_a_body_in_front_of_the_floor_is_what_both_together_give(body: str) -> None:
-    """Falling, sinking into the floor, tumbling on it, and flying out of the picture."""
+    """The body falls, sinks into the floor, tumbles on it, and leaves the image."""
     scenario = Scenario(body=body, velocity_m_s=(0.5, 0.9, 0.0), spin_rad_s=(5.0, 2.0, 1.0))
     poses = poses_in(scenario)
     with PoseRenderer(scenario, SMALL) as at_work:
@@ -88,7 +88,7 @@ def test_the_number_of_workers_changes_nothing(
 
 
 def test_a_fall_of_many_steps_is_not_dropped_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its samples would take gigabytes, however few of them are photographed."""
+    """The samples would take gigabytes, however few of them are rendered."""
     dropped: list[Scenario] = []
     monkeypatch.setattr(camera_frames, "World", lambda scenario: dropped.append(scenario))
     long, rarely = Scenario(duration_s=50_000.0), replace(SMALL, capture_every=1_000_000)
@@ -116,7 +116,7 @@ def test_what_a_worker_cannot_do_is_raised_here() -> None:
 
 
 def seen(scenario: Scenario, camera: Camera, pose: np.ndarray) -> tuple[float, float, int]:
-    """Return row and column of a body's middle in its picture, and its width [px]."""
+    """Return row and column of a body's middle in its image, and its width [px]."""
     with closing(VisibleWorld(replace(scenario, floor=False), "tiny")) as world:
         world.place(pose[:3], pose[3:])
         x, y, z = pose[:3]
@@ -185,7 +185,7 @@ def test_what_follows_is_drawn_alike_by_workers_and_ahead(monkeypatch: pytest.Mo
 
 
 def test_a_recording_holds_where_a_following_camera_stood(tmp_path: Path) -> None:
-    """The body's centre, seen through the recorded pose of each frame, is in the middle of it."""
+    """The body's centre, projected by each frame's recorded camera pose, is in the middle."""
     scenario = Scenario(duration_s=0.25, velocity_m_s=(0.5, 0.0, 0.0))
     path = tmp_path / "run.rrd"
     simulate(scenario, path, camera=replace(SMALL, view="follow"))

@@ -1,4 +1,4 @@
-"""The worth of a golden recording on another processor, as docs/ci.md states it.
+"""The value of a golden recording on another processor, as docs/ci.md states it.
 
 The GNU C library's sines and cosines round otherwise where a processor cannot multiply and add in
 one step. It can be told that ours cannot, so that one machine stands for both. Elsewhere than on
@@ -56,7 +56,7 @@ for i in range(240):
 
 
 def both(tmp_path: Path, scene: str, monkeypatch: pytest.MonkeyPatch, **how: float) -> Check:
-    """Return the check of a scene without fused multiplication against the same with it."""
+    """Return the check of a scene run without fused multiply-add against the same run with it."""
     script = tmp_path / "scene.py"
     script.write_text(HEAD + scene)
     record_script(str(script), out=tmp_path / "with.rrd")

@@ -1,4 +1,4 @@
-"""Eight of the scripts in PyBullet's wheel: recorded twice, and run with their engine unread.
+"""Eight scripts from PyBullet's wheel: recorded twice, and run without reading the engine.
 
 `public_scripts` does the same with all of them, and with those that are found elsewhere.
 """

@@ -1,4 +1,4 @@
-"""The fixture `golden_recording`, in the tests of a project that is not ours."""
+"""The fixture `golden_recording`, in the tests of another project."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def project(pytester: pytest.Pytester) -> Iterator[pytest.Pytester]:
 
 
 def run(project: pytest.Pytester, tests: dict[str, str], *options: str) -> tuple[int, str]:
-    """Run tests of the project, by name, and return pytest's exit code and output."""
+    """Run tests of the project, selected by name; return pytest's exit code and output."""
     written = (f"def test_{name}(golden_recording):\n{test}" for name, test in tests.items())
     (project.path / "tests/test_box.py").write_text("import box\n" + "\n".join(written))
     return run_again(project, *options)
@@ -63,7 +63,7 @@ def block(body: str, name: str = "'box'") -> str:
 
 @pytest.fixture
 def writer(monkeypatch: pytest.MonkeyPatch) -> Iterator[BlockWriter]:
-    """Return the process that records, one for all runs of pytest in a test: a second each."""
+    """Return the recording process, shared by all pytest runs in a test to save a second each."""
     kept = BlockWriter()
     monkeypatch.setattr(kept, "close", lambda: None)
     monkeypatch.setattr(record_block, "BlockWriter", lambda: kept)
@@ -112,7 +112,7 @@ def test_a_golden_is_made_and_then_holds(
 def test_one_process_records_all_tests_of_a_run_and_ends_with_it(
     project: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Unless it dies: then that test says so, and the next has another."""
+    """If the process dies, that test says so, and the next one gets a new process."""
     started: list[BlockWriter] = []
 
     class Counted(BlockWriter):
@@ -152,7 +152,7 @@ def test_second(golden_recording):
 def test_with_xdist_beside_modules_called_as_pythons_and_without_ours(
     project: pytest.Pytester,
 ) -> None:
-    """What the process that records imports is not what lies beside the tests."""
+    """The recording process does not import modules that lie beside the tests."""
     (project.path / "tests/test_box.py").write_text(LIGHT)
     for name in NAMES:
         (project.path / f"tests/{name}.py").write_text("raise SystemError")

@@ -1,4 +1,4 @@
-"""Python as a door of its own: what is public, how results print, in which words errors speak."""
+"""The Python interface: public names, how results print, and how errors are worded."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def test_without_a_viewer_a_notebook_shows_a_film_and_says_why(
 
 
 def test_a_line_of_a_notebook_is_named_by_its_cell(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As in IPython's tracebacks; any other file keeps its name."""
+    """The name is as in IPython's tracebacks; any other file keeps its name."""
     cells = {"/nowhere/ipykernel_7/1234.py": ("Cell", "In[3]")}
     shell = SimpleNamespace(compile=SimpleNamespace(format_code_name=cells.get))
     assert shown_file("/nowhere/ipykernel_7/1234.py") == "1234.py"
@@ -259,7 +259,7 @@ def test_a_plan_that_cannot_be_says_why(given: dict[str, object], said: str) -> 
 def test_nothing_false_is_said_of_what_was_set_before_a_block(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """PyBullet reports no damping: steps that do not follow its default say where it was set."""
+    """PyBullet reports no damping: steps unlike its default are attributed to earlier calls."""
     monkeypatch.chdir(tmp_path)
     release_clients()
     client = p.connect(p.DIRECT)

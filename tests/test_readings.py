@@ -1,4 +1,4 @@
-"""Readings of scripts: the recorded ones are those of the scripts, listed beside them by hand.
+"""Reads that scripts make of the engine's state: the recorded ones match a hand-written list.
 
 Verification: of each place its function, line, arguments, flags, what it reads, how often, and from
 which step to which.
@@ -23,11 +23,12 @@ pytestmark = pytest.mark.pybullet
 ARM = scripts.HEAD + 'arm = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)\n'
 BOX = 'box = p.loadURDF("cube_small.urdf", [2, 0, 1])\n'
 EXACT, SHARE, GROUP = 256, 61, 4
-"""So many steps are looked at one by one; then so many together, one of so many steps."""
+"""The first EXACT steps are checked one by one; later ones in groups of GROUP steps, of which one
+in SHARE is checked."""
 
 
 def readings(events: list[Event]) -> dict[str, Reading]:
-    """Return the places that read, by function; each in the script has another."""
+    """Return the recorded reads by function; each function is called at one place in the script."""
     found = [event for event in events if isinstance(event, Reading)]
     assert [each.number for each in found] == [*range(len(found))]
     by_function = {each.function: each for each in found}
@@ -41,7 +42,7 @@ def line_of(text: str, mark: str) -> int:
 
 
 def parts(reading: Reading) -> list[list[tuple[int, int | None]]]:
-    """Return the subjects of a reading, as bodies with links: one or two."""
+    """Return the one or two subjects of a read, as bodies with links."""
     found = []
     for target in reading.targets:
         pair = [] if target.other is None else [(target.other, target.other_link)]
@@ -175,7 +176,7 @@ print(pose(box)[0][2], p.getBasePositionAndOrientation(box)[1])  # last
 
 
 def test_bodies_are_those_of_the_recording(tmp_path: Path) -> None:
-    """Also those that are read before a step, and others with the same number after a reset."""
+    """Bodies may be read before the first step, and ids may be reused after a reset."""
     text = (
         scripts.HEAD
         + """

@@ -1,4 +1,4 @@
-"""`drop record`: somebody's script runs as it would, and everything that happens is recorded.
+"""`drop record`: a user's script runs as it would without drop, and everything is recorded.
 
 Verification: what a script prints, its final state to the last bit included, is the same with and
 without recording; what is in the recording is what the script itself reads from the engine.
@@ -45,10 +45,10 @@ BANNER = "pybullet build time"
 
 
 class Bench:
-    """A folder with scripts in it, and what runs them."""
+    """A folder with scripts, and methods to run them."""
 
     came: tuple[Recorded, str]
-    """What came of a plain script, and what it printed."""
+    """The result of recording a plain script, and the script's output."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -70,11 +70,11 @@ class Bench:
         )
 
     def drop(self, *arguments: str) -> subprocess.CompletedProcess[str]:
-        """Run the command in this process; the script has one of its own."""
+        """Run the command in this process; the script runs in a process of its own."""
         return drop_here(*arguments, folder=self.folder)
 
     def record(self, name: str, *arguments: str, **how: Any) -> tuple[Recorded, str]:
-        """Record a script here, and return what came of it and its standard output."""
+        """Record a script in this folder; return the result and the standard output."""
         printed = self.folder / "printed.txt"
         back = Path.cwd()
         os.chdir(self.folder)
@@ -89,7 +89,7 @@ class Bench:
 
     @property
     def out(self) -> Path:
-        """Where `record` writes."""
+        """The path that `record` writes."""
         return self.folder / "out.rrd"
 
 
@@ -106,7 +106,7 @@ Plain = Callable[[str], Bench]
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Plain:
-    """Return a function from the name of a plain script to its folder, where it is recorded."""
+    """Return a function that records a plain script by name, and returns its folder."""
 
     @cache
     def recorded(name: str) -> Bench:
@@ -122,7 +122,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Plain:
 
 
 def rows(path: Path, entity: str) -> Iterator[dict[str, Any]]:
-    """Yield the rows of an entity, each as lists by column, in the order they were written."""
+    """Yield the rows of an entity in the order written, each as lists by column."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # an unfinished recording has no footer
         reader = RrdReader(path)
@@ -136,14 +136,14 @@ def rows(path: Path, entity: str) -> Iterator[dict[str, Any]]:
 
 
 def told(path: Path, entity: str) -> Iterator[dict[str, Any]]:
-    """Yield the rows of JSON of an entity, each with its step."""
+    """Yield an entity's JSON rows, each with its step."""
     for row in rows(path, entity):
         for text in row["json"]:
             yield json.loads(text) | {"sim_step": row["sim_step"]}
 
 
 def put_rows(path: Path, body: int) -> Iterator[dict[str, Any]]:
-    """Yield where calls have put a body."""
+    """Yield the poses that calls have set on bodies."""
     return (row for row in told(path, "set") if row["body"] == body)
 
 
@@ -156,7 +156,7 @@ def closing(path: Path) -> dict[str, Any]:
 
 
 def states(path: Path) -> dict[tuple[int, int], list[float]]:
-    """Return the 13 numbers of each step and body."""
+    """Return the 13 state values for each step and body."""
     found = {}
     for row in rows(path, "state"):
         numbers = [np.reshape(row[name], (len(row["body"]), -1)) for name in STATE]
@@ -176,7 +176,7 @@ CONTACT = (
 
 
 def contacts(path: Path) -> dict[int, list[list[float]]]:
-    """Return the points of each step, each as one list of numbers."""
+    """Return the contact points of each step, each as a list of numbers."""
     found = {}
     for row in rows(path, "contacts"):
         count = len(row["body_a"])
@@ -416,7 +416,7 @@ def test_a_timestep_that_is_no_number_is_analyzed(bench: Bench) -> None:
 
 
 def test_a_step_returns_what_it_returns_without_us(bench: Bench) -> None:
-    """It is asked what the solver did; a script that asks for that too gets it, and no other."""
+    """We request the solver's report; a script gets it only if it requests it itself."""
     script = bench.script(
         scripts.HEAD
         + """
@@ -455,7 +455,7 @@ print([again.stepSimulation() for _ in range(20)])
 
 @pytest.mark.long
 def test_a_solver_with_more_islands_than_pybullet_reports_is_not_asked(bench: Bench) -> None:
-    """PyBullet keeps 64 reports and reads past them: what it finds there may end the process."""
+    """PyBullet keeps 64 reports but reads past them, which may crash the process."""
     script = bench.script(
         scripts.HEAD
         + """
@@ -736,7 +736,7 @@ def test_a_loop_without_an_end_is_ended(bench: Bench, loop: str) -> None:
 
 
 def test_reading_the_clock_is_no_waiting(bench: Bench) -> None:
-    """As numba does while it compiles."""
+    """An example is numba, which reads the clock while it compiles."""
     text = "def work():\n    for _ in range(100_000):\n        time.perf_counter()\n"
     text += "work()\nfor _ in range(3):\n    p.stepSimulation()\n    work()\n"
     recorded, _ = bench.record(bench.script(scripts.WINDOW + text), duration_s=2.0)
@@ -744,7 +744,7 @@ def test_reading_the_clock_is_no_waiting(bench: Bench) -> None:
 
 
 def test_a_fixed_joint_that_is_commanded_is_no_motor(tmp_path: Path) -> None:
-    """It has no columns among its body's rows, where others may have no commands."""
+    """It has no columns in its body's rows, in which other joints may have no commands."""
     scene = "r = p.loadURDF('r2d2.urdf')\nassert p.getJointInfo(r, 0)[2] == p.JOINT_FIXED\n"
     call = "p.setJointMotorControl2(r, 0, p.POSITION_CONTROL, 0.5, force=65)\n"
     seen = scenes.record(scene + call + "steps(3)", tmp_path / "fixed.rrd").seen
@@ -1022,7 +1022,7 @@ thread.join()
 
 @pytest.mark.starts
 def test_what_a_script_catches_has_no_frame_of_ours(bench: Bench) -> None:
-    """Whichever of our wrappers an error comes through: a script may print it, or log it."""
+    """The traceback, which a script may print or log, shows none of our wrappers."""
     bench.folder.joinpath("breaks.py").write_text("import numpy.random\nnumpy.random.rand('x')")
     script = bench.script(STEPS + CATCHES)
     bare = bench.bare(script)
@@ -1059,7 +1059,7 @@ def test_ctrl_c_ends_it_with_a_whole_recording(bench: Bench, to_the_group: bool)
 
 
 def test_ctrl_c_that_is_ignored_stays_ignored(bench: Bench) -> None:
-    """As `nohup` and `&` start a program: neither it nor the script is to be interrupted."""
+    """`nohup` and `&` start a program like this: neither it nor the script is interrupted."""
     script = bench.script(
         STEPS + "import os, signal\nassert signal.getsignal(signal.SIGINT) is signal.SIG_IGN\n"
         "os.kill(os.getppid(), signal.SIGINT)\nos.kill(0, signal.SIGINT)\np.stepSimulation()\n"
@@ -1140,7 +1140,7 @@ def test_what_was_killed_before_anything_was_written_says_so(
 
 @pytest.mark.long
 def test_a_limit_on_the_size_of_files_is_one_line(bench: Bench) -> None:
-    """Below a megabyte what script and recorder share has no room."""
+    """Below a megabyte there is no room for the memory shared by script and recorder."""
     bench.script(scripts.PLAIN["box"])
     limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 19, 1 << 19)); "
     main = "from drop_physics.console.running import main; main()"
@@ -1408,7 +1408,7 @@ print(block.recorded.ended, block.recorded.samples)
 @pytest.mark.long
 @pytest.mark.parametrize(("steps", "sleep"), [(200, 0.01), (4, 0.6)])
 def test_a_block_may_take_its_time(bench: Bench, steps: int, sleep: float) -> None:
-    """Its recorder waits for it, however little it sends."""
+    """The block's recorder waits for data, however little is sent."""
     slow = SLOW.format(steps=steps, sleep=sleep, more="pass")
     done = bench.bare(bench.script(slow))
     assert (done.stdout, done.stderr) == (f"finished {steps + 1}\n", done.stderr)
@@ -1500,7 +1500,7 @@ else:
 
 @pytest.mark.long
 def test_a_forked_child_of_a_block_ends_as_it_would(bench: Bench) -> None:
-    """And its parent's recording goes on without it."""
+    """The parent's recording continues without the child."""
     done = subprocess.run(
         [sys.executable, bench.script(FORKS)],
         cwd=bench.folder,
@@ -1642,14 +1642,14 @@ def test_the_call_that_turned_real_time_on_is_cited(bench: Bench, off: str) -> N
 
 
 def test_a_pipe_is_no_script(bench: Bench) -> None:
-    """Its text would be read before the script runs, which would then be empty."""
+    """The script's text would be read before it runs, so the script would be empty."""
     os.mkfifo(bench.folder / "pipe.py")
     with pytest.raises(ScenarioError, match="read only once"):
         bench.record(bench.folder / "pipe.py")
 
 
 def test_a_script_that_dies_before_its_first_step_says_so(bench: Bench) -> None:
-    """It did connect, and loaded a body."""
+    """The script did connect, and loaded a body."""
     script = bench.script(
         f'{scripts.HEAD}\np.loadURDF("cube_small.urdf")\nimport os\nos.kill(os.getpid(), 9)\n'
     )
@@ -1660,7 +1660,7 @@ def test_a_script_that_dies_before_its_first_step_says_so(bench: Bench) -> None:
 
 
 def test_a_run_that_draws_unseeded_may_be_the_same(bench: Bench) -> None:
-    """What it draws need not act on a body."""
+    """The random numbers need not affect any body."""
     script = bench.script(f"{scripts.HEAD}\nimport random\nrandom.random()\np.stepSimulation()\n")
     recorded, _ = bench.record(script, twice=True)
     assert recorded.first_difference is None
@@ -1851,7 +1851,7 @@ def test_pybullet_as_another_module_is_recorded(bench: Bench, load: str) -> None
 @pytest.mark.long
 @pytest.mark.starts
 def test_a_copy_of_pybullet_is_recorded_alone_and_named_beside_another(bench: Bench) -> None:
-    """It has simulations of its own, with the same numbers."""
+    """The copy has its own simulations, with the same ids."""
     notes: list[str] = []
     text = OTHER_MODULES.replace("{load}", "beside(shutil.copy)")
     recorded, _ = bench.record(bench.script(text), note=notes.append)
@@ -1876,7 +1876,7 @@ def test_a_copy_of_pybullet_is_recorded_alone_and_named_beside_another(bench: Be
 def test_what_other_processes_step_is_said_not_to_be_recorded(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, method: str, does: str, noted: int
 ) -> None:
-    """A process that is started anew has loaded the engine by itself; one that is forked steps."""
+    """A newly started process has loaded the engine by itself; a forked one makes steps."""
     look = OtherProcesses.look
 
     def looked(others: OtherProcesses) -> None:
@@ -2040,7 +2040,7 @@ def test_a_script_that_computes_with_the_time_of_day_is_the_same_twice(
 
 @pytest.mark.long
 def test_a_second_run_that_is_interrupted_tells_no_difference(bench: Bench) -> None:
-    """Its script interrupts `drop` itself: what a second run writes is seen by nobody else."""
+    """The script interrupts `drop` itself, so nobody sees the second run's messages."""
     script = bench.script(
         STEPS + "open('there', 'a').write('x')\n"
         "if os.path.getsize('there') > 1:\n    os.kill(int(os.environ['DROP']), signal.SIGINT)\n"

@@ -1,4 +1,4 @@
-"""The recording follows its schema, is whole or not there, and is read back to the bit."""
+"""The recording follows its schema, is complete or absent, and is read back bit for bit."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def test_frames_are_png_every_six_steps_seen_through_a_pinhole(standard: Run) ->
 
 
 def test_the_pinhole_sees_what_pybullets_camera_saw(standard: Run) -> None:
-    """Project the released box's centre through the pinhole, and look for its colour there."""
+    """The released box's centre, projected by the pinhole camera, has the box's colour there."""
     import io
 
     from drop_physics.engines.pybullet.visible_world import world_from_camera
@@ -271,7 +271,7 @@ def test_a_stretch_lost_on_the_disk_is_noticed_before_the_name_is_given(
 
 
 def rewritten(source: Path, path: Path, change: object, *, application_id: str = "drop") -> Path:
-    """Write a recording again, each chunk changed by a function that returns a chunk or None."""
+    """Write a recording with each chunk replaced by a function's result; None leaves it out."""
     assert callable(change)
     chunks = [one for c in chunks_of(source) if (one := change(c)) is not None]
     LazyChunkStream.from_iter(chunks).write_rrd(
@@ -362,7 +362,7 @@ def test_a_recording_of_the_first_schema_is_to_be_made_again(tmp_path: Path, sta
 
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="/proc is missing")
 def test_writing_leaves_no_thread_behind(tmp_path: Path) -> None:
-    """Rerun keeps those of a layout that it saved, which wake up all the time."""
+    """Rerun keeps the threads of a layout that it saved, which wake up continuously."""
 
     def threads_after_a_recording() -> int:
         simulate(Scenario(duration_s=0.1), tmp_path / "run.rrd", camera=None, force=True)

@@ -1,4 +1,4 @@
-"""The references are what the code says, and what is printed is what they say."""
+"""The reference pages match the code, and printed output matches the references."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def schema_of(command: str) -> dict[str, Any]:
 
 
 def strict(schema: Any) -> Any:
-    """Return a schema that lets no key pass which it does not describe."""
+    """Return a schema that rejects every key that it does not describe."""
     if isinstance(schema, list):
         return [strict(one) for one in schema]
     if not isinstance(schema, dict):
@@ -51,7 +51,7 @@ def strict(schema: Any) -> Any:
 
 @pytest.fixture
 def printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standard: Run) -> Any:
-    """Return a function from a command to the JSON object that it prints, beside `run.rrd`."""
+    """Return a function that runs a command beside `run.rrd`, and returns its JSON output."""
     monkeypatch.chdir(tmp_path)
     Path("run.rrd").write_bytes(standard.simulation.recording.read_bytes())
 
@@ -156,7 +156,7 @@ def test_what_why_prints_is_what_the_schema_says(tmp_path: Path) -> None:
 def test_what_analyze_prints_of_a_script_is_what_the_schema_says(
     printed: Any, tmp_path: Path
 ) -> None:
-    """Of flights, contacts and findings, joints, and a sample that is unexplained."""
+    """The scene has flights, contacts, findings, joints, and an unexplained sample."""
     scenes.record(SCENE, tmp_path / "script.rrd")
     validator = Draft202012Validator(strict(schema_of("analyze_script")))
     whole, analysis = map(
@@ -205,7 +205,7 @@ def test_every_key_is_described(command: str) -> None:
 
 
 def undescribed(schema: Any, path: str = "") -> Iterator[str]:
-    """Yield the keys of a schema that nothing is said of."""
+    """Yield the keys of a schema that have no description."""
     for key, one in schema.get("properties", {}).items():
         if not one.get("description"):
             yield f"{path}{key}"

@@ -1,4 +1,4 @@
-"""Verification of Richardson's extrapolation: orders and limits of known series."""
+"""Verification of Richardson extrapolation: order and limit of known series."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ HALVED = [1 / 240, 1 / 480, 1 / 960]
 @pytest.mark.parametrize("steps", [HALVED, [0.1, 0.05, 0.01], [0.4, 0.3, 0.1]])
 @pytest.mark.parametrize("order", [1.0, 2.0, 0.5])
 def test_three_solutions_give_order_and_limit(steps: list[float], order: float) -> None:
-    """For f = 2 - 3 h^p, with equal ratios and with different ones."""
+    """The series is f = 2 - 3 h^p, with equal and with different refinement ratios."""
     solutions = [2 - 3 * h**order for h in steps]
     observed = solution_order(steps, solutions)
     assert observed == pytest.approx(order, abs=1e-9)

@@ -1,4 +1,4 @@
-"""Runs of a script again, for whoever searches: forks and runs from the start answer the same."""
+"""Repeated runs of a script for a search: forks and runs from the start give the same results."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def again() -> Again:
 
 
 def outcome(reruns: Reruns, changed: Program) -> tuple[type[Script | Fork], object, str]:
-    """Return how a run was made, what was evaluated in it, and what it printed."""
+    """Return how a run was made, the evaluated result, and the printed output."""
     with tempfile.TemporaryFile() as printed:
         with reruns.begun(changed, printed=printed.fileno()) as process:
             for _ in process.events():
@@ -61,7 +61,7 @@ def outcome(reruns: Reruns, changed: Program) -> tuple[type[Script | Fork], obje
 
 
 def test_a_fork_answers_and_prints_what_a_run_from_the_start_does(program: Program) -> None:
-    """In free fall z = -g dt² n (n + 1) / 2 by the semi-implicit Euler scheme, but for damping."""
+    """In free fall z = -g dt² n (n + 1) / 2 by semi-implicit Euler, apart from damping."""
     changes = [{"gravity": g} for g in (9.8, 4.9)]
     changed = [replace(program, variation=change) for change in changes]
     own = Reruns(program, again())
@@ -118,7 +118,7 @@ def test_threads_of_a_numerical_library_do_not_forbid_a_fork(program: Program) -
 
 @pytest.mark.long
 def test_a_run_that_takes_too_long_is_stopped(program: Program) -> None:
-    """A second of processor time is used up long before the test would hang."""
+    """The limit of one second of processor time is reached long before the test would hang."""
     text = SCRIPT.replace("        p.stepSimulation()", "        while True: pass")
     Path("script.py").write_text(text)
     limited = replace(again(), took_s=float("inf"), processor_s=0.0)

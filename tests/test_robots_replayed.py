@@ -1,4 +1,4 @@
-"""Oracle: random arms and walkers under random commands, read by PyBullet's own calls as they run.
+"""Oracle: random arms and walkers under random commands, read with PyBullet's calls as they run.
 
 The scene itself reads link poses, velocities and motor torques; energies and work are computed from
 these here, by textbook formulas, and nothing of the analysis is used for them. They are of the run
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scenes import explanation, record
 
 CLOSES = 1e-9
-"""Of the largest energy: sums of a hundred steps in double precision."""
+"""Tolerance relative to the largest energy: sums over a hundred steps in double precision."""
 ARMS = ("kuka_iiwa/model.urdf", "franka_panda/panda.urdf", "xarm/xarm6_robot.urdf")
 WALKERS = ("mjcf/ant.xml", "quadruped/minitaur.urdf", "laikago/laikago_toes_zup_lores.urdf")
 SCENE = """
@@ -60,7 +60,7 @@ with open({out!r}, "w") as file:
 
 
 def scene_of(seed: int, out: Path) -> str:
-    """Return a robot and its commands: some steps a few joints get another one; it writes `out`.
+    """Return a robot scene in which a few joints get a new command every few steps; writes `out`.
 
     Before a torque a joint's motor is switched off; a target switches it on again.
     """
@@ -83,7 +83,7 @@ def scene_of(seed: int, out: Path) -> str:
 
 
 def energies_of(parts: NDArray[np.float64], bodies: NDArray[np.float64], gravity: float) -> Any:
-    """Return Σ m v²/2 + ω·Iω/2 - m g z of samples [J]; the parts of each have shape (links, 13)."""
+    """Return Σ m v²/2 + ω·Iω/2 - m g z of samples [J]; each part has shape (links, 13)."""
     x, y, z, w = np.moveaxis(parts[..., 3:7], -1, 0)
     axes = np.stack(
         [  # the columns of the rotation matrix

@@ -1,4 +1,4 @@
-"""Recordings processed by Rerun's own tools give the same numbers, to the last digit.
+"""Recordings processed by Rerun's own tools give the same values, to the last digit.
 
 They may put rows into other chunks and another order, and write what is static again.
 """
@@ -47,7 +47,7 @@ def migrated(run: Path, folder: Path) -> Path:
 
 
 def split_and_put_together(run: Path, folder: Path) -> Path:
-    """Split in three, give the pieces their id back, and merge them, the last one first."""
+    """Split a recording in three, restore the parts' id, and merge them, the last one first."""
     rerun_rrd("split", "-o", folder, "--timeline", "sim_step", "-t", 50, "-t", 120, run)
     pieces = sorted(folder.glob("*.rrd"), reverse=True)
     assert len(pieces) == 3
@@ -58,7 +58,7 @@ def split_and_put_together(run: Path, folder: Path) -> Path:
 
 
 def rewritten(chunks: Iterable[Chunk], run: Path, path: Path) -> Path:
-    """Write chunks to a file, as a recording of the same id."""
+    """Write chunks to a file, as a recording with the same id."""
     LazyChunkStream.from_iter(list(chunks)).write_rrd(
         path, application_id=schema.APPLICATION_ID, recording_id=read(run).recording_id
     )
@@ -66,7 +66,7 @@ def rewritten(chunks: Iterable[Chunk], run: Path, path: Path) -> Path:
 
 
 def backwards(run: Path, folder: Path) -> Path:
-    """Write the chunks in the opposite order, the closing property first."""
+    """Write the chunks in reverse order, the closing property first."""
     return rewritten(reversed(list(RrdReader(run).stream())), run, folder / "backwards.rrd")
 
 

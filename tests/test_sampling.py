@@ -1,4 +1,4 @@
-"""Random scenarios: every sample has its own stream, and every distribution is what it says."""
+"""Random scenarios: every sample has its own random stream, and distributions are as specified."""
 
 from __future__ import annotations
 

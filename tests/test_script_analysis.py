@@ -1,4 +1,4 @@
-"""`drop analyze` of a script's recording: every sample by the step that led to it, or unexplained.
+"""`drop analyze` of a script's recording: each sample follows from its step, or is unexplained.
 
 The scenes are recorded in PyBullet itself; what is said of them is held against what they were told
 to do, against the contact points that PyBullet reports, and against steps that are taken again.
@@ -146,14 +146,15 @@ for i in range(20):
         {"pushed": 30, "set": 1},
     ),
 }  # fmt: skip
-"""Scenes of one body, the last that is loaded, and how many samples are what; all are explained."""
+"""Scenes about the body loaded last, with the expected number of samples of each kind; all are
+explained."""
 
 Analyzed = Callable[[str], tuple[Recording, Analysis]]
 
 
 @pytest.fixture(scope="session")
 def analyzed(tmp_path_factory: pytest.TempPathFactory) -> Analyzed:
-    """Return a function from a scene to its recording and what is said of it, made once each."""
+    """Return a function that records and analyzes a scene, once each."""
     folder, known = tmp_path_factory.mktemp("scenes"), dict[str, Any]()
 
     def call(scene: str) -> tuple[Recording, Analysis]:
@@ -178,7 +179,7 @@ def steps_that_are(analysis: Analysis, number: int, segment: str) -> list[int]:
 
 
 def check_flights(body: BodyAnalysis) -> None:
-    """Check that the terms of each flight add up to its error, and leave nothing to rounding."""
+    """Check that the terms of each flight add up to its error, without a rounding term."""
     for flight in body.flights:
         for moment in (flight, *flight.at):
             if moment.terms_m is None:
@@ -259,7 +260,7 @@ p.createMultiBody(1, box, -1, [.02, 0, .165], useMaximalCoordinates={maximal})
 steps(30)
 """,
 }
-"""Scenes that were called a mismatch by mistake."""
+"""Scenes that were once reported as a mismatch by mistake."""
 
 
 def test_a_push_of_what_is_gone_is_not_of_what_has_its_id(analyzed: Analyzed) -> None:
@@ -308,7 +309,7 @@ steps(20)
 def test_a_timestep_that_is_none_has_no_law(
     analyzed: Analyzed, timestep: str, *, maximal: bool
 ) -> None:
-    """Bullet skips it, as that of 1e-17 s, or turns time back; so with what may fall asleep."""
+    """Bullet skips a step of 0 or 1e-17 s, and reverses time for a negative one."""
     _, analysis = analyzed(f"""
 ball = p.createCollisionShape(p.GEOM_SPHERE, radius=.1)
 b = p.createMultiBody(1, ball, -1, [0, 0, 5], useMaximalCoordinates={maximal})
@@ -327,7 +328,7 @@ steps(3)
 
 
 def test_a_point_that_does_not_push_has_no_friction(analyzed: Analyzed) -> None:
-    """Past contactProcessingThreshold the engine reports another point's friction."""
+    """Beyond contactProcessingThreshold the engine reports another contact point's friction."""
     _, analysis = analyzed("""
 p.setGravity(0, 0, -9.81)
 slab = p.createCollisionShape(p.GEOM_BOX, halfExtents=[1, 1, .05])
@@ -355,7 +356,7 @@ BELTS = {
 
 @pytest.mark.parametrize("what", BELTS)
 def test_a_belt_without_mass_moves_and_is_recorded(analyzed: Analyzed, what: str) -> None:
-    """A btMultiBody without mass keeps the velocity that it is given."""
+    """A btMultiBody without mass keeps the velocity that was set."""
     recording, analysis = analyzed(
         "p.setGravity(0, 0, -9.81)\n"
         "slab = p.createCollisionShape(p.GEOM_BOX, halfExtents=[5, 5, .5])\n"
@@ -377,7 +378,7 @@ steps(240)
 
 
 def test_the_energy_of_links_is_that_after_the_step(analyzed: Analyzed) -> None:
-    """In free fall semi-implicit Euler loses m g² t dt / 2; PyBullet reports links a step late."""
+    """Semi-implicit Euler loses m g² t dt / 2 in free fall; PyBullet reports links a step late."""
     _, analysis = analyzed("""
 p.setGravity(0, 0, -9.8)
 b = p.loadURDF("r2d2.urdf", [0, 0, 9])
@@ -417,7 +418,7 @@ steps(30)
 
 
 def test_the_energy_of_links_is_that_of_their_true_poses(analyzed: Analyzed) -> None:
-    """Which PyBullet computes on request: then the energy is known at every sample."""
+    """PyBullet computes true poses on request: then the energy is known at every sample."""
     _, analysis = analyzed(CHAIN)
     energies_j: list[float] = []
 
@@ -442,7 +443,7 @@ def test_the_energy_of_links_is_that_of_their_true_poses(analyzed: Analyzed) -> 
 
 
 def _energy_j() -> float:
-    """Return the energy of the chain, whose poses PyBullet computes anew."""
+    """Return the energy of the chain, from poses that PyBullet recomputes."""
     energy_j, gravity_m_s2 = 0.0, np.array([1, 2, -9.81])
     for link in (-1, 0, 1):
         mass_kg, _, inertia_kg_m2, *_ = p.getDynamicsInfo(0, link)
@@ -492,7 +493,7 @@ steps(10)
 
 @pytest.mark.parametrize("mass", ["", "p.changeDynamics(b, -1, mass=5)\n"])
 def test_a_btrigidbody_whose_inertia_is_set_is_not_still(analyzed: Analyzed, mass: str) -> None:
-    """PyBullet then takes its mass to be 0, and divides by it; another mass mends it."""
+    """PyBullet then sets its mass to 0, and divides by it; setting a mass repairs this."""
     recording, analysis = analyzed(
         GRAVITY + "ball = p.createCollisionShape(p.GEOM_SPHERE, radius=.1)\n"
         "b = p.createMultiBody(1, ball, -1, [0, 0, 1], useMaximalCoordinates=True)\n"
@@ -509,7 +510,7 @@ def test_a_btrigidbody_whose_inertia_is_set_is_not_still(analyzed: Analyzed, mas
 
 
 def test_what_may_roll_flies_where_nothing_acts(analyzed: Analyzed) -> None:
-    """Near a surface, which is nearer than the threshold, without a force."""
+    """The body is nearer to a surface than the threshold, but no force acts."""
     scene = (
         GRAVITY
         + """
@@ -556,7 +557,7 @@ INFINITE = {
 def test_nothing_is_printed_of_states_that_are_infinite(
     tmp_path: Path, drop: Drop, call: str, *, maximal: bool
 ) -> None:
-    """No warning of numpy's, by which pytest would fail, when they are recorded and analyzed."""
+    """Recording and analyzing them causes no numpy warnings, which would fail in pytest."""
     script, recording = tmp_path / "scene.py", tmp_path / "scene.rrd"
     script.write_text(
         f"{scenes.HEAD}p.setGravity(0, 0, -9.81)\n"
@@ -639,7 +640,7 @@ SETTINGS = (
     "warmStartingFactor=0", "frictionERP=0.3", "globalCFM=0.01", "contactERP=0.5", "enableSAT=1",
     "numSolverIterations=3", "restitutionVelocityThreshold=0", "contactBreakingThreshold=0.001",
 )  # fmt: skip
-"""Of the engine: they change what contact gives, and not that it adds up."""
+"""Engine settings that change contact impulses, but not that the impulses add up."""
 
 
 @pytest.mark.parametrize("maximal", [False, True], ids=["reduced", "maximal"])
@@ -669,7 +670,7 @@ steps(150)
 def test_flights_are_those_of_a_world_with_nothing_in_it(
     analyzed: Analyzed, coordinates: Any
 ) -> None:
-    """Each step of a flight, taken in a fresh world from the recorded state, leads to the next."""
+    """Each step of a flight, repeated in a new world from the recorded state, leads to the next."""
     maximal = coordinates == "maximal"
     scene = FLOOR + ABOVE + "p.resetBaseVelocity(b, [0.5, -0.2, 1])\nsteps(140)"
     recording, analysis = analyzed(scene.replace("{maximal}", str(maximal)))
@@ -769,7 +770,7 @@ steps(30)
 
 
 def test_a_body_that_fell_asleep_is_still(analyzed: Analyzed) -> None:
-    """Told so when it is loaded, or later; PyBullet waits for two seconds."""
+    """Sleeping is enabled when it is loaded, or later; PyBullet waits for two seconds."""
     scene = """
 p.setGravity(0, 0, -9.81)
 p.loadURDF("plane.urdf")
@@ -810,7 +811,7 @@ steps(3)
 def test_max_joint_velocity_is_part_of_the_law(
     analyzed: Analyzed, limit: float, *, clamped: bool
 ) -> None:
-    """PyBullet ignores a negative one."""
+    """PyBullet ignores a negative value."""
     scene = """
 p.setGravity(0, 0, -9.81)
 p.loadURDF("plane.urdf")
@@ -834,7 +835,7 @@ REASONS = {
     + CUBE.format(0.03)
     + "steps(30)\np.changeDynamics(b, -1, mass=3)\nsteps(30)",
 }
-"""Why a sample of a btRigidBody is unexplained, and what does it."""
+"""Reasons why a btRigidBody's sample is unexplained, each with code that causes it."""
 
 
 @pytest.mark.parametrize("reason", REASONS)
@@ -852,14 +853,14 @@ SPLIT = {
     "contactSlop=0.015": 0.055,
     "useSplitImpulse=0": 1.0,
 }
-"""What the engine is told, and from which depth on it splits impulses [m], but for a usual slop."""
+"""Engine parameters -> depth beyond which impulses are split [m], without the default slop."""
 
 
 @pytest.mark.parametrize("told", SPLIT)
 def test_what_is_deep_in_a_rigid_body_is_moved_beside_the_law(
     analyzed: Analyzed, told: str
 ) -> None:
-    """A replay without split impulse is explained; so is a btMultiBody, which knows none."""
+    """Without split impulse the step is explained, as is a btMultiBody's, which never splits."""
     scene = """
 p.setGravity(0, 0, -9.81)
 p.setPhysicsEngineParameter({})
@@ -888,7 +889,8 @@ p.loadURDF("cube_no_rotation.urdf", [0, 0, 0.55], turned, useMaximalCoordinates=
 steps(3)
 """,
 }
-"""Without gravity or speed: what rounds are impulses that the solver takes back, all of them."""
+"""Scenes without gravity or speed, in which the solver takes back all impulses and leaves
+rounding."""
 
 
 @pytest.mark.parametrize("what", ROUNDED)
@@ -951,7 +953,7 @@ steps(1)
         DEEP,
     ),
 }  # fmt: skip
-"""What PyBullet does not report, or reports too long, and the reason that is given for it."""
+"""Forces that PyBullet does not report, or reports too long, and the expected reason."""
 
 
 @pytest.mark.parametrize("what", UNREPORTED)
@@ -963,7 +965,7 @@ def test_what_pybullet_does_not_report_is_no_mismatch(analyzed: Analyzed, what: 
 
 @pytest.mark.parametrize("later", [0, 5])
 def test_what_is_added_without_mass_as_a_btrigidbody_stands(analyzed: Analyzed, later: int) -> None:
-    """Bullet gives such a body neither gravity nor steps; a contact still changes its velocity."""
+    """Bullet applies neither gravity nor steps to such a body; contacts still change velocity."""
     recording, analysis = analyzed(f"""
 p.setGravity(3, 0, -9.81)
 ball = p.createCollisionShape(p.GEOM_SPHERE, radius=.1)
@@ -998,7 +1000,7 @@ HIDING = {
     'p.loadMJCF("mjcf/ant.xml", useMultiBody=0)': [True],
     'p.loadMJCF("mjcf/capsule.xml", useMultiBody=0)': [False] * 2,
 }
-"""What loads bodies, and which of them have links that PyBullet does not show."""
+"""Calls that load bodies, and for each body, whether PyBullet hides links of it."""
 TWO_LINKS = """\
 <robot name="two">
   <link name="a"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>
@@ -1022,7 +1024,7 @@ def test_links_that_pybullet_does_not_show_are_known(
 
 
 def test_what_a_call_gave_a_removed_body_is_not_given_to_the_next(analyzed: Analyzed) -> None:
-    """The first is gone before anything was recorded of it, and the second has its id."""
+    """The first body is removed before anything was recorded, and the second one gets its id."""
     recording, analysis = analyzed(
         GRAVITY
         + """
@@ -1039,7 +1041,7 @@ steps(5)
 
 
 def test_a_mass_that_is_no_number_is_said_to_be_that(analyzed: Analyzed) -> None:
-    """PyBullet loses the mass of a btRigidBody that is told its inertia alone, as memory has it."""
+    """PyBullet loses the mass of a btRigidBody if a call sets only its inertia."""
     recording, _ = analyzed(SCENES["free fall"][0].replace("{maximal}", "True"))
     lost = [
         replace(one, reported={**one.reported, "mass_kg": np.array([np.nan])})
@@ -1098,7 +1100,7 @@ for n in range(3):
 
 
 def test_what_stands_is_still_at_the_samples_at_which_it_is_there(analyzed: Analyzed) -> None:
-    """As many as a body that moves would have; also where nothing moves beside it."""
+    """The samples are as many as for a moving body, also if nothing else moves."""
     scene = """
 box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[.1, .1, .1])
 p.createMultiBody(1, box, -1, [0, 0, 9])
@@ -1151,7 +1153,7 @@ for i in range(100):
 
 
 def test_a_pile_is_explained_and_its_contacts_add_up(analyzed: Analyzed) -> None:
-    """What contact gave to each body is what its energy of motion and its weight did not."""
+    """A body's energy from contacts is its change of kinetic energy less its weight's work."""
     scene = """
 p.setGravity(0, 0, -9.81)
 p.loadURDF("plane.urdf")
@@ -1192,7 +1194,7 @@ for _ in range(240):
 
 @pytest.fixture(scope="module")
 def article(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder in which the article's program was recorded by the command."""
+    """Return the folder in which the command recorded the article's program."""
     folder = tmp_path_factory.mktemp("article")
     folder.joinpath("article.py").write_text(ARTICLE)
     done = drop_here("record", "--out", "article.rrd", "article.py", folder=folder)
@@ -1333,7 +1335,7 @@ steps(110)
 def test_a_time_that_is_not_in_the_recording_is_wrong_usage(
     article: Path, drop: Drop, tmp_path: Path
 ) -> None:
-    """As with a drop: in one line, and nothing is written."""
+    """The error is one line, as for a drop, and nothing is written."""
     for at in ("1.01", "-1", "nan", "inf"):
         done = drop("analyze", article / "article.rrd", "--out", "layer.rrd", "--at", at)
         assert (done.returncode, done.stdout) == (2, "")

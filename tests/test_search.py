@@ -1,4 +1,4 @@
-"""The causal search: which changes it tries, which it says, and in which order.
+"""The causal search: which changes it tries, which it reports, and in which order.
 
 Verification: the runs are a function of what is changed, so it is known what makes it true.
 """
@@ -29,7 +29,7 @@ def motion(height_m: float, aside_m: float = 0.0) -> RunMotion:
 
 @dataclass
 class Runs:
-    """Runs that come out as a function of a change says."""
+    """Simulated runs whose outcome is a given function of the change."""
 
     height_m: Callable[[Change], float]
     aside_m: Callable[[Change], float] = lambda _: 0.0
@@ -51,7 +51,7 @@ class Runs:
 
 
 def searched(runs: Runs, *changes: Change) -> Search:
-    """Return a search in which a cube is at 0.1 m, and is expected above 0.3 m."""
+    """Return a search for changes that lift a cube from 0.1 m above the expected 0.3 m."""
     search = Search(ChangeOutcome(False, -0.2, 0.1, [motion(0.1)]), runs)
     search.all_of(changes)
     return search
@@ -66,7 +66,7 @@ def test_a_kind_is_tried_at_once_and_the_element_that_does_it_is_said() -> None:
 
 
 def test_elements_of_what_only_moves_it_are_tried_after_all_kinds() -> None:
-    """Of two elements one lifts the cube, and the other holds it down."""
+    """Of two elements, one lifts the cube, and the other holds it down."""
     two = FRICTION.of_some([0, 1])
     runs = Runs(lambda change: {(0, 1): 0.2, (0,): 0.5}.get(change.ids, 0.1))
     search = searched(runs, two, TIMESTEP)
@@ -116,7 +116,7 @@ SPEED = Change(
 
 
 def test_another_text_with_which_everything_moves_as_before_is_not_said() -> None:
-    """What it changes is only how what is expected is measured."""
+    """Such a change affects only how the expected quantity is measured."""
     still = ChangeOutcome(True, 0.2, 0.5, [motion(0.1)])
     search = Search(
         ChangeOutcome(False, -0.2, 0.1, [motion(0.1)]),
@@ -127,7 +127,7 @@ def test_another_text_with_which_everything_moves_as_before_is_not_said() -> Non
 
 
 def test_another_text_that_throws_things_out_of_the_scene_takes_it_apart() -> None:
-    """The scene of the own run is 0.1 m high."""
+    """The scene of the original run is 0.1 m high."""
     for aside_m, breaks in ((0.4, False), (0.6, True)):
         search = searched(Runs(lambda _: 0.5, lambda _, by=aside_m: by), SPEED, TIMESTEP)
         said = {each.tried.change.change: each.tried.change.breaks for each in ranked(search.tried)}
@@ -189,7 +189,7 @@ def test_what_follows_a_command_worse_comes_after_what_follows_it_as_before() ->
 
 
 def test_where_ten_times_is_too_much_its_root_is_tried() -> None:
-    """A motor of a third of its strength: ten times of it throws the cube."""
+    """A motor has a third of its strength, and ten times that throws the cube."""
     heights = {"*10": -0.4, "*3.16": 0.5}
     gear = Change("actuator_gear", "*10", ("*", 10.0), (0, 1), ("lift", "turn"))
     runs = Runs(lambda change: heights.get(change.op, 0.1) if len(change.ids) == 2 else 0.1)
@@ -232,7 +232,7 @@ def test_a_search_whose_time_runs_out_is_not_complete() -> None:
 
 
 def test_motions_are_compared_at_the_steps_that_both_have() -> None:
-    """A body that moves at 1 m/step, in 9 and in 4 steps: the states of steps 0, 4, 8 and 0, 4."""
+    """A body moves at 1 m/step, in 9 and in 4 steps: compared are steps 0, 4, 8 and 0, 4."""
     positions = np.zeros((9, 1, 9))
     positions[:, 0, ::3] = np.arange(9)[:, None]
     one = RunMotion(1, 9, ("cube",), {}, positions)

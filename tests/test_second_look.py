@@ -1,4 +1,4 @@
-"""The second hour: a script is edited, recorded again, looked at again; the answer is the new one.
+"""The second hour: an edited script is recorded and analyzed again, and the results are updated.
 
 What is recorded under the default name, which recording is meant where none is named, and what the
 commands say about it.
@@ -31,7 +31,7 @@ for _ in range({steps}):
 
 
 def falls(path: Path, *, mass: float = 1.0, steps: int = 3) -> Path:
-    """Write a script in which a ball of a mass falls."""
+    """Write a script in which a ball of a given mass falls."""
     path.parent.mkdir(exist_ok=True)
     path.write_text(FALLS.format(mass=mass, steps=steps))
     return path
@@ -42,13 +42,13 @@ def names(folder: Path) -> list[str]:
 
 
 def mass_kg(drop: Drop, *recording: object) -> str:
-    """Return the mass of the ball, as `analyze` says it."""
+    """Return the ball's mass as `analyze` reports it."""
     (found,) = re.findall(r"(\S+ kg)", drop("analyze", "--verbose", *recording).stdout)
     return str(found)
 
 
 def made_at(path: Path, seconds: int) -> None:
-    """Set the time of a file's last change: those of a fast disk may be the same."""
+    """Set the modification time of a file: on a fast disk two writes may have the same time."""
     os.utime(path, (seconds, seconds))
 
 
@@ -174,7 +174,7 @@ def test_a_recording_that_is_not_finished_replaces_nothing(drop: Drop, tmp_path:
 
 
 def test_what_another_process_recorded_meanwhile_is_left_alone(drop: Drop, tmp_path: Path) -> None:
-    """A script that records itself with other arguments, as a loop over seeds in a shell does."""
+    """A script records itself with other arguments, as a shell loop over seeds does."""
     again = "import subprocess, sys\nif len(sys.argv) < 2:\n    subprocess.run({command})\n"
     command = [sys.executable, "-m", "drop_physics", "record", "ball.py", "inner"]
     script = falls(tmp_path / "ball.py")
@@ -208,7 +208,7 @@ def test_keep_numbers_and_force_replaces_whatever_there_is(drop: Drop, tmp_path:
 
 
 def test_force_is_about_the_name_without_a_number(drop: Drop, tmp_path: Path) -> None:
-    """A recording of another script, without a step, keeps its number from one that fails."""
+    """Another script's recording, named ball-2, is not replaced if this run fails."""
     falls(tmp_path / "ball.py")
     drop("record", "ball.py")
     falls(tmp_path / "b/ball.py", steps=0)
@@ -496,7 +496,7 @@ def test_what_is_no_recording_is_not_called_damaged(
 def test_the_error_of_a_script_is_printed_once(
     drop: Drop, tmp_path: Path, script: str, printed: str, ours: str
 ) -> None:
-    """By the script, or by us where it says nothing; what is behind it is said besides."""
+    """The script prints it, or we do if it does not; the underlying error is added."""
     (tmp_path / "fails.py").write_text(script + "\n")
     said = drop("record", "fails.py").stderr
     assert said.count(printed) == 1

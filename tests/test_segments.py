@@ -1,4 +1,4 @@
-"""Verification: what PyBullet does is explained sample by sample, and nothing else is.
+"""Verification: PyBullet's motion is explained sample by sample, and nothing else is.
 
 The bodies are thrown about in PyBullet itself (`watched.py`), with none of our code; the law, the
 balance and the segments then have its samples and its contact points, as a recording has them.
@@ -70,7 +70,7 @@ def segments_in(watched: Watched, motion: Motion | None = None, **how: Any) -> S
 
 
 def first_unexplained(segments: Segments) -> int | None:
-    """Return the first sample that is not explained."""
+    """Return the first unexplained sample."""
     return next(iter(np.flatnonzero(segments.code == UNEXPLAINED).tolist()), None)
 
 
@@ -85,7 +85,7 @@ def throws(folder: Path, seed: int, **fixed: Any) -> Iterator[Watched]:
 
 @pytest.mark.parametrize("coordinates", some(MODES, 1))
 def test_one_step_from_each_recorded_sample_is_pybullets(coordinates: Any, tmp_path: Path) -> None:
-    """Velocities to the last bit, or to 8 x 2^-52 where a btMultiBody turns."""
+    """Velocities agree to the last bit, or to 8 x 2^-52 where a btMultiBody rotates."""
     worst = 0.0
     for watched in throws(tmp_path, 1, coordinates=coordinates, height_m=50.0, samples=60):
         motion, law = motion_of(watched), law_behind(watched)
@@ -273,7 +273,7 @@ def test_a_call_begins_anew(tmp_path: Path) -> None:
 
 
 def test_the_impulse_of_a_drop_is_what_it_takes(tmp_path: Path) -> None:
-    """A box that lies at the end has had the impulse of its weight, in every direction and all."""
+    """A box that ends at rest has received its weight's impulse, in total and per direction."""
     watched = thrown(tmp_path, samples=1200, restitution=0.3, linear_damping=0.0)
     balance = balance_in(watched)
     time_s = 1199 / 240
@@ -302,7 +302,7 @@ def test_the_part_that_pushes_has_the_opposite_force(tmp_path: Path) -> None:
 
 
 class Flight(NamedTuple):
-    """Consecutive samples in flight, and how far the last is off free fall."""
+    """Consecutive samples in flight, and the last sample's deviation from free fall."""
 
     first_step: int
     last_step: int
@@ -352,7 +352,7 @@ def test_every_flight_is_taken_apart_along_three_axes(tmp_path: Path) -> None:
 
 
 def test_the_damping_of_a_flight_is_that_of_ever_smaller_steps(tmp_path: Path) -> None:
-    """Derived from PyBullet alone: Richardson's limit of the same flight without and with drag."""
+    """The reference is the drag's displacement in PyBullet alone, extrapolated to zero timestep."""
     how: Any = {"velocity_m_s": (2.0, -1.0, 3.0), "height_m": 5.0, "gravity_m_s2": -9.81}
     ends = {
         (rate, damping): thrown(

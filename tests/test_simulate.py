@@ -1,4 +1,4 @@
-"""Every scenario option reaches the engine, and what the engine reports is what is recorded."""
+"""Every scenario option reaches the engine, and the engine's reported values are recorded."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from engine import DATA, MODES, box, lowered, shape, urdf_of
 
 @pytest.fixture(autouse=True)
 def untried(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let no body be tried in a process of its own first: `test_hostile_bodies.py` does that."""
+    """Skip the trial load of bodies in a separate process, which `test_hostile_bodies.py` tests."""
     monkeypatch.setattr(probe, "problem_of", lambda _: ("", []))
 
 
@@ -70,7 +70,7 @@ def test_the_engine_reports_what_was_set(recorded: Recorder) -> None:
 def test_a_mass_of_ones_own_scales_the_inertia_of_the_urdf(
     coordinates: Any, mass_kg: float
 ) -> None:
-    """cube_small.urdf asks for three times a cube's inertia, and keeps it: m a²/2, not m a²/6."""
+    """cube_small.urdf has three times a cube's inertia, and keeps that: m a²/2, not m a²/6."""
     with World(Scenario(mass_kg=mass_kg, coordinates=coordinates)) as world:
         report = world.report()
     assert report.mass_kg == mass_kg
@@ -102,7 +102,7 @@ def test_the_urdfs_own_mass_changes_nothing(
 def test_a_btrigidbody_bounces_with_the_restitution_that_is_reported(
     tmp_path: Path, told: float | None
 ) -> None:
-    """The engine reports none of a btRigidBody: what is reported must be what it does."""
+    """The engine reports no restitution for a btRigidBody: our value must match its motion."""
     urdf = urdf_of(tmp_path, box("0.1 0.1 0.1"), contact='<restitution value="0.75"/>')
     scenario = Scenario(
         body=urdf, restitution=told, contact_erp=0.0, solver_residual=0.0, coordinates="maximal"
@@ -150,7 +150,7 @@ def test_links_are_part_of_the_body() -> None:
 
 
 def test_a_body_with_joints_is_refused_in_maximal_coordinates() -> None:
-    """PyBullet places its base only, and reports neither its links nor their contacts."""
+    """PyBullet places only its base, and reports neither its links nor their contacts."""
     with pytest.raises(ScenarioError, match=r"has 15; use coordinates='reduced'"):
         World(Scenario(body="r2d2.urdf", coordinates="maximal"))
 
@@ -214,7 +214,7 @@ def test_the_rest_height_of_a_cube_is_half_its_edge_to_the_bit() -> None:
 def test_at_the_rest_height_the_floor_begins_to_push(
     tmp_path: Path, name: str, maximal: bool, turned: str
 ) -> None:
-    """A body that sinks by 1 µm a step is pushed once it is in by the slop of 10 µm."""
+    """A body that sinks by 1 µm a step is pushed once its penetration equals the slop of 10 µm."""
     shapes, centre, _ = BODIES.get(name, ((), "", 0.0))
     urdf = urdf_of(tmp_path, *shapes, centre=centre) if shapes else str(DATA / name)
     expected_m = rest_height(urdf, turned)
@@ -272,7 +272,7 @@ def test_coordinates_choose_the_kind_of_body(
 def test_the_standard_drop_is_the_same_in_every_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whatever files of these names are there; what is given as a path is the file there."""
+    """Local files with the standard names are ignored; a path given explicitly is used."""
     shutil.copy(DATA / "block.urdf", tmp_path / "cube_small.urdf")
     shutil.copy(DATA / "cube.urdf", tmp_path / "plane.urdf")
     monkeypatch.chdir(tmp_path)
@@ -339,7 +339,7 @@ STATE = [
 def test_a_state_that_is_no_number_any_more_is_an_error_and_no_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str, place: int, number: float
 ) -> None:
-    """The engine's position, orientation, velocity or spin from step 50 on, in the second batch."""
+    """Position, orientation, velocity or spin is wrong from step 50 on, in the second batch."""
     lose_numbers(monkeypatch, call, place, number, step=50)
     monkeypatch.setattr("drop_physics.stages.simulate.BATCH", 40)
     with pytest.raises(DropError, match=r"becomes non-finite at step 50 .*; try .*timestep_s"):
@@ -360,7 +360,7 @@ def test_the_largest_number_that_is_recorded_is_the_largest_that_is_read(
 def test_nor_may_a_contact_be_no_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: int, number: float
 ) -> None:
-    """Its distance or its force."""
+    """The contact's distance or force is no number."""
     told = p.getContactPoints
 
     def lost(*which: object) -> list[tuple[object, ...]]:
@@ -386,7 +386,7 @@ def test_nor_may_the_state_of_a_joint_be_no_number(
 def test_in_a_sweep_such_a_state_is_a_run_that_failed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, recorded: bool, step: int
 ) -> None:
-    """Before the moment that is taken apart, step 72, and after it, where nobody reads samples."""
+    """It fails before step 72, where the budget is computed, or later, where nothing reads it."""
     lose_numbers(monkeypatch, "getBasePositionAndOrientation", 0, math.nan, step=step)
     row = RunDrop(plan_of({}), tmp_path, "", 0.3, recorded, None)(0)
     assert "becomes non-finite" in str(row["error"])
@@ -396,7 +396,7 @@ def test_in_a_sweep_such_a_state_is_a_run_that_failed(
 def lose_numbers(
     monkeypatch: pytest.MonkeyPatch, call: str, place: int, number: float, *, step: int
 ) -> None:
-    """Let one of the engine's calls return a false number from some step on."""
+    """Make one of the engine's calls return a non-finite number from a step on."""
     take_step, ask = p.stepSimulation, getattr(p, call)
     taken = []
 
@@ -437,7 +437,7 @@ def test_contact_is_recorded_where_it_acts(recorded: Recorder) -> None:
 def test_the_forces_of_all_contact_points_are_what_moves_the_body(
     recorded: Recorder, coordinates: Any
 ) -> None:
-    """Its momentum changes by dt times normal and friction forces, in their recorded directions."""
+    """The momentum changes by dt times normal and friction forces, in their recorded directions."""
     recording = recorded(
         coordinates=coordinates,
         velocity_m_s=(2.0, 0.5, 0.0),
@@ -502,7 +502,7 @@ def test_a_simulation_is_the_same_every_time() -> None:
 
 
 def test_a_btrigidbody_without_a_mass_cannot_be_given_one(tmp_path: Path) -> None:
-    """Bullet goes on holding it still; a btMultiBody falls."""
+    """Bullet keeps it fixed, whereas a btMultiBody falls."""
     urdf = urdf_of(tmp_path, box("0.1 0.1 0.1"), mass_kg=0.0)
     with World(Scenario(body=urdf, mass_kg=1.0)) as world:
         (fall,) = world.samples(1000)
@@ -514,7 +514,7 @@ def test_a_btrigidbody_without_a_mass_cannot_be_given_one(tmp_path: Path) -> Non
 def test_where_there_is_no_memory_for_the_engine_one_line_says_so(
     drop: Drop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Bullet ends the process where an allocation fails (`std::bad_alloc`)."""
+    """Bullet aborts the process if an allocation fails (`std::bad_alloc`)."""
     monkeypatch.setattr("drop_physics.engines.pybullet.world.CLIENT_BYTES", 1 << 60)
     done = drop("simulate", "--no-camera", "--out", "run.rrd")
     assert done.returncode == 1

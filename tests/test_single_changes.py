@@ -1,4 +1,4 @@
-"""The single changes of the causal search, in a script's own process.
+"""The causal search's single changes, computed in a script's own process.
 
 A script that is seen says there what could be changed; a run with one of these changes is what the
 script would be if its user had written that.
@@ -62,7 +62,7 @@ main()
 
 
 def changes(folder: Path, text: str, engine: str) -> list[Change]:
-    """Return the changes of a script, as its own process finds them."""
+    """Return the changes to a script, as found in its own process."""
     table = TABLES[engine]
     folder.joinpath("tables.json").write_text(
         json.dumps({"sees": table.sees, "tried": table.tried})
@@ -74,7 +74,7 @@ def changes(folder: Path, text: str, engine: str) -> list[Change]:
 
 
 def states(folder: Path, text: str, **how: Any) -> bytes:
-    """Return all positions that a run of a script has."""
+    """Return all positions in a run of a script."""
     events, ending, _ = watched(folder, text, **how)
     assert ending.how == "finished", ending.error
     parts = [event for event in events if isinstance(event, Samples)]

@@ -1,4 +1,4 @@
-"""The pages build to one site, in which every link and picture is there and nothing is fetched."""
+"""The pages build to one site, in which links and images resolve and nothing is fetched."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ pytestmark = [
 
 
 def build(clone: Path, site: Path) -> subprocess.CompletedProcess[str]:
-    """Build the site of a clone as contributors are told to."""
+    """Build the site of a clone by the instructions for contributors."""
     page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     (typed,) = re.findall(r"^sphinx-build (.*) build/site$", page, re.MULTILINE)
     arguments = [sys.executable, "-P", "-m", "sphinx", *shlex.split(typed), site]
@@ -54,7 +54,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Links(HTMLParser):
-    """The links of a page (`href` of an `a`), and its elements."""
+    """A page's links (`href` of an `a`), and its elements."""
 
     def __init__(self, page: Path) -> None:
         super().__init__()
@@ -64,7 +64,7 @@ class Links(HTMLParser):
         self.feed(page.read_text(encoding="utf-8"))
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Keep the addresses in a tag."""
+        """Collect the addresses in a tag."""
         given = {name: value or "" for name, value in attrs}
         if tag == "html":
             self.language = given["lang"]
@@ -84,7 +84,7 @@ def test_there_is_a_page_of_every_page_in_its_language(site: Path) -> None:
 
 
 def test_the_page_on_json_has_the_keys_and_the_codes(site: Path) -> None:
-    """Which the clone's has not: there they are in the schemas."""
+    """In a clone the page lacks them; they are in the schemas."""
     shown = (site / "docs/json.html").read_text(encoding="utf-8")
     for name in ("explained.until_s", "bodies[].mass_kg", "table[].…", "off-target", "ik-index"):
         assert f'<span class="pre">{name}</span>' in shown, name
@@ -113,7 +113,7 @@ def test_every_link_and_every_picture_of_the_site_is_there(site: Path) -> None:
 
 
 def test_nothing_is_fetched_from_elsewhere(site: Path) -> None:
-    """Names of namespaces, and addresses in comments, are no addresses that anything is from."""
+    """XML namespaces, and addresses in comments, are not fetched."""
     fetched = re.compile(
         r"""(?:@import|url\(|import\(|fetch\(|src=|\.src|importScripts)\W*(?:https?:)?//[\w.]+"""
     )

@@ -1,4 +1,4 @@
-"""Sizes are counted and printed, docstrings are sentences, and a class name means one thing.
+"""Code sizes are counted and printed, docstrings are sentences, and class names are unique.
 
 Nothing here limits a size: a limit that a line of prose could raise was raised 29 times.
 """
@@ -35,7 +35,7 @@ def test_a_size_counts_code_and_nothing_else() -> None:
 
 
 def test_rooms_stand_beside_those_of_the_last_version() -> None:
-    """A room that is new or gone counts as one of size 0."""
+    """A new or removed room counts as one of size 0."""
     now = sizes.sizes_of({Path("rules/slides.py"): SAMPLE, Path("engines/mujoco/a/b.py"): "x"})
     then = sizes.sizes_of({Path("rules/slides.py"): "x", Path("seen/a.py"): "x"})
     rows = [line.split() for line in sizes.table(now, then)]
@@ -76,7 +76,7 @@ def test_a_class_name_means_one_thing() -> None:
 
 
 def test_columns_are_declared_and_no_sentence_decides() -> None:
-    """No class answers any attribute, which mypy cannot check, and no English text is compared."""
+    """No class defines `__getattr__`, which mypy cannot check, and no English text is compared."""
     for path, code in sizes.modules_now().items():
         for node in ast.walk(ast.parse(code)):
             if isinstance(node, ast.ClassDef):

@@ -1,4 +1,4 @@
-"""The page for editors' assistants is true: each command works, and prints the keys it names."""
+"""The page for coding assistants is correct: each command works, and prints the keys it names."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_the_page_is_one_page_with_a_head() -> None:
 
 @pytest.fixture(scope="module")
 def printed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Return what each command of the page prints, run literally, one after the other."""
+    """Return the output of each command on the page, run literally, one after the other."""
     folder = tmp_path_factory.mktemp("skill")
     (folder / "sim.py").write_text(SCRIPT)
     (folder / "before.py").write_text(SCRIPT.replace("0.11", "0.12"))
@@ -43,7 +43,7 @@ def printed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 
 def object_of(printed: dict[str, str], begins: str) -> dict[str, Any]:
-    """Return the JSON object that a command prints, whatever it says before and after."""
+    """Return the JSON object in a command's output, ignoring text before and after it."""
     (text,) = (text for command, text in printed.items() if command.startswith(begins))
     return dict(json.loads(text[text.index("{") : text.rindex("}") + 1]))
 
@@ -71,7 +71,7 @@ NAMED = {
     "account", "advice", "because", "breaks", "call", "complete", "explained", "findings", "least",
     "makes_true", "message", "moves", "no_effect", "not_said", "proof", "site", "terms", "verdict",
 }  # fmt: skip
-"""Keys that the page speaks of."""
+"""Keys that the page mentions."""
 
 
 def test_the_keys_that_the_page_names_exist() -> None:

@@ -1,4 +1,4 @@
-"""The depth of overlapping hulls that move is what all their faces say of each step."""
+"""Overlap depth of moving convex hulls, against a check of all faces in each step."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PLACE = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 
 
 def egg(corners: int, seed: int) -> Collision:
-    """Return a hull of random corners on an ellipsoid that does not turn around its centre."""
+    """Return a hull of random corners on an ellipsoid, which rotates off its centre."""
     points = np.random.default_rng(seed).normal(size=(corners, 3))
     points /= np.linalg.norm(points, axis=1)[:, None]
     points = points * [0.05, 0.05, 0.14] + [0.0, 0.0, 0.1]
@@ -24,7 +24,7 @@ def egg(corners: int, seed: int) -> Collision:
 
 
 def by_all_faces(shape: Collision, points_m: Float64) -> float:
-    """Return the depth of the deepest of some points in a hull; 0 if none is inside."""
+    """Return the depth of the deepest of several points in a hull; 0 if none is inside."""
     faces = hull_faces(shape.hull_m)
     assert faces is not None
     return max(0.0, float(-(points_m @ faces[:, :3].T + faces[:, 3]).max(axis=1).min()))
@@ -32,7 +32,7 @@ def by_all_faces(shape: Collision, points_m: Float64) -> float:
 
 @pytest.mark.parametrize("turns_rad", [0.05, 1.0, 12.0])
 def test_overlap_of_moving_hulls_is_that_of_each_step(turns_rad: float) -> None:
-    """However far they move in these steps, and where they come apart in between."""
+    """The hulls may move far within these steps, and may separate in between."""
     one, two = egg(400, 0), egg(300, 1)
     solids = [solid_of(one), solid_of(two)]
     assert solids[0] is not None

@@ -1,4 +1,4 @@
-"""The numbers and statements of a script's own text, as single changes of the causal search.
+"""Numbers and statements in a script's source, as single changes of the causal search.
 
 Verification: an edit makes of the text what its user would write, and what only says what is
 measured is none.
@@ -42,12 +42,12 @@ print("worst", 1000 * worst)
 
 
 def found(expected: str = "worst < 0.3") -> list[Change]:
-    """Return the changes of the text."""
+    """Return the changes of the source text."""
     return changes_of(TEXT.encode(), "script.py", expected)
 
 
 def made(change: Change) -> str:
-    """Return the text with a change."""
+    """Return the source text with a change applied."""
     return edited(TEXT.encode(), edits_of(change)).decode()
 
 
@@ -117,7 +117,7 @@ def test_an_attribute_that_many_elements_have_is_one_change_of_all() -> None:
 def test_a_script_in_two_parts_is_the_script(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its imports run first, the rest perhaps with another text: names and lines are the same."""
+    """Imports run first, then the rest, possibly edited: names and line numbers are unchanged."""
     tmp_path.joinpath("mine.py").write_text("")
     monkeypatch.syspath_prepend(tmp_path)
     lines = [

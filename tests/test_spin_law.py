@@ -1,4 +1,4 @@
-"""Verification: a body that falls and spins does so as in PyBullet, bit for bit on x86-64.
+"""Verification: a falling, spinning body moves as in PyBullet, bit for bit on x86-64.
 
 sin, cos and pow are the C library's, here and in the engine.
 """
@@ -112,7 +112,7 @@ STEPS_OF_ANY = 40
 
 
 def driven(scenario: Scenario, inertia_kg_m2: Any) -> Any:
-    """Return what PyBullet does with a scenario when told the same, by none of our code."""
+    """Return PyBullet's own motion for a scenario, without any of our code."""
     named = {
         "mass": scenario.mass_kg,
         "linearDamping": scenario.linear_damping,

@@ -1,4 +1,4 @@
-"""Verification: with `numSubSteps` a step is the sum of its substeps, where these are known.
+"""Verification: with `numSubSteps` a step is the sum of its substeps, if they are known.
 
 Bare PyBullet makes the steps. The tolerance is the rule's own: 1e-9 of the largest term where
 nothing is held that the engine reports of the last substep alone, else 1e-6.
@@ -26,7 +26,7 @@ from test_tree_law import MORE, ROBOTS
 from trees import Watched, described, engine, joints_of, load, motors_off
 
 CLOSES = 1e-11
-"""Measured: 2e-14."""
+"""Tolerance; 2e-14 was measured."""
 ARM = "kuka_iiwa/model.urdf"
 Drive = Callable[[Watched, int], None]
 
@@ -42,7 +42,7 @@ def watched(
     floor: bool = False,
     at: tuple[float, float, float] = (0, 0, 3),
 ) -> Watched:
-    """Step a robot whose joints and base already move, if they can."""
+    """Simulate a robot whose joints and base, if movable, start in motion."""
     with engine(floor=floor):
         p.setPhysicsEngineParameter(numSubSteps=substeps)
         body = load(file, at=at, fixed=fixed)
@@ -65,7 +65,7 @@ def watched(
 def summed(
     seen: Watched, substeps: int, servos: Callable[[States], np.ndarray] | None = None
 ) -> tuple[Summed, np.ndarray]:
-    """Return the sum, what is reported as it was in the last substep; and PD_CONTROL's efforts."""
+    """Return the sum, with last-substep reports scaled to the step, and PD_CONTROL's efforts."""
     said, states = seen.reported(), seen.states()
     said = replace(
         said,
@@ -128,7 +128,7 @@ def test_any_robot_follows_to_rounding_off_its_stops(file: str) -> None:
 
 
 def off_its_stops(seen: Watched) -> np.ndarray:
-    """Return in which steps no joint is near a limit, before or after."""
+    """Return the steps in which no joint is near a limit, before or after."""
     law, joints = seen.law, seen.states().joints
     near = np.zeros(len(joints), np.bool_)
     for kind, at, rate in zip(law.tree.joints, law.tree.coordinates, law.tree.rates, strict=True):
@@ -142,7 +142,7 @@ def off_its_stops(seen: Watched) -> np.ndarray:
 
 
 def test_spherical_joints_turn_as_pybullet_turns_them() -> None:
-    """Away from its limits: the humanoid's are none of a chain made here."""
+    """The chain built here has no joint limits, unlike the humanoid."""
     with engine():
         box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.05, 0.02])
         body = p.createMultiBody(
@@ -173,7 +173,7 @@ def test_spherical_joints_turn_as_pybullet_turns_them() -> None:
 
 @pytest.mark.parametrize("substeps", [1, 2, 4])
 def test_pd_control_is_added_in_each_substep(substeps: int) -> None:
-    """The k-th has k of them: with four, the mean torque is 2.5 times that of one."""
+    """The k-th substep applies k times the torque: with four, the mean is 2.5 times as large."""
 
     def steer(seen: Watched, _: int) -> None:
         for joint in range(7):
@@ -200,7 +200,7 @@ def hold(force: float) -> Callable[[int], None]:
 
 @pytest.mark.parametrize("substeps", [2, 4])
 def test_motors_that_hold_give_the_same_in_each_substep(substeps: int) -> None:
-    """In the end to rounding; on the way they do not, and that is seen."""
+    """At the end they agree to rounding; before that they do not, and this is reported."""
     seen = watched(ARM, substeps, fixed=True, ready=hold(300), steps=600)
     sums = summed(seen, substeps)[0]
     assert (sums.allowed == HELD).all()
@@ -211,7 +211,7 @@ def test_motors_that_hold_give_the_same_in_each_substep(substeps: int) -> None:
 
 
 def test_a_cart_at_its_motors_limit_is_given_that_in_each_substep() -> None:
-    """The limit is force × the whole timestep: two substeps give twice the force."""
+    """The limit is force × the whole timestep: two substeps apply twice the force."""
 
     def push(body: int) -> None:
         for joint in (0, 1):
@@ -224,10 +224,10 @@ def test_a_cart_at_its_motors_limit_is_given_that_in_each_substep() -> None:
 
 
 def altered(name: str) -> Callable[[Watched], Summed]:
-    """Return a law that is wrong in one thing."""
+    """Return a variant of the integration rule with one deliberate error."""
 
     def rates(seen: Watched) -> Summed:
-        """Joint damping from the rates before each substep, as without substeps."""
+        """Compute joint damping from the rates before each substep, as if it were a whole step."""
         kept = bullet_substeps._substeps
 
         def fresh(*args: object) -> tuple[list[States], list[Reported]]:
@@ -273,7 +273,7 @@ steps(480)
 def test_a_box_that_comes_to_rest_is_explained_before_and_after_its_bounces(
     tmp_path: Path,
 ) -> None:
-    """The bounces are not: of them the engine reports the last substep."""
+    """Its bounces are unexplained, because the engine reports only their last substep."""
     seen = record(BOX, tmp_path / "box.rrd").seen
     totals = explanation(seen).totals[1]
     counts = dict(zip(SEGMENTS, totals.segments.tolist(), strict=True))
@@ -293,7 +293,7 @@ def test_a_box_that_comes_to_rest_is_explained_before_and_after_its_bounces(
 
 
 def test_torques_are_those_that_hold_the_arm(tmp_path: Path) -> None:
-    """PyBullet reports a quarter of them, and lets each motor give four times its force."""
+    """PyBullet reports a quarter of the torques, and allows each motor four times its force."""
     analysis = Story(record(HELD_ARM, tmp_path / "arm.rrd").seen, {}).analysis()
     body = body_of(analysis, 0)
     for joint in body.joints:

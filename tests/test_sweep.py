@@ -1,4 +1,4 @@
-"""Sweeps: the same rows however they are run, and every row is what a drop of its own gives."""
+"""Sweeps: rows do not depend on how they are run, and every row equals a separate drop's."""
 
 from __future__ import annotations
 
@@ -108,27 +108,27 @@ KINDS = [
 
 @dataclass(frozen=True)
 class Given:
-    """A plan of any scenarios, in their order."""
+    """A plan that consists of given scenarios, in their order."""
 
     kinds: tuple[dict[str, object], ...]
     samples: None = None
 
     @property
     def runs(self) -> int:
-        """How many there are."""
+        """The number of scenarios."""
         return len(self.kinds)
 
     def values(self, run: int) -> dict[str, object]:
-        """Return the fields of one."""
+        """Return the fields of a scenario."""
         return self.kinds[run]
 
     def sample_of(self, _: int) -> None:
-        """Return None: nothing is sampled."""
+        """Return None, as no parameter is sampled."""
 
 
 @pytest.mark.long
 def test_a_row_has_the_numbers_of_drop_analyze(tmp_path: Path) -> None:
-    """To the last bit, in the air and out of it, whether or not there is a recording."""
+    """They agree to the last bit, airborne or not, whether or not there is a recording."""
     recorded = RunDrop(Given(tuple(KINDS)), tmp_path, "", 0.3, True, None)
     alone = RunDrop(Given(tuple(KINDS)), tmp_path / "alone", "", 0.3, False, None)
     for run, kind in enumerate(KINDS):
@@ -173,7 +173,7 @@ def test_a_row_can_be_replayed_alone_to_the_last_bit(tmp_path: Path, drop: Drop)
 
 
 def test_a_sweep_leaves_no_world_behind(tmp_path: Path) -> None:
-    """Calls of PyBullet without a client's number mean the first one that there is."""
+    """PyBullet calls without a client id use the first client that exists."""
 
     def connected() -> list[int]:
         return [client for client in range(64) if p.isConnected(client)]
@@ -188,7 +188,7 @@ def test_a_sweep_leaves_no_world_behind(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory: pytest.TempPathFactory) -> pl.DataFrame:
-    """Return the rows of a sweep by one process."""
+    """Return the rows of a sweep run by one process."""
     folder = tmp_path_factory.mktemp("reference")
     return sweep(plan_of({}, **HEIGHTS), folder, record=False, jobs=1).table()
 
@@ -213,7 +213,7 @@ def test_processes_give_the_same_bits(tmp_path: Path, reference: pl.DataFrame) -
 @pytest.mark.filterwarnings("ignore:.*:ResourceWarning", "ignore:.*:DeprecationWarning:ray")
 @pytest.mark.filterwarnings("ignore:Tip. In future versions of Ray:FutureWarning")
 def test_ray_gives_the_same_bits(tmp_path: Path, reference: pl.DataFrame) -> None:
-    """A cluster of its own on loopback: head, scheduler and workers are processes."""
+    """A private cluster on loopback: head, scheduler and workers are processes."""
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     import ray
 
@@ -245,7 +245,7 @@ def test_a_ray_that_does_not_answer_gets_one_line(drop: Drop) -> None:
 def test_what_listens_but_is_no_ray_gets_one_line(
     said: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Ray itself would try for minutes."""
+    """Ray itself would retry for minutes."""
     monkeypatch.setattr(engines, "ANSWERS_WITHIN_S", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as server:
 
@@ -266,13 +266,13 @@ def test_what_listens_but_is_no_ray_gets_one_line(
 
 @dataclass(frozen=True)
 class DiesOnce:
-    """A worker's work, whose process is killed in the middle of one run, but only once."""
+    """A worker's task whose process is killed once, in the middle of a run."""
 
     work: RunDrop
     run: int
 
     def __call__(self, run: int) -> Row:
-        """Make the run, or die of it."""
+        """Make the run, or kill the process."""
         flag = self.work.folder / "died"
         if run == self.run and not flag.exists():
             self.work(run)
@@ -292,7 +292,7 @@ def test_a_killed_workers_run_is_made_again(tmp_path: Path) -> None:
 def answers(
     work: Callable[[int], Any], runs: Iterable[int], *, jobs: int
 ) -> Generator[tuple[int, Any]]:
-    """Yield what worker processes answer, as a sweep has it."""
+    """Yield the return values of worker processes, as a sweep receives them."""
     with engines.in_workers(work, jobs=jobs) as (answer, stop, at_once):
         yield from engines.in_threads(answer, runs, jobs=at_once, stop=stop)
 
@@ -310,7 +310,7 @@ def test_workers_use_no_semaphore_that_outlives_a_kill(monkeypatch: pytest.Monke
 def test_too_few_open_files_for_our_libraries_are_one_line(
     drop_process: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Found before one of them aborts."""
+    """The lack is detected before one of the libraries aborts."""
 
     def limited() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (20, 20))
@@ -326,7 +326,7 @@ def test_too_few_open_files_for_our_libraries_are_one_line(
 
 @pytest.mark.long
 def test_open_files_are_enough_or_one_line(drop_process: Drop) -> None:
-    """No matter where they are used up."""
+    """The open files may run out anywhere in the process."""
 
     def limited() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))
@@ -355,7 +355,7 @@ def test_open_files_are_enough_or_one_line(drop_process: Drop) -> None:
 def test_a_lack_of_memory_is_no_failure_of_a_scenario(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A row would keep it for good."""
+    """A row would store the failure for good."""
 
     def lacks(*_: object) -> None:
         raise MemoryError
@@ -369,7 +369,7 @@ def test_a_lack_of_memory_is_no_failure_of_a_scenario(
 
 @pytest.mark.long
 def test_stopping_in_the_middle_waits_for_nobody() -> None:
-    """However the workers and those who wait for them stand just then."""
+    """Workers and waiting threads may be in any state."""
     for _ in range(6):
         shards = answers(nap, range(10_000), jobs=2)
         for _ in range(5):
@@ -446,7 +446,7 @@ def test_another_sweep_is_turned_away(tmp_path: Path, change: dict[str, object])
 
 @pytest.mark.long
 def test_a_sweep_of_a_body_that_was_edited_is_another(tmp_path: Path) -> None:
-    """Its URDF, or a mesh that it names."""
+    """The edit is in its URDF, or in a mesh that the URDF names."""
     folder, body = tmp_path / "s", tmp_path / "own.urdf"
     box = Path(pybullet_data.getDataPath(), "cube_small.urdf").read_text()
     body.write_text(box.replace("cube.obj", "own.obj"))
@@ -476,7 +476,7 @@ THREE = plan_of({"height_m": "1,2,3"})
 
 
 def test_a_recording_that_is_gone_is_made_again(tmp_path: Path) -> None:
-    """To the byte, id and all, whatever a killed worker left beside it."""
+    """It is equal to the byte, id included, whatever a killed worker left beside it."""
     first = sweep(THREE, tmp_path)
     path = tmp_path / "run-1.rrd"
     was, rows = read(path), first.table()
@@ -558,7 +558,7 @@ def test_wrong_usage_gets_one_line_and_leaves_nothing(
 
 @pytest.mark.long
 def test_the_spread_is_that_of_the_rows_in_the_air(tmp_path: Path) -> None:
-    """Those whose terms add up; of those on the floor there is a total only."""
+    """Only rows whose terms add up count; rows on the floor have a total only."""
     plan = plan_of({"linear_damping": "0,0.1"}, samples=30, seed=2, vary=["height=uniform:0.1:1"])
     swept = sweep(plan, tmp_path, record=False)
     printed = str(swept)
@@ -584,14 +584,14 @@ def test_the_spread_is_that_of_the_rows_in_the_air(tmp_path: Path) -> None:
 
 
 def rows_in(folder: Path) -> int:
-    """Return how many rows a sweep in `s` has kept."""
+    """Return the number of rows that a sweep in `s` has stored."""
     rows = folder / "s/rows.jsonl"
     return max(0, len(rows.read_bytes().splitlines()) - 1) if rows.exists() else 0
 
 
 @pytest.fixture
 def long_sweep(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
-    """Return a sweep by two processes that takes minutes."""
+    """Return a process that runs a minutes-long sweep with two workers."""
     process = subprocess.Popen(
         [
             sys.executable,

@@ -1,4 +1,4 @@
-"""Remains of our killed processes are removed by the next one, and nothing else is.
+"""Files left by our killed processes are removed by the next process, and nothing else is.
 
 Verification: a process makes a folder and is killed; of a folder's name, owner and lock, each alone
 keeps it.
@@ -94,7 +94,7 @@ print(folder.exists(), left.path.exists())
 
 
 def test_nothing_is_left_of_what_is_written_meanwhile_or_never_closed(place: Path) -> None:
-    """As by a signal that comes while a process starts; what was forked removes nothing."""
+    """A signal may arrive while a process starts; forked processes remove nothing."""
     done = subprocess.run(
         [sys.executable, "-c", WRITES_MEANWHILE], capture_output=True, text=True, check=False
     )

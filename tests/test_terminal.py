@@ -1,4 +1,4 @@
-"""Output for people: a terminal of 80 columns, colours and bars; and the output in a pipe."""
+"""Output for people: an 80-column terminal with colours and bars; and output to a pipe."""
 
 from __future__ import annotations
 
@@ -65,14 +65,14 @@ MOVE = re.compile(r"\x1b\[[\d;?]*[A-Za-ln-z]")
 
 
 class Seen(NamedTuple):
-    """The contents sent to a terminal."""
+    """The data sent to a terminal."""
 
     raw: str
     code: int
 
     @property
     def lines(self) -> list[str]:
-        """Everything that ever stood in a line, without colours."""
+        """All text that was ever shown in a line, without colours."""
         plain = MOVE.sub("\r", STYLE.sub("", self.raw))
         return [one for one in re.split(r"[\r\n]+", plain) if one.strip()]
 
@@ -82,7 +82,7 @@ Terminal = Callable[..., Seen]
 
 @pytest.fixture
 def terminal(tmp_path: Path) -> Terminal:
-    """Return the command line, run in this process, in a terminal, of 80 columns or others."""
+    """Return the command line, run in this process on a terminal, 80 columns wide by default."""
 
     def call(*arguments: object, columns: int = 80, **more: str) -> Seen:
         ours, theirs = pty.openpty()
@@ -109,7 +109,7 @@ def terminal(tmp_path: Path) -> Terminal:
 
 
 def _all_of(terminal: int) -> bytes:
-    """Return everything sent to a terminal until nobody has it open any more."""
+    """Return everything sent to a terminal until no process has it open any more."""
     received = b""
     with contextlib.suppress(OSError):  # how Linux says that nobody writes there any more
         while more := os.read(terminal, 65536):
@@ -371,7 +371,7 @@ SAME = Comparison(
 
 
 def lines_of(capsys: pytest.CaptureFixture[str]) -> list[str]:
-    """Return the lines that were printed, runs of spaces as one."""
+    """Return the printed lines, with runs of spaces collapsed to one."""
     return [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
 
 
@@ -510,7 +510,7 @@ def test_printed_check_without_frames_says_why(capsys: pytest.CaptureFixture[str
 
 
 def swept(*, runs: int = 4, failed: int = 1, computed: int = 3, **plan: Any) -> Sweep:
-    """Return a sweep of so many timesteps, of which the last ones failed."""
+    """Return a sweep over a number of timesteps, of which the last few runs failed."""
     rows = []
     for number in range(runs):
         timestep_m = -0.00613 / (number + 1)
@@ -535,7 +535,7 @@ def swept(*, runs: int = 4, failed: int = 1, computed: int = 3, **plan: Any) -> 
 
 
 def test_printed_sweep_has_a_row_for_each_run(capsys: pytest.CaptureFixture[str]) -> None:
-    """Its errors in mm, under the names of the terms; of a run that failed there are none."""
+    """Errors are in mm, under the names of the terms; a failed run has none."""
     show(swept(), as_json=False)
     said = lines_of(capsys)
     assert said[0] == "4 runs, errors at 0.3 s in mm, simulated minus free fall"
@@ -693,7 +693,7 @@ def test_printed_small_numbers_among_large_ones_are_so_too() -> None:
 def test_printed_story_of_a_heavy_body_has_no_digits_that_mean_nothing(
     capsys: pytest.CaptureFixture[str], recorded: Recorder
 ) -> None:
-    """1,000 kg from a height of 1,000 km, and what is in a recording that was cut early."""
+    """The body is 1,000 kg, 1,000 km above the floor; a truncated recording is covered too."""
     analysis = judge(recorded(height_m=1e6, mass_kg=1000.0, linear_damping=0.0, duration_s=0.5))
     show(analysis, as_json=False)
     told = capsys.readouterr().out
@@ -751,7 +751,7 @@ def test_one_of_a_thing_is_counted_as_one(number: int, said: str) -> None:
 def test_each_number_of_a_joint_has_its_unit(
     monkeypatch: pytest.MonkeyPatch, columns: int, elbow: str, finger: str
 ) -> None:
-    """Where there is no room, a unit goes when the last of its numbers has gone."""
+    """On a narrow terminal, a unit is omitted once the last of its values is omitted."""
     turns = JointRow(
         name="elbow",
         index=0,
@@ -800,7 +800,7 @@ def test_a_long_cell_leaves_room_for_the_one_that_wraps(
 
 
 def test_texts_of_findings_name_options_that_exist() -> None:
-    """Whatever looks like an option in the judge's sources is one of a command."""
+    """Any text in the rules' source that looks like an option is an option of a command."""
     options = {
         name for one in COMMAND.commands.values() for param in one.params for name in param.opts
     }
@@ -816,7 +816,7 @@ def test_texts_of_findings_name_options_that_exist() -> None:
 
 @pytest.mark.long
 def test_printed_commands_can_be_pasted(drop: Drop, tmp_path: Path) -> None:
-    """In a folder whose name has a space and a quote."""
+    """The folder's name contains a space and a quote."""
     folder = "it's a folder"
     told = drop("run", "--no-camera", "--duration", "0.1", "--out-dir", folder).stdout
     command = told.partition("next  ")[2].strip()
@@ -949,7 +949,7 @@ def test_the_example_of_every_command_is_one_that_it_takes(drop: Drop, name: str
 
 @pytest.mark.long
 def test_the_examples_work_one_after_the_other(drop: Drop, tmp_path: Path, standard: Run) -> None:
-    """All of them but `view`, which waits for a viewer; the frames of `run` are drawn once."""
+    """All are run but `view`, which waits for a viewer; `run` renders its frames once."""
     golden = tmp_path / "recordings/golden"
     golden.mkdir(parents=True)
     recording = standard.simulation.recording.read_bytes()

@@ -1,4 +1,4 @@
-"""Verification: the closed forms solve the equations that they claim to, to the last digits.
+"""Verification: the closed forms solve their differential equations to the last digits.
 
 The judge of the judge is arithmetic with 60 digits. The equations stand in `equation_solved`, as an
 ODE that Taylor terms integrate; the closed form in `exact` is checked against it once, and then
@@ -42,12 +42,12 @@ def fall(
 
 
 def damping_m(thrown: TheoreticalFall, time_s: Any) -> Any:
-    """Return the height's part of the displacement."""
+    """Return the vertical component of the damping's displacement."""
     return theory.damping_displacement(thrown, time_s)[:, 2]
 
 
 def exact(k: float, g: float, v0: float, t: float) -> tuple[Any, Any]:
-    """Return the way and its difference from free fall: ln(ψ)/b on each side of the apex."""
+    """Return path and deviation from free fall: ln(ψ)/b on each side of the apex."""
     k, g, v0, t = map(mp.mpf, (k, g, v0, t))
 
     def leg(b: Any, v: Any, t: Any) -> Any:

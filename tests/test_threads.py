@@ -1,4 +1,4 @@
-"""Causes of public threads, as scripts of their kind: what is said, and that its cure cures."""
+"""Causes found in public forum threads, as similar scripts: finding and cure are right."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ SAID = {
         DOWN + R2D2 + "p.changeDynamics(r, -1, linearDamping=0, angularDamping=0)\nsteps(480)",
     ),
 }  # fmt: skip
-"""Scene, code, words, and the scene cured."""
+"""Scene, code, text, and the corrected scene."""
 
 
 @pytest.mark.parametrize("what", some(SAID, 2))
@@ -120,7 +120,7 @@ steps(240)
 
 
 def test_motors_that_react_to_a_constraint_are_not_blamed(tmp_path: Path) -> None:
-    """Thread 1281: with frames that meet nothing shakes, with a tenth of the gain it still does."""
+    """Thread 1281: mismatched constraint frames shake, even with a tenth of the motors' gain."""
     found = codes(DOWN + PLANE + KUKA + JOINED, tmp_path / "a.rrd")
     assert found[0] == "constraint-apart"
     assert "unstable" not in found

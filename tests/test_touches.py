@@ -1,4 +1,4 @@
-"""Verification: what pairs of bodies did to each other, against figures derived here."""
+"""Verification: forces between pairs of bodies, against formulas derived in the tests."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from scenes import record
 
 
 def touches(scene: str, path: Path, steps: int = 0) -> dict[tuple[int, str], Touch]:
-    """Return the contacts of bodies, by their numbers and the others' labels."""
+    """Return the contacts of bodies, by body number and the other body's label."""
     story = Story(record(scene, path / "scene.rrd").seen, {})
     for piece in story.explanation.pieces(steps):
         story.see(piece)
@@ -27,7 +27,7 @@ def touches(scene: str, path: Path, steps: int = 0) -> dict[tuple[int, str], Tou
 
 
 def test_a_ball_at_rest_loses_nothing(tmp_path: Path) -> None:
-    """It rests for 4 s: the first step takes what it had fallen in it, m g² dt² / 2."""
+    """It rests for 4 s: the first step takes the energy gained in that step, m g² dt² / 2."""
     scene = FLOOR + BOX + "b = ball(1, [0, 0, .1])\nsteps(960)"
     found = touches(scene, tmp_path)[1, "0_plane"]
     assert abs(found.energy_j) < 2e-3
@@ -150,7 +150,7 @@ def test_pieces_come_to_the_same(scene: str, tmp_path: Path) -> None:
 
 
 def test_the_velocities_of_points_matter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without the spin's share, what rolls slides."""
+    """If the spin's contribution is ignored, a rolling ball seems to slide."""
     scene = FLOOR + BOX + "b = ball(1, [0, 0, .1])\np.resetBaseVelocity(b, [1, 0, 0], [0, 10, 0])\n"
     rolls = touches(scene + "steps(100)", tmp_path)[1, "0_plane"]
     assert rolls.slid_m < 5e-3

@@ -1,4 +1,4 @@
-"""Verification: the step of a tree of links is the sum of its impulses, as PyBullet steps it.
+"""Verification: an articulated body's step in PyBullet equals the sum of its impulses.
 
 Each scene is driven with bare PyBullet (`trees`). What closes to rounding is equal: the largest
 remainder that was measured is 1e-12 of the largest term, and CLOSES is ten times that.
@@ -39,7 +39,7 @@ ROBOTS = (
     "cartpole.urdf", "kuka_iiwa/model.urdf", "r2d2.urdf", "humanoid/humanoid.urdf",
     "pr2_gripper.urdf", "mjcf/ant.xml", "spherical_joint_limit.urdf", "cube_small.urdf",
 )  # fmt: skip
-"""Tried in every run of the tests; with long ones, these too."""
+"""Robots tested in every run; the long tests add those below."""
 MORE = (
     "franka_panda/panda.urdf", "laikago/laikago_toes_zup_lores.urdf", "quadruped/minitaur.urdf",
     "husky/husky.urdf", "racecar/racecar.urdf", "mjcf/humanoid_symmetric.xml",
@@ -71,7 +71,7 @@ UNLOADED = (
     "kuka_iiwa/model2.sdf",
     "kuka_iiwa/model_for_sdf.urdf",
 )
-"""Robots of pybullet_data that PyBullet itself does not load: the first ends the process."""
+"""Robots of pybullet_data that PyBullet itself cannot load: the first aborts the process."""
 MODES = ("default", "off", "position", "velocity", "torque", "pd")
 DRIVEN = [
     (file, MODES[(number + other) % len(MODES)])
@@ -82,7 +82,7 @@ DRIVEN += [
     pytest.param(file, MODES[number % len(MODES)], marks=pytest.mark.long)
     for number, file in enumerate(MORE[::2])
 ]
-"""Robots, and how their joints are driven, by turns: in three ways, further ones in one.
+"""Robots, each with a way of driving its joints, in turn: three ways, or one for further robots.
 
 The others of these are driven in `test_substeps`.
 """
@@ -96,7 +96,7 @@ few = [
         if file not in A_FEW
     ),
 ]
-"""For what one term adds, which any robot shows."""
+"""Parameters for tests of a single term, which any robot shows."""
 Act = Callable[[int], None]
 
 
@@ -132,7 +132,7 @@ def target_of(body: int, joint: int, step: int) -> float:
 
 
 def driven(watched: Watched, mode: str) -> Act:
-    """Return what commands the joints of a body in each step."""
+    """Return a function that commands a body's joints in each step."""
     body = watched.body
     joints, spherical = joints_of(body, p.JOINT_REVOLUTE, p.JOINT_PRISMATIC), joints_of(body, 2)
     if mode in ("off", "torque", "pd"):
@@ -169,7 +169,7 @@ def driven(watched: Watched, mode: str) -> Act:
 
 
 def posed(body: int, seed: int = 1) -> None:
-    """Give a body joint positions within its limits, rates, and a spinning base."""
+    """Give a body random joint positions within limits, joint rates, and a spinning base."""
     random = np.random.default_rng(seed)
     for joint in joints_of(body, p.JOINT_REVOLUTE, p.JOINT_PRISMATIC):
         lower, upper = p.getJointInfo(body, joint)[8:10]
@@ -218,7 +218,7 @@ PENDULUM = Tree(
     orientations=np.array([[0.0, 0, 0, 1]]),
     centres_m=np.array([[0, 0, -LENGTH_M]]),
 )
-"""A point mass on a massless rod, which turns about y; at 0 it hangs."""
+"""A point mass on a massless rod that rotates about y and hangs at 0."""
 
 
 def undamped(tree: Tree) -> DampedTree:
@@ -259,7 +259,7 @@ def test_three_steps_of_a_pendulum_by_hand() -> None:
 
 
 def test_what_a_weight_rounds_is_no_remainder() -> None:
-    """A pendulum that hangs: its weight passes through its joint, and no term shows its size."""
+    """A pendulum hangs: its weight acts through its joint, and no term shows its magnitude."""
     rounded = 1e-16 * DT * MASS_KG * G / (MASS_KG * LENGTH_M**2)
     found = sum_of(undamped(PENDULUM), states_of([0, 0], [0, rounded]), quiet(1, 1, DT, (0, 0, -G)))
     assert found.unexplained[0] < 1e-15
@@ -285,7 +285,7 @@ def test_a_tree_that_is_none_is_refused(wrong: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("file", some(every, 3))
 def test_links_are_where_pybullet_has_them(file: str) -> None:
-    """Poses to 1e-14 m or rad; velocities, of up to some 3 m/s, likewise."""
+    """Poses agree to 1e-14 m or rad, and velocities, of up to about 3 m/s, likewise."""
     with engine():
         watched = robot(file, height_m=0.3)
         posed(watched.body)
@@ -340,7 +340,7 @@ def test_a_robot_on_a_floor_that_may_touch_itself_closes(file: str, mode: str) -
 
 
 def test_stops_push_inwards() -> None:
-    """Where a joint is beyond a limit before a step; elsewhere nothing is a stop's."""
+    """Forces act if a joint is beyond a limit before a step; otherwise no force is a limit's."""
     with engine(floor=True):
         watched = robot("r2d2.urdf", height_m=0.6)
         run([watched], 150, driven(watched, "velocity"))
@@ -376,7 +376,7 @@ LAIKAGO = "r2d2.urdf"
 @pytest.mark.parametrize("frame", [p.WORLD_FRAME, p.LINK_FRAME])
 @pytest.mark.parametrize("link", [-1, 3])
 def test_a_push_closes(link: int, frame: int, torque: bool, asked: bool) -> None:
-    """On a link with its pose of one step earlier, unless forward kinematics were asked for."""
+    """A link is pushed at its pose of one step earlier, unless forward kinematics was requested."""
     with engine():
         watched = robot(LAIKAGO, height_m=2)
 
@@ -432,7 +432,7 @@ def test_which_calls_let_a_push_use_the_current_pose(name: str) -> None:
 
 
 def held(kind: int, arm: Watched, link: int, steps: int) -> list[tuple[Watched, Forces]]:
-    """Let a robot swing a cube that a constraint holds, and return both with its forces."""
+    """Swing a cube held by a constraint with a robot, and return both bodies with their forces."""
     where = arm.where(link)
     cube = load("cube_small.urdf", at=np.add(where, [0.1, 0.02, 0.05]))
     turned = p.getQuaternionFromEuler([0.3, 0.2, 0.1])
@@ -527,7 +527,7 @@ def test_a_gear_closes() -> None:
 
 @pytest.mark.parametrize("timestep_s", [1 / 60, 1 / 1000])
 def test_a_timestep_set_after_the_motors_calls_closes(timestep_s: float) -> None:
-    """PyBullet keeps the motor's impulse: force times the timestep of the call."""
+    """PyBullet keeps the motor's maximum impulse: force times the timestep at the call."""
     with engine(floor=True):
         watched = robot("kuka_iiwa/model.urdf")
         for joint in range(5):
@@ -541,7 +541,7 @@ def test_a_timestep_set_after_the_motors_calls_closes(timestep_s: float) -> None
 
 
 def test_both_clamps_close() -> None:
-    """A motor that wants 150 rad/s is cut off at 100 after the solver."""
+    """A motor that would cause 150 rad/s is clamped to 100 after the solver."""
     with engine():
         watched = robot("kuka_iiwa/model.urdf")
         p.setJointMotorControl2(watched.body, 6, p.VELOCITY_CONTROL, targetVelocity=150, force=100)
@@ -564,7 +564,7 @@ def ball(**dynamics: float) -> Watched:
 
 
 def test_rolling_and_spinning_friction_of_a_ball() -> None:
-    """It is a torque alone; without coefficients there is none."""
+    """These frictions give a torque only; without coefficients they give none."""
     for dynamics in ({"rollingFriction": 0.01, "spinningFriction": 0.02}, NO_ROLLING):
         with engine(floor=True):
             watched = ball(**dynamics)
@@ -612,7 +612,7 @@ def test_a_cube_in_a_gripper_closes_for_both() -> None:
 @pytest.mark.parametrize("asked", [False, True])
 @pytest.mark.parametrize("file", few)
 def test_any_robot_that_is_pushed_closes(file: str, asked: bool) -> None:
-    """At its last link, by forces and torques in both frames at once."""
+    """Forces and torques act on its last link, in both frames at once."""
     with engine(floor=True):
         watched = robot(file, height_m=0.6)
         last = p.getNumJoints(watched.body) - 1
@@ -695,7 +695,7 @@ def _without_rolling(watched: Watched) -> Forces:
 
 
 def everything() -> Watched:
-    """Let all terms act on one arm, but for the clamp (and rolling, for which it has no ball)."""
+    """Return an arm with all terms at once, except the clamp (and rolling, which needs a ball)."""
     watched = robot("kuka_iiwa/model.urdf")
     p.changeDynamics(watched.body, 6, rollingFriction=0.01)
     block = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.3, 0.3, 0.1])
@@ -790,7 +790,7 @@ def test_energy_and_momentum_by_cause_close_over_hundreds_of_steps(file: str) ->
 
 
 def test_a_free_body_is_a_tree_without_joints() -> None:
-    """Its sum closes over the steps of today's law, in another order of operations."""
+    """Its sum closes over the rigid-body rule's steps, whose order of operations differs."""
     law = BulletLaw(
         timestep_s=DT,
         gravity_m_s2=(0.3, 0.1, -G),
@@ -842,7 +842,7 @@ def test_memory_in_pieces_does_not_grow_with_the_steps(scene: Watched) -> None:
 
 
 def test_a_state_that_is_no_number_spoils_its_own_steps_only(scene: Watched) -> None:
-    """An engine that explodes is not explained, and what came before is."""
+    """A diverging engine's steps are not explained, but the steps before are."""
     rates = scene.states().velocity.copy()
     rates[100] = np.nan
     with np.errstate(all="ignore"):
@@ -883,7 +883,7 @@ def test_a_tree_without_inertia_has_no_mass_matrix_to_invert() -> None:
 
 
 def unreliable(reason: str) -> float:
-    """Return what a scene leaves that the predicate names."""
+    """Return the remainder of a step in a scene that the predicate declares unreliable."""
     with engine(floor=True):
         if reason == "substeps":
             p.setPhysicsEngineParameter(numSubSteps=2)

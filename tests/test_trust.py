@@ -1,4 +1,4 @@
-"""Trust in a script's result: runs with variations, compared with known truths."""
+"""Trust in a script's result: runs with variations, compared with exact results."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def steps(number):
 
 
 def trusted(folder: Path, text: str, **how: object) -> Trust:
-    """Return the trust in a script's result."""
+    """Return the trust analysis of a script's result."""
     script = folder / "script.py"
     script.write_text(HEAD + text)
     return trust(str(script), out=folder / "out", jobs=1, **how)  # type: ignore[arg-type]
@@ -142,12 +142,12 @@ for j in range(n):
     p.setJointMotorControl2(b, j, p.VELOCITY_CONTROL, force=0)
     p.resetJointState(b, j, starts[j])
 """
-"""A chain of pendulums of 1 kg at 1 m each, from given angles, without friction."""
+"""A frictionless chain of 1 kg pendulums, 1 m each, released from given angles."""
 
 
 @pytest.mark.long
 def test_a_pendulum_converges_to_its_swing(tmp_path: Path) -> None:
-    """U' = u - w^2 q dt, q' = q + u' dt is solved by a cosine with another phase."""
+    """The recursion u' = u - w² q dt, q' = q + u' dt is solved by a phase-shifted cosine."""
     start, t, dt = 0.01, 0.75, 1 / 240
     found = trusted(tmp_path, f"starts = [{start}]{JOINTS}steps(180)\n")
     w = math.sqrt(10 * 1 * 1 / (1e-3 + 1))
@@ -176,7 +176,7 @@ def test_a_pendulum_converges_to_its_swing(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_a_double_pendulum_grows_at_its_lyapunov_exponent(tmp_path: Path) -> None:
-    """The exponent of the same map, written by hand, over the same time (Benettin 1980)."""
+    """The reference is the exponent of the same recursion, written by hand (Benettin 1980)."""
     found = trusted(tmp_path, f"starts = [2.5, 1.0]{JOINTS}steps(3000)\n", vary=["nudge"])
     assert found.growth is not None
     assert found.growth.rate_per_s is not None
@@ -241,7 +241,7 @@ steps(480)
 
 @pytest.mark.long
 def test_an_arm_with_position_motors_gets_there_sooner_with_a_finer_step(tmp_path: Path) -> None:
-    """A motor closes kp of the gap per step: (1 - kp)^n of it is left after n steps."""
+    """A motor closes the fraction kp of the gap per step: (1 - kp)^n is left after n steps."""
     scene = """
 a = p.loadURDF('kuka_iiwa/model.urdf', useFixedBase=True)
 for j in range(7):
@@ -288,7 +288,7 @@ def test_the_command_tells_what_stands_and_fails_where_a_variation_ends_too_far(
 
 @pytest.mark.long
 def test_a_finer_run_is_analyzed_with_its_own_timestep(tmp_path: Path) -> None:
-    """The limit of a motor is force x timestep at the call: that was already the finer one."""
+    """The motor's limit is force x timestep at the call, which already was the finer one."""
     scene = """
 p.setTimeStep(1 / 100)
 a = p.loadURDF('kuka_iiwa/model.urdf', useFixedBase=True)
@@ -398,7 +398,7 @@ steps(9)
 
 @pytest.mark.long
 def test_recordings_are_compared_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pieces of seven steps give what the whole gives; a curve keeps so many points."""
+    """Chunks of seven steps give the result of the whole; a curve keeps a limited length."""
     scene = "p.loadURDF('plane.urdf')\n" + "".join(
         f"p.loadURDF('cube_small.urdf', [0, 0.01 * {n}, 0.2 + 0.1 * {n}])\n" for n in range(3)
     )

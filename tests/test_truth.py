@@ -1,4 +1,4 @@
-"""Every statement of `drop analyze --json`, held against an oracle that knows nothing of us.
+"""Every statement of `drop analyze --json`, compared with an oracle independent of our code.
 
 Validation: scenarios are drawn over all options together, dropped and analyzed as a user would, and
 each key of the result is confirmed by `tests/oracle.py`, which replays the scenario in PyBullet
@@ -41,22 +41,22 @@ from oracle import Drop, Rebound, Truth
 CASES = 150
 SEED = 13
 CONVERGED: dict[str, Any] = {"solver_residual": 0.0, "solver_iterations": 1000}
-"""What lets the contact solver run to its end."""
+"""Settings that let the contact solver converge."""
 SLOP_M = 1e-5
-"""Penetration that Bullet leaves uncorrected."""
+"""Penetration that Bullet leaves uncorrected [m]."""
 EDGE_M = 100.0
-"""How far plane.urdf reaches from the origin."""
+"""Distance from the origin to the edge of plane.urdf [m]."""
 UNTURNED_RAD = 5e-3
-"""A body turned by less is said to be as it was released, which is right to this share."""
+"""A body rotated by less than this counts as unrotated, which is accurate to this fraction."""
 LYING_RAD = 1e-4
-"""A body tilted by more is not said to lie at a height."""
+"""A body tilted by more than this is not reported to lie at a height."""
 
 
 # -- scenarios -------------------------------------------------------------------------------------
 
 
 def drawn(rng: random.Random, folder: Path) -> Scenario:
-    """Return a scenario over all options together; one takes at most some 600 steps."""
+    """Return a random scenario that varies all options, with at most about 600 steps."""
     body = _body(rng, folder)
     timestep_s = rng.choice((1 / 240, 1 / 240, 1 / 480, 1 / 60, 1 / 1000, 0.1, 1e-4, 0.02))
     if rng.random() < 0.2:
@@ -122,7 +122,7 @@ def _spin(rng: random.Random) -> oracle.Vector:
 
 
 def _orientation(rng: random.Random) -> oracle.Vector:
-    """Return roll, pitch and yaw [deg]."""
+    """Return random roll, pitch and yaw [deg]."""
     kind = rng.random()
     if kind < 0.6:
         return (0.0, 0.0, 0.0)
@@ -133,7 +133,7 @@ def _orientation(rng: random.Random) -> oracle.Vector:
 
 
 def _height(rng: random.Random, values: Mapping[str, Any], duration_s: float) -> float:
-    """Return a height from which the body mostly lands within the duration."""
+    """Return a random height from which the body mostly lands within the duration."""
     if not values["floor"] and rng.random() < 0.3 and Scenario.options()["height_m"].low < 0:
         return rng.uniform(-3, 0)
     probe = replace(_drop(values), height_m=1.0, steps=1)
@@ -311,7 +311,7 @@ BODIES: tuple[Callable[[float, float], str], ...] = (
 
 
 def drop_of(scenario: Scenario) -> Drop:
-    """Return a scenario as the oracle takes it."""
+    """Convert a scenario for the oracle."""
     drop = _drop({name: getattr(scenario, name) for name in Scenario.options()})
     turned = getattr(scenario, "orientation_xyzw", drop.orientation)
     assert oracle.turn_rad(turned, drop.orientation) < 1e-14
@@ -349,7 +349,7 @@ def _drop(values: Mapping[str, Any]) -> Drop:
 
 
 def command(scenario: Scenario) -> str:
-    """Return the command that makes a scenario again."""
+    """Return the command that reproduces a scenario."""
     words = ["drop run"]
     for one in fields(scenario):
         value, option = getattr(scenario, one.name), one.metadata["option"]
@@ -368,30 +368,30 @@ def command(scenario: Scenario) -> str:
 
 
 class WrongError(AssertionError):
-    """A statement that the oracle does not confirm."""
+    """The oracle contradicts a statement."""
 
 
 @dataclass(frozen=True)
 class Said:
-    """A statement, and what stands around it."""
+    """A statement in the JSON output, with its context."""
 
     value: Any
     beside: Mapping[str, Any]
-    """The object that it is a value of."""
+    """The JSON object that contains the value."""
     place: int
-    """Its number, where that object is one of a list."""
+    """Index of that object if it is in a list."""
     whole: Mapping[str, Any]
     scenario: Scenario
     truth: Truth
 
     @property
     def run(self) -> oracle.Replay:
-        """The replay of the drop."""
+        """The oracle's replay of the drop."""
         return self.truth.run
 
     @property
     def drop(self) -> Drop:
-        """The drop, as plain values."""
+        """The drop as the oracle's plain values."""
         return self.truth.drop
 
 
@@ -400,7 +400,7 @@ CHECKERS: dict[str, Checker] = {}
 
 
 def checks(*statements: str) -> Callable[[Checker], Checker]:
-    """Register a checker of statements, by their path in the JSON."""
+    """Register a checker for statements, by their path in the JSON."""
 
     def register(checker: Checker) -> Checker:
         CHECKERS.update(dict.fromkeys(statements, checker))
@@ -410,13 +410,13 @@ def checks(*statements: str) -> Callable[[Checker], Checker]:
 
 
 def hold(condition: Any, what: str) -> None:
-    """Fail unless the oracle confirms."""
+    """Fail unless a condition holds for the oracle."""
     if not condition:
         raise WrongError(what)
 
 
 def near(said: float, true: float | None, tolerance: float, what: str) -> None:
-    """Fail unless a number is what the oracle finds."""
+    """Fail unless a number is close to the oracle's."""
     hold(true is not None, f"{what}: said {said!r}, and nothing tells")
     assert true is not None
     hold(
@@ -426,7 +426,7 @@ def near(said: float, true: float | None, tolerance: float, what: str) -> None:
 
 
 def _scale_m(said: Said) -> float:
-    """Return a length that rounding is relative to: how far the body moves and is from 0."""
+    """Return the length scale for rounding errors: the body's greatest distance from 0."""
     return float(np.abs(said.run.position_m).max()) + abs(said.drop.height_m) + 1e-3
 
 
@@ -639,7 +639,7 @@ def _at_simulated(said: Said) -> None:
 
 
 def _theory_m(said: Said, step: int) -> float:
-    """Return free fall's height, which ends at the height at which the body touches."""
+    """Return the height in free fall, which ends at the height at which the body touches."""
     fallen = oracle.free_fall_m(said.drop, step * said.drop.timestep_s)
     held = said.truth.release_height_m if said.drop.floor else None
     return fallen if held is None else max(fallen, held)
@@ -663,7 +663,7 @@ def _at_error(said: Said) -> None:
 
 
 def _covers(said: Said, step: int) -> None:
-    """Fail unless the law of the air is the whole story up to a sample."""
+    """Fail unless a sample is explained by gravity and air damping alone."""
     truth = said.truth
     hold(said.drop.stepped, "nothing was stepped")
     hold(truth.facts.is_rigid, "the body has joints")
@@ -793,7 +793,7 @@ def _airborne_rounding(said: Said) -> None:
 
 
 def _lands_as_released(said: Said) -> float:
-    """Return the height at which the body lands by theory; fail where theory cannot say it."""
+    """Return the theoretical landing height; fail if theory does not predict it."""
     truth = said.truth
     held = truth.release_height_m
     hold(said.drop.floor and held is not None, "there is nothing to land on, or with")
@@ -811,7 +811,7 @@ def _time_free(said: Said) -> None:
 
 
 def _root(said: Said) -> float:
-    """Return the time by which a landing near release is off, as √(2 δ / g) of δ = 1e-9 m."""
+    """Return the time tolerance near the release height: √(2 δ / g) for δ = 1e-9 m."""
     close = abs(said.drop.height_m - (said.truth.release_height_m or 0.0)) < 1e-6
     return 1e-4 if close else 0.0
 
@@ -898,7 +898,7 @@ def _impact_penetration(said: Said) -> None:
 
 
 def _tilt_m(said: Said, step: int) -> float:
-    """Return by how much a tilt that counts as none raises the centre [m], and rounding."""
+    """Return how far a tilt that counts as none raises the centre [m], plus rounding."""
     if said.truth.is_ball:
         return 1e-8
     # A turn by θ moves a point by θ times its distance from the centre, which is not in the middle.
@@ -933,7 +933,7 @@ def _tumbles_at(truth: Truth) -> int:
 
 
 def _rebound(said: Said) -> Rebound:
-    """Return the contact that a bounce speaks of."""
+    """Return the oracle's contact for a bounce."""
     step = said.beside["step"]
     hold(said.truth.facts.is_rigid, "its links touch too")
     found = said.truth.contact_after(step)
@@ -1027,7 +1027,7 @@ def _bounce_correction(said: Said) -> None:
 
 
 def _lies_still(truth: Truth, since: int) -> None:
-    """Fail unless position and orientation stay from a sample on, and go on to."""
+    """Fail unless position and orientation are constant from a sample on, and stay so."""
     hold(len(truth.run.touches[-1]) > 0, "it does not touch at the end")
     hold(truth.stays(since, 3e-5, 3e-3), "position or orientation go on changing")
 
@@ -1046,7 +1046,7 @@ def _rest_expected(said: Said) -> None:
 
 
 def _rest_tilt_m(said: Said) -> float:
-    """Return by how much the tilt that still counts as lying flat raises the centre [m]."""
+    """Return how far a tilt that still counts as lying flat raises the centre [m]."""
     if said.truth.is_ball:
         return 1e-8
     lean = said.truth.lean_rad(said.truth.last)
@@ -1083,7 +1083,7 @@ def _rest_slop(said: Said) -> None:
 
 
 def _settled(said: Said) -> Drop:
-    """Return the drop with a solver that converges, for so long that it has settled."""
+    """Return the drop with a converging solver, extended until it has settled."""
     return replace(
         said.drop,
         solver_residual=0.0,
@@ -1132,7 +1132,7 @@ def _energy_drift(said: Said) -> None:
 
 
 def _untouched(said: Said) -> Any:
-    """Return whether a sample is one before the first contact."""
+    """Return whether a sample is before the first contact."""
     touched = said.truth.touched_steps
     return np.arange(said.drop.steps + 1) < (touched[0] if len(touched) else math.inf)
 
@@ -1155,7 +1155,7 @@ def _left_out(said: Said) -> None:
 
 @checks("bodies")
 def _bodies(said: Said) -> None:
-    """Hold the energy and the momentum of what falls, and that all of it is booked to causes."""
+    """Check the falling body's energy and momentum, and that their causes add up."""
     body, run = said.value[0], said.run
     hold(body["segments"] == said.whole["segments"], "other segments than the drop's")
     hold(body["energy"] is not None or not (said.drop.stepped and _has_sum(said)), "no energy")
@@ -1214,7 +1214,7 @@ def finds(code: str) -> Callable[[Callable[[Said, str], None]], Callable[[Said, 
 
 
 def read(pattern: str, message: str) -> list[float]:
-    """Return the numbers that a message gives where a pattern has groups."""
+    """Parse the numbers in a message that match a pattern's groups."""
     found = re.search(pattern, message)
     hold(found, f"no checker for the message {message!r}")
     assert found is not None
@@ -1418,31 +1418,31 @@ def _finding_steps(said: Said) -> None:
 
 @checks("findings[].message", "findings[].advice")
 def _finding_message(said: Said) -> None:
-    """Hold that it says anything; what it says is held with its code."""
+    """Check that the text is not empty; its content is checked by the finding's code."""
     hold(said.value.strip() and "nan" not in said.value.split(), "an empty message")
 
 
 @checks("findings[].proposed")
 def _finding_proposed(said: Said) -> None:
-    """Hold that the cause is known: theory and the scenario prove what a drop is told."""
+    """Check that the cause is certain: a drop's findings follow from theory and the scenario."""
     hold(said.value is False, "a proposal")
 
 
 @checks("findings[].episodes")
 def _finding_episodes(said: Said) -> None:
-    """Hold that a drop is one episode."""
+    """Check that a drop is a single episode."""
     hold(said.value == 1, "another number of episodes")
 
 
 @checks("findings[].proof")
 def _finding_proof(said: Said) -> None:
-    """Hold that a drop's findings are proved: by theory, or by the scenario."""
+    """Check that a drop's findings are proved: by theory, or by the scenario."""
     hold(said.value in ("sum", "call"), "another proof")
 
 
 @checks(*(f"findings[].cure.{name}" for name in ("name", "target", "value", "call")))
 def _finding_cure(said: Said) -> None:
-    """Hold that it is an option of the scenario, with the value that the cure has."""
+    """Check that the cure is an option of the scenario, with the cure's value."""
     cure = said.beside
     if cure["name"] == "timestep":
         option, given = cure["call"].split()
@@ -1462,7 +1462,7 @@ def _finding_cure(said: Said) -> None:
 
 
 def _uncovered(said: Said, step: int) -> str | None:
-    """Return the part of a step in contact that nobody reports: a word for its reason."""
+    """Return the reason why a contact step is not fully reported; None if it is."""
     if not said.truth.facts.is_rigid:
         return "joint"
     if max(1, said.drop.substeps or 1) > 1:
@@ -1596,7 +1596,7 @@ def _explained_why(said: Said) -> None:
 
 
 def _flight_of(said: Said) -> tuple[Mapping[str, Any], Drop]:
-    """Return a flight, and the drop that begins where it does."""
+    """Return a flight, and the drop that starts from its first state."""
     flight = said.whole["flights"][said.place]
     first, run = flight["first_step"], said.run
     begins = {"height_m": float(run.height_m[first]), "velocity_m_s": _of(run.velocity_m_s[first])}
@@ -1648,7 +1648,7 @@ def _flight_error(said: Said) -> None:
 
 
 def _flown_m(said: Said) -> float:
-    """Return the length that rounding in a flight is relative to, theory's included."""
+    """Return the length scale for rounding errors in a flight, including theory's."""
     flight, drop = _flight_of(said)
     time_s = flight["end_s"] - flight["start_s"]
     speed = float(np.linalg.norm(drop.velocity_m_s)) + abs(drop.gravity) * time_s
@@ -1716,17 +1716,17 @@ def _flight_rounding(said: Said) -> None:
 
 @dataclass
 class Tally:
-    """Counts of a statement's confirmations, nulls and errors; and the first error."""
+    """Counts of a statement's confirmations, nulls and errors; and its first error."""
 
     confirmed: Counter[str] = field(default_factory=Counter)
     null: Counter[str] = field(default_factory=Counter)
     wrong: Counter[str] = field(default_factory=Counter)
     offenders: dict[str, tuple[str, str]] = field(default_factory=dict)
-    """Statement -> what is wrong, and the command that shows it."""
+    """Statement -> the error, and the command that reproduces it."""
     refused: Counter[str] = field(default_factory=Counter)
 
     def book(self, scenario: Scenario, statement: str, wrong: str | None) -> None:
-        """Count a statement that was made."""
+        """Count the outcome of a statement."""
         if wrong is None:
             self.confirmed[statement] += 1
         else:
@@ -1735,11 +1735,11 @@ class Tally:
 
     @property
     def statements(self) -> list[str]:
-        """All statements that were met."""
+        """All statements that occurred."""
         return sorted({*self.confirmed, *self.null, *self.wrong})
 
     def table(self) -> str:
-        """Return a line for each statement."""
+        """Return a table with a line for each statement."""
         width = max(map(len, self.statements), default=9)
         lines = [f"{'statement':{width}} {'confirmed':>9} {'null':>6} {'wrong':>6}"]
         lines += [
@@ -1756,7 +1756,7 @@ class Tally:
 def walk(
     value: Any, path: str = "", beside: Any = None, place: int = 0
 ) -> Iterator[tuple[str, Any, Any, int]]:
-    """Yield the statements of a JSON object: path, value, owner and the owner's number."""
+    """Yield the statements in a JSON object: path, value, containing object and its index."""
     if path in CHECKERS or not isinstance(value, dict | list):
         yield path, value, beside, place
     elif isinstance(value, dict):
@@ -1768,7 +1768,7 @@ def walk(
 
 
 def judge(scenario: Scenario) -> dict[str, Any]:
-    """Return the analysis of a drop, without a recording between."""
+    """Return the analysis of a drop, computed in memory."""
     with World(scenario) as world:
         return analysis_of_world(world).as_json()
 
@@ -1788,7 +1788,7 @@ def what_is_wrong(path: str, said: Said) -> str | None:
 
 
 def hold_case(scenario: Scenario, folder: Path, tally: Tally, *, through_file: bool = True) -> None:
-    """Drop a scenario, analyze it, and hold every statement against the oracle."""
+    """Drop a scenario, analyze it, and check every statement with the oracle."""
     try:
         if through_file:
             simulate(scenario, folder / "run.rrd", camera=None, force=True)
@@ -1814,7 +1814,7 @@ def hold_case(scenario: Scenario, folder: Path, tally: Tally, *, through_file: b
 
 
 def hold_many(cases: int, seed: int, folder: Path, *, bodies: Path | None = None) -> Tally:
-    """Hold so many drawn scenarios; every tenth is analyzed as the command does it."""
+    """Check a number of random scenarios; every tenth is analyzed by the command itself."""
     rng, tally = random.Random(seed), Tally()
     with patch.object(probe, "problem_of", lambda _: ("", [])):  # none of ours ends Bullet
         for number in range(cases):
@@ -1956,7 +1956,7 @@ FOUND: dict[str, tuple[str, dict[str, Any]]] = {
         },
     ),
 }  # fmt: skip
-"""What drawn scenarios found once, made smaller; a statement or the oracle was wrong."""
+"""Random scenarios that once revealed an error in a statement or in the oracle, reduced."""
 
 
 @pytest.mark.parametrize("found", some(FOUND, 3))
@@ -1998,7 +1998,7 @@ def test_no_checker_confirms_another_value() -> None:
 
 
 def _another(value: Any) -> Any:
-    """Return a value of the same kind that is not it; a number a tenth larger."""
+    """Return a different value of the same type; a number is increased by a tenth."""
     match value:
         case bool():
             return not value
@@ -2013,7 +2013,7 @@ def _another(value: Any) -> Any:
 
 
 def main() -> None:
-    """Hold many scenarios by hand, and print the table."""
+    """Check many scenarios, when started by hand, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("cases", type=int, nargs="?", default=CASES)
     parser.add_argument("seed", type=int, nargs="?", default=SEED)

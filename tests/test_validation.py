@@ -1,4 +1,4 @@
-"""docs/validation.md: what is known exactly of a body, and what PyBullet makes of it."""
+"""docs/validation.md: exact results about bodies, and PyBullet's values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Differences in a variation of a run.
+"""Differences between a variation of a run and the run itself.
 
 Verification: a finer timestep is, to the last bit, the script written that way by hand; the script
 reads and sees what it did before. What else is varied is in the engine, and not in what is read.
@@ -97,13 +97,13 @@ SCRIPTS = {
 
 
 def script(text: str, by_hand: int = 1) -> str:
-    """Return a script, with so many steps of the engine for each of its own."""
+    """Return a script that makes a given number of engine steps for each of its own steps."""
     default = f"p.setTimeStep(1 / 240 / {by_hand})\n" if by_hand > 1 else ""
     return f"BY_HAND = {by_hand}\n{HEAD}{default}{text}"
 
 
 def numbers(events: list[Event]) -> dict[str, np.ndarray[Any, Any]]:
-    """Return all that was sampled of a run."""
+    """Return all values sampled in a run."""
     parts = [event for event in events if isinstance(event, Samples)]
     found = {"contacts": np.concatenate([part.contacts for part in parts])}
     for body in {key for part in parts for key in (*part.bases, *part.joints)}:

@@ -1,4 +1,4 @@
-"""Golden recordings outlive the format: those of earlier schemas are read, with the same numbers.
+"""Golden recordings outlive the format: earlier schemas are read, with the same values.
 
 `recordings/N` has, of schema N, a drop of 0.5 s and the script `recordings/arm.py`, as the drop of
 that schema recorded them. They are compared with what today's makes of the same.
@@ -24,12 +24,12 @@ RECORDINGS = Path(__file__).with_name("recordings")
 EARLIER = sorted(int(folder.name) for folder in RECORDINGS.iterdir() if folder.is_dir())
 DIGESTS = ("state", "contacts", "series", "calls", "frames")
 OWN = ("recording", "layer", "lacks", "findings")
-"""Of an analysis: what is a recording's own, or more where a recording holds more."""
+"""Keys of an analysis that depend on the recording, or have more where it contains more."""
 
 
 @pytest.fixture(scope="module")
 def today(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Return the same recordings, made by today's drop."""
+    """Return the same recordings, made by the current version of drop."""
     folder = tmp_path_factory.mktemp("today")
     shutil.copy(RECORDINGS / "arm.py", folder)
     with pytest.MonkeyPatch.context() as patch:
@@ -50,7 +50,7 @@ def today(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 def pair(
     request: pytest.FixtureRequest, today: dict[str, Path], tmp_path: Path
 ) -> tuple[Path, Path]:
-    """Return today's recording, and one of an earlier schema."""
+    """Return a current recording, and one of an earlier schema."""
     number, name = request.param
     golden = tmp_path / f"golden-{name}.rrd"
     golden.write_bytes(lzma.decompress((RECORDINGS / f"{number}/{name}.rrd.xz").read_bytes()))

@@ -1,4 +1,4 @@
-"""A recording and a golden one shown as one, at the first difference."""
+"""A recording and a golden one shown together, at the first difference."""
 
 from __future__ import annotations
 

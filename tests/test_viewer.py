@@ -1,4 +1,4 @@
-"""The recording opens in the real viewer, looks as it should, and is shown while it is made.
+"""The recording opens in the real viewer, looks right, and is shown while it is written.
 
 The first tests prove what a person sees; the next ones that this proof fails where it must.
 """
@@ -81,7 +81,7 @@ ANALYZED = ALONE | {
 
 @pytest.fixture
 def vulkan() -> None:
-    """Skip what needs a Vulkan driver where there is none."""
+    """Skip tests that need a Vulkan driver if there is none."""
     if vulkan_driver() is None:
         pytest.skip("no software Vulkan; try: apt-get install mesa-vulkan-drivers")
 
@@ -178,7 +178,7 @@ def test_the_curves_in_millimetres_are_the_numbers_in_metres(standard: Run) -> N
 
 
 def altered(source: Path, path: Path, change: Callable[[Chunk], Chunk | None]) -> Path:
-    """Write a recording again, with our layout, each chunk changed or left out."""
+    """Write a recording with our layout, each chunk changed or left out."""
     chunks = (one for chunk in RrdReader(source).stream() if (one := change(chunk)) is not None)
     look = layout(look_of_drop(1.0, "standard", [f"{schema.HEIGHT}/curve"]))
     writer.record(path, chunks, recording_id="altered", blueprint=look)
@@ -347,7 +347,7 @@ def test_web_is_served_on_loopback_only_and_nobody_is_counted(here: Path) -> Non
 
 
 def test_the_names_of_a_scripts_curves_stand_where_no_flight_is() -> None:
-    """A fall begins at the upper left, its error at zero, and at first it goes below."""
+    """A fall starts at the upper left; its error starts at zero, and first goes below."""
     entities = {schema.FINDINGS, f"{schema.ERROR_MM}/1_box", f"{schema.HEIGHT}/1_box"}
     eye = Eye((1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
     shown = _views(layout(Described(eye, frozenset(entities))).root_container)
@@ -408,7 +408,7 @@ def test_no_address_that_a_page_may_open_has_a_time_yet(standard: Run) -> None:
 def test_the_web_viewer_ends_with_a_command_that_is_ended(
     here: Path, number: int, code: int
 ) -> None:
-    """Ctrl-C reaches the viewer too; a signal of another program only us."""
+    """Ctrl-C reaches the viewer too; another program's signal reaches only us."""
     process = subprocess.Popen(
         [sys.executable, "-m", "drop_physics", "view", "run.rrd", "--web", "--json"],
         cwd=here,
@@ -428,7 +428,7 @@ def test_the_web_viewer_ends_with_a_command_that_is_ended(
 
 
 def test_every_host_that_the_web_viewers_page_asks_is_in_the_documents(tmp_path: Path) -> None:
-    """No option tells it not to ask; so the page says what it would."""
+    """No option disables these requests, so the page lists them."""
     found = program.viewer(web=True)
     environment = isolated(tmp_path / "home") | {"BROWSER": "true"}
     process = subprocess.Popen(found.command, env=environment, stderr=subprocess.DEVNULL)
@@ -465,7 +465,7 @@ def listens(port: int) -> bool:
 
 
 def listening_on(port: int) -> set[str]:
-    """Return the addresses of this machine that a port is open on."""
+    """Return this machine's addresses on which a port is open."""
     rows = [
         row.split()
         for name in ("tcp", "tcp6")
@@ -491,7 +491,7 @@ def wait_until(ready: Callable[[], object]) -> None:
 
 @dataclass
 class Receiver:
-    """Rerun's own server: takes a recording in, as a viewer does."""
+    """Rerun's own server, which receives a recording as a viewer does."""
 
     process: subprocess.Popen[bytes]
     url: str
@@ -500,7 +500,7 @@ class Receiver:
 
 @pytest.fixture
 def receiver(tmp_path: Path) -> Iterator[Receiver]:
-    """Return a receiver that writes what it is sent to a file."""
+    """Return a receiver that writes the data sent to it to a file."""
     port, saved = free_port(), tmp_path / "received.rrd"
     process = subprocess.Popen(
         [binary(), "--save", saved, "--bind", "127.0.0.1", "--port", str(port)],

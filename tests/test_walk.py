@@ -1,4 +1,4 @@
-"""The walk in `docs/architecture.md` is the way of a script, from `drop record` to the verdict."""
+"""The walk in `docs/architecture.md` follows a script from `drop record` to the verdict."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ STOPS = [
     (file, re.findall(r"`([\w.]+)`", names))
     for file, names in re.findall(r"^\d+\. `([\w/]+\.py)`, ([`\w., ]+): ", WALK, re.MULTILINE)
 ]
-"""The files in the order of the walk, each with what of it is named; the first name leads."""
+"""Files in the order of the walk, each with the names mentioned; the first is the entry point."""
 IN_THE_SCRIPT = ("engines/watching/", "engines/pybullet/watch/")
-"""What is here runs in the script's process, where this test cannot look."""
+"""Folders whose code runs in the script's process, which this test cannot observe."""
 SCRIPT = """
 import pybullet as p, pybullet_data
 p.connect(p.DIRECT)
@@ -45,7 +45,7 @@ def test_every_stop_of_the_walk_names_a_file_and_what_is_defined_in_it() -> None
 
 
 def _defined(tree: ast.AST, inside: str = "") -> list[str]:
-    """Return the functions, classes and methods in a tree, methods as `Class.method`."""
+    """Return the functions, classes and methods in a syntax tree, methods as `Class.method`."""
     found = []
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.FunctionDef | ast.ClassDef):

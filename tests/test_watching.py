@@ -1,4 +1,4 @@
-"""What a watched script's process sends, interpreted as events, without the recorder.
+"""The data that a watched script's process sends, decoded as events, without the recorder.
 
 Verification: a script prints the same with and without being watched, to the last bit; the events
 hold what the script itself reads from the engine, and the calls as they were written.
@@ -109,7 +109,7 @@ def test_samples_hold_what_the_script_itself_reads(tmp_path: Path, scene: str) -
 
 
 def joined(events: list[Event]) -> Samples:
-    """Return all samples of a script's only simulation; of constraints what is known."""
+    """Return all samples of a script's only simulation, joined, with its constraints."""
     found = [event for event in events if isinstance(event, Samples)]
     last, rows = found[-1], Samples.__dataclass_fields__
     assert all([*each.bases] == [*last.bases] for each in found)
@@ -559,7 +559,7 @@ def joined_steps(events: list[Event]) -> list[int]:
 
 @pytest.mark.long
 def test_a_watch_that_is_over_is_forgotten() -> None:
-    """Each holds a megabyte, and a run of tests may have a thousand blocks."""
+    """Each watch takes a megabyte, and a test run may have a thousand blocks."""
     with shared_block() as memory:
         files = os.open(os.devnull, os.O_WRONLY), os.dup(memory.fileno())
         how = {"steps": None, "duration_s": None, "keep_sleeping": False, "seed": None}

@@ -1,4 +1,4 @@
-"""Validation: wheels that slip do so in bare PyBullet, by as much, and others are not said to."""
+"""Validation: slipping wheels slip by as much in bare PyBullet, and no others are reported."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def test_wheels_that_slip(name: str, tmp_path: Path) -> None:
 
 
 def test_locked_wheels_slide_on(tmp_path: Path) -> None:
-    """They are sped up slowly, and stopped at once: it goes farther than they roll."""
+    """The wheels speed up slowly, and stop at once: the car goes farther than they roll."""
     stops = "10 * min(1, i / 480) if i < 600 else 0"
     scene = husky(mu=0.3, steps=960, left=stops, right=stops)
     (one,) = slips(scene, tmp_path)

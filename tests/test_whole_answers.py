@@ -1,4 +1,4 @@
-"""Validation: a robot drifts by half as much with half the timestep, and overflow warns nobody.
+"""Validation: halving the timestep halves a robot's drift, and overflow causes no warnings.
 
 What else is said of the whole of a motion is in `corpus/attacks/whole.toml`.
 """
@@ -57,7 +57,7 @@ def test_a_robot_that_sways_in_empty_space_drifts(file: str, tmp_path: Path) -> 
 
 
 def centre_of(scene: str) -> Any:
-    """Return where the centre of mass of k ends up, in plain PyBullet."""
+    """Return the final position of the centre of mass of k in bare PyBullet."""
     names: dict[str, Any] = {}
     release_clients()
     exec(HEAD + "import numpy as np\n" + scene + ITS_CENTRE + "end = centre()", names)

@@ -1,4 +1,4 @@
-"""Causes by trying: what an intervention does to a run, and what a trial shows of a finding.
+"""Causes found by trials: the effect of an intervention on a run, and verdicts about findings.
 
 Verification: a changed call is the script written that way by hand, to the last bit; the script
 reads what it would have read. Verdicts are held against scripts whose cause is known.
@@ -72,7 +72,7 @@ p.changeDynamics(b, -1, lateralFriction=0.7)
 steps(60)
 print(p.getBasePositionAndOrientation(b)[0])
 """
-"""A weight of 20 N on a constraint that gives 10 N; it touches nothing, so friction is idle."""
+"""A weight of 20 N on a constraint of 10 N; it touches nothing, so friction has no effect."""
 
 
 def proved(folder: Path, text: str, **how: Any) -> Why:
@@ -220,7 +220,7 @@ def test_shares_are_the_articles_and_the_exact_terms(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_shares_of_a_car_are_what_hand_made_runs_show(tmp_path: Path) -> None:
-    """Its wheels slip: nearly all of the way that it lacks is friction's, little is damping's."""
+    """The wheels slip: friction causes nearly all of the missing distance, damping little."""
     own = Path(__file__).parents[1] / "docs/examples/why/wheel_slip.py"
     tries = ["friction=10", "damping", "inertia-from-file"]
     shares = why(str(own), out=tmp_path, tries=tries, stdout=2).shares
@@ -287,7 +287,7 @@ for k in range(240):
 
 @pytest.mark.long
 def test_a_body_that_calls_move_in_both_runs_is_not_what_a_trial_moves(tmp_path: Path) -> None:
-    """The belt goes the same 0.15 m in both runs; the parcel is carried along in one of them."""
+    """The belt moves the same 0.15 m in both runs; the parcel is carried along in one of them."""
     (tried,) = found(proved(tmp_path, BELT), "dragged-by-nothing").tried
     assert tried.verdict == "cured"
     assert tried.moved is not None
@@ -313,7 +313,7 @@ steps(1200)
 
 @pytest.mark.long
 def test_a_body_is_the_same_though_its_file_has_another_name_in_each_run(tmp_path: Path) -> None:
-    """A pendulum of a temporary file swings less, since PyBullet damps it by 0.04."""
+    """A pendulum from a temporary file swings less, since PyBullet damps it by 0.04."""
     result = proved(tmp_path, PENDULUM.format(folder=str(tmp_path)))
     (tried,) = found(result, "default-damping").tried
     assert tried.verdict == "cured"
@@ -334,7 +334,7 @@ for _ in range(400):
 
 @pytest.mark.long
 def test_what_has_no_trial_is_said_not_to_have_been_tried(tmp_path: Path) -> None:
-    """An arm whose base is free stands still with `useFixedBase=True`, which no trial sets."""
+    """An arm on a free base is fixed by `useFixedBase=True`, which no trial sets."""
     result = proved(tmp_path, TIPS)
     tips = found(result, "free-base")
     assert (tips.verdict, tips.tried) == ("untried", [])
@@ -370,7 +370,7 @@ def test_what_reaches_outside_is_not_run_again_unasked(
 def test_trials_write_in_a_copy_and_draw_what_the_script_drew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A site is the script's own there; a trial that changes no bit has drawn the same."""
+    """A call site is shown as the script's own; a trial without effect draws the same numbers."""
     monkeypatch.chdir(tmp_path)
     library = tmp_path / "site-packages"
     library.mkdir()
@@ -400,7 +400,7 @@ def test_trials_write_in_a_copy_and_draw_what_the_script_drew(
 def test_trials_that_part_from_one_run_are_runs_of_their_own_to_the_bit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It parts where it differs, in the middle, with what was drawn before and is drawn after."""
+    """A trial branches mid-run, where it differs, with the random numbers from before and after."""
     text = (
         "import random, numpy as np\nb = p.loadURDF('cube_small.urdf', [0, 0, random.random()])\n"
         "steps(5)\n"
@@ -486,7 +486,7 @@ def test_runs_that_differ_by_themselves_are_said_to(tmp_path: Path) -> None:
 def test_a_script_is_swept_over_interventions(
     drop: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A row for each of a product; a resumed sweep makes only the runs that are gone."""
+    """Rows are combinations of interventions; a resumed sweep makes only the missing runs."""
     monkeypatch.chdir(tmp_path)
     Path("script.py").write_text(HEAD + HELD)
     call = ["sweep", "--try", "constraint-force=10,30", "--try", "damping=0", "--out", "out"]
@@ -539,7 +539,7 @@ DEEP = Finding(code="deep-penetration", level="broken", message="it is inside", 
 
 
 def far(end_m: float, most_m: float | None = None) -> Apart:
-    """Return runs that end so far apart, of a body that moves a metre."""
+    """Return a comparison of runs that end a given distance apart, of a body that moves a metre."""
     track = Track(1, 1, "1_box", None, "m", *[np.zeros(3)] * 3, moved=1.0)
     track.end, track.most, track.same = end_m, most_m or end_m, not (most_m or end_m)
     curve = np.array([0.0, track.most, end_m])
@@ -750,7 +750,7 @@ CURES = {
     "without:of-body": {"given": {"function": "resetBaseVelocity"}},
     "lifted": {},
 }
-"""What only a finding knows of a cure."""
+"""Parts of a cure that only a finding supplies."""
 MUJOCO_ONLY = {
     *("impratio", "noslip", "solref", "armature", "gravcomp", "ctrlrange", "forcerange"),
     *("exclude", "contype", "filterparent", "keyframe-ctrl", "set-const", "memory", "forward"),
@@ -801,7 +801,7 @@ def test_each_intervention_changes_a_call_of_a_script_or_is_another_engines(
 
 
 def parted(folder: Path, trials: dict[str, Program]) -> set[str]:
-    """Return the trials that change something, of all that part from a run of `script.py`."""
+    """Return the trials that change something, among trials branching from a run of `script.py`."""
     found = set()
     run = Program("script.py", (), sys.executable)
     with contextlib.chdir(folder), Path(os.devnull).open("wb") as null, ForkServer(run) as server:
@@ -827,7 +827,7 @@ def client() -> Iterator[int]:
 def intervened(
     client: int, each: Cure, body: Body, site: str | None = None
 ) -> tuple[Any, list[int]]:
-    """Return PyBullet with an intervention on a body, and what has fired."""
+    """Return PyBullet with an intervention on a body applied, and the log of applied operations."""
     run = INTERVENTIONS.applied(each, Scope([replace(body, client=client)], site=site))
     assert run is not None
     fired: list[int] = []
@@ -924,7 +924,7 @@ def test_a_gear_makes_a_finger_follow(client: int) -> None:
 
 
 def test_calls_about_bodies_are_made_otherwise(client: int) -> None:
-    """What a cure of one call asks for: left out, handed on, driven, repeated, carried."""
+    """Cures may leave out a call, pass it on, drive it, repeat it, or carry a body along."""
 
     def made(cure: Cure, site: str | None = None) -> tuple[Any, list[int], int]:
         p.resetSimulation(client)
@@ -965,7 +965,7 @@ def test_calls_about_bodies_are_made_otherwise(client: int) -> None:
 
 
 def test_calls_reach_the_link_that_they_name(client: int) -> None:
-    """A call that PyBullet takes for the base, and one by an index among joints that move."""
+    """PyBullet redirects one call to the base, and another to an index among movable joints."""
     apart, fired = intervened(
         client, Cure("right-link", given={"arguments": ["linearDamping"]}), ARM
     )

@@ -1,4 +1,4 @@
-"""`drop why --expect`: which single change of a script makes true what was expected of it."""
+"""`drop why --expect`: the single change to a script that makes its expectation true."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ main()
 
 
 def why(folder: Path, script: str, *options: str) -> tuple[int, dict[str, Any], str]:
-    """Return the exit code, the JSON and the messages of a search of a script."""
+    """Return exit code, JSON and messages of a search on a script."""
     folder.joinpath("script.py").write_text(script)
     script_of = [] if "-m" in options else ["script.py"]
     done = drop_here("why", "--json", "--budget", "600", *options, *script_of, folder=folder)
@@ -169,7 +169,7 @@ def test_what_was_asked_of_a_joint_is_expected_where_no_finding_has_a_trial(tmp_
 
 
 def row(kind: Any = "asked", **given: Any) -> AccountRow:
-    """Return a row of a joint that is 0.2 rad short of 0.5 rad at 2 s."""
+    """Return an account row of a joint that is 0.2 rad short of 0.5 rad at 2 s."""
     number = {"asked": 0.5, "got": 0.3, "gap": -0.2, "unit": "rad", "time_s": 2.0, "salience": 0.4}
     term = RowTerm(cause="joint damping", words="damping", value=-1.0, unit="N m", towards=False)
     named: Any = {"body": "0_arm", "joint": "elbow", "told": "0.5 rad", "terms": (term,)}

@@ -1,4 +1,4 @@
-"""Processes that work for us: what they import, when they end, what they answer."""
+"""Worker processes: their imports, their end, and their return values."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_a_worker_that_is_just_starting_does_not_hear_ctrl_c() -> None:
 
 
 def test_ctrl_c_ends_the_wait_for_an_answer_with_polars_too(tmp_path: Path) -> None:
-    """Once it is imported, a signal no longer ends a read: the handler runs after the answer."""
+    """With polars imported, a signal does not interrupt a read: its handler runs afterwards."""
     code = """
 import os, signal, threading, polars
 from drop_physics.errors import DropError
@@ -143,7 +143,7 @@ def test_where_nobody_says_which_processors_may_be_used_all_are_counted(
 def test_nothing_in_the_working_directory_is_imported(
     planted: Planted, tmp_path: Path, standard: Run, command: str
 ) -> None:
-    """What `record` runs is the script, with the modules of its folder."""
+    """`record` runs the script with the modules of the script's folder."""
     if "run.rrd" in command:
         shutil.copy(standard.simulation.recording, tmp_path / "here/run.rrd")
     (tmp_path / "elsewhere").mkdir()

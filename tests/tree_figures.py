@@ -1,4 +1,4 @@
-"""Print how well the tree's sum closes: `python tests/tree_figures.py`, for docs/validation.md.
+"""Print how well the sums of kinematic trees close, for docs/validation.md (a script).
 
 Per kind of scene of `test_tree_law`, over all robots: the largest remainder of a step over its
 largest term, and in brackets over the largest entry of a term alone (`Sum.largest` counts single
@@ -28,7 +28,7 @@ TESTS: dict[str, tuple[Callable[..., None], tuple[object, ...]]] = {
     "point to point": (scenes.test_any_robot_that_holds_a_cube_closes, (p.JOINT_POINT2POINT,)),
 }  # fmt: skip
 SMALL = 1e-6
-"""Terms below it [N s, N m s] are often the rounding of forces through the joints' axes."""
+"""Terms below this [N s, N m s] are often rounding errors of forces along the joints' axes."""
 
 
 def sums(test: Callable[..., None], *how: object) -> list[Sum]:
@@ -40,7 +40,7 @@ def sums(test: Callable[..., None], *how: object) -> list[Sum]:
 
 
 def remainders(found: Sum) -> tuple[float, float]:
-    """Return the largest remainder of a step over its largest term; over that of terms alone."""
+    """Return the largest remainder relative to a step's scale, and to its terms alone."""
     entries = np.max([np.abs(term).max(axis=1) for term in found.terms.values()], axis=0)
     large = entries > SMALL
     alone = np.abs(found.remainder).max(axis=1)[large] / entries[large]
@@ -48,7 +48,7 @@ def remainders(found: Sum) -> tuple[float, float]:
 
 
 def by_cause(file: str) -> Iterator[tuple[str, float]]:
-    """Yield the closure of energy and momentum over 1,000 steps, relative to the largest cause."""
+    """Yield how well energy and momentum close over 1,000 steps, relative to the largest cause."""
     with engine(floor=True):
         watched = scenes.robot(file, height_m=0.6)
         run([watched], 1000, scenes.driven(watched, "position"))

@@ -1,4 +1,4 @@
-"""Drive trees of links with bare PyBullet, and bring what it says into the form of the law."""
+"""Drive articulated bodies in bare PyBullet, and convert its reports for the integration rule."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MOVES = {p.JOINT_REVOLUTE: 1, p.JOINT_PRISMATIC: 1, p.JOINT_SPHERICAL: 3}
 
 @contextlib.contextmanager
 def engine(*, gravity_m_s2: Sequence[float] = (0, 0, -9.81), floor: bool = False) -> Iterator[int]:
-    """Connect to a fresh engine, which is the only one: PyBullet's client 0."""
+    """Connect to a new engine, which is the only one: PyBullet's client 0."""
     release_clients()
     client = p.connect(p.DIRECT)
     assert client == 0
@@ -42,11 +42,11 @@ def engine(*, gravity_m_s2: Sequence[float] = (0, 0, -9.81), floor: bool = False
 
 
 JOINTS: dict[int, Joint] = {0: "revolute", 1: "prismatic", 2: "spherical", 4: "fixed"}
-"""By `getJointInfo`'s jointType; planar joints (3) are not covered."""
+"""Joint types by `getJointInfo`'s jointType; planar joints (3) are not covered."""
 
 
 def load(file: str, *, at: Sequence[float] = (0, 0, 0), fixed: bool = False, **how: Any) -> int:
-    """Load the body with the most joints from a file of any kind that PyBullet reads."""
+    """Load the body with the most joints from a file in any format that PyBullet reads."""
     if file.endswith(".urdf"):
         return int(p.loadURDF(file, at, useFixedBase=fixed, **how))
     bodies = (p.loadMJCF if file.endswith(".xml") else p.loadSDF)(file)
@@ -57,12 +57,12 @@ def load(file: str, *, at: Sequence[float] = (0, 0, 0), fixed: bool = False, **h
 
 
 def is_fixed(body: int) -> bool:
-    """Whether PyBullet's base of this body never moves: it reports its mass as 0."""
+    """Whether a body's base is fixed: PyBullet reports its mass as 0."""
     return bool(p.getDynamicsInfo(body, -1)[0] == 0)
 
 
 def described(body: int, **damping: float) -> DampedTree:
-    """Return a body as PyBullet describes it."""
+    """Return a body's description from PyBullet's reports."""
     joints = [p.getJointInfo(body, joint) for joint in range(p.getNumJoints(body))]
     dynamics = [p.getDynamicsInfo(body, link) for link in range(-1, len(joints))]
     return replace(tree_of(joints, dynamics, fixed=is_fixed(body)), **damping)
@@ -71,7 +71,7 @@ def described(body: int, **damping: float) -> DampedTree:
 def tree_of(
     joints: Sequence[Sequence[Any]], dynamics: Sequence[Sequence[Any]], *, fixed: bool
 ) -> DampedTree:
-    """Return a body from `getJointInfo` of each joint and `getDynamicsInfo` of base and links.
+    """Return a kinematic tree from `getJointInfo` and `getDynamicsInfo` of base and links.
 
     With the joint damping and limits that `getJointInfo` reports, which `changeDynamics` does not
     change there.
@@ -113,13 +113,13 @@ def tree_of(
 
 
 def joints_of(body: int, *kinds: int) -> list[int]:
-    """Return the joints of these kinds, of all that move if none is named."""
+    """Return the joints of the given types; all movable joints if none is given."""
     wanted = kinds or tuple(MOVES)
     return [j for j in range(p.getNumJoints(body)) if p.getJointInfo(body, j)[2] in wanted]
 
 
 def motors_off(body: int) -> None:
-    """Turn off the motors that PyBullet gives to every joint."""
+    """Turn off PyBullet's default motors on every joint."""
     for joint in joints_of(body, p.JOINT_REVOLUTE, p.JOINT_PRISMATIC):
         p.setJointMotorControl2(body, joint, p.VELOCITY_CONTROL, force=0)
     for joint in joints_of(body, p.JOINT_SPHERICAL):
@@ -136,7 +136,7 @@ def motors_off(body: int) -> None:
 
 @dataclass
 class Watched:
-    """A body whose states, contacts and calls are kept, step by step."""
+    """A body whose states, contacts and calls are logged, step by step."""
 
     body: int
     law: DampedTree
@@ -144,14 +144,14 @@ class Watched:
     motors: list[list[float]] = field(default_factory=list)
     commanded: list[tuple[int, int, float]] = field(default_factory=list)
     pd: list[tuple[float, ...]] = field(default_factory=list)
-    """Step, joint, gains, target and its velocity, limit, and the joint's state then."""
+    """Step, joint, gains, target and its velocity, limit, and the joint's state at the command."""
     contacts: list[tuple[Any, ...]] = field(default_factory=list)
     pushed: list[tuple[Any, ...]] = field(default_factory=list)
     timesteps: list[float] = field(default_factory=list)
     gravity: list[tuple[float, ...]] = field(default_factory=list)
     coefficients: dict[tuple[int, int], bool] = field(default_factory=dict)
     fresh: bool = True
-    """Whether forward kinematics were asked for since the last step."""
+    """Whether forward kinematics was requested since the last step."""
 
     def __post_init__(self) -> None:
         self.look()
@@ -162,7 +162,7 @@ class Watched:
         return len(self.rows) - 1
 
     def look(self) -> None:
-        """Keep what PyBullet says now."""
+        """Log PyBullet's current state."""
         tree, positions, rates, efforts = self.law.tree, [], [], []
         for joint, kind in enumerate(tree.joints):
             if kind == "spherical":
@@ -182,7 +182,7 @@ class Watched:
         self.motors.append(efforts)
 
     def stepped(self) -> None:
-        """Keep what PyBullet says after a step."""
+        """Log PyBullet's reports after a step."""
         step = self.step
         settings = p.getPhysicsEngineParameters()
         self.timesteps.append(settings["fixedTimeStep"])
@@ -213,7 +213,7 @@ class Watched:
         *,
         torque: bool = False,
     ) -> None:
-        """Apply an external force, or a torque, and keep it."""
+        """Apply an external force or torque, and log it."""
         if torque:
             p.applyExternalTorque(self.body, link, force, frame)
         else:
@@ -235,7 +235,7 @@ class Watched:
         kd: float,
         limit: float,
     ) -> None:
-        """Command PD_CONTROL, and keep what decides what it gives in the next step."""
+        """Command PD_CONTROL, and log the values that determine its torque in the next step."""
         p.setJointMotorControl2(
             self.body,
             joint,
@@ -252,13 +252,13 @@ class Watched:
     # -- as the law takes it ----------------------------------------------------------------------
 
     def states(self, rows: slice = slice(None)) -> States:
-        """Return all states, or some."""
+        """Return the logged states, all or a slice."""
         x, o, q, u = (np.array([row[k] for row in self.rows[rows]], float) for k in range(4))
         count = len(self.rows[rows])
         return States(x, o, q.reshape(count, -1), u.reshape(count, -1))
 
     def where(self, link: int) -> np.ndarray:
-        """Return the position of a link's centre of mass, without asking PyBullet."""
+        """Return the position of a link's centre of mass, computed without PyBullet."""
         return kinematics(self.law.tree, self.states(slice(-1, None))).position_m(link)[-1]
 
     def kinematics(self) -> Kinematics:
@@ -266,7 +266,7 @@ class Watched:
         return kinematics(self.law.tree, self.states())
 
     def reported(self, **more: Any) -> Reported:
-        """Return the known facts of the steps."""
+        """Return the reported data of the steps."""
         n, tree = len(self.timesteps), self.law.tree
         commanded = np.array(self.commanded, float).reshape(-1, 3)
         pd = np.array(self.pd, float).reshape(-1, 9)
@@ -342,7 +342,7 @@ class Watched:
 def run(
     watched: Sequence[Watched], steps: int, act: Callable[[int], None] = lambda _: None
 ) -> None:
-    """Step the engine, each step after what `act` does."""
+    """Make steps, and call `act` before each."""
     for step in range(steps):
         act(step)
         p.stepSimulation()

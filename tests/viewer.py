@@ -1,4 +1,4 @@
-"""Open recordings in the real native Rerun viewer, without a screen, and look at what it shows.
+"""Open recordings in the real native Rerun viewer without a display, and check its images.
 
 The viewer draws with Mesa's software Vulkan driver and is driven over its own control service, on
 loopback, with a home folder of its own and analytics off.
@@ -28,18 +28,18 @@ from rerun.experimental import ViewerClient
 Picture = NDArray[np.int64]
 
 EXPECTED_WARNINGS = ("Software rasterizer detected", "inside a Docker container", "XDG_RUNTIME_DIR")
-"""What the viewer says of a machine without a screen, not of a recording."""
+"""Warnings that the viewer prints on a machine without a display, not about a recording."""
 
 BLANK = 0.002
-"""A picture of which a smaller share differs from its commonest colour shows nothing."""
+"""An image counts as blank if a smaller fraction than this differs from its commonest colour."""
 SAME = 8
-"""Largest difference of a colour channel between two pictures of the same thing."""
+"""Largest difference of a colour channel between two images of the same content."""
 PATIENCE_S = 60.0
-"""How long something may take on a machine that has much else to do."""
+"""Time limit on a machine under load [s]."""
 COLOURED = 20
-"""Fewest pixels of a colour that something has."""
+"""Least number of pixels by which a colour counts as present."""
 MOVED = 30
-"""Smallest largest difference of a colour channel where something has moved."""
+"""Least maximum difference of a colour channel by which a view counts as changed."""
 
 
 def vulkan_driver() -> Path | None:
@@ -48,7 +48,7 @@ def vulkan_driver() -> Path | None:
 
 
 def free_port() -> int:
-    """Return a port of loopback that nobody listens on."""
+    """Return a free port on loopback."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -56,7 +56,7 @@ def free_port() -> int:
 
 
 def isolated(home: Path) -> dict[str, str]:
-    """Return an environment in which Rerun knows nothing of this machine's user, nor counts him."""
+    """Return an environment without this user's Rerun settings, and without analytics."""
     settings = home / ".config/rerun"
     settings.mkdir(parents=True, exist_ok=True)
     environment = os.environ | {
@@ -74,7 +74,7 @@ def isolated(home: Path) -> dict[str, str]:
 
 
 class Viewer:
-    """A viewer without a screen, started with files as people do; use it in a `with` statement."""
+    """A viewer without a display, started with files as users do; use it in a `with` statement."""
 
     def __init__(self, *files: Path, size: str = "1200x750") -> None:
         self._home = tempfile.TemporaryDirectory()
@@ -154,7 +154,7 @@ class Viewer:
             time.sleep(0.1)
 
     def warnings(self) -> list[str]:
-        """Return the complaints of the viewer."""
+        """Return the viewer's warnings."""
         return [
             f"{entry.level}: {entry.message}"
             for entry in self.client.get_logs()
@@ -163,13 +163,13 @@ class Viewer:
         ]
 
     def set_time(self, time_s: float) -> None:
-        """Put the time cursor somewhere, and let it rest there."""
+        """Move the time cursor, and pause it there."""
         self.client.set_time("sim_time", duration=time_s, play_state="paused")
 
     # -- pictures ---------------------------------------------------------------------------------
 
     def view(self, name: str) -> Picture:
-        """Return a view as `picture` does, once the layout that names it is there.
+        """Return a view's image like `picture`, once the layout contains the view.
 
         Until then the viewer shows a layout of its own.
         """
@@ -183,7 +183,7 @@ class Viewer:
         raise AssertionError(f"no view is named {name}, but {names}")
 
     def shows(self, name: str, *colours: str) -> bool:
-        """Whether a view that is not blank has these colours, at the latest after a while."""
+        """Whether a view becomes non-blank with these colours within the time limit."""
         deadline = time.monotonic() + PATIENCE_S
         while True:
             picture = self.view(name)
@@ -194,11 +194,11 @@ class Viewer:
             time.sleep(0.2)
 
     def picture(self, view_id: str | None = None) -> Picture:
-        """Return the window or one view as RGB, shape (height, width, 3)."""
+        """Return the window or one view as an RGB array, shape (height, width, 3)."""
         return decoded(self.client.take_screenshot(view_id))
 
     def settled(self) -> bytes:
-        """Return a PNG of the window once two in a row are the same: chunks load when needed."""
+        """Return a PNG of the window once two in a row are equal: chunks load on demand."""
         deadline = time.monotonic() + PATIENCE_S
         png = self.client.take_screenshot()
         while time.monotonic() < deadline and not self.warnings():
@@ -211,30 +211,30 @@ class Viewer:
 
 
 def decoded(png: bytes) -> Picture:
-    """Return a PNG as RGB, shape (height, width, 3)."""
+    """Return a PNG as an RGB array, shape (height, width, 3)."""
     return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(np.int64)
 
 
 def is_blank(picture: Picture) -> bool:
-    """Whether a picture is one colour but for next to nothing."""
+    """Whether an image is one colour, apart from a negligible fraction."""
     colours = (picture // 8) @ (1 << 16, 1 << 8, 1)
     _, counts = np.unique(colours, return_counts=True)
     return bool(1 - counts.max() / counts.sum() < BLANK)
 
 
 class Look(NamedTuple):
-    """Requirements on the look of a view."""
+    """Requirements on a view's image."""
 
     moves: bool = False
-    """Whether it must change with time."""
+    """Whether the image must change with time."""
     colours: Collection[str] = ()
-    """Colours that must be seen in it, as `#rrggbb`."""
+    """Colours that the image must contain, as `#rrggbb`."""
     behind: bool = False
-    """Whether it is in a tab behind another."""
+    """Whether the view is in a tab behind another."""
 
 
 def has_colour(picture: Picture, colour: str) -> bool:
-    """Whether some pixels of a picture have a colour: a curve, or its dot in the legend."""
+    """Whether an image has enough pixels of a colour: a curve, or its dot in the legend."""
     rgb = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
     return int((np.abs(picture - rgb).max(axis=2) < SAME).sum()) > COLOURED
 
@@ -246,7 +246,7 @@ def complaints(
     times_s: Sequence[float] = (0.0, 0.3, 0.8),
     patience_s: float = PATIENCE_S,
 ) -> list[str]:
-    """Look at every view of the one recording that is open at some times; say what is wrong.
+    """Check every view of the open recording at several times; return the unmet requirements.
 
     Again and again, until nothing is or the patience ends: of several files the layout of one may
     be there before the others are, and chunks load when needed.

@@ -1,4 +1,4 @@
-"""Throw bodies about in PyBullet itself, and keep states and contact points: none of our code.
+"""Throw bodies in PyBullet directly, and log states and contact points, with none of our code.
 
 `random_throw` draws what hurts: offset centres, rods, heaps of shapes, fast spins, both modes.
 """
@@ -28,23 +28,23 @@ INERTIA = (0.004, 0.005, 0.006)
 
 @dataclass(frozen=True)
 class Watched:
-    """PyBullet's reports of a body before each step, and of the contacts of the step before."""
+    """PyBullet's reports of a body before each step, and of the preceding step's contacts."""
 
     position_m: np.ndarray
     orientation: np.ndarray
     velocity_m_s: np.ndarray
     spin_rad_s: np.ndarray
     points: list[tuple[int, Any]]
-    """Sample, and what `getContactPoints` says of a point of the step that led to it."""
+    """Sample, and a contact point of the step that led to it, as `getContactPoints` reports it."""
     mass_kg: float
     inertia_kg_m2: tuple[float, float, float]
     how: dict[str, Any]
     body: int
-    """Its number; the floor has the other one, 0 or 1."""
+    """The body's id; the floor has the other one, 0 or 1."""
 
 
 def random_throw(rng: random.Random, folder: Path, **fixed: Any) -> Watched:
-    """Return the record of a random body thrown at random."""
+    """Return the log of a random body thrown at random."""
     how: dict[str, Any] = {
         "body": rng.choice(list(BODIES)),
         "coordinates": rng.choice(MODES),
@@ -90,7 +90,7 @@ def thrown(
     floor_first: bool = True,
     before_step: Callable[[int, int, int], None] = lambda *_: None,
 ) -> Watched:
-    """Return the record of a thrown body; `before_step` is called with client, body and step."""
+    """Return the log of a thrown body; `before_step` is called with client, body and step."""
     told = {name: value for name, value in locals().items() if name != "folder"}
     client = p.connect(p.DIRECT)
     try:

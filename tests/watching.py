@@ -1,4 +1,4 @@
-"""Run scripts as `drop record` runs them, without the recorder: their output, and the events."""
+"""Run scripts as `drop record` does, without the recorder: return their output and events."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def recorded(name):
 
 
 def blocks(folder: Path, text: str) -> tuple[subprocess.CompletedProcess[str], list[Recorded]]:
-    """Run a script that sends blocks to the files `0`, `1` …, and return what they hold."""
+    """Run a script that records blocks to the files `0`, `1` …, and return the events in each."""
     folder.joinpath("recorded.py").write_text(RECORDED)
     done, found = bare(folder, "from recorded import recorded\n" + text), []
     for number in range(9):
@@ -76,7 +76,7 @@ def blocks(folder: Path, text: str) -> tuple[subprocess.CompletedProcess[str], l
 
 
 class Recorded(NamedTuple):
-    """The events sent by a block."""
+    """The events sent within a `with` block, and their decoder."""
 
     events: list[Event]
     decoder: Decoder

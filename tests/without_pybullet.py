@@ -1,4 +1,4 @@
-"""Which tests need PyBullet: where it is not installed they are left out, and the rest must pass.
+"""Select tests without PyBullet: those that need it are left out where it is not installed.
 
 A test needs it if it is marked `pybullet`, takes a fixture that drops the box in PyBullet, or is in
 a module that imports it, itself or through others of ours. This is part of `conftest`.
@@ -16,24 +16,24 @@ import pytest
 
 TESTS = Path(__file__).parent
 FOLDERS = TESTS, TESTS.parent / "docs", Path(drop_physics.__file__).parents[1]
-"""Where our modules are: of tests, of documents, of the package."""
+"""Folders of our modules: of tests, documents, and the package."""
 THEIRS = {"pybullet", "pybullet_data", "drop_physics.engines.pybullet.engine"}
-"""What cannot be imported without it."""
+"""Modules that cannot be imported without PyBullet."""
 FIXTURES = {"standard"}
-"""Fixtures that need it."""
+"""Fixtures that need PyBullet."""
 IS_HERE = find_spec("pybullet") is not None
 
 
 @cache
 def _file_of(name: str) -> Path | None:
-    """Return the file of a module of ours."""
+    """Return the file of one of our modules."""
     files = (folder / f"{name.replace('.', '/')}.py" for folder in FOLDERS)
     return next((file for file in files if file.is_file()), None)
 
 
 @cache
 def imported(module: Path) -> frozenset[str]:
-    """Return the names that a module imports when it is imported."""
+    """Return the modules that a module imports at its own import."""
     names = set[str]()
     for node in ast.parse(module.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.Import):
@@ -45,7 +45,7 @@ def imported(module: Path) -> frozenset[str]:
 
 @cache
 def imports_pybullet(module: Path) -> bool:
-    """Return whether a module imports PyBullet, itself or through others of ours."""
+    """Return whether a module imports PyBullet, directly or through our other modules."""
     known, left = {module}, [module]
     while left:
         names = imported(left.pop())
@@ -58,13 +58,13 @@ def imports_pybullet(module: Path) -> bool:
 
 
 def pytest_ignore_collect(collection_path: Path) -> bool | None:
-    """Pass over modules that cannot be imported without it."""
+    """Ignore test modules that cannot be imported without PyBullet."""
     is_module = collection_path.suffix == ".py"
     return True if is_module and not IS_HERE and imports_pybullet(collection_path) else None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out tests that need it where it is not."""
+    """Deselect tests that need PyBullet if it is not installed."""
     if not IS_HERE:
         needing = {item for item in items if _needs(item)}
         config.hook.pytest_deselected(items=[*needing])

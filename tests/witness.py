@@ -1,4 +1,4 @@
-"""An interpreter for `drop record --python`, which also tells where every simulation ended.
+"""An interpreter for `drop record --python` that also reports every simulation's final state.
 
 `WITNESS` names the file that it tells it to. With `WITNESS_BLIND=1` the recorder's half in the
 script's process reads nothing of the engine but its timestep, so that what reading does to a
@@ -20,7 +20,7 @@ FOLDER = Path(__file__).resolve().parent
 
 
 def interpreter(folder: Path) -> Path:
-    """Write a program that stands for this interpreter into a folder, and return its path."""
+    """Write a wrapper program for this interpreter into a folder, and return its path."""
     path = folder / "python-witness"
     path.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{FOLDER / "witness.py"}" "$@"\n')
     path.chmod(0o755)
@@ -28,7 +28,7 @@ def interpreter(folder: Path) -> Path:
 
 
 def _numbers(p: Any, client: int) -> list[float]:
-    """Return every position and velocity that the engine reports."""
+    """Return all positions and velocities that the engine reports."""
     values: list[Any] = []
     for index in range(p.getNumBodies(client)):
         body = p.getBodyUniqueId(index, client)
@@ -99,7 +99,7 @@ def _install(handlers: Any, worlds: Any, witness: _Witness, *, blind: bool) -> N
 
 
 def main() -> None:
-    """Do what `python WATCHING MODULE …` does."""
+    """Emulate `python WATCHING MODULE …`, and report the simulations' final states."""
     del sys.path[0], sys.argv[0]
     path = Path(sys.argv[0], "__main__.py")
     spec = importlib.util.spec_from_file_location("_drop_watching_main", path)

@@ -1,4 +1,4 @@
-"""Write the command-line reference: what every `--help` prints."""
+"""Write the command-line reference: the output of every `--help`."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ where a Japanese font is installed; help and JSON stay English.
 WIDTH = 90
 SHARING = ("run", "sweep")
 SHARED = re.compile(r"^(?:Scenario|Camera)\b.*?\n\n", re.MULTILINE | re.DOTALL)
-"""Sections that stand once, under `drop simulate`."""
+"""Sections that are printed once only, under `drop simulate`."""
 OF_ALL = re.compile(r"^  (?:-h, --help|--json|--force) .*\n", re.MULTILINE)
-"""Options that stand once, in the page's head."""
+"""Options that are described once only, at the top of the page."""
 
 
 def made() -> dict[str, str]:
-    """Return the page."""
+    """Return the generated page."""
     names = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     # A script has no help of ours: all that stands after it is its own.
     sections = [_section("drop"), *(_section("drop", name) for name in names if name != SCRIPT)]

@@ -1,4 +1,4 @@
-"""Write JSON Schemas of what `--json` prints, from the types printed.
+"""Write JSON Schemas for the output of `--json`, from the types of the printed objects.
 
 A schema describes every key. The required ones are those of the contract, which are stable; more
 may be added.
@@ -79,7 +79,7 @@ SCALARS: dict[Any, Schema] = {
     str: {"type": "string"},
 }
 COLUMNS: dict[Any, Any] = {pl.Boolean: bool, pl.Float64: float, pl.Int64: int, pl.String: str}
-"""Types of a column's values in JSON; the others are vectors."""
+"""JSON types of a column's values, by column type; all other columns are vectors."""
 CONTRACT: dict[type, set[str]] = {
     Airborne: {"samples", "max_abs_error_m", "rms_error_m", "max_abs_rounding_m"},
     Conservation: {
@@ -140,7 +140,7 @@ CONTRACT: dict[type, set[str]] = {
     },
     Touch: {"with", *(field.name for field in fields(Touch) if field.name != "other")},
 }  # fmt: skip
-"""Stable keys by type; `COMMANDS` has those of a whole command."""
+"""Stable keys by type; `COMMANDS` has the stable keys of each command's whole output."""
 
 
 class Object(NamedTuple):
@@ -150,7 +150,7 @@ class Object(NamedTuple):
     descriptions: Mapping[str, str] = {}
     required: frozenset[str] = frozenset()
     more: str = ""
-    """What its other keys are, whose names are not known beforehand."""
+    """Description of its further keys, whose names are not known beforehand."""
 
 
 TRIAL_KEYS: dict[str, Any] = {
@@ -214,7 +214,7 @@ TRIED = Object(
 
 
 def _object(kind: Any, required: set[str] | None = None, /, **instead: Any) -> Object:  # noqa: ANN401
-    """Return a dataclass as printed; `instead` has other types of keys, None to leave one out."""
+    """Return a dataclass as printed; `instead` overrides the types of keys, None omits a key."""
     if kind is answer.Finding:
         instead = {"verdict": Verdict | None, "tried": [TRIED]} | instead
     printed = [field.name for field in fields(kind) if field.metadata.get("json", True)]
@@ -818,11 +818,11 @@ TITLES = {
     "script": "drop, of a script",
     "sweep_script": "drop sweep, of a script",
 }
-"""Titles that differ from the command's."""
+"""Titles that differ from the command's name."""
 
 
 def made() -> dict[str, str]:
-    """Return the schemas, by the names of their files."""
+    """Return the schemas by file name."""
     return {
         f"schemas/{name}.json": _text(
             {
@@ -843,7 +843,7 @@ def _text(schema: Schema) -> str:
 
 
 def _schema(hint: Any) -> Schema:  # noqa: ANN401
-    """Return the schema of a type, of a list that holds an example, or of an example or null."""
+    """Return the JSON Schema for a type, for a list given by an example, or for a nullable."""
     arguments = get_args(hint)
     if is_dataclass(hint):
         hint = _object(hint)

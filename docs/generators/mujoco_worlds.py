@@ -1,4 +1,4 @@
-"""Record and analyze the environments that others ship, and make their table of docs/validation.md.
+"""Record and analyze environments from other packages, and make their table of docs/validation.md.
 
     python docs/generators/mujoco_worlds.py --python PYTHON gymnasium dm_control
     python docs/generators/mujoco_worlds.py --python PYTHON robosuite --only Lift
@@ -30,9 +30,9 @@ from drop_physics.stages.record import record_script
 
 ROWS = Path(__file__).with_suffix(".jsonl")
 STEPS = 250
-"""Least number of steps of MuJoCo with each kind of actions."""
+"""Least number of MuJoCo steps with each kind of actions."""
 GRAVE = "broken", "asked"
-"""Levels of findings that a world with nothing to complain of should not have."""
+"""Severity levels that findings about a faultless world must not have."""
 
 BEGIN = """
 import hashlib, os, random, sys, warnings
@@ -50,7 +50,7 @@ def actions(low, high, steps):
     for share in (0.0, 1.0):
         yield [share * rng.uniform(low, high) for _ in range(steps)]
 """
-"""What the scripts of all suites begin with."""
+"""Code at the beginning of every suite's scripts."""
 SUITES = {
     "gymnasium": """
 import gymnasium
@@ -97,7 +97,7 @@ for given in actions(*env.action_spec, round({steps} * env.model_timestep * env.
     end(env.sim.data._data)
 """,
 }
-"""Per suite, a script of one of its environments."""
+"""A script for each suite that runs one of its environments."""
 LISTS = {
     "gymnasium": """
 import gymnasium
@@ -120,36 +120,36 @@ import robosuite
 print(*sorted(robosuite.ALL_ENVIRONMENTS))
 """,
 }
-"""Per suite, what prints the names of its environments as the last line."""
+"""Code for each suite that prints the names of its environments as the last line."""
 
 
 @dataclass(frozen=True)
 class WorldRow:
-    """What came of an environment."""
+    """The result for one environment."""
 
     suite: str
     name: str
     mujoco: str
-    """The version that stepped it."""
+    """The MuJoCo version that ran the steps."""
     date: str
     steps: int
     replayed: int
-    """The steps that led to the recorded state again, to the last bit."""
+    """Number of steps whose replay reproduced the recorded state bit for bit."""
     explained: int
-    """Those of them whose named impulses close the sum."""
+    """Number of replayed steps whose named impulses add up to the change of momentum."""
     remainder: float
-    """What these leave of it at most, over the largest impulse."""
+    """The largest unexplained remainder, relative to the largest impulse."""
     bytes_per_step: float
     is_same: bool
-    """Whether it ends in the same states without drop, to the last bit."""
+    """Whether the final states are bitwise the same without drop."""
     grave: tuple[str, ...]
-    """Findings that are `broken` or `asked`: their codes and sentences."""
+    """Findings of level `broken` or `asked`: their codes and sentences."""
     others: tuple[str, ...]
     """All other findings."""
 
 
 def tried(suite: str, name: str, python: str) -> WorldRow:
-    """Run an environment with and without drop, and return what came of it."""
+    """Run an environment with and without drop, and return the result."""
     with tempfile.TemporaryDirectory() as folder:
         script, printed = Path(folder, "world.py"), Path(folder, "printed.txt")
         script.write_text(
@@ -190,13 +190,13 @@ def _last_line(command: Sequence[str]) -> str:
 
 
 def known() -> list[WorldRow]:
-    """Return the rows that are kept."""
+    """Return the stored rows."""
     lines = ROWS.read_text(encoding="utf-8").splitlines() if ROWS.exists() else []
     return [WorldRow(**json.loads(line)) for line in lines]
 
 
 def rows() -> str:
-    """Return the table of what is kept, a line per suite and version."""
+    """Return the stored results as a table, with a line per suite and version."""
     groups: dict[tuple[str, str], list[WorldRow]] = {}
     for row in known():
         groups.setdefault((row.suite, row.mujoco), []).append(row)
@@ -223,7 +223,7 @@ def rows() -> str:
 
 
 def main() -> None:
-    """Try environments, one after the other."""
+    """Test environments, one after the other."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("suites", nargs="+", choices=[*SUITES])
     parser.add_argument("--python", required=True)

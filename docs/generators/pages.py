@@ -1,4 +1,4 @@
-"""Play the pages: run their commands, and fill in the output and the pictures.
+"""Update the pages: run their commands, and insert the output and the images.
 
 Each page is played from top to bottom, in its own folder, which is otherwise like a clone. The kind
 of a block says how:
@@ -41,7 +41,7 @@ DOCS = ROOT / "docs"
 WALKTHROUGH = DOCS / "walkthrough.md"
 PIPELINE = DOCS / "pipeline.md"
 DRAWN = (WALKTHROUGH, PIPELINE)
-"""Pages whose pictures their own commands draw."""
+"""Pages whose images are drawn by their own commands."""
 REFERENCES = {"commands.md", "recording.md"}
 """Pages that the other generators write from the code."""
 CUT = "…"
@@ -66,28 +66,28 @@ for _ in range(240):
 _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _PICTURE = re.compile(r"(?:(?<=\]\()|(?<=srcset=\")|(?<=src=\"))images/[^)\"]+")
 _VARIES = re.compile(r"[\d.,]+ [kM]B(?:, |、)[\d.]+ s$| +[\d.]+ µs$")
-"""Size of a recording and time to make it; time per step of an engine."""
+"""Output that varies by run: size of a recording and time to make it; time per engine step."""
 
 
 class PageError(Exception):
-    """Something on a page does not work."""
+    """A command on a page does not work."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """A block of a page."""
+    """A code block of a page."""
 
     kind: str
     text: str
 
     @property
     def quotes(self) -> bool:
-        """Whether it shows output."""
+        """Whether the block shows output."""
         return self.kind in ("console", "text")
 
 
 def pages() -> list[Path]:
-    """Return all pages but translations and references."""
+    """Return all pages except translations and references."""
     paths = [path for folder in (ROOT, DOCS, ROOT / "recordings") for path in folder.glob("*.md")]
     return sorted(path for path in paths if path.name not in REFERENCES and ".ja." not in path.name)
 
@@ -98,24 +98,24 @@ def translations(page: Path) -> list[Path]:
 
 
 def blocks(text: str) -> list[Block]:
-    """Return the blocks in a page's text."""
+    """Return the code blocks in a page's text."""
     return [Block(*groups) for groups in _BLOCK.findall(text)]
 
 
 def typed(block: Block) -> str:
-    """Return what a block says to type, without what it quotes."""
+    """Return the input that a block tells readers to type, without the output that it shows."""
     if block.kind == "console":
         return "".join(f"{command}\n" for command, _ in _typed(block.text))
     return "" if block.quotes else block.text
 
 
 def pictures(text: str) -> list[str]:
-    """Return the pictures in a page's text, relative to it."""
+    """Return the paths of the images in a page's text, relative to the page."""
     return _PICTURE.findall(text)
 
 
 def played(page: Path) -> dict[Path, bytes]:
-    """Return a page, its translations and its pictures, with the program's current output.
+    """Return a page, its translations and its images, updated with the program's current output.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def played(page: Path) -> dict[Path, bytes]:
 
 @contextmanager
 def _clone() -> Iterator[Path]:
-    """Yield a temporary folder with what the pages' commands expect in a clone."""
+    """Yield a temporary folder with the files that the pages' commands expect in a clone."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         shutil.copytree(ROOT / "recordings/golden", folder / "recordings/golden")
@@ -145,7 +145,7 @@ def _clone() -> Iterator[Path]:
 
 
 def _filled(text: str, quoted: list[str]) -> str:
-    """Return a page's text with the current output."""
+    """Return a page's text with its output blocks replaced by the current output."""
     following = iter(quoted)
 
     def fill(match: re.Match[str]) -> str:
@@ -164,7 +164,7 @@ def _found(folder: Path, name: str) -> Path:
 
 
 def _quoted(versions: dict[Path, list[Block]], folder: Path) -> dict[Path, list[str]]:
-    """Run the blocks of a page, and return the current text of those that quote output.
+    """Run the blocks of a page, and return the current text of those that show output.
 
     All versions, the page itself last, type the same. What nobody quotes is run once; the rest in
     each language, and each time in the same folder as it was before.
@@ -189,7 +189,7 @@ def _quoted(versions: dict[Path, list[Block]], folder: Path) -> dict[Path, list[
 
 @contextmanager
 def _kept(folder: Path, *, keep: bool) -> Iterator[None]:
-    """Put a folder back as it was, if it is to be kept."""
+    """Restore a folder's contents afterwards, if `keep` is set."""
     if not keep:
         yield
         return
@@ -201,7 +201,7 @@ def _kept(folder: Path, *, keep: bool) -> Iterator[None]:
 
 
 def _run(block: Block, folder: Path, printed: list[str]) -> tuple[list[str], list[str]]:
-    """Run a block, and return the lines that it quotes, and what the last command printed."""
+    """Run a block; return the output lines to show, and the last command's whole output."""
     lines: list[str] = []
     match block.kind:
         case "sh":
@@ -225,7 +225,7 @@ def _run(block: Block, folder: Path, printed: list[str]) -> tuple[list[str], lis
 
 
 def commands(text: str) -> list[str]:
-    """Return the commands of a block: a script, or lines that belong together, are one command."""
+    """Split a block into commands: a script, or lines that belong together, are one command."""
     if text.startswith("#!"):
         return [text]
     joined = [""]
@@ -238,7 +238,7 @@ def commands(text: str) -> list[str]:
 
 
 def _typed(text: str) -> Iterator[tuple[str, list[str]]]:
-    """Yield the commands after `$ `, each with its output as shown."""
+    """Yield the commands after `$ `, each with the output shown for it."""
     for part in re.split(r"^\$ ", text, flags=re.MULTILINE)[1:]:
         lines = part.splitlines()
         end = next(number for number, line in enumerate(lines) if not line.endswith("\\")) + 1
@@ -246,7 +246,7 @@ def _typed(text: str) -> Iterator[tuple[str, list[str]]]:
 
 
 def _lines(command: str, folder: Path, *, exactly: bool = False) -> list[str]:
-    """Return the output of a command, in lines.
+    """Return a command's output, split into lines.
 
     Exit code 3 is an answer: an expectation does not hold, two runs differ. Its output is quoted.
     """
@@ -260,7 +260,7 @@ def _lines(command: str, folder: Path, *, exactly: bool = False) -> list[str]:
 
 
 def cut_alike(shown: list[str], printed: list[str]) -> list[str]:
-    """Return output, cut where it was cut before."""
+    """Return the printed output, abridged at the same points as the output that a page shows."""
     first, *others = _pieces(shown)
     kept = _refreshed(first, printed[: len(first)] if others else printed)
     at = len(first)
@@ -283,7 +283,7 @@ def _pieces(shown: list[str]) -> list[list[str]]:
 
 
 def _most_alike(piece: list[str], printed: list[str], begin: int) -> int:
-    """Return where a piece is after some line; its numbers may have changed."""
+    """Return the index at which an excerpt matches the output best, as numbers may have changed."""
 
     def likeness(start: int) -> float:
         pairs = zip(piece, printed[start:], strict=False)
@@ -293,6 +293,6 @@ def _most_alike(piece: list[str], printed: list[str], begin: int) -> int:
 
 
 def _refreshed(shown: list[str], printed: list[str]) -> list[str]:
-    """Return output, but keep a shown line if it differs only in what varies by run."""
+    """Return the printed output, but keep shown lines that differ only in values varying by run."""
     known = {_VARIES.sub("", line): line for line in shown}
     return [known.get(_VARIES.sub("", line), line) for line in printed]

@@ -1,4 +1,4 @@
-"""The simple pendulum of the IFToMM multibody benchmark (A01), by PyBullet and exactly.
+"""The simple pendulum of the IFToMM multibody benchmark (A01): PyBullet's against exact motion.
 
 A point mass of 1 kg on a massless rod of 1 m, released level, at rest, with 9.81 m/s²: problem A01
 of González, Dopico, Lugrís and Cuadrado, *A benchmarking system for MBS simulation software*,
@@ -31,7 +31,7 @@ Float64 = NDArray[np.float64]
 G, DURATION_S = 9.81, 10.0
 RATES_HZ = (240, 1000, 4000)
 DAMPING = float(np.float32(0.04))
-"""PyBullet's default."""
+"""PyBullet's default damping."""
 URDF = """<robot name="pendulum">
 <link name="base"><inertial><mass value="0"/>
 <inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -39,29 +39,30 @@ URDF = """<robot name="pendulum">
 <inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="pin" type="continuous"><parent link="base"/><child link="mass"/>
 <axis xyz="0 1 0"/></joint></robot>"""
-"""At 0 the rod is level, towards +x; a positive angle is below."""
+"""The rod is level towards +x at angle 0; positive angles are below the horizontal."""
 
 
 @dataclass(frozen=True)
 class Error:
-    """PyBullet's error over 10 s with one timestep, where it is largest."""
+    """PyBullet's largest error over 10 s with one timestep."""
 
     rate_hz: int
     damping: float
     largest_m: float
     time_s: float
     terms_m: dict[str, float]
-    """By cause, each along the direction of the error there: they add up to it."""
+    """Contributions by cause, each projected on the direction of the error; they add up to the
+    error."""
 
 
 @cache
 def errors(damping: float) -> list[Error]:
-    """Return the error with each timestep."""
+    """Return the error for each timestep."""
     return [error_of(rate_hz, damping) for rate_hz in RATES_HZ]
 
 
 def observed_orders(found: list[Error]) -> list[float]:
-    """Return the observed order of accuracy between one timestep and the next."""
+    """Return the observed orders of accuracy between successive timesteps."""
     return [
         math.log(coarse.largest_m / fine.largest_m) / math.log(fine.rate_hz / coarse.rate_hz)
         for coarse, fine in pairwise(found)
@@ -69,7 +70,7 @@ def observed_orders(found: list[Error]) -> list[float]:
 
 
 def error_of(rate_hz: int, damping: float) -> Error:
-    """Return PyBullet's error with one timestep, split."""
+    """Return PyBullet's error with one timestep, split by cause."""
     times = np.arange(round(DURATION_S * rate_hz) + 1) / rate_hz
     true = place(exact(times))
     simulated = place(by_pybullet(rate_hz, damping))
@@ -94,7 +95,7 @@ def error_of(rate_hz: int, damping: float) -> Error:
 
 
 def place(angle: Float64) -> Float64:
-    """Return where the mass is [m], shape (n, 2)."""
+    """Return the position of the mass for each angle [m], shape (n, 2)."""
     return np.stack((np.cos(angle), -np.sin(angle)), axis=1)
 
 
@@ -125,7 +126,7 @@ def damped(times_s: Float64, damping: float) -> Float64:
 
 
 def by_law(rate_hz: int, damping: float) -> Float64:
-    """Return the angle by the discrete law: semi-implicit Euler, the damping explicit."""
+    """Return the angle by the discrete formula: semi-implicit Euler, with explicit damping."""
     dt, q, u = 1 / rate_hz, 0.0, 0.0
     angles = [q]
     for _ in range(round(DURATION_S * rate_hz)):

@@ -1,4 +1,4 @@
-"""Compare the pictures of a page with those that its commands draw."""
+"""Compare the images of a page with those that its commands draw."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from PIL import Image, ImageSequence
 
 TILE_PX = 32
 ALIKE = 12.0
-"""Pictures are compared by the mean grey of square tiles, of 255. Another font changes it by
-less, a bounce that is a tenth lower by 20."""
+"""Tolerance on the mean grey level of square tiles, out of 255. Another font changes the mean by
+less, a bounce that is a tenth lower changes it by 20."""
 
 
 def small(path: Path) -> bytes:
-    """Return a picture as a small file; a gif is already small."""
+    """Compress an image file; a GIF is already small."""
     if path.suffix != ".png":
         return path.read_bytes()
     stream = io.BytesIO()
@@ -26,7 +26,7 @@ def small(path: Path) -> bytes:
 
 
 def alike(picture: bytes, other: bytes) -> bool:
-    """Whether two pictures look the same."""
+    """Whether two images look the same."""
     mine, theirs = _tiles(picture), _tiles(other)
     return mine.shape == theirs.shape and bool((np.abs(mine - theirs) <= ALIKE).all())
 

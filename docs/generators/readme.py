@@ -1,4 +1,4 @@
-"""Draw the README's pictures, for light and dark pages, and one of the viewer.
+"""Draw the README's images for light and dark themes, and a screenshot of the viewer.
 
 The README's commands draw them; the dark ones add `--dark`, which no page shows.
 """
@@ -24,20 +24,20 @@ FILM = (
     "drop simulate --out film.rrd --capture-every 8 --size 400x300",
     "drop render film.rrd --camera standard --with-plot --speed 0.25",
 )
-"""The README's commands for its first picture."""
+"""Commands for the README's first image."""
 ARM = (
     "drop record docs/examples/arm.py",
     "drop render recordings/arm.rrd --with-plot --speed 1 --fps 10 --out arm.gif",
     "drop render recordings/arm.rrd --with-plot --speed 1 --fps 10 --out arm-dark.gif --dark",
 )
-"""Those for the picture of a robot."""
+"""Commands for the image of a robot."""
 HEAP = (
     "drop record docs/examples/heap.py",
     "drop render recordings/heap.rrd --out heap.gif",
     "drop trust --vary nudge --plot heap-trust.png docs/examples/heap.py",
     "drop trust --vary nudge --plot heap-trust-dark.png --dark --force docs/examples/heap.py",
 )
-"""Those for the pictures of a script."""
+"""Commands for the images of a script."""
 COMMANDS = (
     *ARM,
     *HEAP,
@@ -78,17 +78,18 @@ FAILS = (
     "sed -i 's/0.5]/0.51]/' test_pick.py",
     "unset CI; python -m pytest -q --basetemp=new || true",
 )
-"""What the picture of a test that fails shows the last one of: in CI, pytest's lines are longer."""
+"""Commands whose last one is shown in the image of a failing test; pytest's lines are longer in
+CI."""
 LETTERS_PX, MARGIN_PX = 15, 18
 VIEWER = IMAGES / "viewer.png"
 TITLE_BAR_PX = 38
-"""Left out: it shows details of the machine, which has no display."""
+"""Height of the title bar, which is cropped: it shows details of the machine."""
 AT_S = 0.3
-"""Time of `drop view`'s cursor."""
+"""Time of `drop view`'s cursor [s]."""
 
 
 def made() -> dict[Path, bytes]:
-    """Return the pictures as drawn now, except that of the viewer.
+    """Return the current images, except the screenshot of the viewer.
 
     Raises
     ------
@@ -105,7 +106,7 @@ def made() -> dict[Path, bytes]:
 
 
 def _terminal(printed: str, path: Path) -> None:
-    """Draw what a terminal shows."""
+    """Draw printed output as a terminal window."""
     lines = [part for line in printed.splitlines() for part in textwrap.wrap(line, 80) or [""]]
     font = ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSansMono.ttf", LETTERS_PX)
     size = round(80 * font.getlength("x")), round(1.4 * LETTERS_PX * len(lines))
@@ -118,7 +119,7 @@ def _terminal(printed: str, path: Path) -> None:
 
 
 def viewer_picture() -> dict[Path, bytes]:
-    """Return the picture of the viewer; it needs Mesa's Vulkan driver, and differs by machine.
+    """Return a screenshot of the viewer; needs Mesa's Vulkan driver, and differs by machine.
 
     Raises
     ------
@@ -140,7 +141,7 @@ def viewer_picture() -> dict[Path, bytes]:
 
 
 def _type(commands: tuple[str, ...] | list[str], folder: Path) -> str:
-    """Run commands, and return what the last one prints."""
+    """Run commands, and return the last one's output."""
     printed = ""
     for command in commands:
         code, printed = run_command(command, folder)

@@ -1,4 +1,4 @@
-"""Write the reference of recordings, from one made for it."""
+"""Write the reference of the recording format, from a recording made for the purpose."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ UNITS = {
     "j": "J", "kg": "kg", "px": "px", "deg": "°",
 }  # fmt: skip
 TYPES = {"double": "float64", "float": "float32"}
-"""Arrow's name -> numpy's."""
+"""Arrow's type name -> numpy's."""
 
 MEASURED = {
     "state": {
@@ -113,7 +113,7 @@ SAMPLED = {
     f"{schema.LOG}": "the first calls of each site as text",
     "camera/N/image": "what `getCameraImage` returned",
 }
-"""Of what a recording with joints, constraints or a script holds besides."""
+"""Further entities of a recording that has joints, constraints or a script."""
 
 TABLE_SAYS = {
     "step": "number of the sample",
@@ -134,7 +134,7 @@ TABLE_SAYS = {
     "potential_j": "energy of the height above z = 0",
     "energy_j": "their sum",
 }
-"""The columns of the table that `analyze` makes, a row per sample."""
+"""Descriptions of the columns in `analyze`'s table, which has a row per sample."""
 LAYER = {
     "error_m": f"{schema.ERROR}/total",
     **{f"{term}_m": f"{schema.ERROR}/{term}" for term in TERMS},
@@ -143,7 +143,7 @@ LAYER = {
     "potential_j": f"{schema.ENERGY}/potential",
     "energy_j": f"{schema.ENERGY}/total",
 }
-"""Column of that table -> its curve in the layer."""
+"""Column of `analyze`'s table -> its curve in the layer."""
 
 _HEAD = f"""# What is in a recording
 
@@ -226,7 +226,7 @@ Many recordings at once are queried by Rerun's own [catalog](https://rerun.io/do
 
 @dataclass
 class Entity:
-    """What the chunks of one entity hold together."""
+    """The combined contents of all chunks of one entity."""
 
     timed: bool = False
     types: dict[str, str] = field(default_factory=dict)
@@ -236,7 +236,7 @@ class Entity:
 
 
 def made() -> dict[str, str]:
-    """Return the page."""
+    """Return the generated page."""
     with tempfile.TemporaryDirectory() as name:
         path = Path(name, "recordings/run.rrd")
         simulate(Scenario(), path, camera=Camera(capture_every=120, size_px=(32, 24)))
@@ -262,7 +262,7 @@ def made() -> dict[str, str]:
 
 
 def _rest() -> str:
-    """Return what a recording holds besides states and contacts."""
+    """Return a description of a recording's contents other than states and contacts."""
     sampled = _rows(["entity", "meaning"], ([f"`{k}`", v] for k, v in SAMPLED.items()))
     told = _rows(["entity", "a row when"], ([f"`{k}`", v] for k, v in HAPPENED.items()))
     return (
@@ -336,7 +336,7 @@ def _table(table: pl.DataFrame) -> str:
 
 
 def _unit(name: str) -> str | None:
-    """Return the unit that a name ends in."""
+    """Return the unit given by a name's suffix."""
     for suffix, unit in UNITS.items():
         if name.endswith(f"_{suffix}"):
             return unit

@@ -1,4 +1,4 @@
-"""The tables of `json.md` on the site: a row for each key of a schema, and one for each code."""
+"""The tables of `json.md` on the site: a row per key of each schema, and a row per finding code."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 LINK = re.compile(r"^Schema: \[(\w+)\.json\]\(.*\)$", re.MULTILINE)
-"""The line of the page below which the table of a schema goes."""
+"""A line of the page that a schema's table is inserted below."""
 CODES = "`drop explain --list` prints them.\n"
-"""The line of the page below which the table of codes goes."""
+"""The line of the page that the table of codes is inserted below."""
 
 
 def filled(page: str, schemas: Path) -> str:
-    """Return the page with a table below each link to a schema, and one of all codes."""
+    """Return the page with a table below each link to a schema, and a table of all codes."""
     from drop_physics.rules.reference import references
 
     def with_table(link: re.Match[str]) -> str:
@@ -32,7 +32,7 @@ def filled(page: str, schemas: Path) -> str:
 
 
 def _rows(schema: dict[str, Any], before: str = "") -> Iterator[str]:
-    """Yield a row for each key, followed by the keys of the objects in it."""
+    """Yield a table row for each key of an object, followed by the keys of nested objects."""
     for name, value in schema["properties"].items():
         path = f"{before}{name}"
         inner, words, mark = value, _words(value), "•" if name in schema.get("required", ()) else ""

@@ -1,4 +1,4 @@
-"""Bring the Japanese messages up to what the code says.
+"""Update the Japanese message catalogue from the messages in the code.
 
 The translations in `drop.po` are written by hand. What waits for one is shown in English.
 """
@@ -37,11 +37,11 @@ TEMPLATES = dict.fromkeys(
     ),
     0,
 ) | {"counted": 1}
-"""What takes a template, and which of its arguments that is; the first where none is named."""
+"""Functions that take a template, and the index of that argument; the first if none is given."""
 
 
 class Translations(Catalog):
-    """Japanese messages, whose head says neither when nor with what they were written."""
+    """Japanese messages; the file's header has neither a date nor a generator."""
 
     mime_headers: ClassVar[list[tuple[str, str]]] = [  # type: ignore[misc]
         ("Language", "ja"),
@@ -56,7 +56,7 @@ class Translations(Catalog):
 
 
 def templates() -> Iterator[tuple[str, str]]:
-    """Yield the templates of the package, each with the file that says it.
+    """Yield the package's message templates, each with the file that contains it.
 
     Found in the syntax tree: which strings Babel's own extraction finds depends on its version.
     """
@@ -74,7 +74,7 @@ def templates() -> Iterator[tuple[str, str]]:
 
 
 def made() -> dict[Path, bytes]:
-    """Return the messages of the code with their translations; a new message has none yet."""
+    """Return the catalogue of the code's messages with translations; new messages have none yet."""
     translations, template = Translations(), Catalog(fuzzy=False)
     with MESSAGES.open(encoding="utf-8") as file:
         for known in read_po(file):
@@ -89,7 +89,7 @@ def made() -> dict[Path, bytes]:
 
 
 def compiled() -> None:
-    """Compile the translations beside their source where that is newer."""
+    """Compile each translation source that is newer than its compiled file."""
     target = MESSAGES.with_suffix(".mo")
     if not target.exists() or target.stat().st_mtime < MESSAGES.stat().st_mtime:
         build = runpy.run_path(str(ROOT / "hatch_build.py"))

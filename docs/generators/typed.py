@@ -37,7 +37,7 @@ PROGRAMS = {
     "rerun": ("ls", "opens a window; its files must exist"),
     "ssh": (":", "needs another machine"),
 }
-"""What is called instead of a program, and why."""
+"""Programs that are replaced in tests, each with its substitute and the reason."""
 
 INSTEAD = (
     (r"^git clone \S+ drop && cd drop\b", ":", "is where the tests are"),
@@ -53,12 +53,12 @@ INSTEAD = (
     (r"^python -m build$", ":", "builds a wheel: .ci/run does"),
     (r"\$\{\{ vars\.PYBULLET \}\}", "3", "is a variable of GitHub's"),
 )
-"""What replaces a match, and why; only where no output is quoted."""
+"""Replacements by pattern, with the reason; applied only where no output is quoted."""
 
 
 @contextlib.contextmanager
 def in_language(code: str) -> Iterator[None]:
-    """Let the program print in a language meanwhile."""
+    """Set the program's output language within a `with` block."""
     before = os.environ["DROP_LANG"]
     os.environ["DROP_LANG"] = code
     try:
@@ -68,7 +68,7 @@ def in_language(code: str) -> Iterator[None]:
 
 
 def possible(command: str) -> str:
-    """Return a command as a test can run it."""
+    """Return a command in a form that a test can run."""
     for pattern, instead, _ in INSTEAD:
         command = re.sub(pattern, instead, command, flags=re.MULTILINE)
     return command
@@ -79,7 +79,7 @@ _LOOP = re.compile(r"for (\w+) in (.*?); do\n(.*)\ndone", re.DOTALL)
 
 
 def run_command(command: str, folder: Path) -> tuple[int, str]:
-    """Return the exit code and the output of a command; of a loop, until one of its fails."""
+    """Return a command's exit code and output; a shell loop stops at its first failing command."""
     if " && " in command and "\n" not in command:
         parts = [run_command(possible(part), folder) for part in command.split(" && ")]
         return max(code for code, _ in parts), "".join(printed for _, printed in parts)
@@ -106,14 +106,14 @@ def run_command(command: str, folder: Path) -> tuple[int, str]:
 
 
 def run_python(code: str, folder: Path) -> tuple[int, str]:
-    """Return 0 and the output of a program, whose exceptions propagate."""
+    """Run a Python program, and return 0 and its output; its exceptions propagate."""
     with contextlib.chdir(folder), contextlib.redirect_stdout(io.StringIO()) as printed:
         exec(compile(code, "a page", "exec"), {})
     return 0, printed.getvalue()
 
 
 def _plain(command: str) -> list[str]:
-    """Return the words of a command, or none if it needs a shell."""
+    """Split a command into its arguments; return None if it needs a shell."""
     line = command.replace("\\\n", " ")
     return [] if re.search(r"[$`;<>|&\n]", line) else shlex.split(line, comments=True)
 

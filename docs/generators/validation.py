@@ -1,4 +1,4 @@
-"""Write docs/validation.md: exact results about a body, beside PyBullet's.
+"""Write docs/validation.md: exact results about bodies, compared with PyBullet's.
 
 Each figure is computed from the recording of a short script, made by `drop record`.
 """
@@ -86,7 +86,7 @@ steps(round(10 / {timestep}))
 
 @dataclass(frozen=True)
 class Figure:
-    """An exact result about a body, and PyBullet's."""
+    """An exact result about a body, compared with PyBullet's."""
 
     what: str
     formula: str
@@ -96,11 +96,11 @@ class Figure:
     why: str
     """The cause of the difference."""
     within: float
-    """The difference allowed, in the unit; of a conserved sum, the drift allowed."""
+    """The tolerance on the difference, in the result's unit; for a conserved sum, on the drift."""
 
     @property
     def row(self) -> str:
-        """The row of the table."""
+        """The result as a row of the table."""
         difference = self.measured - self.theory
         unit = f" {self.unit}" if self.unit else ""
         return (
@@ -110,7 +110,7 @@ class Figure:
 
 
 def figures() -> list[Figure]:
-    """Return all figures, each from a recording made for it."""
+    """Return all results, each computed from a recording made for the purpose."""
     return [_slide(), _apex(), _range(), _terminal(), _roll(), *_collision(), *_spins()]
 
 
@@ -272,7 +272,7 @@ def _motion(seen: Seen, body: int) -> Motion:
 
 
 def made(known: list[Figure] | None = None) -> dict[str, str]:
-    """Return the page."""
+    """Return the generated page."""
     rows = "\n".join(figure.row for figure in (figures() if known is None else known))
     return {
         "validation.md": PAGE.format(

@@ -1,4 +1,4 @@
-"""Scenes that attack one code: some of which it is the answer, and some that look alike.
+"""Adversarial scenes for one finding code: some must produce the finding, similar ones must not.
 
 `attacks/*.toml` has, of each attack,
 
@@ -58,38 +58,38 @@ NAMES = {
     "math": math,
     "np": np,
 }
-"""What a proof may call."""
+"""Functions that a proof expression may call."""
 Case = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class States:
-    """The states that a script went through; of a body or joint by number, a row per step."""
+    """The states of a script's run, by body or joint id, with a row per step."""
 
     seen: Seen
 
     def at(self, body: int) -> NDArray[np.float64]:
-        """Return positions of a body's centre of mass, shape (n, 3)."""
+        """Return the positions of a body's centre of mass, shape (n, 3)."""
         return self._base(body, "position_m")
 
     def v(self, body: int) -> NDArray[np.float64]:
-        """Return its velocities, shape (n, 3)."""
+        """Return the linear velocities of a body, shape (n, 3)."""
         return self._base(body, "velocity_m_s")
 
     def w(self, body: int) -> NDArray[np.float64]:
-        """Return its angular velocities, shape (n, 3)."""
+        """Return the angular velocities of a body, shape (n, 3)."""
         return self._base(body, "spin_rad_s")
 
     def turned(self, body: int) -> NDArray[np.float64]:
-        """Return the vector parts of its quaternions, shape (n, 3)."""
+        """Return the vector parts of a body's quaternions, shape (n, 3)."""
         return self._base(body, "orientation")[:, :3]
 
     def q(self, body: int, joint: int) -> NDArray[np.float64]:
-        """Return positions of a joint with one, shape (n,)."""
+        """Return the positions of a joint with one degree of freedom, shape (n,)."""
         return np.asarray(self.seen.joints[body].position[:, self._before(body, joint, 0)])
 
     def rate(self, body: int, joint: int) -> NDArray[np.float64]:
-        """Return its velocities, shape (n,)."""
+        """Return the velocities of a joint with one degree of freedom, shape (n,)."""
         return np.asarray(self.seen.joints[body].velocity[:, self._before(body, joint, 1)])
 
     def _before(self, body: int, joint: int, which: int) -> int:
@@ -103,30 +103,30 @@ class States:
 
 @dataclass(frozen=True)
 class Attack:
-    """A script with names, and cases of which a code is said or not."""
+    """A script template, and the cases in which it must or must not produce a finding code."""
 
     code: str
     script: str
     says: Sequence[Case] = ()
     silent: Sequence[Case] = ()
     names: Case = field(default_factory=dict)
-    """Values of the attack's names and of its file's."""
+    """Default values of the template's variables and of its file's."""
     about: Case = field(default_factory=dict)
-    """What else all cases have of which it is said."""
+    """Further values common to all cases that must produce the finding."""
 
     def scene(self, case: Case) -> str:
         """Return the script of a case."""
         return self.filled(self.script, case)
 
     def filled(self, text: str, case: Case) -> str:
-        """Return a text with a case's names in it."""
+        """Return a text with a case's values substituted for its variables."""
         before = ""
         while text != before:
             before, text = text, Template(text).safe_substitute({**self.names, **case})
         return text
 
     def unused(self) -> set[str]:
-        """Return names that a case has and nothing uses, as one that is misspelt."""
+        """Return the variables of cases that no text uses, e.g. misspelt ones."""
         cases = [self.names, self.about, *self.says, *self.silent]
         cures = [each.get("cure", {}) for each in cases]
         cases += [each for cure in cures for each in ([cure] if isinstance(cure, dict) else cure)]
@@ -136,7 +136,7 @@ class Attack:
         return {name for case in cases[1:] for name in case} - ABOUT - used
 
     def shortfalls(self, folder: Path) -> Iterator[str]:
-        """Yield in words what each case, recorded in a folder, falls short of."""
+        """Yield descriptions of how each case, recorded in a folder, fails its requirements."""
         for number, case in enumerate(self.says):
             run = Run(self, {**self.about, **case}, folder)
             lacks = chain(run.lacks(), () if number else run.differs_in_pieces())
@@ -151,26 +151,26 @@ class Attack:
 
 @dataclass(frozen=True)
 class Run:
-    """A case that is recorded."""
+    """A recorded case."""
 
     attack: Attack
     case: Case
     folder: Path
-    """The folder in which recordings are made."""
+    """The folder for recordings."""
 
     @cached_property
     def recording(self) -> Recording:
-        """The recording of its script, which runs beside it."""
+        """The recording of the case's script."""
         folder = Path(tempfile.mkdtemp(dir=self.folder))
         return record(self.attack.scene(self.case), folder / "x.rrd", folder=folder)
 
     @cached_property
     def found(self) -> list[Finding]:
-        """The findings of the code."""
+        """The findings with the attack's code."""
         return [each for each in self._told(told_whole) if each.code == self.attack.code]
 
     def lacks(self) -> Iterator[str]:
-        """Yield what is not said that should be, and what should not be said of the cure."""
+        """Yield the case's unmet requirements: missing findings, and findings despite the cure."""
         case, times = self.case, len(self.found)
         if times != 1 and not (times and case.get("many")):
             yield f"said {times} times"
@@ -186,14 +186,14 @@ class Run:
                 yield f"not proved of {_short(cure)}, effect {finding.effect}"
 
     def differs_in_pieces(self) -> Iterator[str]:
-        """Yield what is said otherwise where the recording comes in pieces."""
+        """Yield how findings differ if the recording is read in chunks."""
         pieces = [each for each in self._told(told_in_pieces) if each.code == self.attack.code]
         told = _told_but_numbers if self.case.get("sampled") else _told
         if [*map(told, pieces)] != [*map(told, self.found)]:
             yield f"in pieces {[each.message for each in pieces]}"
 
     def proved(self, finding: Finding | None = None, cured: Run | None = None) -> bool:
-        """Return whether the proof of the case is true."""
+        """Return whether the case's proof expression is true."""
         known = {
             **NAMES,
             **self.attack.names,
@@ -211,7 +211,7 @@ class Run:
             return list(how(self.recording.seen, **origin))
 
     def differs(self, finding: Finding) -> Iterator[str]:
-        """Yield what is not as the case says."""
+        """Yield the properties in which a finding differs from the case's requirements."""
         case, said = self.case, jsonable(finding)
         about = {k: case[k] for k in SAID & case.keys()}
         about["words"] = [self.attack.filled(each, case) for each in case.get("words", [])]
@@ -229,7 +229,7 @@ class Run:
             yield f"its steps are {finding.steps}"
 
     def _line(self, finding: Finding) -> str:
-        """Return the line of a finding's call; empty if it has none."""
+        """Return the source line of the call that a finding cites; empty if it cites none."""
         lines = self.attack.scene(self.case).lstrip("\n").splitlines()
         _, _, number = (finding.site or "").partition(":")
         return lines[int(number) - 1] if number else ""

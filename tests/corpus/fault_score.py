@@ -1,4 +1,4 @@
-"""How many faults of controllers are named where an episode fails.
+"""How many faults of controllers are named in the analysis of a failed episode.
 
     python tests/corpus/fault_score.py                # all, and robots without a fault
     python tests/corpus/fault_score.py hopper-sign …  # these
@@ -30,7 +30,7 @@ from drop_physics.stages.why import why
 FOLDER = Path(__file__).parent / "controllers"
 SCRIPT = FOLDER / "scripts" / "controllers.py"
 ROWS, OUTCOMES = 2, 3
-"""A reader looks at so many rows of the account, and outcomes of a search."""
+"""Number of rows of the account, and of search outcomes, that a reader is assumed to look at."""
 BUDGET_S = 1200.0
 
 
@@ -41,18 +41,18 @@ class Case:
     robot: str
     fault: str
     expect: str
-    """The expectation that it fails."""
+    """The expectation that the controller fails."""
     names: Sequence[str]
-    """Patterns that name the fault."""
+    """Regular expressions, one of which must match text that names the fault."""
 
     def named_by(self, told: Sequence[str]) -> str | None:
-        """Return the first text that names it."""
+        """Return the first text that names the fault."""
         patterns = [*self.names, *(rf"{SCRIPT.name}:{line}\b" for line in _lines_of(self.fault))]
         return next((text for text in told if any(re.search(n, text) for n in patterns)), None)
 
 
 def _lines_of(fault: str) -> Iterator[int]:
-    """Yield the lines of the script that make a fault."""
+    """Yield the source lines that introduce a fault."""
     depth: int | None = None
     for number, line in enumerate(SCRIPT.read_text(encoding="utf-8").splitlines(), 1):
         indent = len(line) - len(line.lstrip())
@@ -85,12 +85,12 @@ def analyzed(robot: str, *fault: str) -> Analysis:
 
 
 def rows_of(analysis: Analysis) -> list[str]:
-    """Return the rows of the account as a reader sees them."""
+    """Return the rows of the account as texts, as a reader sees them."""
     return [" ".join(str(fact.words) for fact in facts_of(row)) for row in analysis.account]
 
 
 def outcomes_of(case: Case, budget_s: float = BUDGET_S) -> list[str]:
-    """Return the outcomes of the search, each with all that is the same."""
+    """Return the outcomes of the search as texts, each including the equivalent changes."""
     with _quiet() as folder:
         found = why(
             str(SCRIPT),
@@ -119,7 +119,7 @@ def named(case: Case) -> str | None:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[Path]:
-    """Yield a folder to work in."""
+    """Yield a temporary folder, as the working directory."""
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         yield Path(folder)
 

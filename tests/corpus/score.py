@@ -1,4 +1,4 @@
-"""How well `drop analyze` answers scripts whose truth is known.
+"""How well `drop analyze` diagnoses scripts whose faults are known.
 
     python tests/corpus/score.py            # all scripts, on all processors, and a tenth of them
     python tests/corpus/score.py --tenth    # only the tenth that the tests score by default
@@ -53,16 +53,16 @@ from forked import fork_scripts  # noqa: E402
 fork_scripts()
 
 FIRST = 2
-"""A reader looks at so many findings."""
+"""Number of findings that a reader is assumed to look at."""
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 Finding = Mapping[str, Any]
-"""A finding in the JSON of `drop analyze`."""
+"""A finding in the JSON output of `drop analyze`."""
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What is known of a script."""
+    """The known correct diagnosis of a script."""
 
     asked: str
     truth: str
@@ -76,41 +76,41 @@ class Truth:
 
     @property
     def codes(self) -> set[str]:
-        """The codes that are judged."""
+        """The finding codes that the truth makes a statement about."""
         return {*self.cause, *self.true, *(entry.partition(":")[0] for entry in self.false)}
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """How a script's findings compare with its truth."""
+    """How a script's findings compare with the correct diagnosis."""
 
     found: bool | None
-    """Whether the cause is among the first findings; None for a script that is right."""
+    """Whether the cause is among the first findings; None for a script without a fault."""
     false: list[str]
     """Codes of false findings."""
     noise: list[str]
     """Codes among the first findings that the truth does not mention."""
     unjudged: list[str]
-    """All codes that it does not mention."""
+    """All reported codes that the truth does not mention."""
 
     @property
     def in_peace(self) -> bool:
-        """Whether nothing that is wrong or off the point is said."""
+        """Whether no finding is false or irrelevant."""
         return not self.false and not self.noise
 
 
 Verdicts = dict[str, Verdict]
-"""By script."""
+"""Verdicts by script name."""
 
 
 def truths(corpus: Path = FOLDER) -> dict[str, Truth]:
-    """Return what is known of each script."""
+    """Return the correct diagnosis of each script."""
     entries = tomllib.loads((corpus / "truth.toml").read_text(encoding="utf-8"))
     return {name: Truth(**entry) for name, entry in entries.items()}
 
 
 def findings_of(name: str, corpus: Path = FOLDER) -> list[Finding]:
-    """Record and analyze a script in this process, and return its findings, the gravest first.
+    """Record and analyze a script in this process, and return its findings, most severe first.
 
     It is done as `drop analyze --json` does it, but for the layer and the terminal.
     """
@@ -136,7 +136,7 @@ def _text(finding: Finding) -> str:
 
 
 def lacking(truth: Truth, finding: Finding) -> list[str]:
-    """Return what the truth has and a finding of the right code does not say."""
+    """Return the required words, numbers and joint that a finding lacks."""
     text = _text(finding)
     numbers = [float(number) for number in NUMBER.findall(text.replace(",", ""))]
     if finding["effect"] and finding["effect"]["value"] is not None:
@@ -174,7 +174,7 @@ def judged(truth: Truth, findings: list[Finding]) -> Verdict:
 
 
 def shortfall(truth: Truth, findings: list[Finding]) -> str:
-    """Return in words what a script's answer falls short of; empty if of nothing."""
+    """Describe how a script's findings fall short of its truth; empty if they do not."""
     verdict, parts = judged(truth, findings), []
     if verdict.found is False:
         first = [
@@ -190,7 +190,7 @@ def shortfall(truth: Truth, findings: list[Finding]) -> str:
 
 
 def totals(verdicts: Verdicts) -> dict[str, int]:
-    """Return the figures of several scripts; those that should fall are negative."""
+    """Return the totals over several scripts; those that should decrease are negative."""
     rows = verdicts.values()
     return {
         "causes found": sum(bool(row.found) for row in rows),
@@ -201,7 +201,7 @@ def totals(verdicts: Verdicts) -> dict[str, int]:
 
 
 def by_code(verdicts: Verdicts, known: Mapping[str, Truth]) -> dict[str, tuple[int, int, int]]:
-    """Return of each code how often it was the cause, then found, and said falsely."""
+    """Count for each code how often it was the cause, was found, and was reported falsely."""
     causes = [(code, row.found) for name, row in verdicts.items() for code in known[name].cause]
     wanted = Counter(code for code, _ in causes)
     found = Counter(code for code, found in causes if found)
@@ -210,7 +210,7 @@ def by_code(verdicts: Verdicts, known: Mapping[str, Truth]) -> dict[str, tuple[i
 
 
 def fallen(before: Verdicts, now: Verdicts, known: Mapping[str, Truth]) -> list[str]:
-    """Return which figures have fallen, over the scripts that both have."""
+    """Return the totals that have decreased, over the scripts that both score files contain."""
     both = before.keys() & now.keys()
     before, now = ({name: each[name] for name in both} for each in (before, now))
     old, new = totals(before), totals(now)
@@ -227,13 +227,13 @@ def fallen(before: Verdicts, now: Verdicts, known: Mapping[str, Truth]) -> list[
 
 
 def read_scores(path: Path) -> Verdicts:
-    """Return the verdicts of a file of scores."""
+    """Read the verdicts from a score file."""
     held = json.loads(path.read_text(encoding="utf-8"))
     return {name: Verdict(**row) for name, row in held["scripts"].items()}
 
 
 def write_scores(path: Path, verdicts: Verdicts) -> None:
-    """Write a file of scores; its `entries` are the totals since the first."""
+    """Write a score file; its `entries` are the totals since the first version."""
     entries = json.loads(path.read_text(encoding="utf-8"))["entries"] if path.exists() else []
     entry = {"scripts": len(verdicts)} | {k: abs(v) for k, v in totals(verdicts).items()}
     entries += [entry] if entries[-1:] != [entry] else []
@@ -246,7 +246,7 @@ def write_scores(path: Path, verdicts: Verdicts) -> None:
 
 
 def all_findings(names: Iterable[str], corpus: Path = FOLDER) -> dict[str, list[Finding]]:
-    """Record and analyze scripts, on all processors."""
+    """Record and analyze scripts in parallel on all processors."""
     names, spawn = list(names), multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(cores(), len(names)), mp_context=spawn) as pool:
         found = pool.map(findings_of, names, [corpus] * len(names))
@@ -254,7 +254,7 @@ def all_findings(names: Iterable[str], corpus: Path = FOLDER) -> dict[str, list[
 
 
 def print_scores(verdicts: Verdicts, known: Mapping[str, Truth]) -> None:
-    """Print totals, and the figures of each code."""
+    """Print the totals, and the counts for each code."""
     figures, rows = totals(verdicts), verdicts.values()
     causes, right = (sum((row.found is None) is is_so for row in rows) for is_so in (False, True))
     of = {"causes found": f" of {causes}", "right scripts left in peace": f" of {right}"}
@@ -269,7 +269,7 @@ def print_scores(verdicts: Verdicts, known: Mapping[str, Truth]) -> None:
 
 
 def print_attacks(names: list[str]) -> None:
-    """Print what attacks fall short of, of all or of those that are named."""
+    """Print how attacks fall short of their requirements, for all or for named attacks."""
     import attacks
 
     known = attacks.attacks()
@@ -280,7 +280,7 @@ def print_attacks(names: list[str]) -> None:
 
 
 def main() -> None:
-    """Score scripts, print what falls short, and write scores that have risen."""
+    """Score scripts, print their shortfalls, and save scores that have improved."""
     ask = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     ask.add_argument("names", nargs="*", metavar="NAME", help="score only these scripts")
     ask.add_argument("--tenth", action="store_true", help="score the tests' tenth")

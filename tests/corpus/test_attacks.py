@@ -1,4 +1,4 @@
-"""Validation: what is said of a scene is the answer, and is not said of scenes that look alike."""
+"""Validation: each finding is reported for scenes that it is true of, and not for similar ones."""
 
 from __future__ import annotations
 

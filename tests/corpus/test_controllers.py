@@ -1,4 +1,4 @@
-"""Faults of controllers are named where an episode fails; `fault_score` says how."""
+"""Faults of controllers are named in the analysis of failed episodes; `fault_score` tells how."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BY_ACCOUNT = (
 )
 """Faults that the account names."""
 BY_SEARCH = ("gripper-soft",)
-"""Those that the search names, of which it is soon through."""
+"""Faults that the search names, if the search is short."""
 
 
 def test_there_are_four_faults_of_each_of_six_robots() -> None:

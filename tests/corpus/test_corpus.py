@@ -1,4 +1,4 @@
-"""The answers to scripts whose truth is known get no worse; `score` says how they are judged."""
+"""Diagnoses of scripts whose faults are known do not get worse; `score` defines the measure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from score import Truth, Verdict, fallen, findings_of, judged, read_scores, writ
 MUJOCO = score.FOLDER / "mujoco"
 CORPORA = [score.FOLDER, MUJOCO]
 RUN = [pytest.param(score.FOLDER, marks=pytest.mark.pybullet), MUJOCO]
-"""The same, to run their scripts."""
+"""The corpora as test parameters, for tests that run the scripts."""
 KNOWN = {corpus: score.truths(corpus) for corpus in CORPORA}
 WEAK = Truth(
     "It sinks.",
@@ -49,7 +49,7 @@ def test_the_tenth_is_answered_no_worse(corpus: Path) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("corpus", RUN, ids=["pybullet", "mujoco"])
 def test_the_whole_is_answered_no_worse(corpus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each row of MuJoCo's rules is said of a script, or it goes."""
+    """Each row of MuJoCo's rules must be reported for some script, or be removed."""
     spoken, say = list[SayingRow](), SayingRow.said
 
     def spoke(row: SayingRow, worst: Worst) -> Said | None:
