@@ -45,4 +45,3 @@ def test_of_a_controller_without_a_fault_only_its_end_is_told(robot: str) -> Non
     analysis = scorer.analyzed(robot)
     assert [each.ended for each in analysis.episodes] == ["truncated"]
     assert [each.code for each in analysis.findings] == []
-    assert scorer.rows_of(analysis) == []

@@ -128,7 +128,7 @@ class Program:
     evaluator: Mapping[str, Any] | None = None
     """Evaluator that runs in its process: `file` and `name` of a class, and its `arguments`."""
     episodes: Episodes = "all"
-    """Which episodes of its environments are recorded step by step."""
+    """The episodes of its environments that are recorded step by step."""
 
 
 def _seeded(seed: int | None) -> dict[str, str]:

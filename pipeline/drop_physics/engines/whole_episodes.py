@@ -7,8 +7,8 @@ from typing import Any, Literal
 from drop_physics.trace.events import has_failed
 
 Episodes = Literal["failing", "all"] | int | None
-"""Which episodes are recorded step by step: those that failed, all, or the one with a number; None
-for all until their steps take `MANY_BYTES`, and from then on the last that failed."""
+"""The episodes that are recorded step by step: those that failed, all, or the one with a number;
+None for all until their steps take `MANY_BYTES`, and from then on the last that failed."""
 Decision = Literal["whole", "latest", "line"]
 """What happens to an episode; `latest` means kept until a later one replaces it."""
 

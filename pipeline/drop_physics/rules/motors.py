@@ -158,7 +158,7 @@ timestep_after_motor.rows(
 
 @joint_rule("substeps-scale-motors", "asked")
 def substeps_scale_motors(joints: JointColumns) -> Match:
-    """With `numSubSteps`, a motor gives up to force × timestep in each substep."""
+    """A motor gives up to force × timestep in each substep of `numSubSteps`."""
     substeps, given = joints.steps.substeps, np.abs(joints.torque)
     force = joints.limit / substeps
     share = given / force - 1
@@ -310,7 +310,7 @@ joint_damping.rows(
 
 @joint_rule("mimic-ignored", "asked")
 def mimic_ignored(joints: JointColumns) -> Match | None:
-    """At rest, or at the end, a joint is not where its file makes it follow another."""
+    """A joint at rest, or at the end, is not where its file makes it follow another."""
     places = zip(joints.body.joints, joints.body.rates, strict=True)
     rates = {each.name: at.start for each, at in places if each.widths[1] == 1}
     pairs = [mimic for mimic in joints.body.asked.mimics if {mimic.joint, mimic.of} <= rates.keys()]

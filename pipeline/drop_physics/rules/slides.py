@@ -312,7 +312,7 @@ def _dot(a: Float64, b: Float64) -> Float64:
 
 @pair_rule("friction-pyramid", "model", least_count=PYRAMID_STEPS)
 def friction_pyramid(pair: PairColumns) -> Match | None:
-    """With enableConeFriction=0, friction exceeds μN in most steps, or turns a slide."""
+    """Friction exceeds μN in most steps, or turns a slide: enableConeFriction is 0."""
     clients = pair.scene.clients_with("set_enableConeFriction", 0)
     bodies = [number for number, body in pair.scene.seen.bodies.items() if body.client in clients]
     slides = (

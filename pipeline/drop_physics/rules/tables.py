@@ -139,7 +139,7 @@ class JointColumns:
         return np.broadcast_to(np.diag(matrix)[steps.law.tree.first_rate :], self.target.shape)
 
     def latest(self, name: str, events: Flags, values: Float64) -> Float64:
-        """For each row, return the value at the latest event up to it, even from an earlier chunk.
+        """Return each row's value at the latest event up to it, even from an earlier chunk.
 
         All arrays have the shape (n, joint_rates); nan before the first event. `name` tells apart
         the values that are kept.
@@ -153,7 +153,7 @@ class JointColumns:
         return found
 
     def previous(self, name: str, values: Float64) -> Float64:
-        """For each row, return the value one row earlier, even in an earlier chunk; nan if none."""
+        """Return the value one row before each row, even in an earlier chunk; nan if none."""
         key = name, self.driven.body.number
         before = self.scene.carried.get(key, np.full(values.shape[1], np.nan))
         self.scene.carried[key] = values[-1]
@@ -255,7 +255,7 @@ class BodyColumns:
         return np.repeat([value(body) for body in bodies], [len(body) for body in bodies], axis=0)
 
     def greatest(self, name: str, values: Float64) -> Float64:
-        """For each row, return the running maximum of its body, including earlier chunks.
+        """Return each row's running maximum of its body, including earlier chunks.
 
         Both have the shape (n, k). `name` tells apart the values that are kept.
         """

@@ -16,8 +16,8 @@ from drop_physics.trace.history import Seen
 from drop_physics.trace.states import by_body, motion_of
 
 OFTEN = 0.2
-"""If calls move a simulation's bodies before more than this share of its steps, the script drives
-the motion, and the moves start no episode."""
+"""Share of a simulation's steps. A script that moves bodies by calls before more of them drives the
+motion, and its moves start no episode."""
 MOVED = 1e-9
 """A state write that changes positions by less than this [m, rad] counts as changing velocities
 only."""

@@ -66,7 +66,7 @@ class SharedColumns(NamedTuple):
     body: int
     """Id of the body whose joints they describe."""
     of: str
-    """Which joint series they equal: `position` or `velocity`."""
+    """The joint series that they equal: `position` or `velocity`."""
     columns: Int64
     """Column indices in the part, shape (k,)."""
     places: Int64

@@ -16,7 +16,7 @@ _OFF, _ON = mujoco.mjtDisableBit, mujoco.mjtEnableBit
 NO_SPRING = _bits(_OFF, "mjDSBL_SPRING", "mjDSBL_PASSIVE")
 NO_DAMPER = _bits(_OFF, "mjDSBL_DAMPER", "mjDSBL_PASSIVE")
 NO_EULERDAMP = NO_DAMPER | _bits(_OFF, "mjDSBL_EULERDAMP")
-"""If set, Euler treats damping like other forces."""
+"""Flag with which Euler treats damping like other forces."""
 NO_GRAVITY = _bits(_OFF, "mjDSBL_GRAVITY")
 NO_ACTUATION = _bits(_OFF, "mjDSBL_ACTUATION")
 NO_RESET = _bits(_OFF, "mjDSBL_AUTORESET")

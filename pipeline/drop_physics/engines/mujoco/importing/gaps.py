@@ -41,7 +41,7 @@ HALF, TENTH = 0.5, 0.1
 MOST_DOFS = 100
 """Largest number of degrees of freedom of a model whose gaps are attributed to terms."""
 FIRST, EVERY = 200, 50
-"""Which steps with a gap are examined: this many at first, and then one of every this many."""
+"""Number of steps with a gap that are examined at first; from then on one of every so many."""
 
 
 class GapTerm(NamedTuple):
