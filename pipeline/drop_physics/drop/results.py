@@ -189,7 +189,7 @@ class Conservation:
 
 @dataclass(frozen=True, kw_only=True)
 class FallAnalysis:
-    """What a scenario adds to an analysis: comparison with theory, landing and rest."""
+    """Additions of a scenario to an analysis: comparison with theory, landing and rest."""
 
     scenario: dict[str, Any]
     """The scenario's options, by field."""

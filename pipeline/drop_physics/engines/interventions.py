@@ -87,7 +87,7 @@ class ChangeRow:
     tries: str = ""
     """The operators that the causal search tries, in the format of `watching.single_changes`."""
     breaks: str = ""
-    """Those operators that remove a part of the scene or of the command."""
+    """The operators in `tries` that remove a part of the scene or of the command."""
     default: object = 0.0
     """The engine's default value, for the operator `=default`."""
     change: str = ""

@@ -89,10 +89,10 @@ CAUSES = (
     "mj_forwardSkip",
     *READS,
 )
-"""What changed a state: the script's own writes; nothing (the state from which data were computed);
-nothing (the state when first seen); the previous step, in which MuJoCo has reset itself; another
-program, whose states are imported; an image that was rendered, whose argument is the image's
-digest; or a function: from `mj_forward` on, one that the script called right after its own
+"""Origins of a recorded state: the script's own writes; no change (the state from which data were
+computed, or the state when first seen); the previous step, in which MuJoCo has reset itself;
+another program, whose states are imported; an image that was rendered, whose argument is the
+image's digest; or a function: from `mj_forward` on, one that the script called right after its own
 writes."""
 CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
 

@@ -267,7 +267,7 @@ class _World:
         self.answers = [
             (after(step), payload) for step, payload in self.answers if not begin <= step < end
         ]
-        # Of a long training these become many, and all but the last ones stay as they are.
+        # A long training has many of these, and only the last ones change.
         for k in _last_where(self.edited, lambda edit: edit.step > begin):
             self.edited[k] = self.edited[k]._replace(step=after(self.edited[k].step))
         for k in _last_where(self.episodes, lambda episode: episode.end > begin):

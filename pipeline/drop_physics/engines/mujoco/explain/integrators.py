@@ -1,4 +1,4 @@
-"""What MuJoCo's integrators add to the forces of a state, and what the solver leaves.
+"""Terms of MuJoCo's integrators beside the forces of a state, and the solver's residual.
 
 Each integrator solves for the acceleration a = (u' - u)/h:
 

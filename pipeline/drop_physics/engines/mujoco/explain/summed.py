@@ -237,7 +237,8 @@ def _laid_out(
 def _distinct(rows: Any) -> tuple[Any, Any]:
     """Return the index of the first of equal rows, and each row's index among those.
 
-    NumPy's `unique` of rows compares them number by number, which takes ten times as long.
+    NumPy's `unique` of rows compares them number by number, which takes ten times as long. The
+    package's own `distinct_bytes` cannot be imported in the script's interpreter.
     """
     size = rows.shape[1] * rows.itemsize
     if not size:

@@ -53,9 +53,9 @@ class FoundStates:
     """Index of the chosen world; None if there is only one."""
     worlds: int
     notes: list[Message] = field(default_factory=list)
-    """What data are missing, and the consequences."""
+    """Remarks on missing data and their consequences."""
     ended: Message | None = None
-    """Index of the first state that is not finite; None if all are."""
+    """Remark on the first state that is not finite; None if all are finite."""
     is_beyond: bool = False
     """Whether that state is the one that follows the last recorded state."""
 
