@@ -520,7 +520,7 @@ def test_a_script_without_a_step_has_nothing_to_compare(tmp_path: Path) -> None:
 
 
 def test_a_script_that_a_full_disk_stops_is_not_blamed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(writer, "_is_short_of_room", lambda _: True)
     tmp_path.joinpath("script.py").write_text(
@@ -528,6 +528,7 @@ def test_a_script_that_a_full_disk_stops_is_not_blamed(
     )
     with pytest.raises(DropError, match="as the disk is nearly full"):
         why(str(tmp_path / "script.py"), out=tmp_path / "out", stdout=2)
+    assert "nothing was simulated" not in capfd.readouterr().err
 
 
 # -- verdicts -------------------------------------------------------------------------------------

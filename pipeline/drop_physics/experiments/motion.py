@@ -35,12 +35,13 @@ def motion_of(told: Mapping[str, Any]) -> RunMotion:
     """Build a motion from the data that a run reports."""
     bodies = tuple(told["bodies"])
     flat = np.frombuffer(base64.b64decode(told["positions"]))
+    size = len(bodies) * 3 * POINTS  # none where a run was stopped before it had a body
     return RunMotion(
         told["stride"],
         told["steps"],
         bodies,
         told["astray"],
-        flat.reshape(-1, len(bodies), 3 * POINTS),
+        flat.reshape(len(flat) // size if size else 0, len(bodies), 3 * POINTS),
     )
 
 

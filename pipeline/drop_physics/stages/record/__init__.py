@@ -331,7 +331,7 @@ def _worth_knowing(
         early = Message("nothing was simulated: the script ended before its first step")
         if ended.how == "failed":
             yield early
-        elif not ended.notes:  # they say what was not seen
+        elif not ended.notes and ended.how not in STOPPED:  # notes say what was not seen
             yield nothing
     if decoder.bullet.real_time:
         virtual = Message(
