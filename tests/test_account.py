@@ -741,7 +741,7 @@ def test_the_account_begins_with_what_is_asked_about(told: Told, tmp_path: Path)
     assert "one  " in shown
     assert "other" not in shown
     assert f"--account {len(analysis.account)}" in shown
-    assert f"| --at {analysis.account[0].time_s:g} |" in shown
+    assert f"· `--at {analysis.account[0].time_s:g}`" in shown
     assert f".view(at_s={analysis.account[0].time_s:g})" in analysis._repr_html_()
     moments = [line for _, _, line in events(analysis)]
     assert any("asked: one" in line for line in moments)

@@ -20,9 +20,6 @@ from drop_physics.report.blocks import (
 from drop_physics.report.words import beneath, besides
 from drop_physics.rules.answer import Finding
 
-MOMENTS = ("| | | drop analyze |", "| --- | --- | --- |")
-"""Head of a table of facts about moments; its last column has the options that show the sum
-there."""
 Say = Callable[[str], str]
 """Function that translates a text, or `str` for English."""
 
@@ -65,15 +62,23 @@ def _(words: Words, say: Say) -> Iterator[str]:
 
 @block_markdown.register
 def _(facts: Facts, say: Say) -> Iterator[str]:
-    times_s = [row.at_s if isinstance(row, Fact) else None for row in facts.rows]
-    of_moments = any(at_s is not None for at_s in times_s)
-    if facts.rows:
-        yield from ("| | |", "| --- | --- |") if not of_moments else MOMENTS
-    for row, at_s in zip(facts.rows, times_s, strict=True):
-        words = str(row.path) if isinstance(row, File) else row.words
-        when = "" if at_s is None else f"--at {at_s:g}"
-        yield _row([row.title, words, *([when] if of_moments else [])], say)
+    if any(isinstance(row, Fact) and row.at_s is not None for row in facts.rows):
+        yield from (_moment(row, say) for row in facts.rows if isinstance(row, Fact))
+    elif facts.rows:
+        yield from ("| | |", "| --- | --- |")
+        for row in facts.rows:
+            yield _row([row.title, str(row.path) if isinstance(row, File) else row.words], say)
     yield ""
+
+
+def _moment(row: Fact, say: Say) -> str:
+    """Return an item of a list, as the viewer wraps lines, but no cells; or a line beneath one."""
+    words = _escaped(say(row.words)).strip()
+    if not row.title:
+        return f"  {words}"
+    when = "" if row.at_s is None else f" · `--at {row.at_s:g}`"
+    # Two spaces end a line.
+    return f"- **{_escaped(say(row.title))}** {words}{when}  "
 
 
 @block_markdown.register
