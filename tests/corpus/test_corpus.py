@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 import score
+from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.rows import Said, SayingRow, Worst
+from drop_physics.rules.rows import Case, Said, SayingRow
 from drop_physics.rules.rule import RULES
 from score import Truth, Verdict, fallen, findings_of, judged, read_scores, write_scores
 
@@ -52,8 +53,8 @@ def test_the_whole_is_answered_no_worse(corpus: Path, monkeypatch: pytest.Monkey
     """Each row of MuJoCo's rules must be reported for some script, or be removed."""
     spoken, say = list[SayingRow](), SayingRow.said
 
-    def spoke(row: SayingRow, worst: Worst) -> Said | None:
-        found = say(row, worst)
+    def spoke(row: SayingRow, case: Case, scene: Scene) -> Said | None:
+        found = say(row, case, scene)
         spoken.extend([] if found is None else [row])
         return found
 

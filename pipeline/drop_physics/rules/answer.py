@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -128,6 +128,8 @@ class Finding:
         default=None, repr=False, compare=False, metadata={"json": False}
     )
     """The account row that reports the same fact about the same subject."""
+    kind: Hashable = field(default=None, repr=False, compare=False, metadata={"json": False})
+    """The row that reports it: its rule, and its place among the rows of that."""
     verdict: str | None = None
     """The best result among its trials, if `drop why` was run on this recording."""
     tried: tuple[Mapping[str, Any], ...] = ()

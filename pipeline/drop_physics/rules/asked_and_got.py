@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,11 +10,11 @@ from drop_physics.arrays import Float64
 from drop_physics.messages import Message, joined
 from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import lengths
-from drop_physics.rules.answer import Cure, Effect, Span, so_many
+from drop_physics.rules.answer import Span, so_many
 from drop_physics.rules.arguments import given, site_of
 from drop_physics.rules.ik_answers import IK_LISTS
 from drop_physics.rules.inputs import Inputs, Use
-from drop_physics.rules.rows import Remedy, Said, SayingRow
+from drop_physics.rules.rows import Case, Remedy, SayingRow
 from drop_physics.rules.rule import Match, input_rule, joint_rule
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import (
@@ -147,65 +146,75 @@ ball_velocity.rows(
 
 
 @input_rule("not-taken", "asked", "no-effect")
-def damping_of_base(inputs: Inputs) -> Iterator[Said]:
+def damping_of_base(inputs: Inputs) -> Iterator[Case]:
     """Joint damping belongs to a link; PyBullet ignores it in a call for the base."""
     uses = [use for use in inputs.of(Act.SET_PROPERTY) if use.body and "jointDamping" in use.low]
     links = {use.body.number for use in uses if use.body and use.high["linkIndex"][0] >= 0}
     for use in uses:
         joints = sum(bool(joint.widths[1]) for joint in use.body.joints) if use.body else 0
         if use.body and joints and use.body.number not in links:
-            yield Said(
-                call=use.first,
-                subject=use.body,
-                message=Message(
-                    "jointDamping={damping:g} given to the base of {body} damps none of its {n} "
-                    "joints that move: a joint's damping goes by its link"
-                ),
-                values={"damping": float(use.high["jointDamping"][0]), "n": joints},
-                advice=Message("p.changeDynamics(body, joint, jointDamping=…) for each joint"),
-            )
+            damping = float(use.high["jointDamping"][0])
+            yield Case(call=use.first, subject=use.body, values={"damping": damping, "n": joints})
+
+
+damping_of_base.rows(
+    SayingRow(
+        says=Message(
+            "jointDamping={damping:g} given to the base of {body} damps none of its {n} joints "
+            "that move: a joint's damping goes by its link"
+        ),
+        advice=Message("p.changeDynamics(body, joint, jointDamping=…) for each joint"),
+    )
+)
 
 
 @input_rule("not-taken", "asked", "no-effect")
-def ik_lists(inputs: Inputs) -> Iterator[Said]:
+def ik_lists(inputs: Inputs) -> Iterator[Case]:
     """Inverse kinematics ignores lists without one number for each movable joint."""
     for use in inputs.of(Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK):
         movable = sum(1 for joint in use.body.joints if joint.widths[1]) if use.body else 0
         widths = {name: len(use.low[name]) for name in IK_LISTS if name in use.low}
         wrong = {name: width for name, width in widths.items() if use.body and width != movable}
         for name, width in [*wrong.items()][:1]:
-            yield Said(
-                call=use.first,
-                subject=use.body,
-                message=Message(
-                    "inverse kinematics ignores {name}, and all four lists with it: it has a "
-                    "length of {width}, and {body} has {movable} joints that move"
-                ),
-                values={"name": name, "width": width, "movable": movable, "n": movable},
-                advice=Message("give lists with one number for each joint that moves: {n}"),
-            )
+            told = {"name": name, "width": width, "movable": movable, "n": movable}
+            yield Case(call=use.first, subject=use.body, values=told)
+
+
+ik_lists.rows(
+    SayingRow(
+        says=Message(
+            "inverse kinematics ignores {name}, and all four lists with it: it has a length of "
+            "{width}, and {body} has {movable} joints that move"
+        ),
+        advice=Message("give lists with one number for each joint that moves: {n}"),
+    )
+)
 
 
 @input_rule("not-taken", "asked", "other-client")
-def other_client(inputs: Inputs) -> Iterator[Said]:
+def other_client(inputs: Inputs) -> Iterator[Case]:
     """A setter without `physicsClientId` acts on client 0, and not on the other simulation."""
     for act in (Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_ENGINE):
         mine, left = inputs.left_out(act)
         for client in left[:1]:
-            given = {"function": act.function, "client": client}
-            yield Said(
-                call=mine[0].first,
-                message=Message(
-                    "p.{function} is called {count} times for client 0, and never for client "
-                    "{client}: without physicsClientId a call is client 0's"
-                ),
-                values={**given, "count": sum(use.count for use in mine)},
-                cure=Cure("right-client", str(client), given=given),
-            )
+            count = sum(use.count for use in mine)
+            told = {"function": act.function, "client": client, "count": count}
+            yield Case(call=mine[0].first, values={**told, "target": str(client)})
+
+
+other_client.rows(
+    SayingRow(
+        says=Message(
+            "p.{function} is called {count} times for client 0, and never for client {client}: "
+            "without physicsClientId a call is client 0's"
+        ),
+        cure=Remedy("right-client", "target", given={"function": "function", "client": "client"}),
+    )
+)
 
 
 @input_rule("not-taken", "asked", "scale-keeps-mass")
-def scale_keeps_mass(inputs: Inputs) -> Iterator[Said]:
+def scale_keeps_mass(inputs: Inputs) -> Iterator[Case]:
     """`globalScaling` scales the shapes of a body, but not its mass."""
     scene = inputs.scene
     moves = {number for number, body in scene.seen.bodies.items() if body.base_moves}
@@ -220,22 +229,35 @@ def scale_keeps_mass(inputs: Inputs) -> Iterator[Said]:
         scale, first = body.asked.scale, inputs.first_dynamics(body)
         mass_kg = 0.0 if first is None else float(np.nansum(first.reported["mass_kg"]))
         if mass_kg > 0 and not 1 / SCALE <= scale <= SCALE:
-            yield Said(
+            dense = mass_kg * scale**3
+            yield Case(
                 call=scene.asked.load(body),
                 subject=body,
-                message=Message(
-                    "{body} has the {mass:.3g} kg of its file at {scale:.3g} times the file's "
-                    "size: globalScaling leaves masses as they are; of the same density it would "
-                    "have {dense:.2g} kg"
-                ),
-                values={"mass": mass_kg, "scale": scale, "dense": mass_kg * scale**3},
-                cure=Cure("mass", body.label, float(f"{mass_kg * scale**3:.2g}")),
-                share=float(abs(np.log10(scale**3))),
+                values={
+                    "mass": mass_kg,
+                    "scale": scale,
+                    "dense": dense,
+                    "written": float(f"{dense:.2g}"),
+                    "part": float(abs(np.log10(scale**3))),
+                },
             )
 
 
+scale_keeps_mass.rows(
+    SayingRow(
+        says=Message(
+            "{body} has the {mass:.3g} kg of its file at {scale:.3g} times the file's size: "
+            "globalScaling leaves masses as they are; of the same density it would have "
+            "{dense:.2g} kg"
+        ),
+        cure=Remedy("mass", "body", "written"),
+        share="part",
+    )
+)
+
+
 @input_rule("not-taken", "asked", "contact-despite-filter")
-def contact_despite_filter(inputs: Inputs) -> Iterator[Said]:
+def contact_despite_filter(inputs: Inputs) -> Iterator[Case]:
     """Two bodies touch if either mask allows it, unless collisionFilterMode is 0."""
     masks: dict[int, Use] = {}
     for use in inputs.of(Act.FILTER_GROUP):
@@ -258,24 +280,34 @@ def contact_despite_filter(inputs: Inputs) -> Iterator[Said]:
             continue
         off, on = pair if lets[0] else pair[::-1]
         other = inputs.scene.body(on).label
-        yield Said(
+        yield Case(
             call=masks[off].last,
             subject=inputs.scene.body(off),
-            message=Message(
-                "{off} is not to touch {on} by its mask, and touches it in {steps:,} steps: either "
-                "one's mask is enough, as collisionFilterMode is OR by default"
-            ),
-            values={"off": inputs.scene.body(off).label, "on": other, "steps": steps},
-            cure=Cure("collision-off", form="both-masks"),
-            other=other,
+            values={
+                "off": inputs.scene.body(off).label,
+                "on": other,
+                "other": other,
+                "steps": steps,
+            },
         )
+
+
+contact_despite_filter.rows(
+    SayingRow(
+        says=Message(
+            "{off} is not to touch {on} by its mask, and touches it in {steps:,} steps: either "
+            "one's mask is enough, as collisionFilterMode is OR by default"
+        ),
+        cure=Remedy("collision-off", form="both-masks"),
+    )
+)
 
 
 # -- taken-elsewhere ------------------------------------------------------------------------------
 
 
 @input_rule("taken-elsewhere", "asked", "call-elsewhere")
-def call_elsewhere(inputs: Inputs) -> Iterator[Said]:
+def call_elsewhere(inputs: Inputs) -> Iterator[Case]:
     """A `changeDynamics` call for a link acts on the base because a later setter redirects it."""
     lost: dict[int, list[Request]] = {}
     for request in inputs.requests:
@@ -285,33 +317,38 @@ def call_elsewhere(inputs: Inputs) -> Iterator[Said]:
         body, call, link = inputs.scene.body(number), found[0].call, found[0].link
         its = [each for each in found if each.call.at.call == call.at.call]
         carriers = [name for name in CARRIERS if name in call.values]
-        values: dict[str, object] = {
+        told: dict[str, object] = {
             "names": joined(", ", [each.name for each in its]),
             "link": body.links[link + 1],
+            "carriers": carriers,
             "carrier": joined(", ", carriers),
+            "part": float(len(found)),
         }
-        message = Message(
+        for each in its:
+            if each.got and each.elsewhere:
+                told |= {"name": each.name, "got": each.got[0], "base": each.elsewhere[0]}
+                break
+        yield Case(call=call, subject=body, values=told | {"both": "base" in told})
+
+
+call_elsewhere.rows(
+    SayingRow(
+        when=lambda both: both,
+        says=Message(
+            "{names} given to {link} of {body} went to its base, as in each call that also "
+            "has {carrier}: {name} of the link is {got:.3g}, of the base {base:.3g}"
+        ),
+    ),
+    SayingRow(
+        says=Message(
             "{names} given to {link} of {body} went to its base: a call that also has {carrier} "
             "does"
         )
-        for each in its:
-            if each.got and each.elsewhere:
-                message = Message(
-                    "{names} given to {link} of {body} went to its base, as in each call that also "
-                    "has {carrier}: {name} of the link is {got:.3g}, of the base {base:.3g}"
-                )
-                values |= {"name": each.name, "got": each.got[0], "base": each.elsewhere[0]}
-                break
-        yield Said(
-            call=call,
-            subject=body,
-            message=message,
-            values=values,
-            cure=Cure("right-link", body.links[link + 1], given={"arguments": carriers}),
-            share=float(len(found)),
-        )
-
-
+    ),
+    like=SayingRow(
+        cure=Remedy("right-link", "link", given={"arguments": "carriers"}), share="part"
+    ),
+)
 CARRIERS = (
     *("maxJointVelocity", "collisionMargin", "linearDamping", "angularDamping"),
     "activationState",
@@ -319,7 +356,7 @@ CARRIERS = (
 
 
 @input_rule("taken-elsewhere", "asked", "wrong-body")
-def wrong_body(inputs: Inputs) -> Iterator[Said]:
+def wrong_body(inputs: Inputs) -> Iterator[Case]:
     """A body that was created without mass gets a mass, and falls."""
     for request in inputs.requests:
         body = request.body
@@ -327,20 +364,29 @@ def wrong_body(inputs: Inputs) -> Iterator[Said]:
             continue
         moved_m = inputs.motions[body.number].moved_m
         if _stood(inputs, request) and moved_m >= LEFT_M:
-            function = {"function": request.call.function}
-            yield Said(
+            yield Case(
                 call=request.call,
                 subject=body,
-                message=Message(
-                    "{body} stood still without mass, is given {mass:.3g} kg, and moves "
-                    "{moved:.3g} m away"
-                ),
-                values={"mass": request.asked[0], "moved": moved_m},
-                advice=Message("{call}: mass 0 keeps a body in place"),
-                cure=Cure("without", body.label, form="of-body", given=function),
-                effect=Effect(moved_m, "m"),
-                share=moved_m,
+                values={
+                    "mass": request.asked[0],
+                    "moved": moved_m,
+                    "function": request.call.function,
+                },
             )
+
+
+wrong_body.rows(
+    SayingRow(
+        says=Message(
+            "{body} stood still without mass, is given {mass:.3g} kg, and moves {moved:.3g} m away"
+        ),
+        advice=Message("{call}: mass 0 keeps a body in place"),
+        cure=Remedy("without", "body", form="of-body", given={"function": "function"}),
+        effect="moved",
+        unit="m",
+        share="moved",
+    )
+)
 
 
 def _stood(inputs: Inputs, request: Request) -> bool:
@@ -375,28 +421,43 @@ def _made_kg(inputs: Inputs, body: Body) -> float:
 
 
 @input_rule("taken-elsewhere", "asked", "ik-index")
-def ik_index(inputs: Inputs) -> Iterator[Said]:
+def ik_index(inputs: Inputs) -> Iterator[Case]:
     """Results of inverse kinematics go to joints by their index, including fixed joints."""
     for number, call in _solved(inputs).items():
-        message = Message(
-            "commands go to {fixed}, a fixed joint, and none to {left}: inverse kinematics "
-            "answers for the {n} joints that move, in their order, and skips fixed ones"
-        )
-        yield from _by_index(inputs, number, Said(message=message, call=call))
+        yield from _by_index(inputs, number, call)
 
 
 @input_rule("taken-elsewhere", "asked", "joint-index")
-def joint_index(inputs: Inputs) -> Iterator[Said]:
+def joint_index(inputs: Inputs) -> Iterator[Case]:
     """Targets of the movable joints go to joints by index, including fixed joints."""
     for number in inputs.commanded.keys() - _solved(inputs).keys():
-        message = Message(
+        yield from _by_index(inputs, number)
+
+
+BY_INDEX = SayingRow(
+    cure=Remedy("right-link", "body", form="joints", given={"links": "sent"}), share="part"
+)
+ik_index.rows(
+    SayingRow(
+        says=Message(
+            "commands go to {fixed}, a fixed joint, and none to {left}: inverse kinematics "
+            "answers for the {n} joints that move, in their order, and skips fixed ones"
+        )
+    ),
+    like=BY_INDEX,
+)
+joint_index.rows(
+    SayingRow(
+        says=Message(
             "commands go to {fixed}, a fixed joint, and none to {left}: {n} joints move, and these "
             "{n} targets were given to joints by index"
-        )
-        advice = Message(
+        ),
+        advice=Message(
             "the targets to the joints that move, for which p.getJointInfo(body, joint)[3] > -1"
-        )
-        yield from _by_index(inputs, number, Said(message=message, advice=advice))
+        ),
+    ),
+    like=BY_INDEX,
+)
 
 
 def _solved(inputs: Inputs) -> dict[int, Call]:
@@ -405,30 +466,29 @@ def _solved(inputs: Inputs) -> dict[int, Call]:
     return {use.body.number: use.first for use in uses if use.body is not None}
 
 
-def _by_index(inputs: Inputs, number: int, said: Said) -> Iterator[Said]:
-    """Yield a finding if commands go to fixed joints while as many movable joints get none."""
+def _by_index(inputs: Inputs, number: int, call: Call | None = None) -> Iterator[Case]:
+    """Yield a case if commands go to fixed joints while as many movable joints get none."""
     body, commanded = inputs.scene.body(number), inputs.commanded[number]
     movable = [joint.link for joint in body.joints if joint.widths[1]]
     fixed = [joint for joint in body.joints if not joint.widths[1] and joint.link in commanded]
     left = [body.joints[link].name for link in movable if link not in commanded]
     if fixed and left and len(commanded) == len(movable):
-        sent = dict(zip(sorted(commanded), movable, strict=True))
-        yield replace(
-            said,
+        yield Case(
             subject=body,
-            joint=left[0],
+            call=call,
             values={
+                "joint": left[0],
                 "fixed": fixed[0].name,
                 "left": joined(", ", left[:3]),
                 "n": len(movable),
+                "sent": dict(zip(sorted(commanded), movable, strict=True)),
+                "part": float(len(left)),
             },
-            cure=Cure("right-link", body.label, form="joints", given={"links": sent}),
-            share=float(len(left)),
         )
 
 
 @input_rule("taken-elsewhere", "asked", "reset-frame")
-def reset_frame(inputs: Inputs) -> Iterator[Said]:
+def reset_frame(inputs: Inputs) -> Iterator[Case]:
     """A reset places the centre of mass; loading places the frame of the file."""
     for use in inputs.of(Act.SET_POSE):
         body = use.body
@@ -440,26 +500,28 @@ def reset_frame(inputs: Inputs) -> Iterator[Said]:
         apart_m = float(np.linalg.norm(frame_m))
         place = given(load, "basePosition") or (0.0, 0.0, 0.0)
         if np.array_equal(given(use.first, "posObj"), place) and apart_m >= FRAME_APART_M:
-            yield Said(
-                call=use.first,
-                subject=body,
-                message=Message(
-                    "{body} is reset to the place that it was loaded at, but a reset places its "
-                    "centre of mass, which is {apart:.3g} m from the origin of its file ({z:+.3g} "
-                    "m in z)"
-                ),
-                values={"apart": apart_m, "z": float(frame_m[2])},
-                cure=Cure("lifted", body.label, float(frame_m[2]), form="frame"),
-                effect=Effect(apart_m, "m"),
-                share=1.0,
-            )
+            told = {"apart": apart_m, "z": float(frame_m[2])}
+            yield Case(call=use.first, subject=body, values=told)
+
+
+reset_frame.rows(
+    SayingRow(
+        says=Message(
+            "{body} is reset to the place that it was loaded at, but a reset places its centre of "
+            "mass, which is {apart:.3g} m from the origin of its file ({z:+.3g} m in z)"
+        ),
+        cure=Remedy("lifted", "body", "z", form="frame"),
+        effect="apart",
+        share=1.0,
+    )
+)
 
 
 # -- overwritten ----------------------------------------------------------------------------------
 
 
 @input_rule("overwritten", "asked", "velocity-set-each-step")
-def velocity_set_each_step(inputs: Inputs) -> Iterator[Said]:
+def velocity_set_each_step(inputs: Inputs) -> Iterator[Case]:
     """A velocity set before each step removes the speed that gravity gave in the last one."""
     for use in inputs.of(Act.SET_VELOCITY):
         body, z = use.body, use.low.get("linearVelocity", np.zeros(0))
@@ -475,57 +537,75 @@ def velocity_set_each_step(inputs: Inputs) -> Iterator[Said]:
         )
         each_step = len(use.steps) >= EACH_STEP * motion.samples
         if same and each_step and len(falls) >= FALLS_STEPS and g:
-            yield Said(
+            yield Case(
                 call=use.first,
                 subject=body,
-                steps=Span(falls[0], falls[-1], len(falls)),
-                message=Message(
-                    "{body} falls {way:.2g} mm a step and no faster: p.resetBaseVelocity before "
-                    "each step sets its vertical velocity to {vz:g} m/s again"
-                ),
-                values={"way": abs(g) * dt * dt * 1e3, "vz": float(z[2])},
-                cure=Cure("without", body.label, form="vertical"),
-                share=len(falls) / motion.samples,
+                span=Span(falls[0], falls[-1], len(falls)),
+                values={
+                    "way": abs(g) * dt * dt * 1e3,
+                    "vz": float(z[2]),
+                    "part": len(falls) / motion.samples,
+                },
             )
+
+
+velocity_set_each_step.rows(
+    SayingRow(
+        says=Message(
+            "{body} falls {way:.2g} mm a step and no faster: p.resetBaseVelocity before each step "
+            "sets its vertical velocity to {vz:g} m/s again"
+        ),
+        cure=Remedy("without", "body", form="vertical"),
+        share="part",
+    )
+)
 
 
 @input_rule("overwritten", "asked", "command-overwritten")
-def command_overwritten(inputs: Inputs) -> Iterator[Said]:
+def command_overwritten(inputs: Inputs) -> Iterator[Case]:
     """A joint has one motor: of a position and a velocity command before a step, one counts."""
     for (number, joint, _), (first, last, steps) in inputs.overridden.items():
         body, made = inputs.scene.body(number), inputs.motions[number].samples
-        message = Message(
-            "{joint} is commanded twice before a step, by {first} and then by {last}, in "
-            "{steps}: it has one motor, and only the last command counts"
-        )
-        advice = Message(
-            "give one command: p.POSITION_CONTROL takes targetVelocity=… and maxVelocity=…, too"
-        )
-        if first is last:
-            message = Message(
-                "{joint} is commanded more than once before a step, by {last} with different "
-                "targets, in {steps}: it has one motor, and only the last command counts"
-            )
-            advice = Message("give each joint one target before a step")
         if len(steps) >= COASTS_STEPS and joint < len(body.joints):
-            yield Said(
+            yield Case(
                 subject=body,
-                joint=body.joints[joint].name,
                 site=site_of(last),
-                steps=Span(min(steps) + 1, max(steps) + 1, len(steps)),
-                message=message,
+                span=Span(min(steps) + 1, max(steps) + 1, len(steps)),
                 values={
+                    "joint": body.joints[joint].name,
+                    "alone": first is last,
                     "first": site_of(first),
                     "last": site_of(last),
                     "steps": so_many(len(steps)),
+                    "part": len(steps) / max(made, 1),
                 },
-                advice=advice,
-                share=len(steps) / max(made, 1),
             )
 
 
+command_overwritten.rows(
+    SayingRow(
+        when=lambda alone: alone,
+        says=Message(
+            "{joint} is commanded more than once before a step, by {last} with different "
+            "targets, in {steps}: it has one motor, and only the last command counts"
+        ),
+        advice=Message("give each joint one target before a step"),
+    ),
+    SayingRow(
+        says=Message(
+            "{joint} is commanded twice before a step, by {first} and then by {last}, in "
+            "{steps}: it has one motor, and only the last command counts"
+        ),
+        advice=Message(
+            "give one command: p.POSITION_CONTROL takes targetVelocity=… and maxVelocity=…, too"
+        ),
+    ),
+    like=SayingRow(share="part"),
+)
+
+
 @input_rule("overwritten", "asked", "pose-set-each-step")
-def pose_set_each_step(inputs: Inputs) -> Iterator[Said]:
+def pose_set_each_step(inputs: Inputs) -> Iterator[Case]:
     """A pose set in every step exerts no force: the body passes through obstacles."""
     carried = [
         use
@@ -553,37 +633,42 @@ def pose_set_each_step(inputs: Inputs) -> Iterator[Said]:
         if len(deep) < OVERLAPS_STEPS:
             continue
         most = max(deep.values())
-        joint = advice = cure = None
-        if call.act is Act.SET_JOINT:
-            joint = body.joints[number].name if number >= 0 else None
-            cure = Cure("without", joint or body.label, form="driven")
-        else:
-            # What it presses onto something else stays in the way of any velocity, too.
-            cure = Cure("support-velocity", bodies=(body.label,))
-            advice = Message("{call}, or give it a mass and move it by a constraint")
-            if body.base_moves:
-                advice = Message("move it by a force, a velocity, or a constraint")
-        yield Said(
+        by_joint = call.act is Act.SET_JOINT
+        joint = body.joints[number].name if by_joint and number >= 0 else None
+        yield Case(
             call=call,
             subject=body,
-            joint=joint,
-            steps=Span(min(deep), max(deep), len(deep)),
-            message=Message(
-                "{what} is set by p.{function} in {count:,} steps, and gets {deep:.3g} mm into "
-                "what it meets: a pose that is set has no force"
-            ),
+            span=Span(min(deep), max(deep), len(deep)),
             values={
+                "joint": joint,
+                "by_joint": by_joint,
                 "what": joint or body.label,
                 "function": call.function,
                 "count": len(use.steps),
                 "deep": most * 1e3,
+                "most": most,
             },
-            advice=advice,
-            cure=cure,
-            proposed=call.act is Act.SET_POSE,
-            effect=Effect(most, "m"),
-            share=most / DEEP_M,
         )
+
+
+POSED = SayingRow(cure=Remedy("support-velocity", bodies=("body",)), proposed=True)
+pose_set_each_step.rows(
+    SayingRow(when=lambda by_joint: by_joint, cure=Remedy("without", "what", form="driven")),
+    # What it presses onto something else stays in the way of any velocity, too.
+    SayingRow(
+        when=lambda subject: subject.base_moves,
+        advice=Message("move it by a force, a velocity, or a constraint"),
+    ).like(POSED),
+    SayingRow(advice=Message("{call}, or give it a mass and move it by a constraint")).like(POSED),
+    like=SayingRow(
+        says=Message(
+            "{what} is set by p.{function} in {count:,} steps, and gets {deep:.3g} mm into "
+            "what it meets: a pose that is set has no force"
+        ),
+        effect="most",
+        normal=DEEP_M,
+    ),
+)
 
 
 def _branch(body: Body, link: int) -> tuple[int, ...]:
@@ -592,7 +677,7 @@ def _branch(body: Body, link: int) -> tuple[int, ...]:
 
 
 @input_rule("overwritten", "asked", "drive-lags")
-def drive_lags(inputs: Inputs) -> Iterator[Said]:
+def drive_lags(inputs: Inputs) -> Iterator[Case]:
     """A constraint closes a share of its gap per step, so that a moving target stays ahead."""
     for drive in inputs.drives.values():
         if len(drive.targets_m) < FALLS_STEPS * 2:
@@ -604,15 +689,26 @@ def drive_lags(inputs: Inputs) -> Iterator[Said]:
         made_m = float(lengths(np.diff(places_m, axis=0))[1:].mean())
         steady = np.abs(ahead_m - mean_m).max() <= SAME_GAP * gap_m
         if steady and 0 < made_m < (1 - SAME_GAP) * gap_m:
-            yield Said(
+            share = made_m / gap_m
+            yield Case(
                 call=drive.call,
                 subject=drive.body,
-                message=Message(
-                    "{body} goes {made:.2g} mm a step where p.changeConstraint asks for {gap:.2g} "
-                    "mm: the target is set from where {body} is, and a step makes {share:.2g} of "
-                    "the way there"
-                ),
-                values={"made": made_m * 1e3, "gap": gap_m * 1e3, "share": made_m / gap_m},
-                advice=Message("set each target from the last target, not from the body"),
-                share=1 - made_m / gap_m,
+                values={
+                    "made": made_m * 1e3,
+                    "gap": gap_m * 1e3,
+                    "share": share,
+                    "part": 1 - share,
+                },
             )
+
+
+drive_lags.rows(
+    SayingRow(
+        says=Message(
+            "{body} goes {made:.2g} mm a step where p.changeConstraint asks for {gap:.2g} mm: the "
+            "target is set from where {body} is, and a step makes {share:.2g} of the way there"
+        ),
+        advice=Message("set each target from the last target, not from the body"),
+        share="part",
+    )
+)

@@ -11,9 +11,9 @@ from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.changes import energy_of
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import distinct_rows
-from drop_physics.rules.answer import Cure, Effect, Scene
+from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import ANY, MUJOCO
-from drop_physics.rules.rows import Noted, Remedy, Said, SayingRow
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, pair_rule
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import BOUNCES_M_S, GAINED, PLACED_M_S, SOFTLY, SWALLOWED
@@ -57,20 +57,18 @@ def no_restitution(pair: PairColumns) -> Match | None:
     return Match(meets, may_bounce, numbers, keys=keys)
 
 
-@no_restitution.says
+@no_restitution.notes
 def _(
     scene: Scene,
     subject: Body,
     partner: Body,
-    body: str,
-    other: str,
     approach: float,
     rebound: float,
     product: float,
     gap: float,
     lost: float,
     step: int,
-) -> Said | None:
+) -> Noted | None:
     pair, asked, speed = (subject, partner), scene.asked.of["restitution"], approach
     springy, none = pair if asked.values.get(pair[0].number, 0.0) > 0 else pair[::-1]
     wanted, unwanted = (asked.values.get(each.number, 0.0) for each in (springy, none))
@@ -100,50 +98,68 @@ def _(
     # A floor has restitution for other things.
     if not (springy.moving or none.number in chosen or not (none.joints or chosen)):
         return None
-    if slow:
-        why = Message(
+    return {
+        "slow": slow,
+        "early": early,
+        "gives_way": gives_way,
+        "slowest": slowest,
+        "asked": wanted,
+        "speed": speed,
+        "rebound": max(rebound, 0.0),
+        "gap": gap * 1e3,
+        "springless": none.label,
+        # With more than 1 in all it would gain energy.
+        "most": 1 / max(wanted, 1.0),
+        "share": share,
+        "lost": share * speed,
+        "called": asked.site(springy.number),
+    }
+
+
+no_restitution.rows(
+    SayingRow(
+        when=lambda slow: slow,
+        why=Message(
             "PyBullet lets nothing bounce that comes slower than {slowest:g} m/s, its "
-            "restitutionVelocityThreshold",
-            slowest=slowest,
-        )
-        advice = None
-        cure = Cure("solver", value=0.0, given={"restitutionVelocityThreshold": 0})
-    elif early:
-        why = Message(
+            "restitutionVelocityThreshold"
+        ),
+        cure=Remedy("solver", value=0.0, given={"restitutionVelocityThreshold": 0}),
+    ),
+    SayingRow(
+        when=lambda early: early,
+        why=Message(
             "PyBullet stops it {gap:.3g} mm before they touch, and takes that distance over the "
-            "timestep off its rebound",
-            gap=gap * 1e3,
-        )
-        advice = Message("{call} on both lets contacts act only where they touch")
-        both = body, other
-        cure = Cure("restitution", given={"contactProcessingThreshold": 0}, bodies=both)
-    elif gives_way:
-        why = Message(
+            "timestep off its rebound"
+        ),
+        advice=Message("{call} on both lets contacts act only where they touch"),
+        cure=Remedy(
+            "restitution", given={"contactProcessingThreshold": 0}, bodies=("body", "other")
+        ),
+    ),
+    SayingRow(
+        when=lambda gives_way: gives_way,
+        why=Message(
             "with contactStiffness and contactDamping it lands on a spring with a damper, which "
             "takes the rebound"
-        )
-        advice = Message("leave both out of p.changeDynamics, or give a smaller contactDamping")
-        cure = None
-    else:
-        why = Message("restitution is the product of both bodies', {asked:.3g} × 0", asked=wanted)
-        advice = Message("give {springless} restitution, too: {call}")
-        # With more than 1 in all it would gain energy.
-        cure = Cure("restitution", none.label, 1 / max(wanted, 1.0), bodies=(none.label,))
-    message = Message(
-        "{body} does not bounce off {other}: it meets it at {speed:.3g} m/s and leaves at "
-        "{rebound:.3g} m/s; {why}"
-    )
-    values = {"speed": speed, "rebound": max(rebound, 0.0), "why": why}
-    values["springless"] = none.label
-    return Said(
-        message=message,
-        values=values,
-        advice=advice,
-        cure=cure,
-        effect=Effect(share * speed, "m/s"),
-        share=share,
-        site=asked.site(springy.number),
-    )
+        ),
+        advice=Message("leave both out of p.changeDynamics, or give a smaller contactDamping"),
+    ),
+    SayingRow(
+        why=Message("restitution is the product of both bodies', {asked:.3g} × 0"),
+        advice=Message("give {springless} restitution, too: {call}"),
+        cure=Remedy("restitution", "springless", "most", bodies=("springless",)),
+    ),
+    like=SayingRow(
+        says=Message(
+            "{body} does not bounce off {other}: it meets it at {speed:.3g} m/s and leaves at "
+            "{rebound:.3g} m/s; {why}"
+        ),
+        effect="lost",
+        unit="m/s",
+        share="share",
+        site="called",
+    ),
+)
 
 
 # -- energy-gained --------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Hashable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from drop_physics import messages
@@ -96,9 +96,9 @@ SPOILED = (
 
 def ranked(findings: Iterable[Finding]) -> list[Finding]:
     """Sort findings, the gravest first; of equal ones on many bodies keep only the worst."""
-    groups: dict[tuple[str | None, ...], list[Finding]] = {}
+    groups: dict[tuple[Hashable, ...], list[Finding]] = {}
     for miss in _worst_misses(findings):
-        groups.setdefault((miss.code, miss.reason, *_texts(miss)), []).append(miss)
+        groups.setdefault((miss.code, miss.reason, miss.kind), []).append(miss)
     found = sorted((_one_of(group) for group in groups.values()), key=lambda each: each.rank)
     for kind in SPOILED:
         told = found
@@ -125,20 +125,12 @@ def told_apart(findings: Iterable[Finding], bodies: Collection[Body]) -> Iterato
             yield replace(finding, message=messages.joined(": ", [finding.body, finding.message]))
 
 
-def _texts(finding: Finding) -> tuple[str, ...]:
-    """Return the message template of a finding, and that of the cause of a missed target."""
-    why = (
-        getattr(finding.message, "values", {}).get("why") if finding.code == "off-target" else None
-    )
-    return tuple(getattr(each, "template", str(each)) for each in (finding.message, why))
-
-
 def _worst_misses(findings: Iterable[Finding]) -> Iterator[Finding]:
     """Yield findings; of a body's missed targets, only the gravest for each cause."""
     told: set[tuple[object, ...]] = set()
     for each in sorted(findings, key=lambda finding: finding.rank):
         is_speed = each.effect is not None and each.effect.unit.endswith("/s")
-        of = {(each.body, is_speed, what) for what in (each.joint, _texts(each))}
+        of = {(each.body, is_speed, what) for what in (each.joint, each.kind)}
         is_miss = each.code == "off-target" and each.reason is None
         if not is_miss or not of & told:
             yield each

@@ -9,17 +9,16 @@ import numpy as np
 from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.physics.tree import BASE
-from drop_physics.rules.answer import Effect
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.rows import Said
+from drop_physics.rules.rows import Case, SayingRow
 from drop_physics.rules.rule import input_rule
 from drop_physics.rules.thresholds import LEFT_M
 from drop_physics.trace.acts import Act
 
 
 @input_rule("not-taken", "model", "inactive", engines=MUJOCOS)
-def never_active(inputs: Inputs) -> Iterator[Said]:
+def never_active(inputs: Inputs) -> Iterator[Case]:
     """An equality that is never active holds nothing, and its bodies part."""
     scene, forces = inputs.scene, inputs.lasting.forces
     switched = {client for client, act, _ in forces if act is Act.SET_ACTIVE}
@@ -35,24 +34,30 @@ def never_active(inputs: Inputs) -> Iterator[Said]:
         apart_m = float(np.linalg.norm(ways[0] - ways[1]))
         if not apart_m >= LEFT_M:
             continue
-        message = Message(
+        told = {"apart": apart_m, "name": equality.name, "number": number, "mine": mine}
+        call = None if mine is None else mine.call
+        yield Case(call=call, subject=body, values={"other": other.label, **told})
+
+
+never_active.rows(
+    SayingRow(
+        when=lambda mine: mine is not None,
+        says=Message(
+            "{body} and {other} part by {apart:.3g} m: eq_active[{number}] is written, and a "
+            "reset before the next step sets it back, so {name} does not join them"
+        ),
+    ),
+    SayingRow(
+        says=Message(
             "{body} and {other} part by {apart:.3g} m: {name}, which joins them, is not active"
         )
-        if mine is not None:
-            message = Message(
-                "{body} and {other} part by {apart:.3g} m: eq_active[{number}] is written, and a "
-                "reset before the next step sets it back, so {name} does not join them"
-            )
-        yield Said(
-            call=None if mine is None else mine.call,
-            subject=body,
-            other=other.label,
-            message=message,
-            values={"apart": apart_m, "name": equality.name, "number": number},
-            advice=Message('active="true" of it, or data.eq_active[{number}] = 1 after each reset'),
-            effect=Effect(apart_m, "m"),
-            share=apart_m,
-        )
+    ),
+    like=SayingRow(
+        advice=Message('active="true" of it, or data.eq_active[{number}] = 1 after each reset'),
+        effect="apart",
+        share="apart",
+    ),
+)
 
 
 def _way_m(inputs: Inputs, number: int, end: int) -> Float64:

@@ -1,8 +1,4 @@
-"""Inputs of a whole run and their effects: the table read by rules about inputs.
-
-@input_rule("not-taken", "asked", "other-client")
-def other_client(inputs: Inputs) -> Iterator[tuple[Subject, Said]]: ...
-"""
+"""Inputs of a whole run and their effects: the table read by rules about inputs."""
 
 from __future__ import annotations
 

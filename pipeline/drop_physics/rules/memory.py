@@ -9,11 +9,11 @@ import numpy as np
 
 from drop_physics.messages import Message
 from drop_physics.quantities import effort
-from drop_physics.rules.answer import Cure, Effect, Span, so_many
+from drop_physics.rules.answer import Span, so_many
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.lasting import LastingEdit, LastingForce
-from drop_physics.rules.rows import Said
+from drop_physics.rules.rows import Case, Remedy, SayingRow
 from drop_physics.rules.rule import input_rule
 from drop_physics.rules.thresholds import EACH_STEP, MASS_EDIT, PUSHES_STEPS, WATCHED
 from drop_physics.trace.acts import Act
@@ -65,7 +65,7 @@ def _ends(inputs: Inputs, client: int) -> int:
 
 
 @input_rule("reset-leaves", "model", "reset-clears", engines=MUJOCOS)
-def reset_clears_force(inputs: Inputs) -> Iterator[Said]:
+def reset_clears_force(inputs: Inputs) -> Iterator[Case]:
     """A reset of the state sets forces to zero, and nothing sets them again."""
     for (client, act, place), force in inputs.lasting.forces.items():
         steps = _ends(inputs, client) - force.since
@@ -74,15 +74,20 @@ def reset_clears_force(inputs: Inputs) -> Iterator[Said]:
         is_drive = act is Act.SET_JOINT_FORCE and force.from_start
         is_lost = act is not Act.SET_ACTIVE and not force.acts
         if by_reset and (is_drive or is_lost) and steps >= WATCHED and not force.was_cleared:
-            message = Message(
-                "{name} is given 0 in {steps} after a reset, which clears it: before it was "
-                "{was:.4g}",
-                name=f"{force.call.function}[{place}]",
-                steps=so_many(steps),
-                was=force.most[np.abs(force.most).argmax()],
-            )
-            advice = Message("data.{field}[:] = … after each reset", field=force.call.function)
-            yield Said(call=force.call, message=message, advice=advice, share=1.0)
+            told = {"field": force.call.function, "name": f"{force.call.function}[{place}]"}
+            told |= {"steps": so_many(steps), "was": force.most[np.abs(force.most).argmax()]}
+            yield Case(call=force.call, values=told)
+
+
+reset_clears_force.rows(
+    SayingRow(
+        says=Message(
+            "{name} is given 0 in {steps} after a reset, which clears it: before it was {was:.4g}"
+        ),
+        advice=Message("data.{field}[:] = … after each reset"),
+        share=1.0,
+    )
+)
 
 
 def _cleared(inputs: Inputs, force: LastingForce) -> int:
@@ -97,7 +102,7 @@ def _first_and_last(warning: EngineWarning) -> tuple[int, int]:
 
 
 @input_rule("push-stays", "model", engines=MUJOCOS)
-def force_stays(inputs: Inputs) -> Iterator[Said]:
+def force_stays(inputs: Inputs) -> Iterator[Case]:
     """A force on a body or a joint acts in each step until it is written again."""
     for (client, act, place), force in inputs.lasting.forces.items():
         acts, first = force.until(_cleared(inputs, force)), force.call.at.step + 1
@@ -110,56 +115,72 @@ def force_stays(inputs: Inputs) -> Iterator[Said]:
         unit = "N" if kind == "prismatic" and push else "N m"
         if act is Act.SET_ACTIVE or body is None or not body.moving:
             continue
-        message = Message(
-            "{body} is pushed by {push} in {acts}, from step {step:,} on: {field} keeps what is "
-            "written there until something else is",
-            body=joint or body.label,
-            push=effort(push or math.hypot(*force.most), unit),
-            field=f"{force.call.function}[{place}]",
-            acts=so_many(acts),
-            step=first,
-        )
-        yield Said(
+        yield Case(
             call=force.call,
             subject=body,
-            proposed=True,  # a force that is written in each step may be the same in all
-            joint=joint,
-            steps=Span(first, first + acts - 1, acts),
-            message=message,
-            cure=Cure("push-repeated", body.label, given={"function": force.call.function}),
-            effect=Effect(float(acts), "steps"),
-            share=acts / PUSHES_STEPS,
+            span=Span(first, first + acts - 1, acts),
+            values={
+                "label": body.label,
+                "joint": joint,
+                "body": joint or body.label,
+                "push": effort(push or math.hypot(*force.most), unit),
+                "field": f"{force.call.function}[{place}]",
+                "function": force.call.function,
+                "count": acts,
+                "acts": so_many(acts),
+                "step": first,
+            },
         )
+
+
+force_stays.rows(
+    SayingRow(
+        says=Message(
+            "{body} is pushed by {push} in {acts}, from step {step:,} on: {field} keeps what is "
+            "written there until something else is"
+        ),
+        cure=Remedy("push-repeated", "label", given={"function": "function"}),
+        proposed=True,  # a force that is written in each step may be the same in all
+        effect="count",
+        unit="steps",
+        normal=PUSHES_STEPS,
+    )
+)
 
 
 @input_rule("not-taken", "asked", "no-effect", engines=MUJOCOS)
-def without_joint(inputs: Inputs) -> Iterator[Said]:
+def without_joint(inputs: Inputs) -> Iterator[Case]:
     """A body without a joint is part of the world: no force moves it."""
     for (client, act, place), force in inputs.lasting.forces.items():
         body = body_at(inputs, client, place) if act is Act.SET_BODY_FORCE else None
         if body is None or (body.moving and place):
             continue
-        written = f"{force.call.function}[{place}]"
-        message = Message(
-            "{body} is given {field}, and has no joint: what has none is part of the world, which "
-            "no force moves",
-            body=body.label,
-            field=written,
-        )
-        advice = Message("<freejoint/> in its <body>")
+        told = {"field": f"{force.call.function}[{place}]", "of_world": place == 0}
         if place == 0:
-            message = Message("{field} is of the world, which no force moves", field=written)
             first = next(each for each in bodies_of(inputs, client) if each.moving)
-            advice = Message(
-                "the index of the body that is meant, such as {index} of {body}",
-                index=first.engine_id,
-                body=first.label,
-            )
-        yield Said(call=force.call, subject=body, message=message, advice=advice, share=1.0)
+            told |= {"index": first.engine_id, "body": first.label}
+        yield Case(call=force.call, subject=body, values=told)
+
+
+without_joint.rows(
+    SayingRow(
+        when=lambda of_world: of_world,
+        says=Message("{field} is of the world, which no force moves"),
+        advice=Message("the index of the body that is meant, such as {index} of {body}"),
+    ),
+    SayingRow(
+        says=Message(
+            "{body} is given {field}, and has no joint: what has none is part of the world, which "
+            "no force moves"
+        ),
+        advice=Message("<freejoint/> in its <body>"),
+    ),
+    like=SayingRow(share=1.0),
+)
 
 
 @input_rule("model-edited", "model", engines=MUJOCOS)
-def model_edited(inputs: Inputs) -> Iterator[Said]:
+def model_edited(inputs: Inputs) -> Iterator[Case]:
     """Quantities that a model derives from its masses are computed only when it is compiled."""
     lasting = inputs.lasting
     anew = {(each.call.client, each.call.at.step) for each in lasting.edits[Act.SET_DERIVED]}
@@ -180,84 +201,95 @@ def model_edited(inputs: Inputs) -> Iterator[Said]:
             if ratio > worst.get(client, (1.0,))[0]:
                 worst[client] = ratio, old, new, edit, index
     for client, (ratio, old, new, edit, index) in worst.items():
-        body = body_at(inputs, client, index)
-        message = Message(
-            "the mass of {body} is changed in place from {old:.4g} to {new:.4g} kg before step "
-            "{step:,} (body_mass[{index}]), and what the model derives from it is not: contacts, "
-            "limits and equalities are as soft as for {old:.4g} kg",
-            body="" if body is None else body.label,
-            old=old,
-            new=new,
-            step=edit.call.at.step + 1,
-            index=index,
-        )
-        yield Said(
-            call=edit.call,
-            subject=body,
-            message=message,
-            cure=Cure("set-const"),
-            effect=Effect(abs(new - old), "kg"),
-            share=ratio,
-            level="model" if ratio >= MASS_EDIT else "note",
-        )
+        told: dict[str, object] = {"old": old, "new": new, "more": new - old, "ratio": ratio}
+        told |= {"step": edit.call.at.step + 1, "index": index}
+        yield Case(call=edit.call, subject=body_at(inputs, client, index), values=told)
+
+
+MODEL_EDITED = SayingRow(
+    says=Message(
+        "the mass of {body} is changed in place from {old:.4g} to {new:.4g} kg before step "
+        "{step:,} (body_mass[{index}]), and what the model derives from it is not: contacts, "
+        "limits and equalities are as soft as for {old:.4g} kg"
+    ),
+    cure=Remedy("set-const"),
+    effect="more",
+    unit="kg",
+    share="ratio",
+)
+model_edited.rows(
+    SayingRow(when=lambda ratio: ratio < MASS_EDIT, level="note"), SayingRow(), like=MODEL_EDITED
+)
 
 
 @input_rule("reading", "note", "reading-stale", engines=MUJOCOS)
-def stale_after_write(inputs: Inputs) -> Iterator[Said]:
+def stale_after_write(inputs: Inputs) -> Iterator[Case]:
     """Quantities derived from positions stay those of the earlier state until recomputed."""
     for client, writes in inputs.lasting.positions.items():
         if len(writes.steps) < EACH_STEP * _ends(inputs, client) or writes.is_computed:
             continue
-        message = Message(
-            "qpos is written in {steps} and mj_forward is not called before the next step: xpos, "
-            "contacts, sensors and all else that is computed are then those of the state before",
-            steps=so_many(len(writes.steps)),
-        )
         steps = sorted(writes.steps)
-        yield Said(
+        yield Case(
             call=writes.first,
-            steps=Span(steps[0] + 1, steps[-1] + 1, len(steps)),
-            message=message,
-            cure=Cure("forward", form="read"),
-            share=1.0,
+            span=Span(steps[0] + 1, steps[-1] + 1, len(steps)),
+            values={"steps": so_many(len(steps))},
         )
+
+
+FORWARD = SayingRow(cure=Remedy("forward", form="read"), share=1.0)
+stale_after_write.rows(
+    SayingRow(
+        says=Message(
+            "qpos is written in {steps} and mj_forward is not called before the next step: xpos, "
+            "contacts, sensors and all else that is computed are then those of the state before"
+        )
+    ),
+    like=FORWARD,
+)
 
 
 @input_rule("reading", "note", "reading-stale", engines=MUJOCOS)
-def read_after_write(inputs: Inputs) -> Iterator[Said]:
+def read_after_write(inputs: Inputs) -> Iterator[Case]:
     """A function reads quantities that were computed before positions were written."""
     for (_, reader), calls in inputs.lasting.stale.items():
-        message = Message(
+        yield Case(call=calls[0], values={"reader": reader, "n": len(calls)})
+
+
+read_after_write.rows(
+    SayingRow(
+        says=Message(
             "{reader} is called {n:,} times after qpos is written and before mj_forward: what it "
-            "gives, and xpos, is that of the state before",
-            reader=reader,
-            n=len(calls),
+            "gives, and xpos, is that of the state before"
         )
-        yield Said(call=calls[0], message=message, cure=Cure("forward", form="read"), share=1.0)
+    ),
+    like=FORWARD,
+)
 
 
 @input_rule("taken-elsewhere", "model", "quaternion-order", engines=MUJOCOS)
-def w_first(inputs: Inputs) -> Iterator[Said]:
+def w_first(inputs: Inputs) -> Iterator[Case]:
     """MuJoCo reads a quaternion about z with w last as half a turn about another axis."""
     for (client, place), (call, turn) in inputs.lasting.turned.items():
         body = turn_at(inputs, client, place)
         if body is None:
             continue
         angle = 2 * math.atan2(turn[2], turn[3])
-        message = Message(
-            "qpos[{place}:{end}] gives {body} the quaternion ({turn}), half a turn: MuJoCo has w "
-            "first; with w last it would be {other}",
-            place=place,
-            end=place + 4,
-            body=body.label,
-            turn=", ".join(f"{each:.3g}" for each in turn),
-            other=Message("{angle:.3g} rad about z", angle=angle) if angle else Message("no turn"),
-        )
-        yield Said(
-            call=call,
-            subject=body,
-            message=message,
-            advice=Message("np.roll(quaternion, 1) puts w first"),
-            level=None if angle else "note",  # half a turn about z may be meant
-            share=1.0,
-        )
+        written = ", ".join(f"{each:.3g}" for each in turn)
+        told = {"place": place, "end": place + 4, "turn": written, "angle": angle}
+        yield Case(call=call, subject=body, values=told)
+
+
+W_FIRST = SayingRow(
+    says=Message(
+        "qpos[{place}:{end}] gives {body} the quaternion ({turn}), half a turn: MuJoCo has w "
+        "first; with w last it would be {why}"
+    ),
+    advice=Message("np.roll(quaternion, 1) puts w first"),
+    share=1.0,
+)
+w_first.rows(
+    SayingRow(when=lambda angle: angle, why=Message("{angle:.3g} rad about z")),
+    # Half a turn about z may be meant.
+    SayingRow(why=Message("no turn"), level="note"),
+    like=W_FIRST,
+)

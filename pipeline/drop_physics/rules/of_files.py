@@ -14,11 +14,11 @@ from drop_physics.messages import Message
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import BASE, RATES, Tree
-from drop_physics.rules.answer import Cure, Effect, Scene, and_more
+from drop_physics.rules.answer import Scene, and_more
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.inputs import FileInertia, Inputs
 from drop_physics.rules.joint import link_of
-from drop_physics.rules.rows import Noted, Remedy, Said, SayingRow
+from drop_physics.rules.rows import Case, Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule, input_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import (
@@ -59,7 +59,7 @@ def _came(inputs: Inputs) -> Iterator[tuple[Body, Tree]]:
 
 
 @input_rule("no-inertial", "asked")
-def no_inertial(inputs: Inputs) -> Iterator[Said]:
+def no_inertial(inputs: Inputs) -> Iterator[Case]:
     """PyBullet gives a movable link without `<inertial>` a mass of 1 kg."""
     for body, tree in _came(inputs):
         masses_kg = {link: float(tree.masses_kg[link + 1]) for link in moving_links(tree)}
@@ -70,58 +70,76 @@ def no_inertial(inputs: Inputs) -> Iterator[Said]:
         ]
         if links:
             total_kg = sum(masses_kg.values())
-            yield Said(
+            yield Case(
                 subject=body,
                 call=inputs.scene.asked.load(body),
-                message=Message(
-                    "{link}{more} has no <inertial> in the file, so PyBullet gives it 1 kg: "
-                    "{mass:g} of the {total:.3g} kg that move"
-                ),
                 values={
                     "link": body.links[links[0] + 1],
+                    "links": links,
                     "more": and_more(len(links)),
                     "mass": float(len(links)),
                     "total": total_kg,
+                    "part": len(links) / total_kg,
                 },
-                cure=Cure("inertial", body.label, given={"links": links}),
-                effect=Effect(float(len(links)), "kg"),
-                share=len(links) / total_kg,
             )
 
 
+no_inertial.rows(
+    SayingRow(
+        says=Message(
+            "{link}{more} has no <inertial> in the file, so PyBullet gives it 1 kg: {mass:g} of "
+            "the {total:.3g} kg that move"
+        ),
+        cure=Remedy("inertial", "body", given={"links": "links"}),
+        effect="mass",
+        unit="kg",
+        share="part",
+    )
+)
+
+
 @input_rule("impossible-inertia", "model")
-def impossible_inertia(inputs: Inputs) -> Iterator[Said]:
+def impossible_inertia(inputs: Inputs) -> Iterator[Case]:
     """The two smaller moments of inertia of a link add up to less than the largest."""
     for body, tree in _came(inputs):
         told = told_links(body, tree)
         for link in moving_links(tree):
             moments = sorted(tree.inertias_kg_m2[link + 1].tolist())
             mass_kg = float(tree.masses_kg[link + 1])
-            message = Message(
-                "{link} of {body} has moments of inertia of {low:.3g}, {middle:.3g} and {high:.3g} "
-                "kg m² with {mass:.3g} kg"
-            )
-            if moments[2] == 0 and link in told and body.flags & FROM_FILE:
+            zeroed = moments[2] == 0 and link in told and bool(body.flags & FROM_FILE)
+            if zeroed:
                 written = _written(body, told[link])
                 moments = moments if written is None else np.linalg.eigvalsh(written).tolist()
-                message = Message(
-                    "the file gives {link} of {body} moments of inertia of {low:.3g}, {middle:.3g} "
-                    "and {high:.3g} kg m² with {mass:.3g} kg, and PyBullet sets them to 0"
-                )
             if not mass_kg > 0 or _is_possible(moments):
                 continue
-            numbers = dict(zip(("low", "middle", "high"), moments, strict=True))
-            yield Said(
-                subject=body,
-                call=inputs.scene.asked.load(body),
-                message=message,
-                values={"link": body.links[link + 1], "mass": mass_kg, **numbers},
-                advice=Message(
-                    "no body has it: the two smaller moments add up to the largest or more; "
-                    "correct <inertia>, or give p.changeDynamics another localInertiaDiagonal"
-                ),
-            )
+            low, middle, high = moments
+            values = {"low": low, "middle": middle, "high": high, "zeroed": zeroed}
+            values |= {"link": body.links[link + 1], "mass": mass_kg}
+            yield Case(subject=body, call=inputs.scene.asked.load(body), values=values)
             break
+
+
+impossible_inertia.rows(
+    SayingRow(
+        when=lambda zeroed: zeroed,
+        says=Message(
+            "the file gives {link} of {body} moments of inertia of {low:.3g}, {middle:.3g} "
+            "and {high:.3g} kg m² with {mass:.3g} kg, and PyBullet sets them to 0"
+        ),
+    ),
+    SayingRow(
+        says=Message(
+            "{link} of {body} has moments of inertia of {low:.3g}, {middle:.3g} and {high:.3g} "
+            "kg m² with {mass:.3g} kg"
+        )
+    ),
+    like=SayingRow(
+        advice=Message(
+            "no body has it: the two smaller moments add up to the largest or more; "
+            "correct <inertia>, or give p.changeDynamics another localInertiaDiagonal"
+        )
+    ),
+)
 
 
 def _is_possible(moments: Sequence[float]) -> bool:

@@ -96,6 +96,7 @@ def _missed(
     return {
         "says": says,
         "why": cause.why,
+        "kind": cause.why.template,
         "last": stood[1],
         "need": cause.need,
         "advice": cause.advice,

@@ -12,10 +12,10 @@ from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import in_world, kinematics, motion
 from drop_physics.physics.vectors import cross, distinct_rows, groups, lengths, summed
-from drop_physics.rules.answer import Cure, Effect, Scene, Span
+from drop_physics.rules.answer import Scene, Span
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.inputs import Inputs, Use
-from drop_physics.rules.rows import Noted, Remedy, Said, SayingRow
+from drop_physics.rules.rows import Case, Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule, input_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import NEGLIGIBLE, SAME_POINT_M, SOON_STEPS
@@ -31,7 +31,7 @@ PLACES = "linkIndex", "jointIndex", "jointIndices"
 
 
 @input_rule("push-lasted-a-step", "note", proposes=True)
-def push_lasted_a_step(inputs: Inputs) -> Iterator[Said]:
+def push_lasted_a_step(inputs: Inputs) -> Iterator[Case]:
     """A force or torque of a call acts in the next step only."""
     alike: defaultdict[tuple[int, Act], list[Use]] = defaultdict(list)
     for use in inputs.of(*PUSHES, Act.COMMAND):
@@ -46,40 +46,53 @@ def push_lasted_a_step(inputs: Inputs) -> Iterator[Said]:
         steps = sorted(set[int]().union(*(use.steps for use in uses)))
         apart = {*np.diff(steps).tolist()}
         every, lost = max(apart, default=0), 0.0
-        if len(steps) > 2 and apart == {every} and every > 1:
-            message = Message(
-                "{body} is pushed by p.{function} every {n} steps, which acts in 1 of {n}: a "
-                "force lasts one step"
-            )
+        in_turn = len(steps) > 2 and apart == {every} and every > 1
+        if in_turn:
             asked, lost = every <= SOON_STEPS, 1 - 1 / every
         elif len(steps) == 1 and steps[0] + 1 < inputs.scene.seen.samples.get(body.client, 0):
-            message = Message(
-                "{body} is pushed with {size:.3g} {unit} in one step, step {step:,}: a force "
-                "lasts one step"
-            )
             asked = act is Act.PUSH and _came_to_nothing(inputs, number)
         else:
             continue
         places = call.values.get("jointIndex") or call.values.get("jointIndices") or ()
         slides = {body.joints[int(place)].kind for place in places} == {"prismatic"}
-        function = {"function": call.function}
-        yield Said(
+        yield Case(
             call=call,
             subject=body,
-            steps=Span(steps[0] + 1, steps[-1] + 1, len(steps)),
-            level="asked" if asked else None,
-            message=message,
+            span=Span(steps[0] + 1, steps[-1] + 1, len(steps)),
             values={
-                **function,
+                "in_turn": in_turn,
+                "level": "asked" if asked else None,
+                "function": call.function,
                 "n": every,
                 "size": _size(uses[0]),
                 "unit": "N" if slides or act is Act.PUSH else "N m",
                 "step": steps[0] + 1,
+                "lost": lost,
             },
-            cure=Cure("push-repeated", given=function),
-            effect=Effect(lost, "1") if lost else None,
-            share=lost,
         )
+
+
+push_lasted_a_step.rows(
+    SayingRow(
+        when=lambda in_turn: in_turn,
+        says=Message(
+            "{body} is pushed by p.{function} every {n} steps, which acts in 1 of {n}: a "
+            "force lasts one step"
+        ),
+        effect="lost",
+        unit="1",
+    ),
+    SayingRow(
+        says=Message(
+            "{body} is pushed with {size:.3g} {unit} in one step, step {step:,}: a force "
+            "lasts one step"
+        )
+    ),
+    like=SayingRow(
+        cure=Remedy("push-repeated", given={"function": "function"}),
+        share="lost",
+    ),
+)
 
 
 def _size(use: Use) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from drop_physics.messages import Message
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.rows import Said
+from drop_physics.rules.rows import Case, SayingRow
 from drop_physics.rules.rule import input_rule
 from drop_physics.rules.thresholds import STALE_M
 from drop_physics.trace.acts import Act
@@ -26,7 +26,7 @@ def _read(inputs: Inputs, act: Act) -> Iterator[tuple[Reading, Body, int]]:
 
 
 @input_rule("reading", "note", "reading-stale")
-def stale(inputs: Inputs) -> Iterator[Said]:
+def stale(inputs: Inputs) -> Iterator[Case]:
     """The pose of a link is that of one step earlier, unless it is computed again."""
     ways: dict[int, tuple[float, Reading, Body, int]] = {}
     for each, body, link in _read(inputs, Act.READ_LINK):
@@ -35,25 +35,32 @@ def stale(inputs: Inputs) -> Iterator[Said]:
         if late and way_m >= ways.get(each.number, (STALE_M,))[0]:
             ways[each.number] = way_m, each, body, link
     for way_m, each, body, link in ways.values():
-        yield Said(
+        yield Case(
             subject=body,
             site=site_of(each),
-            message=Message(
-                "the pose of {link} that p.{function} gives is one step old: {way:.2g} mm where it "
-                "is fastest"
-            ),
             values={
                 "link": body.links[link + 1],
                 "function": each.function,
                 "way": way_m * 1e3,
+                "part": way_m / STALE_M,
             },
-            advice=Message("p.{function}(…, computeForwardKinematics=True) gives that of now"),
-            share=way_m / STALE_M,
         )
 
 
+stale.rows(
+    SayingRow(
+        says=Message(
+            "the pose of {link} that p.{function} gives is one step old: {way:.2g} mm where it is "
+            "fastest"
+        ),
+        advice=Message("p.{function}(…, computeForwardKinematics=True) gives that of now"),
+        share="part",
+    )
+)
+
+
 @input_rule("reading", "note", "reading-static")
-def static(inputs: Inputs) -> Iterator[Said]:
+def static(inputs: Inputs) -> Iterator[Case]:
     """The velocity of a base that only calls move is the one set by a call, or 0."""
     posed = {u.body.number: u for u in inputs.of(Act.SET_POSE) if u.body is not None}
     given = {u.body.number for u in inputs.of(Act.SET_VELOCITY) if u.body is not None}
@@ -62,20 +69,23 @@ def static(inputs: Inputs) -> Iterator[Said]:
         if use is None or body.base_moves or body.number in given:
             continue
         if len(use.steps) > 1 and not use.constant("posObj"):
-            yield Said(
-                subject=body,
-                site=site_of(each),
-                message=Message(
-                    "the velocity of {body} that p.getBaseVelocity gives is 0: it has no mass, and "
-                    "calls move it by its pose alone"
-                ),
-                advice=Message("p.resetBaseVelocity(body, …) beside the pose gives it one"),
-                share=1.0,
-            )
+            yield Case(subject=body, site=site_of(each))
+
+
+static.rows(
+    SayingRow(
+        says=Message(
+            "the velocity of {body} that p.getBaseVelocity gives is 0: it has no mass, and calls "
+            "move it by its pose alone"
+        ),
+        advice=Message("p.resetBaseVelocity(body, …) beside the pose gives it one"),
+        share=1.0,
+    )
+)
 
 
 @input_rule("reading", "note", "reading-torque")
-def torque(inputs: Inputs) -> Iterator[Said]:
+def torque(inputs: Inputs) -> Iterator[Case]:
     """`getJointState` returns the torque of the motor, and not that of TORQUE_CONTROL.
 
     A torque that changes may follow from the positions that are read, and only these be used.
@@ -91,22 +101,24 @@ def torque(inputs: Inputs) -> Iterator[Said]:
             body.number in varied or each.number in said
         ):
             said.add(each.number)
-            yield Said(
-                subject=body,
-                joint=body.joints[link].name,
-                site=site_of(each),
-                message=Message(
-                    "the torque of {joint} that p.{function} gives is its motor's, which is off: "
-                    "0, whatever p.TORQUE_CONTROL applies"
-                ),
-                values={"function": each.function},
-                advice=Message("the torque is the one that the script gives"),
-                share=1.0,
-            )
+            told = {"joint": body.joints[link].name, "function": each.function}
+            yield Case(subject=body, site=site_of(each), values=told)
+
+
+torque.rows(
+    SayingRow(
+        says=Message(
+            "the torque of {joint} that p.{function} gives is its motor's, which is off: 0, "
+            "whatever p.TORQUE_CONTROL applies"
+        ),
+        advice=Message("the torque is the one that the script gives"),
+        share=1.0,
+    )
+)
 
 
 @input_rule("reading", "note", "reading-depth")
-def depth(inputs: Inputs) -> Iterator[Said]:
+def depth(inputs: Inputs) -> Iterator[Case]:
     """The depth buffer of a camera with perspective is not linear in the distance.
 
     A camera that takes more than one picture may only film.
@@ -117,13 +129,16 @@ def depth(inputs: Inputs) -> Iterator[Said]:
             continue
         near, far = lens.near_far_m
         if 0 < near < far < np.inf:
-            yield Said(
-                site=site_of(reading),
-                message=Message(
-                    "the depth that p.getCameraImage gives is no distance: from 0 at "
-                    "near={near:.3g} m to 1 at far={far:.3g} m, and not linear"
-                ),
-                values={"near": near, "far": far},
-                advice=Message("far * near / (far - (far - near) * depth) is the distance in m"),
-            )
+            yield Case(site=site_of(reading), values={"near": near, "far": far})
             return
+
+
+depth.rows(
+    SayingRow(
+        says=Message(
+            "the depth that p.getCameraImage gives is no distance: from 0 at near={near:.3g} m to "
+            "1 at far={far:.3g} m, and not linear"
+        ),
+        advice=Message("far * near / (far - (far - near) * depth) is the distance in m"),
+    )
+)

@@ -10,12 +10,12 @@ import numpy as np
 from drop_physics.arrays import Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.quantities import gap as distance
-from drop_physics.rules.answer import Cure, Effect, Scene, Span
+from drop_physics.rules.answer import Scene, Span
 from drop_physics.rules.arguments import given
 from drop_physics.rules.episodes import AfterRestore, Key, Named
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.joint import units
-from drop_physics.rules.rows import Said
+from drop_physics.rules.rows import Case, Remedy, SayingRow
 from drop_physics.rules.rule import input_rule
 from drop_physics.rules.thresholds import EPISODE_STEPS, EPISODES_MOST
 from drop_physics.trace.acts import MAKES, SETS_TIMESTEP, Act
@@ -25,7 +25,7 @@ from drop_physics.trace.states import by_body
 
 
 @input_rule("restore-differs", "asked")
-def restore_differs(inputs: Inputs) -> Iterator[Said]:
+def restore_differs(inputs: Inputs) -> Iterator[Case]:
     """Episodes with the same initial state and the same calls differ."""
     kinds: defaultdict[tuple[object, ...], list[AfterRestore]] = defaultdict(list)
     for each in inputs.episodes.all():
@@ -50,7 +50,7 @@ def _alike(first: AfterRestore, second: AfterRestore) -> int:
     return min(*lengths, *(since for since, _ in asked), 1 << 40)
 
 
-def _compared(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> Said | None:
+def _compared(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> Case | None:
     scene = inputs.scene
     same = first.starts.keys() == second.starts.keys() and all(
         np.array_equal(start, second.starts[key], equal_nan=True)
@@ -69,42 +69,51 @@ def _compared(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> Said
     if cause is None:
         return None
     why, call = cause
-    template = Message(
+    numbers = scene.seen.bodies.values()
+    body = next(number for number in numbers if (number.engine_id, number.label) == key)
+    return Case(
+        call=call or second.begin,
+        subject=body,
+        span=Span(begins[1] + since, begins[1] + last, last - since + 1),
+        values={
+            "by_call": call is not None,
+            "ordered": call is None and _other_order(inputs, first, second),
+            "step": begins[1] + since,
+            "size": gap,
+            "unit": unit,
+            "gap": distance(gap, unit),
+            "last": last,
+            "why": why,
+            "function": second.begin.function,
+            "left": None if call is None else call.function,
+            "part": min(gap, 1.0),
+        },
+    )
+
+
+RUNS_DIFFERENTLY = SayingRow(
+    says=Message(
         "{body} runs differently after p.{function}(…) although the calls are the same: from step "
         "{step:,} on, and by {gap} after {last:,} steps; {why}"
     )
-    ordered = call is None and _other_order(inputs, first, second)
-    if call is None and not ordered:
-        template = Message(
+)
+restore_differs.rows(
+    SayingRow(
+        when=lambda by_call: by_call, cure=Remedy("without", given={"function": "left"})
+    ).like(RUNS_DIFFERENTLY),
+    SayingRow(
+        when=lambda ordered: ordered,
+        advice=Message("{call} at the start sorts them: then both runs are equal to the bit"),
+        cure=Remedy("pairs-sorted", value=1.0),
+    ).like(RUNS_DIFFERENTLY),
+    SayingRow(
+        says=Message(
             "{body} runs differently after p.{function}(…) although the calls are the same: from "
             "step {step:,} on, and by {gap} after {last:,} steps"
         )
-    message = Message(
-        template.template,
-        body=key[1],
-        step=begins[1] + since,
-        gap=distance(gap, unit),
-        last=last,
-        why=why,
-        function=second.begin.function,
-    )
-    advice = Message("{call} at the start sorts them: then both runs are equal to the bit")
-    cure = Cure("pairs-sorted", value=1.0) if ordered else None
-    if call is not None:
-        cure = Cure("without", given={"function": call.function})
-    numbers = scene.seen.bodies.values()
-    body = next(number for number in numbers if (number.engine_id, number.label) == key)
-    steps = Span(begins[1] + since, begins[1] + last, last - since + 1)
-    return Said(
-        call=call or second.begin,
-        subject=body,
-        steps=steps,
-        message=message,
-        advice=advice if ordered else None,
-        cure=cure,
-        effect=Effect(gap, unit),
-        share=min(gap, 1.0),
-    )
+    ),
+    like=SayingRow(effect="size", unit="{unit}", share="part"),
+)
 
 
 def _other_order(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> bool:

@@ -30,6 +30,7 @@ from typing import Any
 from drop_physics.messages import Message
 from drop_physics.quantities import KINDS, Written
 from drop_physics.rules.answer import Cure, Effect, Level, Scene, Span, so_many
+from drop_physics.rules.arguments import site_of
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import engine_of
 from drop_physics.rules.runs import Runs
@@ -71,12 +72,8 @@ class Said:
     """The steps of the finding, if they differ from those in which the rule holds."""
     site: str | None = None
     """File and line, if the rule does not name an argument or call as the cause."""
-    call: Call | None = None
-    """The call that is the cause."""
     subject: Body | None = None
-    """The body, for a rule about inputs."""
     joint: str | None = None
-    """The joint, if the table is not one of joints."""
 
     @property
     def body(self) -> str | None:
@@ -87,7 +84,39 @@ class Said:
         return {"unit": "m", "effort": "N"}.get(name) or getattr(self, name)
 
 
-class Worst:
+@dataclass(kw_only=True)
+class Case:
+    """A case in which a rule holds: its subject, and its numbers and texts, by name.
+
+    A rule of calls yields each with the `values` that its rows name.
+    """
+
+    subject: Body | None = None
+    values: dict[str, Any] = field(default_factory=dict)
+    span: Span | None = None
+    """The steps in which it holds."""
+    call: Call | None = None
+    """The call that is the cause."""
+    site: str | None = None
+    """File and line of the cause, if that is no call."""
+
+    def __post_init__(self) -> None:
+        about = {"body": None if self.subject is None else self.subject.label, "size": 0.0}
+        self.values = (
+            {"unit": "m", "effort": "N", "joint": None, "other": None} | about | self.values
+        )
+        if self.call is not None:
+            self.site = site_of(self.call)
+
+    def __getitem__(self, name: str) -> Any:  # noqa: ANN401 - whatever the rule noted
+        return self.values[name] if name in self.values else getattr(self, name)
+
+    def held(self) -> Span | None:
+        """Return the steps to report."""
+        return self.span
+
+
+class Worst(Case):
     """The worst case of a subject: its numbers, and its identity, by name.
 
     `size`, `count`, `first` and `last` step, and what the rule noted; `among`, how many of its kind
@@ -97,15 +126,13 @@ class Worst:
     and its `joint`.
     """
 
-    def __init__(self, scene: Scene, noted: Runs, **about: object) -> None:
-        self.scene, self.noted = scene, noted
-        self.subject: Body = scene.body(int(noted.keys[0, 0]))
-        row = {name: each[:1].tolist()[0] for name, (_, each) in noted.columns.items()}
-        self.values: dict[str, Any] = {"unit": "m", "effort": "N"} | row
-        self.values |= {"body": self.subject.label} | about
+    subject: Body
 
-    def __getitem__(self, name: str) -> Any:  # noqa: ANN401 - whatever the rule noted
-        return self.values[name] if name in self.values else getattr(self, name)
+    def __init__(self, scene: Scene, noted: Runs, site: str | None, **about: object) -> None:
+        self.scene, self.noted = scene, noted
+        row = {name: each[:1].tolist()[0] for name, (_, each) in noted.columns.items()}
+        subject = scene.body(int(noted.keys[0, 0]))
+        super().__init__(subject=subject, values=row | about, site=site)
 
     @property
     def keys(self) -> list[int]:
@@ -113,9 +140,8 @@ class Worst:
         found: list[int] = self.noted.keys[0].tolist()
         return found
 
-    @property
-    def span(self) -> Span:
-        """The steps to report in the finding; for a target, the first and last step of `stood`."""
+    def held(self) -> Span:
+        """Return the steps to report; for a target, the first and last step of `stood`."""
         if (stood := self.values.get("stood")) is not None:
             return Span(stood[0], stood[1], stood[1] - stood[0] + 1)
         first, last = self.values.get("within", (-self["first"], self["last"]))
@@ -161,25 +187,25 @@ class Remedy:
         value = None if self.value is None else math.nan
         return Cure(self.name, None, value, form=self.form, given=dict.fromkeys(given, math.nan))
 
-    def of(self, worst: Worst) -> Cure:
-        """Return the cure for a finding's worst case."""
+    def of(self, case: Case) -> Cure:
+        """Return the cure for a case."""
 
         def number(named: float | str) -> Any:  # noqa: ANN401 - as the rule noted it
-            return worst[named] if isinstance(named, str) else named
+            return case[named] if isinstance(named, str) else named
 
         return Cure(
             self.name,
-            None if self.target is None else worst[self.target],
+            None if self.target is None else case[self.target],
             None if self.value is None else number(self.value),
             form=self.form,
             given=number(self.given)
             if isinstance(self.given, str)
             else {name: number(each) for name, each in self.given.items()},
-            bodies=tuple(worst[body] for body in self.bodies),
+            bodies=tuple(case[body] for body in self.bodies),
         )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class SayingRow:
     """Template of the finding to report when a condition holds, with the change that would fix it.
 
@@ -218,22 +244,23 @@ class SayingRow:
         left = (each.name for each in fields(self) if getattr(self, each.name) is None)
         return replace(self, **{name: getattr(row, name) for name in left})
 
-    def said(self, worst: Worst) -> Said | None:
-        """Return the finding that this row reports about the worst case."""
-        noted, effect = worst.values, None
-        share = worst[self.share] if isinstance(self.share, str) else self.share
+    def said(self, case: Case, scene: Scene) -> Said | None:
+        """Return the finding that this row reports about a case."""
+        noted, effect = case.values, None
+        share = case["size"] if self.share is None else self.share
+        share = case[share] if isinstance(share, str) else share
         if self.effect is not None:
-            size, unit = abs(float(worst[self.effect])), self.unit or "{unit}"
-            effect = Effect(size, unit.format_map(worst))
+            size, unit = abs(float(case[self.effect])), self.unit or "{unit}"
+            effect = Effect(size, unit.format_map(case))
             if self.normal is not None:
-                share = size / (worst[self.normal] if isinstance(self.normal, str) else self.normal)
-        if self.least is not None and not share > worst[self.least]:
+                share = size / (case[self.normal] if isinstance(self.normal, str) else self.normal)
+        if self.least is not None and not share > case[self.least]:
             return None
         site = self.site
         return Said(
             message=self.says or noted["says"],
             values={} if self.why is None else {"why": self.why},
-            cure=noted.get("cure") if self.cure is None else self.cure.of(worst),
+            cure=noted.get("cure") if self.cure is None else self.cure.of(case),
             advice=self.advice or noted.get("advice"),
             proposed=noted.get("proposed") if self.proposed is None else self.proposed,
             effect=effect,
@@ -241,11 +268,16 @@ class SayingRow:
             reason=self.reason or noted.get("reason"),
             level=self.level or noted.get("level"),
             code=self.code,
-            site=worst.scene.only_site(site) if isinstance(site, Act) else site and worst[site],
+            steps=case.held(),
+            subject=case.subject,
+            joint=noted["joint"],
+            other=noted["other"],
+            site=(scene.only_site(site) if isinstance(site, Act) else site and case[site])
+            or case.site,
         )
 
 
-def filled(text: str, values: Mapping[str, object], about: Worst | Said) -> str:
+def filled(text: str, values: Mapping[str, object], about: Case | Said) -> str:
     """Fill a text's placeholders with the given values, or with values of its subject.
 
     Numbers are written by their kinds, and texts among them filled likewise.

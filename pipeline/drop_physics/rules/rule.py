@@ -11,10 +11,10 @@
 Chunks, runs of consecutive steps, the worst row, how often, in which steps, which joints of which
 body and which line of the script belong to the mechanism here. Tables are of joints, of actuators,
 of constraints, of pairs of bodies that touch, or may not, and of bodies (`tables`). A rule of what
-calls set yields what it says, once, at the end:
+calls set yields its cases, once, at the end, and has rows likewise:
 
     @input_rule("not-taken", "asked", "other-client")
-    def other_client(inputs: Inputs) -> Iterator[Said]: ...
+    def other_client(inputs: Inputs) -> Iterator[Case]: ...
 """
 
 from __future__ import annotations
@@ -30,12 +30,11 @@ from numpy.typing import NDArray
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.physics.vectors import distinct_rows, groups
 from drop_physics.rules.answer import Finding, Level, Scene, and_more
-from drop_physics.rules.arguments import site_of
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.by_name import called
 from drop_physics.rules.engines import BULLETS, engine_of
 from drop_physics.rules.joint import link_of, units
-from drop_physics.rules.rows import Noted, Said, SayingRow, Worst, filled
+from drop_physics.rules.rows import Case, Noted, Said, SayingRow, Worst, filled
 from drop_physics.rules.runs import Kind, Runs
 from drop_physics.rules.tables import TABLES, RuleTable, TableName, tables
 from drop_physics.rules.target_columns import left_standing
@@ -139,7 +138,6 @@ Measure = Callable[..., Sized | Float64]
 """A function that computes the sizes of runs from their columns; runs of size 0 are ignored."""
 Notes = Callable[..., Mapping[str, object] | None]
 Noting = TypeVar("Noting", bound=Notes)
-Words = Callable[..., Said | None]
 
 
 class RunsOfBodies:
@@ -200,10 +198,8 @@ class Rule:
     """Whether the rule's advice is only a proposal: its message states an observation,
     not a cause."""
     sizes: Measure = every_run
-    words: Words = lambda: None
-    """The function that words the finding about the worst case, if there are no rows."""
     told: Sequence[SayingRow] = ()
-    """The rows of a rule whose finding is given as data."""
+    """The rows, of which the first whose condition holds is reported."""
     noting: Notes = nothing
     """Returns further numbers of the worst case, by name."""
 
@@ -224,48 +220,28 @@ class Rule:
         self.noting = noting
         return noting
 
-    def says(self, words: Words) -> Words:
-        """Set the function that words the worst case; it returns None to report nothing."""
-        self.words = words
-        return words
-
-    def said(self, worst: Worst) -> Said | None:
-        """Return what the rule reports about the worst case."""
-        if not self.told:
-            return called(self.words, worst, worst=worst)
-        noted = called(self.noting, worst, worst=worst)
-        if noted is None:
-            return None
-        worst.values |= noted
-        holds = (each for each in self.told if each.when is None or called(each.when, worst))
-        row = next(holds, None)
-        return None if row is None else row.said(worst)
-
     def counts(self, sizes: Measure) -> Measure:
         """Set the function that measures runs, shape (runs,); it returns 0 for runs to ignore."""
         self.sizes = sizes
         return sizes
 
-    def finding(self, worst: Worst, site: str | None) -> Finding | None:
-        """Return the finding about a subject; None if nothing is reported."""
-        said = self.said(worst)
+    def finding(self, case: Case, scene: Scene) -> Finding | None:
+        """Return the finding about a case; None if nothing is reported."""
+        noted = called(self.noting, case, worst=case)
+        if noted is None:
+            return None
+        case.values |= noted
+        holds = (k for k, row in enumerate(self.told) if row.when is None or called(row.when, case))
+        place = next(holds, None)
+        said = None if place is None else self.told[place].said(case, scene)
         if said is None:
             return None
-        said = replace(
-            said,
-            share=worst["size"] if said.share is None else said.share,
-            steps=said.steps or worst.span,
-            joint=said.joint or worst.values.get("joint"),
-            other=said.other or worst.values.get("other"),
-            site=said.site or site,
-            reason=said.reason or self.reason,
-            subject=None if self.subject == 0 else worst.subject,
-        )
-        return self.finding_of(said, worst.scene, worst)
+        kind = self.matches.__name__, place, noted.get("kind")
+        return replace(self.finding_of(said, scene, case), kind=kind)
 
-    def finding_of(self, said: Said, scene: Scene, worst: Worst | None = None) -> Finding:
+    def finding_of(self, said: Said, scene: Scene, case: Case | None = None) -> Finding:
         """Convert what a rule reports to a finding: fill in texts, write the call of its cure."""
-        cure, values, about = said.cure, said.values, worst or said
+        cure, values, about = said.cure, said.values, case or said
         if cure is not None:
             cure = replace(cure, call=cure.call or scene.call_of(cure))
             values = {**values, "call": cure.call}
@@ -274,19 +250,19 @@ class Rule:
         return Finding(
             code=said.code or self.code,
             level=said.level or self.level,
-            reason=said.reason,
+            reason=said.reason or self.reason,
             message=filled(said.message, values, about),
             advice=filled(advice, values, about) if advice else None,
             proposed=proposed,
             proof="none" if proposed else "call" if self.table in OF_CALLS else "sum",
             cure=cure,
-            body=said.body,
+            body=None if self.subject == 0 else said.body,
             joint=said.joint,
             other=said.other,
             effect=said.effect,
-            share=said.share or 0.0,
+            share=float(said.share or 0.0),
             steps=said.steps,
-            site=said.site if said.call is None else site_of(said.call),
+            site=said.site,
         )
 
 
@@ -455,9 +431,9 @@ class Rules:
                 if finding is not None:
                     yield replace(finding, episodes=self._episodes(place, mine.keys))
         for rule in [each for each in self._rules if each.table == "inputs"]:
-            for said in rule.matches(self.scene.inputs):
-                said = replace(said, reason=said.reason or rule.reason)
-                yield rule.finding_of(said, self.scene)
+            for case in rule.matches(self.scene.inputs):
+                if (finding := rule.finding(case, self.scene)) is not None:
+                    yield finding
 
     @np.errstate(all="ignore")
     def _finding(self, rule: Rule, worst: Runs, among: int, joints: int) -> Finding | None:
@@ -479,4 +455,4 @@ class Rules:
             about = {"partner": partner, "other": partner.label}
         if rule.argument is not None:
             site = self.scene.asked.of[rule.argument].site(*keys[:2])
-        return rule.finding(Worst(self.scene, worst, among=among, **about), site)
+        return rule.finding(Worst(self.scene, worst, among=among, site=site, **about), self.scene)

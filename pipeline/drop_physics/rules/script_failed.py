@@ -10,7 +10,7 @@ from drop_physics.rules.answer import so_many
 from drop_physics.rules.arguments import given, site_of
 from drop_physics.rules.engines import ANY
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.rows import Said
+from drop_physics.rules.rows import Case, SayingRow
 from drop_physics.rules.rule import input_rule
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import BODY_NAMES, Call
@@ -25,16 +25,20 @@ NOT_CONNECTED = "Not connected to physics server."
 
 
 @input_rule("script-failed", "broken", engines=ANY)
-def script_failed(inputs: Inputs) -> Iterator[Said]:
+def script_failed(inputs: Inputs) -> Iterator[Case]:
     """The script ended with an error, possibly raised by a call."""
     if found := failure(inputs.scene.origin, *inputs.raised):
-        yield found
+        message, site = found
+        yield Case(values={"says": message}, site=site)
+
+
+script_failed.rows(SayingRow())
 
 
 def failure(
     origin: Mapping[str, Any], raised: Call | None, calls: Log, *, printed: str = ""
-) -> Said | None:
-    """Describe the error that ended a script; None if it did not fail.
+) -> tuple[Message, str | None] | None:
+    """Return the error that ended a script, and its line; None if it did not fail.
 
     Parameters
     ----------
@@ -73,7 +77,7 @@ def failure(
         rest = Message("{error} {why}", error=rest, why=why) if rest else why
     if rest:
         message = Message("{what}: {error}", what=message, error=rest)
-    return Said(message=message, site=site)
+    return message, site
 
 
 def _why(call: Call, calls: Log) -> str:

@@ -10,11 +10,11 @@ from drop_physics.fields import fraction
 from drop_physics.messages import Message
 from drop_physics.physics.laws.lookup import RIGID
 from drop_physics.physics.tree import RATES
-from drop_physics.rules.answer import Cure, Effect, Span
+from drop_physics.rules.answer import Span
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS, engine_of
 from drop_physics.rules.inputs import BodyLife, Inputs
-from drop_physics.rules.rows import Said
+from drop_physics.rules.rows import Case, Remedy, SayingRow
 from drop_physics.rules.rule import input_rule
 from drop_physics.rules.thresholds import STANDARD_M_S2, TIPS_RAD
 from drop_physics.trace.acts import PUSHES, SETS_TIMESTEP, Act
@@ -27,7 +27,7 @@ HOLDS = Act.SET_GRAVITY, Act.CONSTRAIN, *PUSHES
 
 
 @input_rule("not-stepped", "asked")
-def not_stepped(inputs: Inputs) -> Iterator[Said]:
+def not_stepped(inputs: Inputs) -> Iterator[Case]:
     """A simulation waits for a step and has none: time passes only in steps."""
     seen, ended = inputs.scene.seen, inputs.scene.origin.get("ended")
     stepped = any(samples > 1 for samples in seen.samples.values())
@@ -40,39 +40,49 @@ def not_stepped(inputs: Inputs) -> Iterator[Said]:
         call = waits or (None if stepped and client in placed else falls)
         there = any(body.moving for body in seen.bodies.values() if body.client == client)
         if samples == 1 and call is not None and there and ended != "failed":
-            yield Said(
-                call=call,
-                # Beside one that is stepped, poses may only be looked at in one with gravity, most
-                # of all where calls place what is in it.
-                level="note" if stepped and waits is None else None,
-                message=Message(
-                    "simulation {client} is never stepped, so nothing in it moves by itself: time "
-                    "passes only in p.stepSimulation()"
-                ),
-                values={"client": client},
-                advice=Message("call p.stepSimulation(physicsClientId={client}) in a loop")
-                if stepped
-                else Message("call p.stepSimulation() in a loop"),
-            )
+            told = {"client": client, "stepped": stepped, "waits": waits is not None}
+            yield Case(call=call, values=told)
+
+
+NEVER = Message(
+    "simulation {client} is never stepped, so nothing in it moves by itself: time passes only in "
+    "p.stepSimulation()"
+)
+IN_A_LOOP = Message("call p.stepSimulation(physicsClientId={client}) in a loop")
+not_stepped.rows(
+    SayingRow(
+        when=lambda stepped: not stepped, advice=Message("call p.stepSimulation() in a loop")
+    ),
+    SayingRow(when=lambda waits: waits, advice=IN_A_LOOP),
+    # Beside one that is stepped, poses may only be looked at in one with gravity, most of all where
+    # calls place what is in it.
+    SayingRow(advice=IN_A_LOOP, level="note"),
+    like=SayingRow(says=NEVER),
+)
 
 
 @input_rule("not-stepped", "asked", engines=MUJOCOS)
-def only_computed(inputs: Inputs) -> Iterator[Said]:
+def only_computed(inputs: Inputs) -> Iterator[Case]:
     """Data are made current again and again, and no step is made."""
     scene = inputs.scene
     if not scene.seen.samples and scene.origin.get("ended") != "failed":
-        yield Said(
-            message=Message(
-                "nothing is ever stepped, so nothing moves by itself: mj_forward and mj_step1 only "
-                "compute what depends on the state, and time passes in mj_step, or mj_step2"
-            ),
-            advice=Message("call mujoco.mj_step(model, data) in a loop"),
-            share=1.0,
-        )
+        yield Case()
+
+
+only_computed.rows(
+    SayingRow(
+        says=Message(
+            "nothing is ever stepped, so nothing moves by itself: mj_forward and mj_step1 only "
+            "compute what depends on the state, and time passes in mj_step, or mj_step2"
+        ),
+        advice=Message("call mujoco.mj_step(model, data) in a loop"),
+        share=1.0,
+    )
+)
 
 
 @input_rule("no-gravity", "asked")
-def no_gravity(inputs: Inputs) -> Iterator[Said]:
+def no_gravity(inputs: Inputs) -> Iterator[Case]:
     """Bodies without support do not fall: gravity is never set, or a reset sets it to 0."""
     scene, said = inputs.scene, set[tuple[int, bool]]()
     # Where the call is there, and for another client, that is said.
@@ -103,26 +113,43 @@ def no_gravity(inputs: Inputs) -> Iterator[Said]:
         if (client, lost) in said or client in left_out or any(at.step < life.last for at in held):
             continue
         said.add((client, lost))
-        message = Message("gravity is 0, so {body} does not fall: PyBullet starts without it")
-        advice = Message("{call} with physicsClientId={client}") if client else None
-        if lost:
-            message = Message(
-                "gravity is 0 from step {step:,} on, so {body} does not fall: p.resetSimulation() "
-                "sets it from {gravity:.3g} m/s² back to 0"
-            )
-            advice = Message("{call} after each p.resetSimulation()")
         # What moves without gravity may be meant to.
         moves = any(other.fastest > 0 for each, other in free if each.client == client)
-        yield Said(
+        yield Case(
             call=use.first if use and lost else None,
             subject=body,
-            steps=Span(life.first, life.last, life.count),
-            level="note" if moves and not lost else None,
-            message=message,
-            values={"step": life.first - 1, "gravity": gravity_m_s2, "client": client},
-            advice=advice,
-            cure=Cure("gravity", value=-9.81),
+            span=Span(life.first, life.last, life.count),
+            values={
+                "lost": lost,
+                "moves": moves,
+                "step": life.first - 1,
+                "gravity": gravity_m_s2,
+                "client": client,
+            },
         )
+
+
+STARTS_WITHOUT = SayingRow(
+    says=Message("gravity is 0, so {body} does not fall: PyBullet starts without it")
+)
+IN_CLIENT = Message("{call} with physicsClientId={client}")
+no_gravity.rows(
+    SayingRow(
+        when=lambda lost: lost,
+        says=Message(
+            "gravity is 0 from step {step:,} on, so {body} does not fall: p.resetSimulation() "
+            "sets it from {gravity:.3g} m/s² back to 0"
+        ),
+        advice=Message("{call} after each p.resetSimulation()"),
+    ),
+    SayingRow(when=lambda moves, client: moves and client, advice=IN_CLIENT, level="note").like(
+        STARTS_WITHOUT
+    ),
+    SayingRow(when=lambda moves: moves, level="note").like(STARTS_WITHOUT),
+    SayingRow(when=lambda client: client, advice=IN_CLIENT).like(STARTS_WITHOUT),
+    STARTS_WITHOUT,
+    like=SayingRow(cure=Remedy("gravity", value=-9.81)),
+)
 
 
 def _would_fall_m(inputs: Inputs, body: Body, life: BodyLife) -> float:
@@ -132,7 +159,7 @@ def _would_fall_m(inputs: Inputs, body: Body, life: BodyLife) -> float:
 
 
 @input_rule("free-base", "model", proposes=True)
-def free_base(inputs: Inputs) -> Iterator[Said]:
+def free_base(inputs: Inputs) -> Iterator[Case]:
     """An arm loaded without `useFixedBase` stands on its base, and tips over."""
     for number, life in inputs.first_lives.items():
         body, tree = inputs.scene.body(number), life.tree
@@ -144,22 +171,24 @@ def free_base(inputs: Inputs) -> Iterator[Said]:
         stands = any(number in pair for pair in inputs.touched)
         loaded = load is not None and load.act is Act.LOAD
         if loaded and commanded and arm and stands and life.tilt_rad > TIPS_RAD:
-            yield Said(
-                call=load,
-                subject=body,
-                message=Message(
-                    "{body} tips over by {tilt:.2g} rad: it stands on its base, which is free "
-                    "to move"
-                ),
-                values={"tilt": life.tilt_rad},
-                advice=Message("load it with p.loadURDF(…, useFixedBase=True)"),
-                effect=Effect(life.tilt_rad, "rad"),
-                share=life.tilt_rad,
-            )
+            yield Case(call=load, subject=body, values={"tilt": life.tilt_rad})
+
+
+free_base.rows(
+    SayingRow(
+        says=Message(
+            "{body} tips over by {tilt:.2g} rad: it stands on its base, which is free to move"
+        ),
+        advice=Message("load it with p.loadURDF(…, useFixedBase=True)"),
+        effect="tilt",
+        unit="rad",
+        share="tilt",
+    )
+)
 
 
 @input_rule("timestep-changed", "model", engines=ANY)
-def timestep_changed(inputs: Inputs) -> Iterator[Said]:
+def timestep_changed(inputs: Inputs) -> Iterator[Case]:
     """The timestep changes while motors, constraints or gains depend on it."""
     is_mujoco = engine_of(inputs.scene.seen) == MUJOCO
     for client, times in inputs.scene.times.items():
@@ -187,59 +216,70 @@ def timestep_changed(inputs: Inputs) -> Iterator[Said]:
             continue
         (step, *around_s), count = changes[0], len(changes)
         uses = [use for at, use in inputs.made(client, *SETS_TIMESTEP) if at.step == step]
-        message = Message(
-            "the timestep changes from {before} s to {after} s at step {step:,}{more}: motors "
-            "and constraints keep force × timestep of their call, and a position motor closes "
-            "a share of its gap per step"
-        )
-        advice, cure = None, Cure("timestep-first")
-        if is_mujoco:
-            message = Message(
-                "the timestep changes from {before} s to {after} s at step {step:,}{more}: MuJoCo "
-                "makes no contact stiffer than a time constant of 2 steps, {least:g} s with the "
-                "longer, and solref gives one {constant:g} s"
-            )
-            advice = Message("one timestep for the whole run, at most half of that time constant")
-            cure = Cure("without", given={"function": Act.SET_TIMESTEP.value[-1]})
         ratio = max(around_s) / max(min(around_s), 1e-300)
-        yield Said(
+        yield Case(
             call=uses[-1].first if uses else None,
-            steps=Span(step, changes[-1][0], count),
-            message=message,
+            span=Span(step, changes[-1][0], count),
             values={
+                "is_mujoco": is_mujoco,
+                "function": Act.SET_TIMESTEP.value[-1],
                 "before": fraction(around_s[0]),
                 "after": fraction(around_s[1]),
                 "step": step,
                 "more": Message(" (the first of {n:,} changes)", n=count) if count > 1 else "",
                 "least": 2 * max(around_s),
                 "constant": min((each for each in constants_s if each > 0), default=0.0),
+                "ratio": ratio,
             },
-            advice=advice,
-            cure=cure,
-            effect=Effect(ratio, "1"),
-            share=ratio,
         )
 
 
+timestep_changed.rows(
+    SayingRow(
+        when=lambda is_mujoco: is_mujoco,
+        says=Message(
+            "the timestep changes from {before} s to {after} s at step {step:,}{more}: MuJoCo "
+            "makes no contact stiffer than a time constant of 2 steps, {least:g} s with the "
+            "longer, and solref gives one {constant:g} s"
+        ),
+        advice=Message("one timestep for the whole run, at most half of that time constant"),
+        cure=Remedy("without", given={"function": "function"}),
+    ),
+    SayingRow(
+        says=Message(
+            "the timestep changes from {before} s to {after} s at step {step:,}{more}: motors "
+            "and constraints keep force × timestep of their call, and a position motor closes "
+            "a share of its gap per step"
+        ),
+        cure=Remedy("timestep-first"),
+    ),
+    like=SayingRow(effect="ratio", unit="1", share="ratio"),
+)
+
+
 @input_rule("real-time", "repeat")
-def real_time(inputs: Inputs) -> Iterator[Said]:
+def real_time(inputs: Inputs) -> Iterator[Case]:
     """The number of steps depends on the speed of the machine."""
     for use in inputs.of(Act.SET_REAL_TIME) if inputs.scene.seen.real_time else ():
         told = use.high.get("enableRealTimeSimulation", ("True" in use.first.arguments,))
         if told[0]:
-            yield Said(
-                call=use.first,
-                message=Message(
-                    "the script asks for real-time simulation, in which the number of steps "
-                    "depends on how fast the machine is; here its own clock decides it"
-                ),
-                advice=Message("call p.stepSimulation() instead, as often as there are steps"),
-            )
+            yield Case(call=use.first)
             return
 
 
+real_time.rows(
+    SayingRow(
+        says=Message(
+            "the script asks for real-time simulation, in which the number of steps depends on how "
+            "fast the machine is; here its own clock decides it"
+        ),
+        advice=Message("call p.stepSimulation() instead, as often as there are steps"),
+    )
+)
+
+
 @input_rule("unseeded", "repeat", engines=ANY)
-def unseeded(inputs: Inputs) -> Iterator[Said]:
+def unseeded(inputs: Inputs) -> Iterator[Case]:
     """Another run draws other random numbers."""
     places = inputs.scene.seen.unseeded
     for place in places[:1]:
@@ -248,16 +288,19 @@ def unseeded(inputs: Inputs) -> Iterator[Said]:
             where = Message(
                 "{place} (the first of {places} places)", place=place, places=len(places)
             )
-        yield Said(
-            site=place.rpartition(" at ")[2] or None,
-            message=Message("unseeded random numbers are drawn by {where}"),
-            values={"where": where},
-            advice=Message("seed them in the script, or record it with --seed 0"),
-        )
+        yield Case(site=place.rpartition(" at ")[2] or None, values={"where": where})
+
+
+unseeded.rows(
+    SayingRow(
+        says=Message("unseeded random numbers are drawn by {where}"),
+        advice=Message("seed them in the script, or record it with --seed 0"),
+    )
+)
 
 
 @input_rule("massless", "asked")
-def massless(inputs: Inputs) -> Iterator[Said]:
+def massless(inputs: Inputs) -> Iterator[Case]:
     """A body without mass is pushed in vain, or hangs in the air."""
     scene, pushed = inputs.scene, {use.body.number for use in inputs.of(*PUSHES) if use.body}
     for number, body in scene.seen.bodies.items():
@@ -267,21 +310,21 @@ def massless(inputs: Inputs) -> Iterator[Said]:
         hangs = scene.times[body.client].falls and not scene.touches.rows(number)
         if call.act is not Act.MAKE or "baseMass" in call.values or not (hangs or number in pushed):
             continue
-        message = Message("{body} has no mass, so it does not fall")
-        if number in pushed:
-            message = Message("{body} has no mass, so no force moves it")
-        yield Said(
-            call=call,
-            subject=body,
-            level=None if number in pushed else "note",
-            message=message,
-            advice=Message("{call}: without it a body is static"),
-            cure=Cure("mass", body.label, 1.0, form="made"),
-        )
+        yield Case(call=call, subject=body, values={"pushed": number in pushed})
+
+
+massless.rows(
+    SayingRow(when=lambda pushed: pushed, says=Message("{body} has no mass, so no force moves it")),
+    SayingRow(says=Message("{body} has no mass, so it does not fall"), level="note"),
+    like=SayingRow(
+        advice=Message("{call}: without it a body is static"),
+        cure=Remedy("mass", "body", 1.0, form="made"),
+    ),
+)
 
 
 @input_rule("inertia-without-mass", "model")
-def inertia_without_mass(inputs: Inputs) -> Iterator[Said]:
+def inertia_without_mass(inputs: Inputs) -> Iterator[Case]:
     """A call for the inertia of a btRigidBody also sets its mass, to a leftover in memory."""
     dynamics = inputs.scene.seen.dynamics
     rigid = {each.body.number for each in dynamics if int(each.reported["kind"][0]) == RIGID}
@@ -292,12 +335,15 @@ def inertia_without_mass(inputs: Inputs) -> Iterator[Said]:
     }
     for number in sorted(rigid & alone.keys()):
         call, body = alone[number]
-        yield Said(
-            call=call,
-            subject=body,
-            message=Message(
-                "{body} is a btRigidBody and gets an inertia without a mass: PyBullet then "
-                "takes as its mass what an earlier command left in memory"
-            ),
-            advice=Message("give p.changeDynamics its mass as well"),
-        )
+        yield Case(call=call, subject=body)
+
+
+inertia_without_mass.rows(
+    SayingRow(
+        says=Message(
+            "{body} is a btRigidBody and gets an inertia without a mass: PyBullet then takes as "
+            "its mass what an earlier command left in memory"
+        ),
+        advice=Message("give p.changeDynamics its mass as well"),
+    )
+)

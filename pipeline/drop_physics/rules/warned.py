@@ -7,21 +7,21 @@ from collections.abc import Iterator
 import numpy as np
 
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Cure, Effect, Span, so_many
+from drop_physics.rules.answer import Span, so_many
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.memory import POSITION, RESETS, rate_at
-from drop_physics.rules.rows import Said
+from drop_physics.rules.rows import Case, Remedy, SayingRow
 from drop_physics.rules.rule import input_rule
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import EngineWarning
 from drop_physics.trace.switches import NO_AUTO_RESET, is_off
 
-CONTACTS, CONTROL = "contacts full", "bad control"
+CONTACTS, CONSTRAINTS, CONTROL = "contacts full", "constraints full", "bad control"
 
 
 @input_rule("auto-reset", "broken", engines=MUJOCOS)
-def auto_reset(inputs: Inputs) -> Iterator[Said]:
+def auto_reset(inputs: Inputs) -> Iterator[Case]:
     """The engine resets the state by itself after a huge or non-finite number."""
     by_client: dict[int, list[EngineWarning]] = {}
     for warning in inputs.scene.seen.warnings:
@@ -41,25 +41,34 @@ def auto_reset(inputs: Inputs) -> Iterator[Said]:
                 number = Message("the velocity of {what}", what=joint or body.label)
         all_steps = inputs.scene.seen.samples.get(client, 1) - 1
         call = inputs.lasting.huge.get((client, first.at.step - 1))
-        message = Message(
-            "the state is reset in {steps} of {all:,}, first in step {first:,}: {number} was huge "
-            "or no number{given}, and MuJoCo then starts again from the model's pose",
-            steps=so_many(steps),
-            all=all_steps,
-            first=first.at.step,
-            number=number,
-            given="" if call is None else _given(call),
-        )
-        span = Span(first.at.step, max(each.last_step for each in warnings), steps)
-        yield Said(
+        yield Case(
             call=call,
             subject=body,
-            joint=joint,
-            steps=span,
-            message=message,
-            effect=Effect(float(steps), "steps"),
-            share=steps / all_steps,
+            span=Span(first.at.step, max(each.last_step for each in warnings), steps),
+            values={
+                "joint": joint,
+                "count": steps,
+                "steps": so_many(steps),
+                "all": all_steps,
+                "first": first.at.step,
+                "number": number,
+                "given": "" if call is None else _given(call),
+                "part": steps / all_steps,
+            },
         )
+
+
+auto_reset.rows(
+    SayingRow(
+        says=Message(
+            "the state is reset in {steps} of {all:,}, first in step {first:,}: {number} was huge "
+            "or no number{given}, and MuJoCo then starts again from the model's pose"
+        ),
+        effect="count",
+        unit="steps",
+        share="part",
+    )
+)
 
 
 def _given(call: Call) -> Message:
@@ -70,46 +79,52 @@ def _given(call: Call) -> Message:
     )
 
 
+def _warned(inputs: Inputs, *kinds: str) -> Iterator[Case]:
+    """Yield the warnings of given kinds, with their steps."""
+    for each in inputs.scene.seen.warnings:
+        if each.kind in kinds:
+            told = {"kind": each.kind, "index": each.info, "first": each.at.step}
+            told |= {"count": each.steps, "steps": so_many(each.steps)}
+            yield Case(span=Span(each.at.step, each.last_step, each.steps), values=told)
+
+
+IN_STEPS = SayingRow(effect="count", unit="steps", share="count")
+
+
 @input_rule("not-finite", "broken", engines=MUJOCOS)
-def bad_control(inputs: Inputs) -> Iterator[Said]:
+def bad_control(inputs: Inputs) -> Iterator[Case]:
     """A control is huge or not a number, so that no actuator acts in that step."""
-    for warning in inputs.scene.seen.warnings:
-        if warning.kind == CONTROL:
-            yield Said(
-                steps=Span(warning.at.step, warning.last_step, warning.steps),
-                message=Message(
-                    "ctrl[{index}] is huge or no number in {steps}, first in step {first:,}, and "
-                    "MuJoCo then takes 0 for all controls",
-                    index=warning.info,
-                    steps=so_many(warning.steps),
-                    first=warning.at.step,
-                ),
-                advice=Message(
-                    "look for what the script divides by 0, or takes a root or arccos of"
-                ),
-                effect=Effect(float(warning.steps), "steps"),
-                share=float(warning.steps),
-            )
+    return _warned(inputs, CONTROL)
+
+
+bad_control.rows(
+    SayingRow(
+        says=Message(
+            "ctrl[{index}] is huge or no number in {steps}, first in step {first:,}, and MuJoCo "
+            "then takes 0 for all controls"
+        ),
+        advice=Message("look for what the script divides by 0, or takes a root or arccos of"),
+    ),
+    like=IN_STEPS,
+)
 
 
 @input_rule("buffer-full", "broken", engines=MUJOCOS)
-def buffer_full(inputs: Inputs) -> Iterator[Said]:
+def buffer_full(inputs: Inputs) -> Iterator[Case]:
     """Contacts or constraints without room in memory do not act."""
-    for warning in inputs.scene.seen.warnings:
-        if warning.kind not in (CONTACTS, "constraints full"):
-            continue
-        message = Message(
+    for case in _warned(inputs, CONTACTS, CONSTRAINTS):
+        is_contacts = case["kind"] == CONTACTS
+        case.values["what"] = Message("contacts") if is_contacts else Message("constraints")
+        yield case
+
+
+buffer_full.rows(
+    SayingRow(
+        says=Message(
             "{what} are left out in {steps} from step {first:,} on, because the memory of the "
-            "model is full: what they would hold falls or passes through",
-            what=Message("contacts") if warning.kind == CONTACTS else Message("constraints"),
-            steps=so_many(warning.steps),
-            first=warning.at.step,
-        )
-        span = Span(warning.at.step, warning.last_step, warning.steps)
-        yield Said(
-            steps=span,
-            message=message,
-            cure=Cure("memory"),
-            effect=Effect(float(warning.steps), "steps"),
-            share=float(warning.steps),
-        )
+            "model is full: what they would hold falls or passes through"
+        ),
+        cure=Remedy("memory"),
+    ),
+    like=IN_STEPS,
+)

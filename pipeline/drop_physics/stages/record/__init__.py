@@ -456,7 +456,7 @@ def _failure(path: Path, printed: str) -> str:
     calls = held.seen.sampled.piece(last, last + 1).calls
     raised = next(reversed(calls.failed()), None)
     found = failure(held.origin_and_end, raised, calls, printed=printed)
-    return Message("the script fails") if found is None else found.message
+    return Message("the script fails") if found is None else found[0]
 
 
 def _silent(*_: object) -> None:
