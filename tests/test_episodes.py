@@ -510,6 +510,132 @@ for k in range(200):
     assert last - round(1 / TIMESTEP_S) > 3 * last // 4
 
 
+POLE = {
+    "MuJoCo": """
+import gymnasium, mujoco
+XML = '''<mujoco><option timestep="0.01"/><worldbody>
+<body name="pole"><joint name="hinge" axis="0 1 0"/>
+<geom size="0.05" pos="0 0 0.5" mass="1" contype="0" conaffinity="0"/></body></worldbody>
+<actuator><motor joint="hinge" ctrlrange="-0.5 0.5"/></actuator></mujoco>'''
+class Pole(gymnasium.Env):
+    observation_space = action_space = gymnasium.spaces.Box(-9, 9, (1,))
+    def reset(self, seed=None, options=None):
+        self.model = mujoco.MjModel.from_xml_string(XML)
+        self.data = mujoco.MjData(self.model)
+        self.data.qpos[0] = 0.105
+        return self.seen(), {}
+    def seen(self):
+        return float(self.data.qpos[0]), float(self.data.qvel[0])
+    def step(self, action):
+        self.data.ctrl[0] = action
+        mujoco.mj_step(self.model, self.data)
+        angle, rate = self.seen()
+        return (angle, rate), 1.0, abs(angle) > 1.2, False, {}
+""",
+    "PyBullet": """
+import gymnasium, pybullet as p
+class Pole(gymnasium.Env):
+    observation_space = action_space = gymnasium.spaces.Box(-9, 9, (1,))
+    def reset(self, seed=None, options=None):
+        p.connect(p.DIRECT)
+        p.setTimeStep(0.01)
+        p.setGravity(0, 0, -9.81)
+        self.pole = p.createMultiBody(
+            0, basePosition=[0, 0, 1], linkMasses=[1], linkCollisionShapeIndices=[-1],
+            linkVisualShapeIndices=[-1], linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+            linkInertialFramePositions=[[0, 0, 0.5]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
+            linkParentIndices=[0], linkJointTypes=[p.JOINT_REVOLUTE], linkJointAxis=[[0, 1, 0]])
+        p.setJointMotorControl2(self.pole, 0, p.VELOCITY_CONTROL, force=0)
+        p.resetJointState(self.pole, 0, 0.105)
+        return self.seen(), {}
+    def seen(self):
+        return p.getJointState(self.pole, 0)[:2]
+    def step(self, action):
+        p.setJointMotorControl2(self.pole, 0, p.TORQUE_CONTROL, force=action)
+        p.stepSimulation()
+        angle, rate = self.seen()
+        return (angle, rate), 1.0, abs(angle) > 1.2, False, {}
+""",
+}
+"""A pole that a weak motor cannot hold up: of 4.9 N m at the horizontal it has 0.5."""
+CONTROLLED = """
+env = Pole()
+(angle, rate), _ = env.reset()
+done = False
+while not done:
+    push = min(max(-10 * angle - rate, -0.5), 0.5)
+    (angle, rate), _, done, *_ = env.step(push)
+"""
+
+
+ARRAY = "setJointMotorControlArray(self.pole, [0], p.TORQUE_CONTROL, forces=[action])"
+POLE["PyBullet, several joints in a call"] = POLE["PyBullet"].replace(
+    "setJointMotorControl2(self.pole, 0, p.TORQUE_CONTROL, force=action)", ARRAY
+)
+PLAYED = [
+    ("MuJoCo", "actuator_gear *10", False),
+    ("MuJoCo", "actuator_gear *1.2", True),
+    ("PyBullet", "setJointMotorControl2.force *10", False),
+    ("PyBullet", "setGravity.gravZ =0", True),
+    ("PyBullet", "setJointMotorControl2.force *1.2", True),
+    ("PyBullet, several joints in a call", "setJointMotorControlArray.forces *10", False),
+    ("PyBullet, several joints in a call", "setJointMotorControlArray.forces *1.2", True),
+]
+
+
+@pytest.mark.parametrize(
+    ("engine", "change", "holds"),
+    [
+        pytest.param(
+            *each,
+            marks=[pytest.mark.pybullet] * each[0].startswith("PyBullet")
+            + [pytest.mark.long] * (n > 3),
+        )
+        for n, each in enumerate(PLAYED)
+    ],
+)
+def test_a_change_is_tried_with_the_recorded_commands_too(
+    tmp_path: Path, engine: str, change: str, *, holds: bool
+) -> None:
+    """A motor ten times as strong holds the pole up, but only if the controller notices.
+
+    The recorded torque is -0.5 N m in the last second, the inertia 0.25 kg m²: ten times that
+    throws the pole over to the other side, by -10 rad. 0.6 N m balance it near 0.12 rad, where it
+    is a second before. Without gravity 0.5 N m turn it by -1 rad.
+    """
+    script = tmp_path / "script.py"
+    script.write_text(POLE[engine] + CONTROLLED)
+    made = why(str(script), expect="not terminated", tries=(change,), out=tmp_path / "why")
+    found = made.expected
+    assert found is not None
+    assert [*found.open_loop] == [holds]
+    (row,) = _rows(script, tmp_path / "run.rrd")
+    assert found.branched == row.last_step - 100
+    (told,) = made.as_json()["makes_true"]
+    assert told["open_loop"] == {"from_step": found.branched, "holds": holds}
+    shown = " ".join(str(made).split())
+    assert "open loop, with the recorded commands" in shown
+    assert ("not open loop" in shown) != holds
+
+
+def test_without_the_recorded_motion_no_open_loop_is_told(tmp_path: Path) -> None:
+    """A controller with noise of its own does not repeat what was recorded."""
+    script = tmp_path / "script.py"
+    noise = "push *= 1 - 0.1 * os.urandom(1)[0] / 255"
+    controlled = CONTROLLED.replace(
+        "    (angle, rate), _, done", f"    {noise}\n    (angle, rate), _, done"
+    )
+    script.write_text("import os" + POLE["MuJoCo"] + controlled)
+    found = why(
+        str(script),
+        expect="not terminated",
+        tries=("option.gravity =0",),
+        out=tmp_path / "why",
+    ).expected
+    assert found is not None
+    assert [*found.open_loop] == [None]
+
+
 @pytest.mark.parametrize("text", some(["terminated", "length < 1e3", "reward < 1e3"], 1))
 def test_an_expectation_names_the_end_of_episodes(tmp_path: Path, text: str) -> None:
     script = tmp_path / "script.py"

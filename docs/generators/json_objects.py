@@ -613,6 +613,16 @@ MAKES_TRUE = Object(
         "place": int | None,
         "row": str | None,
         "from_step": int | None,
+        "open_loop": (
+            Object(
+                {"from_step": int, "holds": bool},
+                {
+                    "from_step": "The step from which on the commands are the recorded ones.",
+                    "holds": "Whether it makes it true with these, too.",
+                },
+                frozenset({"from_step", "holds"}),
+            ),
+        ),
         "alone": bool,
         "recording": Path | None,
     },
@@ -630,14 +640,18 @@ MAKES_TRUE = Object(
         "also": "Other operators on the same elements that make it true, with another motion.",
         "place": "Its place; outcomes that are alike share one.",
         "row": "The row of the account that names what it acts on, if there is one.",
-        "from_step": "The latest step, of the quarters of the run, from which on it still makes it "
-        "true; null where it does so from the beginning alone, or that was not tried.",
+        "from_step": "The latest step, of the quarters of the run and a second before an episode's "
+        "failure, from which on it still makes it true, with the script's controller in the "
+        "loop; null where it does so from the beginning alone, or that was not tried.",
+        "open_loop": "The same from a second before the failure on, with the recorded commands and "
+        "no controller in the loop, of the first three; null where there is no failed episode, or "
+        "a run without a change is not the same to the bit with the recorded commands.",
         "alone": "Whether it is a factor of which neither 5 % more nor 5 % less makes it true, "
         "of the first three: a coincidence.",
         "recording": "The recording of that run, if it was recorded.",
     },
     frozenset({*TIE, "value", "least", "try", "call", "result", "side", "breaks", "worse", "ties",
-               "also", "place", "row", "from_step", "alone", "recording"}),
+               "also", "place", "row", "from_step", "open_loop", "alone", "recording"}),
 )  # fmt: skip
 WHY = Object(
     {

@@ -13,6 +13,7 @@ from typing import Any
 from drop_physics.engines.watching.single_changes import MOST_NAMES, Change
 from drop_physics.messages import Message
 from drop_physics.trace.cures import NUDGE, ChangedRun, Cure, Scope, whole_number
+from drop_physics.trace.history import Seen
 
 Operation = dict[str, Any]
 """One operation on a run, as passed to the engine's hooks."""
@@ -209,6 +210,9 @@ class Interventions:
         Returns what differs in a run with a single change: its `interventions` and its `variation`.
     words_of
         Returns a single change in words.
+    played
+        Returns the operations that replace the commands between two samples of a simulation by the
+        recorded ones.
     written_as
         Returns the attribute that a single change is of, and a pattern of the tags that have it;
         None if it is of none.
@@ -223,6 +227,7 @@ class Interventions:
         sees: Sequence[Operation],
         trial_of: Callable[[Change], dict[str, Any]],
         words_of: Callable[[Change], str],
+        played: Callable[[Seen, int, int, int], list[Operation]],
         written_as: Callable[[Change], tuple[str, str] | None] = lambda _: None,
     ) -> None:
         every = (*rows, *OF_ANY)
@@ -230,6 +235,7 @@ class Interventions:
         self.tried = [row.tried for row in every if row.tries or not row.name]
         """The rows that the causal search tries."""
         self.trial_of, self.words_of, self.written_as = trial_of, words_of, written_as
+        self.played = played
         self.sees = sees
         """The operations of a run in which it is seen what they would change."""
         self.parameters, self.left_out = parameters, left_out

@@ -44,9 +44,10 @@ def json_of(found: Expected) -> dict[str, Any]:
     least = [*found.least, *[None] * len(found.makes_true)]
     recordings = [*found.recordings, *[None] * len(found.makes_true)]
     latest = [*found.latest, *[None] * len(found.makes_true)]
+    open_loop = [*found.open_loop, *[None] * len(found.makes_true)]
     lines = [None if each is None else each[0] for each in found.lines]
     places = _places(found)
-    made = zip(found.makes_true, least, places, recordings, lines, latest, strict=False)
+    made = zip(found.makes_true, least, places, recordings, lines, latest, open_loop, strict=False)
     return {
         "expectation": {
             "text": found.text,
@@ -69,15 +70,20 @@ def json_of(found: Expected) -> dict[str, Any]:
                 "recording": recording,
                 "site": line,
                 "from_step": step,
+                "open_loop": _open_loop(found, holds),
                 "alone": each.is_alone,
             }
-            for each, factor, place, recording, line, step in made
+            for each, factor, place, recording, line, step, holds in made
         ],
         "moves": [
             {**_json_of(found, each, None, None), "ties": [], "also": [], "place": None}
             for each in found.moves
         ],
     }
+
+
+def _open_loop(found: Expected, holds: bool | None) -> dict[str, Any] | None:
+    return None if holds is None else {"from_step": found.branched, "holds": holds}
 
 
 def _json_of(
@@ -97,6 +103,7 @@ def _json_of(
         "worse": [*tried.worse],
         "row": None,
         "from_step": None,
+        "open_loop": None,
         "alone": False,
         "recording": None,
     }
@@ -139,7 +146,9 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
     shown = found.makes_true if every else found.makes_true[:SHOWN]
     if shown:
         places = [*_places(found)]
-        least, latest = ([*each, *[None] * len(shown)] for each in (found.least, found.latest))
+        least, latest, open_loop = (
+            [*each, *[None] * len(shown)] for each in (found.least, found.latest, found.open_loop)
+        )
         blocks.append(
             DataTable(
                 [
@@ -153,7 +162,9 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
                         Message("with"),
                         [
                             _told(found, *each)
-                            for each in zip(shown, least, found.lines, latest, strict=False)
+                            for each in zip(
+                                shown, least, found.lines, latest, open_loop, strict=False
+                            )
                         ],
                         wraps=True,
                     ),
@@ -225,6 +236,7 @@ def _told(
     least: float | None,
     line: tuple[str, str] | None,
     latest: int | None,
+    open_loop: bool | None,
 ) -> str:
     """Describe a change, with remarks on its effects."""
     parts = [found.words(each.tried.change)]
@@ -245,6 +257,14 @@ def _told(
         parts.append(Message("×{factor} is enough", factor=number(least)))
     if latest is not None:
         parts.append(Message("from step {step} of {steps} on, too", step=latest, steps=found.steps))
+    if open_loop is not None:
+        yes = Message(
+            "open loop, with the recorded commands from step {step} on, too", step=found.branched
+        )
+        no = Message(
+            "not open loop, with the recorded commands from step {step} on", step=found.branched
+        )
+        parts.append(yes if open_loop else no)
     if each.also:
         does = joined(
             ", ",

@@ -26,6 +26,7 @@ from drop_physics.engines.interventions import (
     to,
 )
 from drop_physics.engines.mujoco.frames import PARTS
+from drop_physics.engines.mujoco.played import played
 from drop_physics.engines.mujoco.watch.single_changes import ENGINE, trial_of
 from drop_physics.engines.watching.single_changes import Change
 from drop_physics.messages import Message
@@ -742,5 +743,5 @@ def _written_as(change: Change) -> tuple[str, str] | None:
 
 
 INTERVENTIONS = Interventions(
-    ROWS, OPTIONS, _set_parameter, left_out, SEES, trial_of, _words_of, _written_as
+    ROWS, OPTIONS, _set_parameter, left_out, SEES, trial_of, _words_of, played, _written_as
 )

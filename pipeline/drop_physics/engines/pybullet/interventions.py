@@ -26,6 +26,7 @@ from drop_physics.engines.interventions import (
     times,
     to,
 )
+from drop_physics.engines.pybullet.played import played
 from drop_physics.engines.pybullet.watch.arguments import ARGUMENTS, CLIENT
 from drop_physics.engines.pybullet.watch.functions import (
     COMMANDS,
@@ -806,5 +807,5 @@ def _words_of(change: Change) -> str:
 
 
 INTERVENTIONS = Interventions(
-    ROWS, dict.fromkeys(PARAMETERS, ()), _set_parameter, left_out, SEES, trial_of, _words_of
+    ROWS, dict.fromkeys(PARAMETERS, ()), _set_parameter, left_out, SEES, trial_of, _words_of, played
 )

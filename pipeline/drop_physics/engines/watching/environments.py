@@ -72,14 +72,24 @@ class Environments:
         for name in MODULES:
             self._host.on_import(name, self._install)
 
-    def outcome(self) -> dict[str, Any]:
+    @property
+    def running(self) -> int:
+        """The index of the episode that goes on, or of the one whose first step is being made."""
+        last = len(self.episodes) - 1
+        return last + bool(last < 0 or self.episodes[last].how)
+
+    def outcome(self, only: int | None = None) -> dict[str, Any]:
         """Return the quantities of ended episodes that an expectation may use; empty without any.
 
         If no episode has ended, the values are those of the current one.
+
+        Parameters
+        ----------
+        only
+            The index of the one episode that counts; None for all.
         """
-        ended = [
-            episode for episode in self.episodes if episode.how not in ("", "run")
-        ] or self.episodes
+        episodes = self.episodes if only is None else self.episodes[only : only + 1]
+        ended = [each for each in episodes if each.how not in ("", "run")] or episodes
         if not ended:
             return {}
         return {

@@ -40,6 +40,8 @@ class ExpectationEvaluator(Evaluator):
     rows
         Rows of the table of changes, by engine, to find those that the run could have; None if
         that is not asked.
+    of_running
+        Whether only the episode counts that goes on as the evaluation begins.
     """
 
     def __init__(
@@ -48,7 +50,11 @@ class ExpectationEvaluator(Evaluator):
         *,
         asserted: bool = False,
         rows: Mapping[str, Sequence[dict[str, Any]]] | None = None,
+        of_running: bool = False,
     ) -> None:
+        self._of_running = of_running
+        self._episode: int | None = None
+        """The index of the only episode that counts; None for all."""
         self._expression = None if text is None else Expression(text)
         self._asserted, self._rows = asserted or text is None, rows
         self._reads = [] if self._expression is None else [*self._expression.reads()]
@@ -70,6 +76,8 @@ class ExpectationEvaluator(Evaluator):
         if frame is not self._frame:
             self._frame, self._frames = frame, _frames_of(frame)
         self._engines[id(engine)] = engine
+        if self._of_running and self._episode is None:
+            self._episode = engine.host.environments.running
         observed = engine.observed()
         if observed is None:
             return
@@ -131,7 +139,7 @@ class ExpectationEvaluator(Evaluator):
 
             ours = {**FUNCTIONS, **{kind: self._reading(kind) for kind in SERIES}}
             for engine in [*self._engines.values()][:1]:  # a loop's own names are of its last step
-                ours.update(engine.host.environments.outcome())
+                ours.update(engine.host.environments.outcome(self._episode))
             script = {
                 name: value
                 for name, value in script.items()

@@ -91,6 +91,12 @@ class Expression:
         """True if the expression refers to episodes of environments."""
         return any(getattr(node, "id", None) in EPISODE for node in ast.walk(self._tree))
 
+    @property
+    def reads_whole_episodes(self) -> bool:
+        """True if the expression refers to quantities that only an ended episode has."""
+        ended = {*EPISODE} - {TERMINATED}
+        return any(getattr(node, "id", None) in ended for node in ast.walk(self._tree))
+
     def judged(self, script: Mapping[str, Any], ours: Mapping[str, Any]) -> Judged:
         """Return whether the expression holds, its margin, and the first compared quantity.
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drop_physics.engines.cures import trial_of
+from drop_physics.engines.interventions import Operation
 from drop_physics.engines.script import Program
 from drop_physics.engines.source import SOURCE
 from drop_physics.engines.watching.expression import Expression
@@ -217,6 +218,55 @@ class EvaluatedRuns:
                 latest = [step if n in going else each for n, each in enumerate(latest)]
         self.made += trials.made
         return latest
+
+    def open_loop_of(
+        self, changes: Sequence[Change], first: int, last: int, played: Sequence[Operation]
+    ) -> list[bool | None]:
+        """Return for each change whether it meets the expectation with the recorded commands.
+
+        The runs part from the script's own after `first` steps. From there on, the recorded
+        commands replace those of the script, so that no controller answers to what is changed. None
+        where that is not known: of a change that has to begin with the run or does nothing that
+        late, and of all changes if the run without a change is not the same to the bit with the
+        recorded commands.
+
+        Parameters
+        ----------
+        changes
+            Changes that make it true in a closed loop.
+        first, last
+            The steps after which the recorded commands begin and end.
+        played
+            The operations that give the recorded commands.
+        """
+        told: list[bool | None] = [None for _ in changes]
+        asked = self.program.evaluator
+        if asked is None or not (played and expression_is_of_end(self.program)):
+            return told
+        # One step more, so that the environment can return that its episode ends with the last.
+        program = replace(
+            self.program,
+            steps=last + 1,
+            evaluator=evaluator_of(asked["arguments"]["text"], of_running=True),
+        )
+        with Reruns(program, self.reruns.again, at=first) as reruns:
+            if not reruns.parts:
+                return told
+            trials = replace(self, program=program, reruns=reruns, made=0)
+            own, same = trials.answered(), trials.answered(interventions=[*played])
+            if own != same or own[0] is None or own[0]["holds"]:
+                changes = ()
+            for n, change in enumerate(changes):
+                if not _may_begin_later(change) or time.time() > self.until:
+                    continue
+                trial = self._trial_of(change)
+                trial["interventions"] = [*played, *trial.get("interventions", ())]
+                answer, ended = trials.answered(**trial)
+                too_late = (answer, ended) == same  # to act
+                if answer is not None and ended in self.ends and not too_late:
+                    told[n] = outcome_of(answer, ended_well=True).holds
+        self.made += trials.made
+        return told
 
     def stands(self, change: Change) -> bool:
         """Return whether a change still meets the expectation in nudged runs."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from drop_physics.engines.cures import RUN, cures_of, words_of, written_as
-from drop_physics.engines.interventions import done
+from drop_physics.engines.interventions import Operation, done
 from drop_physics.engines.script import Program
 from drop_physics.engines.source import SOURCE, place_of
 from drop_physics.engines.watching.expression import Expression
@@ -111,8 +111,14 @@ class Expected:
     recordings: Sequence[Path] = ()
     """Recordings of the first changes that meet the expectation."""
     latest: Sequence[int | None] = ()
-    """Latest start from which each of the first changes still meets the expectation [steps]; None
-    if it must begin with the run."""
+    """Latest start from which each of the first changes still meets the expectation in a closed
+    loop [steps]; None if it must begin with the run."""
+    open_loop: Sequence[bool | None] = ()
+    """Whether each of the first changes meets the expectation in an open loop, with the recorded
+    commands; None if that is not known."""
+    branched: int | None = None
+    """The step after which the recorded commands replace those of the script in an open loop: one
+    second before the end of a failed episode; None without one."""
     steps: int = 0
     """Number of steps of the script's own run."""
     moves: Sequence[TriedChange] = ()
@@ -279,7 +285,14 @@ def searched(
             trials, recorded.engine, own.row, later, account, asked_for, asked.progress
         )
         first = [each.tried.change for each in found.get("makes_true", ())[:NARROWED]]
-        latest = trials.latest_of(first, made_steps, _second_before(base.seen))
+        failure = _failure_of(base.seen)
+        if failure is not None and not Expression(own.text).reads_whole_episodes:
+            begins, ends, played = failure
+            found |= {
+                "open_loop": trials.open_loop_of(first, begins, ends, played),
+                "branched": begins,
+            }
+        latest = trials.latest_of(first, made_steps, [] if failure is None else failure[:1])
         found |= {"latest": latest, "steps": made_steps}
         recordings = _recorded(trials, found.get("makes_true", ()), base, drawn=asked.drawn)
     texts = {} if asked.is_module else texts_of(Path(asked.target))
@@ -288,17 +301,20 @@ def searched(
     return replace(own, **found, runs=trials.made, seconds=time.monotonic() - began)
 
 
-def _second_before(seen: Seen) -> Iterator[int]:
-    """Yield the step one second before the end of a failed episode, if there is one.
+def _failure_of(seen: Seen) -> tuple[int, int, list[Operation]] | None:
+    """Return the last second of a failed episode, and the operations that play its commands.
 
-    Steps are counted over all simulations: where there are several, none is known.
+    The second is from one step to another. Steps are counted over all simulations: where there are
+    several, none is known.
     """
     episode = looked_at(episodes_of(seen), None)
-    if episode is not None and len(seen.samples) == 1:
-        times = StepTimes(seen, episode.client)
-        step = times.nearest(times.of(episode.last) - SOON_S, episode.first, episode.last)
-        if step is not None:
-            yield step
+    if episode is None or len(seen.samples) > 1:
+        return None
+    times = StepTimes(seen, episode.client)
+    step = times.nearest(times.of(episode.last) - SOON_S, episode.first, episode.last)
+    first = episode.first if step is None else step
+    played = cures_of(seen.engine).played(seen, episode.client, first, episode.last)
+    return first, episode.last, played
 
 
 def _ends(own: Expected, recorded: Recorded) -> frozenset[str]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import random
 import weakref
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from threading import Lock, get_ident
 from typing import TYPE_CHECKING, Any
@@ -446,7 +447,7 @@ class ChangedData:
             self._give(number, getattr(d, each["part"]).reshape(-1), each["ids"], each["how"])
 
     def _give(self, number: int, part: Any, its: Sequence[int], how: Sequence[Any]) -> None:
-        """Replace an input of a step: by the first or previous one, or an operator's result."""
+        """Replace an input of a step: by the first, the previous or a recorded one, or a result."""
         own = part[its].copy()
         if how[0] == "held":
             new = self._input.setdefault(number, own)
@@ -456,6 +457,10 @@ class ChangedData:
             new = own[::-1]
         elif how[0] == "exchanged":
             new = np.roll(own, len(own) // 2)
+        elif how[0] == "played":
+            _, begins, rows = how
+            which = bisect_right(begins, self._watch.host.steps_made) - 1
+            new = np.array(rows[which]) if which < len(rows) else own
         else:
             new = becoming(own, how)
         self._own.append((number if how[0] == "late" else None, part, its, own))

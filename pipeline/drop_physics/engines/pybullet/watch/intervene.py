@@ -271,6 +271,44 @@ class CallInterventions:
         before, self._kept[key] = self._kept.get(key, arguments), _copied(arguments)
         return before
 
+    def _play(self, operation: Operation, arguments: Any, client: int) -> Any:
+        """Replace the values of a motor call by those recorded for the same joints and step.
+
+        A call of which none is recorded is left out: the motor keeps its last command.
+        """
+        at, key = ("step", id(operation)), ("recorded", id(operation))
+        self._kept.setdefault(at, operation["first"])
+        step = int(self._kept[at])
+        if "controlMode" not in arguments:
+            self._kept[at] = step + 1
+            return arguments
+        if step >= operation["last"]:
+            return arguments
+        if key not in self._kept:
+            self._kept[key] = {}
+            for *where, values in operation["commands"]:
+                self._kept[key].setdefault(tuple(where), []).append(values)
+        waiting = self._kept[key]
+        recorded = [
+            waiting[step, body, joint].pop(0)
+            for _, body, joint in elements_of(client, arguments)
+            if waiting.get((step, body, joint))
+        ]
+        if len(recorded) < len(elements_of(client, arguments)):
+            return None
+        if JOINTS in arguments:
+            names = {one: several for one, several in PLURAL.items() if several in arguments}
+            played = {to: [each[name][0] for each in recorded] for name, to in names.items()}
+        else:
+            played = {
+                name: numbers
+                if isinstance(own := _plain(arguments[name]), list)
+                else _becoming(own, ("=", numbers[0]))
+                for name, numbers in recorded[0].items()
+                if name in arguments
+            }
+        return {**arguments, **played}
+
     def _see(self, operation: Operation, arguments: Any, client: int) -> Any:
         """Record a call, and the contacts before a step, for the causal search."""
         (function,) = operation["functions"]
