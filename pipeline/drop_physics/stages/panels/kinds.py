@@ -68,8 +68,9 @@ class Drawable:
         }
         moving = sorted(analysis.bodies, key=lambda body: -moves[body.label])
         moving = [body for body in moving if moves[body.label]]
-        self.about = [*{body.label: body for body in (*found, *moving)}.values()]
-        """Labels of the bodies that findings concern, most severe first, then those that move."""
+        told = [self.bodies[row.body] for row in analysis.account if row.body in self.bodies]
+        self.about = [*{body.label: body for body in (*found, *told, *moving)}.values()]
+        """The bodies of findings, most severe first, those of the account, then those that move."""
 
     def span_s(self, finding: Finding, body: BodyAnalysis) -> tuple[float, float] | None:
         """Return the time span of a finding; None if it covers nearly all of the time."""
