@@ -16,6 +16,7 @@ import pytest
 from conftest import some
 from drop_physics.account.rows import KINDS, AccountRow
 from drop_physics.analysis.citing import citing
+from drop_physics.analysis.results import Analysis
 from drop_physics.errors import ScenarioError
 from drop_physics.report.account import rows_beside
 from drop_physics.report.markdown import markdown_of
@@ -458,13 +459,19 @@ EACH = """data.xfrc_applied[2, 0] = 4
 
 
 @pytest.fixture(scope="module")
-def parts(tmp_path_factory: pytest.TempPathFactory) -> list[AccountRow]:
-    """Return the rows of several bodies in one scene, each with a closed-form solution."""
+def analysis(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
+    """Return the analysis of several bodies in one scene, each with a closed-form solution."""
     folder = tmp_path_factory.mktemp("parts")
     script = folder / "script.py"
     model = MODEL.format(world=FLOOR + PARTS, more=OF_PARTS)
     script.write_text(RUN.format(model=model, steps=500, before=EACH))
-    return [*analyze(record_script(str(script), out=folder / "script.rrd").recording).account]
+    return analyze(record_script(str(script), out=folder / "script.rrd").recording)
+
+
+@pytest.fixture
+def parts(analysis: Analysis) -> list[AccountRow]:
+    """Return the rows of that scene."""
+    return [*analysis.account]
 
 
 def test_each_equality_is_a_term_of_its_own(parts: list[AccountRow]) -> None:
@@ -509,6 +516,20 @@ def test_a_press_is_told_with_its_force_in_weights(parts: list[AccountRow]) -> N
     row = the(parts, "press", "world × stamp")
     assert row.got == pytest.approx(100 + 0.5 * G, rel=1e-2)
     assert f"{(100 + 0.5 * G) / (0.5 * G):.3g} times the weight of stamp" in row.told
+
+
+def test_the_tables_show_what_the_rows_tell(analysis: Analysis, parts: list[AccountRow]) -> None:
+    bodies = {body.label: body for body in analysis.bodies}
+    row = the(parts, "press", "world × stamp")
+    (touch,) = bodies[row.body or ""].touches
+    assert [(touch.deepest_m, "m")] == [*row.besides]
+    assert f"in {touch.steps:,} steps" in row.told
+    assert touch.impulse_n_s is not None  # of the weight and the motor, over 1 s
+    assert touch.impulse_n_s[2] == pytest.approx(100 + 0.5 * G, rel=1e-2)
+    pushed = the(parts, "moved", "stay")  # 5 N / (100 N s/m) for 1 s: it is farthest at the end
+    (joint,) = [each for each in bodies["5_pincer"].joints if each.name == "stay"]
+    assert joint.reached == pushed.got == pytest.approx(0.05, rel=0.05)
+    assert joint.control == "off"
 
 
 def test_an_equality_that_locks_a_joint_commands_it(parts: list[AccountRow]) -> None:

@@ -270,6 +270,9 @@ def test_the_account_is_of_the_end_of_what_failed(tmp_path: Path) -> None:
     begins = third.episodes[2].last_step - round(2 / TIMESTEP_S)
     assert all(row.step is None or row.step > begins for row in third.account)
     assert not [row for row in third.account if row.kind == "moved"]  # by then it lies
+    (touch,) = third.bodies[-1].touches
+    weight_n = third.bodies[-1].mass_kg * 9.81
+    assert touch.impulse_n_s == pytest.approx((0, 0, weight_n * 2), rel=1e-3, abs=1e-6)
 
 
 @pytest.mark.parametrize(

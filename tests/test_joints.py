@@ -10,7 +10,7 @@ import pybullet as p
 import pytest
 from clients import release_clients
 from conftest import some
-from drop_physics.explain.joints import JointRow
+from drop_physics.account.joints import JointRow
 from scenes import HEAD
 from tabled import rows
 

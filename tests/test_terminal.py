@@ -25,13 +25,13 @@ import pytest
 import typer
 from command import ROOT, drop_here, environment, run_here
 from conftest import Drop, Recorder, judge, some
+from drop_physics.account.joints import JointRow
 from drop_physics.cli import app
 from drop_physics.compare.comparison import Comparison
 from drop_physics.compare.difference import Difference, Largest, Setting
 from drop_physics.console import output, progress
 from drop_physics.console.help import SCRIPT
 from drop_physics.console.progress import rate
-from drop_physics.explain.joints import JointRow
 from drop_physics.fields import counted, decimals, engineering
 from drop_physics.figures.composition import caption
 from drop_physics.files.table import write_table

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from conftest import some
 from contact_scenes import BOX, FLOOR, GRIP, LIFT, PUCK, SLOPE, bare
+from drop_physics.account.touches import Touch
 from drop_physics.analysis.story import Story
 from drop_physics.explain import contact_points
-from drop_physics.explain.touches import Touch
 from drop_physics.physics.kinematics import Kinematics, LinkVelocities, motion
 from numpy.typing import NDArray
 from scenes import record

@@ -20,6 +20,8 @@ from typing import Any, Literal, NamedTuple, Union, get_args, get_origin, get_ty
 import polars as pl
 from drop_physics.account import episodes
 from drop_physics.account import rows as account
+from drop_physics.account.joints import JointRow
+from drop_physics.account.touches import Touch
 from drop_physics.analysis import results as script
 from drop_physics.compare.calls import OtherCall
 from drop_physics.compare.comparison import Comparison
@@ -49,8 +51,6 @@ from drop_physics.experiments.swap.answer import (
 from drop_physics.experiments.verdicts import Verdict
 from drop_physics.explain.actuators import ActuatorRow
 from drop_physics.explain.decomposition import VectorTerms
-from drop_physics.explain.joints import JointRow
-from drop_physics.explain.touches import Touch
 from drop_physics.report import summary
 from drop_physics.rules import answer
 from drop_physics.scenario import Scenario

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,26 +17,27 @@ from drop_physics.account.idle import (
     idle_actuator_rows,
     unforced_row,
 )
+from drop_physics.account.joints import JointTable
 from drop_physics.account.ledger import Ledger, bins_for
 from drop_physics.account.names import Names
 from drop_physics.account.ranking import ranked
 from drop_physics.account.read import Sensed, reading_rows, tendon_rows
 from drop_physics.account.rows import AccountRow
-from drop_physics.account.series import BaseTrack, JointSeries
+from drop_physics.account.series import BaseTrack
 from drop_physics.account.subjects import MeasuredBody, subject_of
 from drop_physics.account.terms import impulses_by_term, servos_of
-from drop_physics.account.touching import TouchedPairs
+from drop_physics.account.touches import TouchTable
+from drop_physics.account.touching import touching_rows
 from drop_physics.account.words import RowWords
 from drop_physics.account.written import WrittenStates, energy_row
 from drop_physics.arrays import Float64
 from drop_physics.explain.causes import Totals
 from drop_physics.explain.contact_points import Points
 from drop_physics.explain.driving import control_of
-from drop_physics.explain.joints import JointTable
+from drop_physics.explain.joints import JointTelemetry
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.steps import BodySteps
 from drop_physics.explain.times import StepTimes
-from drop_physics.explain.touches import TouchTable
 from drop_physics.messages import Message
 from drop_physics.trace.acts import MAKES
 from drop_physics.trace.events import Actuator, Body
@@ -44,19 +45,35 @@ from drop_physics.trace.history import Seen
 
 
 class Account:
-    """Collects a recording chunk by chunk, and summarizes it in rows."""
+    """Collects a recording chunk by chunk, and summarizes it in rows.
 
-    def __init__(self, seen: Seen, times: Mapping[int, StepTimes]) -> None:
+    Parameters
+    ----------
+    seen
+        What was recorded.
+    times
+        Times of steps by client.
+    joints, touches
+        The tables of joints and of touching pairs, which are filled with the same chunks.
+    """
+
+    def __init__(
+        self,
+        seen: Seen,
+        times: Mapping[int, StepTimes],
+        joints: JointTable,
+        touches: TouchTable,
+    ) -> None:
         freedoms = sum(
             6 * body.base_moves + sum(joint.widths[1] for joint in body.joints)
             for body in seen.bodies.values()
             if not body.soft
         )
         self._seen, self._bins = seen, bins_for(freedoms)
+        self._joints, self._touches = joints, touches
         self._words = RowWords(Names(seen.bodies, seen.dynamics), times)
         self._servos = {number: servos_of(body) for number, body in seen.bodies.items()}
         self._ledgers: dict[int, Ledger] = {}
-        self._series: dict[int, list[JointSeries]] = {}
         self._controls: dict[int, list[Float64]] = {}
         """The controls of a body's actuators, shape (n, actuators) for each chunk."""
         self._tracks: dict[int, BaseTrack] = {}
@@ -66,22 +83,26 @@ class Account:
         """The strongest gravity that acted on each body, shape (3,)."""
         self._broken: dict[int, int] = {}
         """The first non-finite sample of each body."""
-        self._touching, self._held, self._overlaps = TouchedPairs(), Held(seen), Overlaps(seen)
+        self._held, self._overlaps = Held(seen), Overlaps(seen)
         self._sensed, self._pushed = Sensed(seen), PushedSoft()
         self._filtered: dict[frozenset[int], str] = {}
         """The script line that may have disabled contacts of two bodies, or of one, by body ids."""
         self._made: dict[tuple[int, int], set[str]] = {}
         """The script lines that created bodies, by client and the engine's id."""
 
-    def see(self, explained: ExplainedPiece, joints: JointTable, touches: TouchTable) -> None:
-        """Add a chunk."""
+    def see(
+        self,
+        explained: ExplainedPiece,
+        joints: Mapping[int, Sequence[JointTelemetry]],
+        points: Points,
+    ) -> None:
+        """Add a chunk, with the telemetry of its joints by body id and its contact points."""
         normals = explained.piece.contacts["normal"]
         for number, judged in explained.bodies.items():
             for steps in judged.intervals:
                 if len(steps) and steps.law.tree.size:
-                    self._add(number, steps, normals, touches.pairs.points)
-        for number, found in joints.latest.items():
-            self._series.setdefault(number, []).extend(map(JointSeries.of, found))
+                    self._add(number, steps, normals, points)
+        for found in joints.values():
             for driven in found:
                 self._add_controls(driven.body, explained, driven.steps)
         for call, bodies in explained.piece.calls.filters():
@@ -90,15 +111,12 @@ class Account:
             if np.isfinite(call.result):
                 made = self._made.setdefault((call.client, int(call.result)), set())
                 made.add(call.site.place)
-        self._touching.add(touches.pairs)
-        self._sensed.add(explained, touches.pairs.points)
+        self._sensed.add(explained, points)
         self._held.add(explained)
         self._overlaps.add(explained)
         self._pushed.add(explained)
 
-    def rows(
-        self, joints: JointTable, totals: Mapping[int, Totals], about: str | None = None
-    ) -> list[AccountRow]:
+    def rows(self, totals: Mapping[int, Totals], about: str | None = None) -> list[AccountRow]:
         """Return all rows, sorted by salience; `totals` are those of the explanation.
 
         `about` names a body or a joint whose rows come first.
@@ -115,7 +133,7 @@ class Account:
         }
         read = read if len(read) < len(subjects) else set()
         with np.errstate(all="ignore"):  # of states that are no numbers
-            rows = [*map(self._placed, self._rows(subjects, joints, totals))]
+            rows = [*map(self._placed, self._rows(subjects, totals))]
         return ranked(rows, read, about)
 
     def _placed(self, row: AccountRow) -> AccountRow:
@@ -127,14 +145,13 @@ class Account:
         return replace(row, body=body.label, time_s=time_s)
 
     def _rows(
-        self, subjects: Mapping[int, MeasuredBody], joints: JointTable, totals: Mapping[int, Totals]
+        self, subjects: Mapping[int, MeasuredBody], totals: Mapping[int, Totals]
     ) -> Iterator[AccountRow]:
         words = self._words
         for number, subject in subjects.items():
             if number in self._broken:
                 yield _not_finite(subject, self._broken[number], words)
-            if number in self._series:
-                yield from self._joint_rows(subject, joints)
+            yield from self._joint_rows(subject)
             if number in self._tracks:
                 yield from moved.base_rows(
                     subject,
@@ -156,26 +173,24 @@ class Account:
                 line = next(iter(lines)) if len(lines) == 1 else None
                 row = self._carried[number].row(subject, self._gravity[number], line)
                 yield from filter(None, (row,))
-        pairs = self._touching.pairs
-        yield from reading_rows(self._seen, subjects, pairs, self._filtered, words)
-        yield from self._sensed.rows(self._seen, subjects, pairs, words)
+        links = self._touches.links
+        yield from reading_rows(self._seen, subjects, links, self._filtered, words)
+        yield from self._sensed.rows(self._seen, subjects, links, words)
         yield from self._pushed.rows()
         if self._seen.windows:  # what touched, and held, is known of some steps only
             return
         yield from self._held.rows(subjects, words)
-        yield from self._touching.rows(subjects, self._seen, words)
-        touched = {
-            frozenset(key[:2]) for key, pair in self._touching.pairs.items() if pair.normal_n > 0
-        }
+        yield from touching_rows(links, subjects, self._seen, words)
+        touched = {frozenset(key[:2]) for key, touched in links.items() if touched.steps}
         yield from self._overlaps.rows(subjects, touched, words)
 
-    def _joint_rows(self, subject: MeasuredBody, joints: JointTable) -> Iterator[AccountRow]:
+    def _joint_rows(self, subject: MeasuredBody) -> Iterator[AccountRow]:
         number, words = subject.body.number, self._words
-        rates = subject.tree.joint_rates
-        parts = [part for part in self._series[number] if part.after.shape[1] == rates]
-        if not parts or len(subject.body.joints) != subject.tree.links:
+        series, rates = self._joints.series(number), subject.tree.joint_rates
+        if series is None or series.after.shape[1] != rates:
             return
-        series = JointSeries.joined(parts)
+        if len(subject.body.joints) != subject.tree.links:
+            return
         controls = self._controls_of(subject.body, len(series))
         yield from asked.clamped_rows(subject, controls, series.steps)
         yield from idle_actuator_rows(subject, self._seen, controls)
@@ -184,7 +199,8 @@ class Account:
         yield from given.rows
         for k, aim in given.aims.items():
             series.target[:, k] = aim.target
-        needs = [row.needs_at_target for row in joints.rows(number)]
+        needs = self._joints.needs_at_target(number)
+        torqued = series.controlled("torque")
         for axis in asked.axes_of(subject, words):
             k = axis.joint_rate
             motors = {
@@ -198,10 +214,12 @@ class Account:
             turns = np.isfinite(rate)
             row: AccountRow | None
             if np.isfinite(series.target[:, k]).mean() > asked.SELDOM:
-                row = asked.position_row(subject, axis, series, words, needs[k], given.stiffness(k))
+                row = asked.position_row(
+                    subject, axis, series, words, float(needs[k]), given.stiffness(k)
+                )
             elif turns.mean() > asked.SELDOM and np.abs(rate[turns]).max(initial=0.0) > 0:
                 row = asked.rate_row(subject, axis, series, words)
-            elif motors or series.torque_asked[:, k].mean() > asked.SELDOM:
+            elif motors or torqued[:, k].mean() > asked.SELDOM:
                 row = asked.torque_row(subject, axis, series, words, motors)
             else:
                 row = moved.joint_row(subject, axis, series, words)

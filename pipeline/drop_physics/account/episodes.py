@@ -8,14 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drop_physics.account.names import Names
-from drop_physics.account.touching import LIMIT
+from drop_physics.account.touches import LIMIT, PairKey
 from drop_physics.arrays import Flags, Float64, Int64
-from drop_physics.explain.contact_points import Pairs, Points
+from drop_physics.explain.contact_points import PRESSED, Pairs, Points
 from drop_physics.explain.driving import at_bound, control_of, largest_force
-from drop_physics.explain.joints import JointTable, JointTelemetry
+from drop_physics.explain.joints import JointTelemetry
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.times import StepTimes
-from drop_physics.explain.touches import TouchTable
 from drop_physics.physics.vectors import distinct_rows
 from drop_physics.trace.episodes import Episode
 from drop_physics.trace.history import Seen
@@ -25,7 +24,6 @@ SLIPS_M_S = 0.01
 LASTING, MOSTLY = 0.05, 0.9
 """A joint at its limit at the end is reported if that held for the share LASTING of the episode, in
 the share MOSTLY of those steps."""
-PairKey = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,14 +159,19 @@ class EpisodeTable:
         for k, episode in enumerate(episodes):
             self._of_client.setdefault(episode.client, []).append(k)
 
-    def see(self, explained: ExplainedPiece, joints: JointTable, touches: TouchTable) -> None:
-        """Add a chunk."""
-        for number, parts in joints.latest.items():
+    def see(
+        self,
+        explained: ExplainedPiece,
+        joints: Mapping[int, Sequence[JointTelemetry]],
+        pairs: Pairs,
+    ) -> None:
+        """Add a chunk, with the telemetry of its joints by body id and its contact points."""
+        for number, parts in joints.items():
             client = self._seen.bodies[number].client
             for driven in parts:
                 for k, its in self._within(client, driven.steps.steps):
                     self._joints(k, driven, its, explained)
-        self._contacts(touches.pairs)
+        self._contacts(pairs)
 
     def rows(self) -> list[EpisodeRow]:
         """Return one row per episode, in order."""
@@ -206,7 +209,7 @@ class EpisodeTable:
         points = pairs.points
         if not len(points):
             return
-        pressed = points.normal_n > 1e-9
+        pressed = points.normal_n > PRESSED
         rubs_n = np.linalg.norm(points.tangential_n, axis=1)
         slips = pressed & (rubs_n >= LIMIT * points.friction * points.normal_n)
         slips &= np.linalg.norm(points.slip_m_s, axis=1) > SLIPS_M_S

@@ -50,7 +50,7 @@ def joint_row(
     way = np.nan_to_num(np.abs(after - start))
     at = int(np.argmax(way))
     step = int(series.steps[at])
-    held = series.default[:, k].mean() > 0.5
+    held = series.controlled("default", "unknown")[:, k].mean() > 0.5
     driven = [
         term.cause
         for term in ledger.impulse

@@ -9,7 +9,7 @@ import numpy as np
 from drop_physics.account.rows import AccountRow
 from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.terms import Term
-from drop_physics.account.touching import PairKey, Touched
+from drop_physics.account.touches import PairKey, TouchedLinks
 from drop_physics.account.words import RowWords
 from drop_physics.arrays import Float64
 from drop_physics.explain.contact_points import Points
@@ -41,7 +41,7 @@ LOOKS = 64
 def reading_rows(
     seen: Seen,
     subjects: Mapping[int, MeasuredBody],
-    pairs: Mapping[PairKey, Touched],
+    pairs: Mapping[PairKey, TouchedLinks],
     filtered: Mapping[frozenset[int], str],
     words: RowWords,
 ) -> Iterator[AccountRow]:
@@ -117,7 +117,7 @@ class Sensed:
         self,
         seen: Seen,
         subjects: Mapping[int, MeasuredBody],
-        pairs: Mapping[PairKey, Touched],
+        pairs: Mapping[PairKey, TouchedLinks],
         words: RowWords,
     ) -> Iterator[AccountRow]:
         """Yield the rows for a model's touch and force sensors."""
@@ -149,7 +149,7 @@ class Sensed:
                 subject=subject.body,
             )
 
-    def _touch(self, sensor: Sensor, pairs: Mapping[PairKey, Touched]) -> Message:
+    def _touch(self, sensor: Sensor, pairs: Mapping[PairKey, TouchedLinks]) -> Message:
         target = Target(sensor.body, sensor.link)
         force_n = sum(its.normal_n for key, its in pairs.items() if _meant(target, key))
         told = Message(
@@ -252,7 +252,7 @@ def _range(answer: Answer) -> Message:
 
 
 def _pressing(
-    reading: Reading, pairs: Mapping[PairKey, Touched], filtered: Mapping[frozenset[int], str]
+    reading: Reading, pairs: Mapping[PairKey, TouchedLinks], filtered: Mapping[frozenset[int], str]
 ) -> Message:
     """Return the force of all contacts between the bodies of a reading."""
     its = [

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Literal, get_args
 
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
-from drop_physics.explain.commands import DEFAULT
+from drop_physics.explain.commands import DEFAULT, Commanded
 from drop_physics.explain.joints import JointTelemetry, target_of
-from drop_physics.trace.motors import VELOCITY
+from drop_physics.trace.motors import POSITION, VELOCITY
+
+Control = Literal["position", "velocity", "torque", "pd", "default", "off", "unknown"]
+CONTROLS: tuple[Control, ...] = get_args(Control)
+"""What controls a joint; `default` is the engine's own motor, and it is `unknown` if a call before
+the recording may have set that motor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,10 +33,8 @@ class JointSeries:
     """Commanded position; nan if there is none."""
     asked_rate: Float64
     """Commanded rate of an enabled velocity motor; nan if there is none."""
-    default: Flags
-    """Whether the engine's default motor holds the joint, because no call commanded it."""
-    torque_asked: Flags
-    """Whether a call or an actuator applies a torque."""
+    control: Int64
+    """What controls the joint, as an index in CONTROLS."""
     torque: Float64
     """Efforts of motors [N m] or [N]."""
     limit: Float64
@@ -43,16 +47,14 @@ class JointSeries:
         """Return the columns for a chunk."""
         asked = driven.asked
         turns = (asked.mode == VELOCITY) & (asked.impulse > 0) & (asked.pd != 1)
-        default = asked.mode == DEFAULT
         return JointSeries(
             steps=driven.steps.steps.copy(),
             before=driven.before.copy(),
             after=driven.after.copy(),
             rate=driven.rate.copy(),
             target=target_of(driven),
-            asked_rate=np.where(turns & ~default, asked.target_velocity, np.nan),
-            default=default,
-            torque_asked=~np.isnan(asked.torque_since),
+            asked_rate=np.where(turns, asked.target_velocity, np.nan),
+            control=_control(asked, known=not driven.body.before),
             torque=driven.torque.copy(),
             limit=driven.limit.copy(),
             at_limit=driven.at_limit.copy(),
@@ -70,6 +72,26 @@ class JointSeries:
     def __len__(self) -> int:
         """Return the number of steps."""
         return len(self.steps)
+
+    def controlled(self, *by: Control) -> Flags:
+        """Flag the steps in which joints have one of these controls, shape (n, joint_rates)."""
+        return np.isin(self.control, [CONTROLS.index(each) for each in by])
+
+
+def _control(asked: Commanded, *, known: bool) -> Int64:
+    """Return what controls each joint, shape (n, joint_rates).
+
+    `known` says whether all calls that set a motor are recorded.
+    """
+    cases: dict[Control, Flags] = {
+        "pd": asked.pd == 1,
+        "torque": ~np.isnan(asked.torque_since),
+        "default" if known else "unknown": asked.mode == DEFAULT,
+        "off": ~(asked.impulse > 0),
+        "position": asked.mode == POSITION,
+    }
+    which = [CONTROLS.index(each) for each in cases]
+    return np.select([*cases.values()], which, CONTROLS.index("velocity")).astype(np.int64)
 
 
 @dataclass(eq=False)

@@ -1,29 +1,21 @@
-"""Rows for links that touch: pressing, slipping, and overlap without any force."""
+"""Rows for links that touch: pressing, slipping, and spinning without end."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from drop_physics.account.rows import AccountRow
 from drop_physics.account.subjects import MeasuredBody, turning_rad_s
 from drop_physics.account.terms import Term
+from drop_physics.account.touches import PairKey, TouchedLinks
 from drop_physics.account.words import RowWords
-from drop_physics.arrays import Float64
-from drop_physics.explain.contact_points import Pairs
-from drop_physics.explain.touches import PRESSED
 from drop_physics.messages import Message
-from drop_physics.physics.vectors import distinct_rows
 from drop_physics.quantities import number as number_of
 from drop_physics.quantities import quantity
 from drop_physics.trace.history import Seen
 
-PairKey = tuple[int, int, int, int]
-"""Ids of two bodies, and their links."""
-MOST_PAIRS = 1 << 12
-"""Maximum number of link pairs that are kept apart."""
 WEIGHTS, DEEP, SLID = 8.0, 0.03, 0.03
 """Minimum contact force in weights of the lighter body; minimum overlap and slide as shares of the
 smaller body's size."""
@@ -32,136 +24,69 @@ FRICTIONLESS, SLIDING = 1, 3
 TURNING_RAD_S = 0.05
 STEADY = 1.5
 """Maximum factor between a steady rotation rate and the rate shortly before."""
-LIMIT = 0.98
-"""Share of its limit above which friction counts as at its limit."""
 
 
-@dataclass(eq=False)
-class Touched:
-    """Two links that touched; grows chunk by chunk."""
-
-    first_step: int
-    last_step: int = -1
-    steps: int = 0
-    """Number of steps in which a normal force acts."""
-    normals_n: list[Float64] = field(default_factory=list)
-    """The normal force in each of these steps [N], by chunk."""
-    deepest_m: float = 0.0
-    deepest_step: int = -1
-    slid_m: float = 0.0
-    at_limit: int = 0
-    """Number of steps in which the friction of all points together is at its limit."""
-    friction: float = 0.0
-    """The largest friction coefficient."""
-    rubs: bool = False
-    """Whether any friction acted."""
-
-    @property
-    def normal_n(self) -> float:
-        """The median normal force over the steps in which one acts [N]."""
-        return float(np.median(np.concatenate(self.normals_n))) if self.steps else 0.0
+def touching_rows(
+    links: Mapping[PairKey, TouchedLinks],
+    subjects: Mapping[int, MeasuredBody],
+    seen: Seen,
+    words: RowWords,
+) -> Iterator[AccountRow]:
+    """Yield the rows for all pairs of links that touched."""
+    for key, touched in links.items():
+        its = [subjects[number] for number in dict.fromkeys(key[:2]) if number in subjects]
+        if its:
+            yield from _rows(key, touched, its, seen, words)
+    for subject in subjects.values():
+        row = _turning_row(links, subject, subjects, seen, words)
+        if row is not None:
+            yield row
 
 
-class TouchedPairs:
-    """All pairs of links that touched; grows chunk by chunk."""
-
-    def __init__(self) -> None:
-        self.pairs: dict[PairKey, Touched] = {}
-
-    def add(self, pairs: Pairs) -> None:
-        """Add the contact points of a chunk."""
-        points = pairs.points
-        if not len(points):
-            return
-        keys = np.concatenate((points.body, points.link), axis=1)
-        kinds, _, which = distinct_rows(keys)
-        order = np.argsort(which, kind="stable")
-        starts = np.flatnonzero(np.diff(which[order], prepend=-1))
-        tangential_n = np.linalg.norm(points.tangential_n, axis=1)
-        limit_n = points.friction * points.normal_n
-        slip_m = np.linalg.norm(points.slip_m_s, axis=1) * points.timestep_s
-        for kind, its in zip(kinds.tolist(), np.split(order, starts[1:]), strict=True):
-            key: PairKey = (kind[0], kind[1], kind[2], kind[3])
-            if key not in self.pairs and len(self.pairs) >= MOST_PAIRS:
-                continue
-            touched = self.pairs.setdefault(key, Touched(int(points.step[its[0]])))
-            steps, which_step = np.unique(points.step[its], return_inverse=True)
-            row = which_step.reshape(-1)
-            touched.last_step = int(steps[-1])
-            deepest = int(its[np.argmin(points.distance_m[its])])
-            if -points.distance_m[deepest] > touched.deepest_m:
-                touched.deepest_m = float(-points.distance_m[deepest])
-                touched.deepest_step = int(points.step[deepest])
-            normal_n, rubbed_n, most_n, slid = (
-                np.bincount(row, each[its])
-                for each in (points.normal_n, tangential_n, limit_n, slip_m * points.normal_n)
-            )
-            pressed = normal_n > PRESSED
-            touched.steps += int(pressed.sum())
-            touched.normals_n.append(normal_n[pressed].astype(np.float64))
-            touched.slid_m += float((slid[pressed] / normal_n[pressed]).sum())
-            touched.at_limit += int((pressed & (rubbed_n >= LIMIT * most_n)).sum())
-            touched.friction = max(touched.friction, float(points.friction[its].max()))
-            pressing_n = float(points.normal_n[its].max())
-            touched.rubs |= bool((tangential_n[its] > 1e-6 * pressing_n).any())
-
-    def rows(
-        self, subjects: Mapping[int, MeasuredBody], seen: Seen, words: RowWords
-    ) -> Iterator[AccountRow]:
-        """Yield the rows for all pairs."""
-        for key, touched in self.pairs.items():
-            its = [subjects[number] for number in dict.fromkeys(key[:2]) if number in subjects]
-            if its:
-                yield from _rows(key, touched, its, seen, words)
-        for subject in subjects.values():
-            row = self._turning_row(subject, subjects, seen, words)
-            if row is not None:
-                yield row
-
-    def _turning_row(
-        self,
-        subject: MeasuredBody,
-        subjects: Mapping[int, MeasuredBody],
-        seen: Seen,
-        words: RowWords,
-    ) -> AccountRow | None:
-        """Return the row for a single-link body that spins forever on something fixed."""
-        number, ledger = subject.body.number, subject.ledger
-        late = ledger.last - max(1, (ledger.last - ledger.first) // 10)
-        keys = [key for key in self.pairs if number in key[:2] and self.pairs[key].last_step > late]
-        spin = turning_rad_s(subject)
-        if subject.tree.links or spin <= TURNING_RAD_S or not keys:
-            return None
-        earlier = turning_rad_s(subject, before=True)
-        if not earlier / STEADY < spin < earlier * STEADY:  # it is slowed down, or sped up
-            return None
-        if any(_resists_turning(key, seen) for key in keys):
-            return None
-        if any(other in subjects for key in keys for other in key[:2] if other != number):
-            return None  # what moves may turn it
-        told = Message(
-            "it still turns at {spin} rad/s at the end; their contact has no torsional and no "
-            "rolling friction",
-            spin=number_of(spin),
-        )
-        damping = ledger.impulse.get(Term("damping"))
-        if damping is not None and damping[:, :3].any():
-            told = told + Message(", and only damping and sliding brake it")
-        else:
-            told = told + Message(", and only sliding would brake it")
-        key = keys[0]
-        names = (str(words.names.link(key[0], key[2])), str(words.names.link(key[1], key[3])))
-        return AccountRow(
-            kind="idle",
-            pair=names,
-            told=told,
-            got=spin,
-            unit="rad/s",
-            step=ledger.last,
-            salience=0.6,
-            subject=subject.body,
-            group=("turning", subject.kind),
-        )
+def _turning_row(
+    links: Mapping[PairKey, TouchedLinks],
+    subject: MeasuredBody,
+    subjects: Mapping[int, MeasuredBody],
+    seen: Seen,
+    words: RowWords,
+) -> AccountRow | None:
+    """Return the row for a single-link body that spins forever on something fixed."""
+    number, ledger = subject.body.number, subject.ledger
+    late = ledger.last - max(1, (ledger.last - ledger.first) // 10)
+    keys = [key for key in links if number in key[:2] and links[key].last_step > late]
+    spin = turning_rad_s(subject)
+    if subject.tree.links or spin <= TURNING_RAD_S or not keys:
+        return None
+    earlier = turning_rad_s(subject, before=True)
+    if not earlier / STEADY < spin < earlier * STEADY:  # it is slowed down, or sped up
+        return None
+    if any(_resists_turning(key, seen) for key in keys):
+        return None
+    if any(other in subjects for key in keys for other in key[:2] if other != number):
+        return None  # what moves may turn it
+    told = Message(
+        "it still turns at {spin} rad/s at the end; their contact has no torsional and no "
+        "rolling friction",
+        spin=number_of(spin),
+    )
+    damping = ledger.impulse.get(Term("damping"))
+    if damping is not None and damping[:, :3].any():
+        told = told + Message(", and only damping and sliding brake it")
+    else:
+        told = told + Message(", and only sliding would brake it")
+    key = keys[0]
+    names = (str(words.names.link(key[0], key[2])), str(words.names.link(key[1], key[3])))
+    return AccountRow(
+        kind="idle",
+        pair=names,
+        told=told,
+        got=spin,
+        unit="rad/s",
+        step=ledger.last,
+        salience=0.6,
+        subject=subject.body,
+        group=("turning", subject.kind),
+    )
 
 
 def _resists_turning(key: PairKey, seen: Seen) -> bool:
@@ -178,7 +103,7 @@ def _resists_turning(key: PairKey, seen: Seen) -> bool:
 
 
 def _rows(
-    key: PairKey, touched: Touched, its: list[MeasuredBody], seen: Seen, words: RowWords
+    key: PairKey, touched: TouchedLinks, its: list[MeasuredBody], seen: Seen, words: RowWords
 ) -> Iterator[AccountRow]:
     """Yield the rows for two links: the force with which they press, and how far they slid."""
     pair = (str(words.names.link(key[0], key[2])), str(words.names.link(key[1], key[3])))

@@ -118,7 +118,7 @@ class BodyStory:
             else None,
             joints=[],
             actuators=scene.actuators.rows(body),
-            touches=scene.touches.rows(body.number),
+            touches=[],
             at=self._sums,
         )
 

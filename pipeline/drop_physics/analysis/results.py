@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 from drop_physics.account.episodes import EpisodeRow
+from drop_physics.account.joints import JointRow
 from drop_physics.account.rows import AccountRow
+from drop_physics.account.touches import Touch
 from drop_physics.arrays import Vector
 from drop_physics.engine_report import EngineReport
 from drop_physics.explain.actuators import ActuatorRow
 from drop_physics.explain.curves import CurveTable
 from drop_physics.explain.decomposition import VectorTerms
-from drop_physics.explain.joints import JointRow
 from drop_physics.explain.jsonable import jsonable
 from drop_physics.explain.rows import SampleRows, table_of
-from drop_physics.explain.touches import Touch
 from drop_physics.printable import Printable
 from drop_physics.rules.answer import Finding
 
@@ -248,8 +248,8 @@ class Analysis(Printable, reported_by=REPORT):
     episodes: Sequence[EpisodeRow] = ()
     """The episodes of all simulations, in the order in which they ended."""
     episode: int | None = None
-    """Number of the episode whose last two seconds the account and the joints cover; None if they
-    cover the whole run."""
+    """Number of the episode whose last two seconds the account, the joints and the touching bodies
+    cover; None if they cover the whole run."""
     left_out: int = 0
     """Number of further findings that the command, the script or the project suppressed."""
     by_body: dict[int, Explained]

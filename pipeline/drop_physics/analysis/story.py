@@ -11,20 +11,21 @@ import numpy as np
 
 from drop_physics.account.account import Account
 from drop_physics.account.episodes import EpisodeTable
+from drop_physics.account.joints import JointTable
 from drop_physics.account.rows import AccountRow
+from drop_physics.account.touches import TouchTable
 from drop_physics.analysis.bodies import BodyStory
 from drop_physics.analysis.citing import citing
 from drop_physics.analysis.phases import runs_of
 from drop_physics.analysis.results import Analysis, Explained
 from drop_physics.explain import recording
 from drop_physics.explain.curves import CurveTable
-from drop_physics.explain.joints import JointTable
+from drop_physics.explain.joints import DrivenJoints
 from drop_physics.explain.moments import end_of
 from drop_physics.explain.recording import Explanation
 from drop_physics.explain.replayed import Replayed
 from drop_physics.explain.rows import MOST_ROWS, SHOWN_PER_S, SampleRows, joined
 from drop_physics.explain.times import StepTimes
-from drop_physics.explain.touches import TouchTable
 from drop_physics.physics.base import Law
 from drop_physics.physics.laws.lookup import step_law
 from drop_physics.rules.answer import Finding, Scene
@@ -95,16 +96,17 @@ class Story:
             seen=seen,
             origin=origin,
             times=times,
-            joints=JointTable(seen),
+            joints=DrivenJoints(seen),
             touches=TouchTable(seen),
             episodes=episodes,
             call_of=call_of,
         )
         self.curves = CurveTable(seen, self.scene.times)
         self._rules = Rules(self.scene) if asked else None
-        self._account = Account(seen, times) if asked else None
-        self._joints = self.scene.joints if episode is None else JointTable(seen)
-        """The joints to report: over all steps, or at the end of the episode."""
+        self._joints = JointTable()
+        self._touches = self.scene.touches if episode is None else TouchTable(seen)
+        """The pairs to report: over all steps, or at the end of the episode."""
+        self._account = Account(seen, times, self._joints, self._touches) if asked else None
         shown = episodes[0] if len(episodes) == 1 else episode
         self._episodes = EpisodeTable(seen, times, episodes, shown)
         self._episode, self._about = episode, about
@@ -128,14 +130,17 @@ class Story:
         self.scene.see(explained)
         if self._also is not None:
             self._also(explained.piece)
-        self.curves.add(explained, self.scene.joints, self.scene.touches)
+        joints, pairs = self.scene.joints.latest, self.scene.pairs
+        self.curves.add(explained, joints, pairs)
         if self._rules is not None:
             self._rules.see()
-        self._episodes.see(explained, self.scene.joints, self.scene.touches)
-        if self._account is not None and self._is_told(explained.piece):
-            if self._joints is not self.scene.joints:
-                self._joints.add(explained)
-            self._account.see(explained, self._joints, self.scene.touches)
+        self._episodes.see(explained, joints, pairs)
+        if self._is_told(explained.piece):
+            self._joints.add(self.scene.joints)
+            if self._touches is not self.scene.touches:
+                self._touches.add(explained, pairs)
+            if self._account is not None:
+                self._account.see(explained, joints, pairs.points)
         touched = runs_of(explained)
         for number, judged in explained.bodies.items():
             history = explained.histories[number]
@@ -161,7 +166,7 @@ class Story:
         of_run = totals if self._window is None else {}
         account: Sequence[AccountRow] = []
         if self._account is not None:
-            account = self._account.rows(self._joints, of_run, self._about)
+            account = self._account.rows(of_run, self._about)
         by_body = {n: body.explained(totals.get(n)) for n, body in self.bodies.items()}
         return Analysis(
             origin=dict(self._origin),
@@ -169,7 +174,11 @@ class Story:
             samples=max(self._seen.samples.values(), default=0),
             explained=_together([*by_body.values()]),
             bodies=[
-                replace(body.result(totals.get(n)), joints=self._joints.rows(n))
+                replace(
+                    body.result(totals.get(n)),
+                    joints=self._joints.rows(n),
+                    touches=self._touches.rows(n),
+                )
                 for n, body in self.bodies.items()
             ],
             findings=[*citing(self.findings(), account)],

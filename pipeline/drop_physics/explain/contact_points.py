@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,10 @@ from drop_physics.physics.vectors import cross as cross_of_rows
 from drop_physics.physics.vectors import distinct, distinct_rows, groups, lengths
 from drop_physics.trace.states import Rows
 
+N = TypeVar("N", np.float64, np.int64)
+
+PRESSED = 1e-9
+"""A force below this value counts as zero [N]."""
 COMMON = 0.99
 """Minimum cosine of the angle between two normals that count as one line."""
 
@@ -62,6 +66,10 @@ class Points:
     def __len__(self) -> int:
         """Return the number of points."""
         return len(self.step)
+
+    def at(self, rows: Int64) -> Points:
+        """Return the given points."""
+        return Points(**{each.name: getattr(self, each.name)[rows] for each in fields(Points)})
 
     @property
     def force_n(self) -> Float64:
@@ -116,11 +124,16 @@ class PairGroups:
         """The first row of each group."""
         return self.order[self.starts]
 
+    @property
+    def lasts(self) -> Int64:
+        """The last row of each group."""
+        return np.asarray(self.order[np.append(self.starts[1:], len(self.order)) - 1])
+
     def rows(self) -> Iterator[Int64]:
         """Yield the rows of each group."""
         yield from np.split(self.order, self.starts[1:]) if len(self.order) else ()
 
-    def summed(self, values: Float64) -> Float64:
+    def summed(self, values: NDArray[N]) -> NDArray[N]:
         """Return the sum of each group's values, shape (g, …)."""
         return np.asarray(np.add.reduceat(values[self.order], self.starts, axis=0))
 
@@ -128,11 +141,18 @@ class PairGroups:
         """Return the maximum of each group's values, shape (g,)."""
         return np.asarray(np.maximum.reduceat(values[self.order], self.starts))
 
+    def first_of_most(self, values: Float64) -> Int64:
+        """Return the first row in each group that has its maximum value, shape (g,)."""
+        return self._of_most(values, np.minimum, len(self.order))
+
     def last_of_most(self, values: Float64) -> Int64:
         """Return the last row in each group that has its maximum value, shape (g,)."""
+        return self._of_most(values, np.maximum, -1)
+
+    def _of_most(self, values: Float64, which: np.ufunc, never: int) -> Int64:
         greatest = np.repeat(self.most(values), np.diff([*self.starts, len(self.order)]))
-        places = np.where(values[self.order] == greatest, np.arange(len(self.order)), -1)
-        return np.asarray(self.order[np.maximum.reduceat(places, self.starts)])
+        places = np.where(values[self.order] == greatest, np.arange(len(self.order)), never)
+        return np.asarray(self.order[which.reduceat(places, self.starts)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,6 +198,16 @@ class Pairs:
     def tangential_n(self) -> Float64:
         """Friction force on side 0, shape (m, 3)."""
         return self.summed(self.points.tangential_n)
+
+    @cached_property
+    def rubbed_n(self) -> Float64:
+        """Sum of the sizes of the points' friction forces, shape (m,)."""
+        return self.summed(lengths(self.points.tangential_n))
+
+    @cached_property
+    def acts(self) -> Flags:
+        """Flag the rows in which a force acts, shape (m,)."""
+        return self.normal_n > PRESSED
 
     @cached_property
     def force_n(self) -> Float64:
@@ -292,6 +322,14 @@ class Pairs:
         """The rows of each pair of bodies, sorted by their ids."""
         return PairGroups.of(self.body @ [self.body.max(initial=0) + 1, 1])
 
+    @cached_property
+    def by_link(self) -> LinkPairs:
+        """The same contact points, summed per step over pairs of links."""
+        keys = np.column_stack((self.points.step, self.points.body, self.points.link))
+        order = np.lexsort(keys.T[::-1])
+        points = self.points if (np.diff(order) > 0).all() else self.points.at(order)
+        return LinkPairs(points, _firsts(keys[order]))
+
     def by_pair(self, which: Flags | None = None) -> Iterator[tuple[int, int, Int64]]:
         """Yield the ids of each pair, the lower first, and its rows, restricted to `which`."""
         for rows in self.grouped.rows():
@@ -318,13 +356,32 @@ class Pairs:
         return np.divide(weighted, total, out=np.zeros_like(weighted), where=total > 0)
 
 
+class LinkPairs(Pairs):
+    """The contact points of link pairs, summed per step; m rows, ordered by step and pair."""
+
+    @cached_property
+    def link(self) -> Int64:
+        """Both links, shape (m, 2)."""
+        return self.points.link[self.starts]
+
+    @cached_property
+    def grouped(self) -> PairGroups:
+        """The rows of each pair of links, sorted by the ids of their bodies, then by the links."""
+        _, _, which = distinct_rows(np.concatenate((self.body, self.link), axis=1))
+        return PairGroups.of(which)
+
+
 def pairs_of(explained: ExplainedPiece) -> Pairs:
     """Return the contact points of a chunk, grouped by pair of bodies."""
     points = _points(explained)
-    keys = np.column_stack((points.step, points.body))
+    return Pairs(points, _firsts(np.column_stack((points.step, points.body))))
+
+
+def _firsts(keys: Int64) -> Int64:
+    """Return the rows that differ from those before them; `keys` has the shape (n, k)."""
     new = np.ones(len(keys), np.bool_)
     new[1:] = (keys[1:] != keys[:-1]).any(axis=1)
-    return Pairs(points, np.flatnonzero(new))
+    return np.flatnonzero(new)
 
 
 def _points(explained: ExplainedPiece) -> Points:

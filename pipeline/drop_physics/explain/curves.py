@@ -10,11 +10,10 @@ import numpy as np
 from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.causes import CAUSES, OF_REPLAYS, family
 from drop_physics.explain.contact_points import Pairs
-from drop_physics.explain.joints import JointTable, JointTelemetry, target_of
+from drop_physics.explain.joints import JointTelemetry, target_of
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.step_status import SampleStatus
 from drop_physics.explain.times import StepTimes
-from drop_physics.explain.touches import PRESSED, TouchTable
 from drop_physics.trace.history import Seen
 from drop_physics.trace.motors import POSITION, VELOCITY
 
@@ -63,14 +62,19 @@ class CurveTable:
         """Cumulative energy given by each of FORCES, by body."""
         self._start_j: dict[int, float] = {}
 
-    def add(self, explained: ExplainedPiece, joints: JointTable, touches: TouchTable) -> None:
-        """Add a chunk that was already added to the tables of joints and touches."""
+    def add(
+        self,
+        explained: ExplainedPiece,
+        joints: Mapping[int, Sequence[JointTelemetry]],
+        pairs: Pairs,
+    ) -> None:
+        """Add a chunk, with the telemetry of its joints by body id and its contact points."""
         for number, judged in explained.bodies.items():
             self._energy(number, judged)
-        for number, found in joints.latest.items():
+        for number, found in joints.items():
             for driven in found:
                 self._joint(number, driven)
-        self._friction(touches.pairs)
+        self._friction(pairs)
 
     def times_s(self, body: int, steps: Int64) -> Float64:
         """Return the times of the steps of a body [s]."""
@@ -138,7 +142,7 @@ class CurveTable:
             self._add(("energy", number, -1), steps.steps[due], columns)
 
     def _friction(self, pairs: Pairs) -> None:
-        for first, second, rows in pairs.by_pair(pairs.normal_n > PRESSED):
+        for first, second, rows in pairs.by_pair(pairs.acts):
             columns = {
                 "used": np.linalg.norm(pairs.tangential_n[rows], axis=1),
                 "available": pairs.available_n[rows],

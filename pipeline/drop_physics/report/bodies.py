@@ -30,9 +30,9 @@ from drop_physics.rules.choice import minor
 from drop_physics.trace.events import ENDED
 
 if TYPE_CHECKING:
+    from drop_physics.account.joints import JointRow
     from drop_physics.account.rows import AccountRow
     from drop_physics.analysis.results import Analysis, BodyAnalysis, StepSum
-    from drop_physics.explain.joints import JointRow
     from drop_physics.rules.answer import Finding
 
 MOST_FINDINGS = 3

@@ -11,17 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.account.rows import AccountRow, RowTerm
+from drop_physics.account.touches import TouchTable
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.actuators import ActuatorTable
 from drop_physics.explain.bodies import Record
+from drop_physics.explain.contact_points import Pairs, pairs_of
 from drop_physics.explain.joined import Constraints
-from drop_physics.explain.joints import JointTable, JointTelemetry
+from drop_physics.explain.joints import DrivenJoints, JointTelemetry
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.step_status import SampleStatus, StepVerdicts
 from drop_physics.explain.steps import BodySteps, StepBatch, Steps
 from drop_physics.explain.targets import Targets
 from drop_physics.explain.times import StepTimes
-from drop_physics.explain.touches import TouchTable
 from drop_physics.explain.touching import STEPS
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined
@@ -190,7 +191,7 @@ class Scene:
     """The script, and how its run ended."""
     times: Mapping[int, StepTimes]
     """Times of the steps, by client."""
-    joints: JointTable
+    joints: DrivenJoints
     touches: TouchTable
     episodes: Sequence[Episode] = ()
     actuators: ActuatorTable = field(default_factory=ActuatorTable)
@@ -209,6 +210,8 @@ class Scene:
     records: Mapping[int, Record] = field(init=False)
     """The record of each rigid body, by body id."""
     judged: Mapping[int, SampleStatus] = field(init=False)
+    pairs: Pairs = field(init=False)
+    """The contact points of the latest chunk."""
     constraints: Constraints = field(init=False)
     ends: dict[int, int] = field(init=False, default_factory=dict)
     """The last sample of each body, by body id."""
@@ -240,7 +243,8 @@ class Scene:
         self.ends |= {number: int(each.steps[-1]) for number, each in self.judged.items()}
         self._sites = self.piece.calls.sites
         self.joints.add(explained)
-        self.touches.add(explained)
+        self.pairs = pairs_of(explained)
+        self.touches.add(explained, self.pairs)
         self.actuators.add(explained)
         self.asked.see(self.piece)
         self.placing.see(self.piece)
@@ -273,9 +277,8 @@ class Scene:
         for _, each in self.intervals():
             end = int(each.steps[-1]), each.whole.after.at(np.array([each.rows.stop - 1]))
             self._ends[each.body.number] = {each.config.life: end}
-        del self.piece, self.judged, self.batches, self._explained
+        del self.piece, self.judged, self.batches, self.pairs, self._explained
         self.joints.forget()
-        self.touches.forget()
 
     def body_of(self, call: Call) -> Body | None:
         """Return the body that a call of the latest chunk names, directly or by its constraint."""
@@ -299,7 +302,7 @@ class Scene:
 
     def touching(self, bodies: Int64, steps: Int64) -> Flags:
         """Flag the bodies that have a contact point in the given step of the latest chunk."""
-        pairs = self.touches.pairs
+        pairs = self.pairs
         return np.isin(bodies * STEPS + steps, pairs.body * STEPS + pairs.step[:, None])
 
     def steps_at(self, bodies: Int64, steps: Int64) -> Iterator[tuple[Steps, Rows, Rows]]:

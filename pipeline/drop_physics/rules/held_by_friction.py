@@ -196,7 +196,7 @@ def _held(bodies: BodyColumns, *, steady: bool) -> Match | None:
     without, and of the centre against what touches it [m]; steps as slow as a creep. Steps between
     two touches that are not long apart count, too: on soft contacts it hops.
     """
-    body, pairs, n = bodies.batch.bodies[0].body, bodies.scene.touches.pairs, len(bodies.step)
+    body, pairs, n = bodies.batch.bodies[0].body, bodies.scene.pairs, len(bodies.step)
     its, points = pairs.of_body.get(body.number, np.empty(0, np.int64)), pairs.points
     row = np.searchsorted(bodies.step, points.step[its]).clip(max=n - 1)
     pressed = (points.normal_n[its] > 0) & (bodies.step[row] == points.step[its])

@@ -277,7 +277,7 @@ class Inputs:
                     motion.last_m = end.copy()
         self._links()
         self._torques()
-        pairs, placed = self.scene.touches.pairs, self._bodies_of(Act.SET_POSE, Act.SET_JOINT)
+        pairs, placed = self.scene.pairs, self._bodies_of(Act.SET_POSE, Act.SET_JOINT)
         for first, second, rows in pairs.by_pair(pairs.normal_n > 0):
             key = first, second
             self.touched[key] = self.touched.get(key, 0) + len(rows)

@@ -132,7 +132,7 @@ def weak_constraint(joined: ConstraintColumns) -> Match:
 
 def _touched(joined: ConstraintColumns) -> NDArray[np.int64]:
     """Return the steps in which a contact of one of its bodies may keep the constraint open."""
-    pairs, numbers = joined.scene.touches.pairs, [body.number for body in joined.bodies]
+    pairs, numbers = joined.scene.pairs, [body.number for body in joined.bodies]
     return np.asarray(pairs.step[np.isin(pairs.body, numbers).any(axis=1)])
 
 

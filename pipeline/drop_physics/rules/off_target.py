@@ -228,12 +228,13 @@ def _takes_more(
     scene: Scene, keys: list[int], weak: Message, limit: float, effort: str, force: float
 ) -> Cause | None:
     """Return the effort required on the way to a target, if it exceeds the motor's limit."""
-    takes = scene.joints.on_the_way(keys[0], keys[1])
+    efforts = scene.joints.efforts[keys[0]]
+    takes = efforts.on_the_way[keys[1]]
     if not takes > limit:
         return None
-    need, there = quantities.effort(takes, effort), scene.joints.rows(keys[0])[keys[1]]
+    need = quantities.effort(takes, effort)
     why = Message("{weak}; the way to its target takes up to {need}", weak=weak, need=need)
-    if abs(there.needs_at_target or 0.0) == takes:
+    if abs(efforts.needs_at_target[keys[1]]) == takes:
         why = Message("{weak}; the target takes {need}", weak=weak, need=need)
     return give_at_least(why, takes, effort, force)
 

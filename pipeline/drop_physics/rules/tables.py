@@ -63,7 +63,7 @@ class RuleTable(Protocol):
 
 def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
     """Yield the tables of one kind for the latest chunk."""
-    touching = len(scene.touches.pairs.starts) > 0
+    touching = len(scene.pairs.starts) > 0
     if name == "joints":
         yield from (JointColumns(scene, each) for each in scene.driven())
     elif name == "actuators":
@@ -200,7 +200,7 @@ class PairColumns:
     """Steps of touching pairs, seen from one of the bodies: the columns of `pairs`."""
 
     def __init__(self, scene: Scene, side: int) -> None:
-        self.scene, self.side, self.pairs = scene, side, scene.touches.pairs
+        self.scene, self.side, self.pairs = scene, side, scene.pairs
         self.step, self.timestep_s = self.pairs.step, self.pairs.timestep_s
         self.points, self.starts = self.pairs.points, self.pairs.starts
         self.noted: dict[str, Float64] = {}

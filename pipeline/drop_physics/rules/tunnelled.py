@@ -238,7 +238,7 @@ def _may_meet(body: Body, other: Body, box: Collision) -> bool:
 
 def _touching(bodies: BodyColumns, rows: Int64, others: Int64) -> Flags:
     """Return whether a body touches another in a step, or in an adjacent step."""
-    pairs, found = bodies.scene.touches.pairs, np.zeros(len(rows), np.bool_)
+    pairs, found = bodies.scene.pairs, np.zeros(len(rows), np.bool_)
     for k, (number, other) in enumerate(zip(bodies.body[rows], others, strict=True)):
         both = (pairs.body == sorted((number, other))).all(axis=1)
         found[k] = (np.abs(pairs.step[both] - bodies.step[rows[k]]) <= 1).any()

@@ -168,7 +168,7 @@ def _overlapping(
 
 def _pressed(scene: Scene, pair: Pair) -> Int64:
     """Return the samples after steps in which a contact between two links pushed."""
-    points = scene.touches.pairs.points
+    points = scene.pairs.points
     places = np.stack([points.body, points.link], axis=2)
     its = [(places == both).all(axis=(1, 2)) for both in (pair, pair[::-1])]
     return np.asarray(points.step[(its[0] | its[1]) & (points.normal_n > 0)])

@@ -48,7 +48,7 @@ def wheel_slip(joints: JointColumns) -> Match | None:
         return None
     sums, ground = np.zeros((*drives.shape, len(SUMS))), np.full(drives.shape, -1)
     held = np.zeros(drives.shape, np.bool_)
-    points = joints.scene.touches.pairs.points
+    points = joints.scene.pairs.points
     its = np.flatnonzero(
         (points.body == number).any(axis=1)
         & (points.normal_n > 0)

@@ -13,12 +13,12 @@ from dataclasses import replace
 import numpy as np
 
 from drop_physics import colours
+from drop_physics.account.joints import JointRow
 from drop_physics.account.rows import AccountRow
 from drop_physics.analysis.results import Analysis, BodyAnalysis
 from drop_physics.arrays import Float64
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.explain.curves import FORCES, Curves
-from drop_physics.explain.joints import JointRow
 from drop_physics.figures.plot import Curve, Look, Panel
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Finding
