@@ -28,6 +28,7 @@ from drop_physics.account.subjects import MeasuredBody, subject_of
 from drop_physics.account.terms import impulses_by_term, servos_of
 from drop_physics.account.touches import TouchTable
 from drop_physics.account.touching import touching_rows
+from drop_physics.account.twins import weaker_rows
 from drop_physics.account.words import RowWords
 from drop_physics.account.written import WrittenStates, energy_row
 from drop_physics.arrays import Float64
@@ -201,7 +202,9 @@ class Account:
             series.target[:, k] = aim.target
         needs = self._joints.needs_at_target(number)
         torqued = series.controlled("torque")
-        for axis in asked.axes_of(subject, words):
+        axes = [*asked.axes_of(subject, words)]
+        yield from weaker_rows(subject, axes, series)
+        for axis in axes:
             k = axis.joint_rate
             motors = {
                 actuator: given

@@ -17,6 +17,7 @@ from numpy.polynomial import chebyshev
 from drop_physics.account.rows import AccountRow
 from drop_physics.account.series import JointSeries
 from drop_physics.account.subjects import MeasuredBody
+from drop_physics.account.whole_state import state_law_of
 from drop_physics.account.words import RowWords
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.driving import at_bound, largest_force
@@ -109,6 +110,17 @@ def _fitted(
     small = np.abs(gains) * np.linalg.norm(columns, axis=0) < LEFT * size
     stiffness, damping = np.where(small, 0.0, -gains).tolist()
     return Feedback(joint, late, stiffness, damping)
+
+
+def _of_whole_state(
+    control: Float64, position: Float64, rate: Float64, own: int
+) -> Feedback | None:
+    """Return the same for a control that is computed from the states of all joints.
+
+    Its gains are not told: those of the joint itself alone say little.
+    """
+    law = state_law_of(control, position, rate, ~_extreme(control), MOST_LATE)
+    return None if law is None else Feedback(law.follows(own), law.late, 0.0, 0.0)
 
 
 def _aim(kept: Flags, latest: int, share: float) -> tuple[Float64, Int64]:
@@ -215,6 +227,8 @@ class GivenControls:
             last = slice(max(0, len(at) - MOST), None)
             states = position[last][:, known], rate[last][:, known]
             found = feedback_of(control[last], *states)
+            if found is None:
+                found = _of_whole_state(control[last], *states, int(np.searchsorted(known, own)))
             if found is None:
                 continue
             row = self._misled(actuator, own, int(known[found.joint]), found, at, period)

@@ -1,0 +1,75 @@
+"""Controls that a script computes from the positions and rates of all joints, and their delay.
+
+A linear controller gives u = K x(t - l) + c, where x is the state of all joints. Its delay (l) is
+found by least squares: the right one leaves nothing but rounding, all others leave much more. Where
+all delays fit, as in a motion that is linear itself, or none, as of a network, nothing is known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drop_physics.arrays import Flags, Float64
+
+SPARE, ENOUGH = 2, 8
+"""Minimum number of different controls beyond the number of gains, and number of them to fit: by
+chance already two are not fitted exactly."""
+EXACT, APART = 1e-9, 1e3
+"""Maximum share of a control that the right state leaves unexplained, and factor by which all other
+delays leave more."""
+ENTERS = 1e-3
+"""Minimum share of a control that a joint contributes whose state enters."""
+
+
+@dataclass(frozen=True)
+class StateLaw:
+    """The state from which a control is computed."""
+
+    late: int
+    """Delay of the state, in controls."""
+    shares: Float64
+    """Contribution of each joint to the control, as a share of its size, shape (joints,)."""
+
+    def follows(self, own: int) -> int:
+        """Return the joint that the control follows: `own` if that enters, else the main one."""
+        return own if self.shares[own] > ENTERS else int(np.argmax(self.shares))
+
+
+def state_law_of(
+    control: Float64, position: Float64, rate: Float64, kept: Flags, latest: int
+) -> StateLaw | None:
+    """Return the linear law of the joints' states that gives a control; None if there is none.
+
+    Parameters
+    ----------
+    control
+        n equally spaced controls, shape (n,).
+    position, rate
+        The states with which their steps begin, shape (n, joints).
+    kept
+        The controls that are not cut off, shape (n,).
+    latest
+        The largest delay, in controls.
+    """
+    size = float(np.linalg.norm(control[kept] - control[kept].mean())) if kept.any() else 0.0
+    states = np.hstack([position, rate, np.ones((len(control), 1))])
+    states /= np.maximum(np.abs(states).max(axis=0), 1e-300)
+    fits: list[tuple[float, Float64]] = []
+    for late in range(latest + 1):
+        rows = (np.flatnonzero(kept[late:]) + late)[-(states.shape[1] + ENOUGH) :]
+        if not size or len(np.unique(control[rows])) < states.shape[1] + SPARE:
+            break
+        x, y = states[rows - late], control[rows]
+        gains, *_ = np.linalg.lstsq(x, y, rcond=None)
+        parts = np.linalg.norm(x - x.mean(axis=0), axis=0) * np.abs(gains) / size
+        fits.append((float(np.linalg.norm(y - x @ gains)) / size, parts))
+    left = np.array([each for each, _ in fits])
+    if len(left) < 2 or not left.min() < EXACT:
+        return None
+    late = int(np.argmin(left))
+    if not np.delete(left, late).min() > APART * max(left[late], 1e-12):
+        return None
+    joints = position.shape[1]
+    return StateLaw(late, fits[late][1][: 2 * joints].reshape(2, joints).max(axis=0))
