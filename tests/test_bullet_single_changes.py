@@ -272,6 +272,33 @@ def test_a_change_may_begin_at_any_step() -> None:
     assert bare.tobytes() != script(p).tobytes()
 
 
+def test_two_bodies_of_one_name_are_told_apart_and_an_element_of_one_line_has_its_line() -> None:
+    p.resetSimulation()
+    p.setAdditionalSearchPath(pybullet_data.getDataPath())
+    watched = Watched(BULLET.sees)
+    for height in (1, 2):
+        watched.loadURDF("cube_small.urdf", [0, 0, height])
+    watched.loadURDF("plane.urdf")
+    watched.stepSimulation()
+    found = possible(p, BULLET.tried, watched.interventions.seen)
+    fixed = [each for each in found if (each.change, each.op) == ("loadURDF.useFixedBase", "^1")]
+    of_lines, together = fixed[:-1], fixed[-1]
+    assert [each.of for each in of_lines] == [("cube_small body0", "cube_small body1"), ("plane",)]
+    assert together.of == ("cube_small body0", "cube_small body1", "plane")
+    assert together.site is None
+    assert [together.of_some([n]).site for n in (0, 2)] == [each.site for each in of_lines]
+    assert together.of_some([2]).key == of_lines[1].key
+    # Of two bodies that one line loads, one alone stays where it is.
+    p.resetSimulation()
+    second = Watched(trial_of(replace(together.of_some([1]), site=None))["interventions"])
+    for height in (1, 2):
+        second.loadURDF("cube_small.urdf", [0, 0, height])
+    p.setGravity(0, 0, -9.81)
+    p.stepSimulation()
+    assert p.getBasePositionAndOrientation(0)[0][2] < 1
+    assert p.getBasePositionAndOrientation(1)[0][2] == 2
+
+
 def test_what_makes_a_thing_and_is_left_out_returns_that_there_is_none() -> None:
     left_out = found_of(changes(), ("createConstraint", "left-out"))
     run = Watched(trial_of(replace(left_out, site=None, ids=((0, None, None),)))["interventions"])

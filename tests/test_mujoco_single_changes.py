@@ -31,14 +31,16 @@ SCENE = """<mujoco><option timestep="0.002" density="1.2" iterations="1"/><world
     <geom name="ball" size="0.1" pos="0.01 0 0" mass="0.5"/></body>
   <body name="arm" pos="0 1 1"><joint name="elbow" axis="0 1 0" damping="0.1" stiffness="2"/>
     <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03" mass="2"/>
-    <body name="hand" pos="0.3 0 0"><joint name="wrist" axis="0 1 0" range="-1 1" limited="true"/>
+    <body name="hand" pos="0.3 0 0"><joint name="wrist" axis="0 1 0" range="-1 1"
+      limited="true" pos=".01 0 0"/>
       <geom name="hand" type="capsule" fromto="0 0 0 0.2 0 0" size="0.02" mass="1"/></body></body>
   <body name="lid" pos="1 0 1"><freejoint/><geom size="0.05" mass="0.1"/></body></worldbody>
 <equality><weld name="held" body1="lid"/></equality>
 <actuator><position name="servo" joint="elbow" kp="20" kv="1"/>
   <velocity name="spin" joint="wrist" kv="0.5"/><motor name="push" joint="wrist" gear="3"/>
 </actuator></mujoco>"""
-ROWS = TABLES["MuJoCo"].tried
+MUJOCO = TABLES["MuJoCo"]
+ROWS = MUJOCO.tried
 STEPS = 60
 
 
@@ -166,6 +168,7 @@ EDITS: dict[tuple[str, str], Callable[[Any, Any], object]] = {
         m.geom_pos.__setitem__(..., 0),
         m.geom_sameframe.__setitem__(..., 0),
     ),
+    ("jnt_pos", "=0"): lambda m, _: scaled(m, "jnt_pos", 0, derived=True),
     ("pair", "=0"): lambda m, _: apart(m),
     ("geom_collides", "=0"): lambda m, _: apart(m),
     ("body_mass", "*0.1"): lambda m, _: heavier(m, 0.1),
@@ -277,11 +280,13 @@ def test_a_change_may_begin_at_any_step(found: dict[tuple[str, str], Change]) ->
         scripted(m, d, step)
         if step == 25:
             scaled(m, "geom_friction", 0.1)
+            heavier(m, 10)
             d.eq_active[:] = 0
 
     run = Script()
     first = run.run(last=25)
-    keys = ("geom_friction", "*0.1"), ("eq_active", "=0")
+    keys = ("geom_friction", "*0.1"), ("body_mass", "*10"), ("eq_active", "=0")
+    assert [MUJOCO.follows(found[key]) for key in keys] == ["", "mujoco.mj_setConst", ""]
     trials = [trial_of(found[key]) for key in keys]
     run.changes.become([one for each in trials for one in each["interventions"]], {})
     states = np.concatenate([first, run.run(25)])

@@ -101,6 +101,22 @@ def test_of_changes_with_the_same_motion_the_one_of_a_named_element_is_said() ->
     assert said.tried.change == force
 
 
+def test_an_element_that_one_line_sets_is_tried_as_that_line_and_once() -> None:
+    lines = [("a.py", 3), ("a.py", 4)]
+    alone = [replace(FRICTION.of_some([n]), site=line) for n, line in enumerate(lines)]
+    together = replace(FRICTION.of_some([0, 1]), sites=tuple(lines))
+    runs = Runs(lambda change: 0.5 if 1 in change.ids else 0.1)
+    said = ranked(searched(runs, *alone, together).tried)
+    assert runs.made == [alone[0], alone[1], together]
+    assert [each.tried.change for each in said] == [alone[1]]
+
+
+def test_a_number_on_the_other_side_of_the_expected_one_is_off_by_both() -> None:
+    five, one = ChangeOutcome(False, -2.0, 5.0), ChangeOutcome(False, -2.0, 1.0)
+    assert five.off(one) == 4.0
+    assert five.off(ChangeOutcome(False, -np.inf, np.nan)) == 0.0
+
+
 def test_a_second_list_is_tried_without_what_was_tried_before() -> None:
     runs = Runs(lambda change: 0.2 if change.ids else 0.1)
     search = searched(runs, FRICTION.of_some([0, 1]))

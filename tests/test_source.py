@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from drop_physics.engines.source import changes_of, edits_of, place_of, words_of
+from drop_physics.engines.source import changes_of, edits_of, place_of, repeats, words_of
 from drop_physics.engines.watching.edits import InTwoParts, edited
 from drop_physics.engines.watching.single_changes import Change
 from drop_physics.stages.rerun.single import is_single, named, text_of
@@ -96,6 +96,32 @@ def test_an_edit_is_what_its_user_would_write(name: str, op: str, line: str) -> 
     assert after[differing] == line
     assert place_of(change)[0] == f"script.py:{differing + 1}"
     assert f"script.py:{differing + 1}" in words_of(change)
+
+
+def test_how_often_an_inner_loop_is_repeated_is_a_whole_number_and_of_an_outer_one_no_change() -> (
+    None
+):
+    text = b"""
+N = 4
+def control():
+    for _ in range(30):
+        step()
+for k in range(100):
+    control()
+    for _ in range(N):
+        step()
+"""
+    counts = [each for each in changes_of(text, "s.py", "") if each.op != "left-out"]
+    assert [(each.change, each.op, each.of) for each in counts] == [
+        ("N", "*10", ("4",)),
+        ("range", "*10", ("30",)),
+        ("range", "*0.1", ("30",)),
+    ]
+    more, _, fewer = counts
+    assert b"N = 10\n" in edited(text, edits_of(more.by(2.6)))
+    assert b"range(1)" in edited(text, edits_of(fewer.by(0.01))), "none would be another script"
+    assert words_of(fewer) == "3 in place of 30 (s.py:4)"
+    assert [*map(repeats, counts)] == [10, 10, 1]
 
 
 def test_where_things_begin_is_a_part_of_the_scene_and_what_a_loop_sets_is_none() -> None:

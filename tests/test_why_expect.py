@@ -12,6 +12,9 @@ from command import drop_here
 from conftest import some
 from drop_physics.account.rows import AccountRow, RowTerm
 from drop_physics.engines.watching.single_changes import Change
+from drop_physics.experiments.search import ChangeOutcome
+from drop_physics.report.expected import sections_of
+from drop_physics.stages.why.expect import Expected
 from drop_physics.stages.why.row import row_expectation
 
 SCHEMA = json.loads((Path(__file__).parents[1] / "docs/schemas/why.json").read_text("utf-8"))
@@ -45,6 +48,21 @@ def main():
     height = p.getBasePositionAndOrientation(body)[0][2]
     p.disconnect()
 main()
+"""
+
+
+DIE = """
+import mujoco
+XML = '''<mujoco><option timestep="0.002"/><worldbody><geom type="plane" size="3 3 .1"/>
+<body name="die" pos="0 0 1.2" euler="33 21 57"><freejoint/><geom type="box" size=".05 .05 .05"
+ mass=".2" friction=".5 .005 .0001" solref="-20000 -25"/></body></worldbody></mujoco>'''
+m = mujoco.MjModel.from_xml_string(XML)
+d = mujoco.MjData(m)
+d.qvel[:] = [0.7, 0.3, 0, 13, 9, 17]
+for _ in range(1400):
+    mujoco.mj_step(m, d)
+R = d.body("die").xmat.reshape(3, 3)
+face = int(abs(R[2]).argmax()) * 2 + int(R[2][abs(R[2]).argmax()] < 0)
 """
 
 
@@ -100,6 +118,28 @@ def test_what_nothing_makes_true_is_said_with_what_comes_nearest(tmp_path: Path)
     code, found, _ = why(tmp_path, script, "--expect", "z('far') > 1000")
     assert (code, found["makes_true"], found["complete"]) == (3, [], True)
     assert all(each["result"] > found["expectation"]["value"] for each in found["moves"])
+
+
+@pytest.mark.long
+def test_chance_decides_where_nudges_move_the_number_as_far_as_what_is_missing(
+    tmp_path: Path,
+) -> None:
+    """A die falls on another face if it is moved by 1e-9, though on none that is expected."""
+    code, found, _ = why(tmp_path, DIE, "--expect", "face == 3")
+    assert (code, found["chaotic"], found["makes_true"]) == (3, True, [])
+    assert found["noise"]["value"] >= abs(found["expectation"]["margin"]) == 2
+
+
+def test_a_number_has_the_digits_that_tell_it_from_what_was_expected() -> None:
+    (said, *_) = sections_of(
+        Expected("reached > 0.9", "option", ChangeOutcome(False, -0.0003149, 0.8996851)),
+        every=False,
+    )
+    assert "no, 0.89969" in said.blocks[0].text
+    for value, margin, digits in ((0.341, 0.041, "0.341"), (20_688.0, -0.04, "20,688.00")):
+        outcome = ChangeOutcome(True, margin, value)
+        (said, *_) = sections_of(Expected("a > b", "option", outcome), every=False)
+        assert said.blocks[0].text.endswith(digits)
 
 
 @pytest.mark.long

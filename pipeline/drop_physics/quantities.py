@@ -11,20 +11,24 @@ LARGE, HUGE = 1e3, 1e7
 """Numbers have no decimals from LARGE on, and are written in powers of ten from HUGE on."""
 
 
-def quantity(value: float, unit: str = "", sign: str = "") -> str:
-    """Format a number with three digits and its unit; `sign` as in Python's format strings."""
+DIGITS = 3
+"""Number of digits of a number, if nothing else is asked."""
+
+
+def quantity(value: float, unit: str = "", sign: str = "", digits: int = DIGITS) -> str:
+    """Format a number with its unit; `sign` as in Python's format strings."""
     if unit in ("m", "m/s") and 0 < abs(value) < SMALL_M:
         value, unit = value * 1e3, f"m{unit}"
-    return f"{number(value, sign)} {unit}".rstrip()
+    return f"{number(value, sign, digits)} {unit}".rstrip()
 
 
-def number(value: float, sign: str = "") -> str:
-    """Format a number with three digits; `sign` as in Python's format strings."""
+def number(value: float, sign: str = "", digits: int = DIGITS) -> str:
+    """Format a number; `sign` as in Python's format strings."""
     if not math.isfinite(value):
         return f"{value:{sign}}"
     if LARGE <= abs(value) < HUGE:
-        return f"{value:{sign},.0f}"
-    return f"{value + 0.0:{sign}.3g}"
+        return f"{value:{sign},.{max(0, digits - len(str(int(abs(value)))))}f}"
+    return f"{value + 0.0:{sign}.{digits}g}"
 
 
 # -- as findings write them ----------------------------------------------------------------------

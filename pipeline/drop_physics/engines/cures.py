@@ -66,6 +66,12 @@ def written_as(change: Change) -> tuple[str, str] | None:
     return None if table is None else table.written_as(change)
 
 
+def follows(change: Change) -> str:
+    """Return the call to add where a change is made between two steps; empty if there is none."""
+    table = TABLES.get(change.engine)
+    return "" if table is None else table.follows(change)
+
+
 def call_of(engine: str) -> Callable[[Cure], str]:
     """Return the function that writes a suggested fix as code for an engine."""
     cures = TABLES.get(engine.partition(" ")[0])

@@ -216,6 +216,9 @@ class Interventions:
     written_as
         Returns the attribute that a single change is of, and a pattern of the tags that have it;
         None if it is of none.
+    follows
+        Returns the call that a user has to add where a single change is made between two steps;
+        empty if there is none.
     """
 
     def __init__(
@@ -229,6 +232,7 @@ class Interventions:
         words_of: Callable[[Change], str],
         played: Callable[[Seen, int, int, int], list[Operation]],
         written_as: Callable[[Change], tuple[str, str] | None] = lambda _: None,
+        follows: Callable[[Change], str] = lambda _: "",
     ) -> None:
         every = (*rows, *OF_ANY)
         self.rows = {row.name: row for row in every if row.name}
@@ -236,6 +240,7 @@ class Interventions:
         """The rows that the causal search tries."""
         self.trial_of, self.words_of, self.written_as = trial_of, words_of, written_as
         self.played = played
+        self.follows = follows
         self.sees = sees
         """The operations of a run in which it is seen what they would change."""
         self.parameters, self.left_out = parameters, left_out

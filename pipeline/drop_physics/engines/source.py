@@ -2,7 +2,8 @@
 
 They are what its user would edit: each number, also in the attributes of models that stand in the
 text, each of these attributes, and each statement that sets something. What only says what is
-measured is none of them: bounds of loops, indices, what is printed, asserted, or compared with.
+measured is none of them: bounds of the outermost loops, indices, what is printed, asserted, or
+compared with.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, zip_longest
-from typing import Any
+from typing import Any, NamedTuple, TypeGuard
 
 from drop_physics.engines.watching.expression import EPISODE, PRINTED, SERIES, TAKEN
 from drop_physics.engines.watching.single_changes import MOST_NAMES, Change
@@ -24,9 +25,10 @@ SOURCE = "source"
 """Value of `engine` for changes of a script's text."""
 NUMBERS = ("*10", "*0.1", "*-1", "=0")
 SIZES, PLACES = ("*2", "*0.5"), ("*2", "*0.5", "*-1")
+COUNTS = ("*10", "*0.1")
 LEFT_OUT = "left-out"
-NUMBER = "number"
-"""Name for a number that is not assigned to anything."""
+NUMBER, COUNT = "number", "range"
+"""Names for a number that is not assigned to anything, and for that of an inner loop."""
 DEGREES = 0.017453292519943295
 """Factor that converts degrees to radians [rad/degree]."""
 LARGEST_RAD, LARGEST_DEGREES = 6.3, 720.0
@@ -112,6 +114,8 @@ class TextPart:
     """Whether it is inside a loop."""
     in_markup: bool = False
     """Whether it is an attribute in a model's XML."""
+    is_count: bool = False
+    """Whether it says how often a loop is repeated, so that it stays a whole number."""
 
     @property
     def breaks(self) -> bool:
@@ -122,6 +126,19 @@ class TextPart:
     def is_geometry(self) -> bool:
         """True if it sets a position or a size."""
         return SHAPES.match(self.name.rpartition(".")[2]) is not None
+
+
+class PlacedText(NamedTuple):
+    """The element of a change of a text: where it is, and what is there."""
+
+    start: int
+    end: int
+    was: str
+    without: str
+    """The text that replaces it if it is removed."""
+    where: str
+    """File and line."""
+    is_count: bool
 
 
 def changes_of(text: bytes, file: str, expected: str) -> list[Change]:
@@ -179,7 +196,10 @@ def _of_places(group: Sequence[tuple[TextPart, str]], text: bytes, file: str) ->
                 first.name,
                 op,
                 (op, None) if op == LEFT_OUT else (op[0], float(op[1:])),
-                tuple((e.start, e.end, was, e.without, f"{file}:{e.line}") for e, _, was in its),
+                tuple(
+                    PlacedText(e.start, e.end, was, e.without, f"{file}:{e.line}", e.is_count)
+                    for e, _, was in its
+                ),
                 tuple(name for _, name, _ in its),
                 breaks=first.breaks,
                 site=None if first.in_markup else (file, first.line),
@@ -190,24 +210,33 @@ def _of_places(group: Sequence[tuple[TextPart, str]], text: bytes, file: str) ->
 
 def edits_of(change: Change) -> list[list[Any]]:
     """Return the text edits that make a change."""
-    return [[start, end, _becomes(was, change, other)] for start, end, was, other, _ in change.ids]
+    return [[each.start, each.end, _becomes(change, each)] for each in change.ids]
+
+
+def repeats(change: Change) -> float:
+    """Return how many times as many steps a run may make, whose inner loop is repeated more often.
+
+    1 of other changes.
+    """
+    return max(1.0, change.how[1]) if any(each.is_count for each in change.ids) else 1.0
 
 
 def place_of(change: Change) -> tuple[str, str]:
     """Return the file and line that a change edits, and the source text there, e.g. `KP=5`."""
-    _, _, was, _, where = change.ids[0]
-    is_value = change.op != LEFT_OUT and change.change != NUMBER
-    return where, f"{change.change}={was}" if is_value else _in_a_line(was)
+    first: PlacedText = change.ids[0]
+    is_value = change.op != LEFT_OUT and change.change not in (NUMBER, COUNT)
+    return first.where, f"{change.change}={first.was}" if is_value else _in_a_line(first.was)
 
 
 def words_of(change: Change) -> str:
     """Describe a change, with the current source text and its location."""
-    _, _, was, other, where = change.ids[0]
+    first: PlacedText = change.ids[0]
+    was, where = first.was, first.where
     of = all_of([each.partition("#")[0] for each in change.of])
     if change.op == LEFT_OUT:
         return Message("without {was} ({where})", was=_in_a_line(was), where=where)
-    does = {"becomes": _becomes(was, change, other).strip("()"), "was": was, "where": where}
-    if change.change == NUMBER:
+    does = {"becomes": _becomes(change, first).strip("()"), "was": was, "where": where}
+    if change.change in (NUMBER, COUNT):
         return Message("{becomes} in place of {was} ({where})", **does)
     if not of or of == was:
         return Message("{name} {becomes} in place of {was} ({where})", name=change.change, **does)
@@ -241,16 +270,18 @@ def _does(was: str, op: str) -> bool:
     return bool(numbers and any(numbers))
 
 
-def _becomes(was: str, change: Change, without: str) -> str:
+def _becomes(change: Change, place: PlacedText) -> str:
     """Return the text after a change."""
     operator, operand = change.how
     if operator == LEFT_OUT:
-        return without
-    numbers = _numbers(was) or []
+        return place.without
+    numbers = _numbers(place.was) or []
     made = [operand if operator == "=" else each * operand for each in numbers]
-    whole = not re.search(r"[.eE]", was)
+    if place.is_count:
+        made = [max(1, round(each)) for each in made]
+    whole = not re.search(r"[.eE]", place.was)
     texts = [f"{int(each)}" if whole and each == int(each) else f"{each:.10g}" for each in made]
-    if len(texts) == 1 and texts[0].startswith("-") and not without:
+    if len(texts) == 1 and texts[0].startswith("-") and not place.without:
         return f"({texts[0]})"  # in Python it may follow an operator
     return " ".join(texts)
 
@@ -329,6 +360,10 @@ class _TextParts:
     def __init__(self, tree: ast.Module, text: bytes, feeding: set[str]) -> None:
         self._tree, self._text, self._feeding = tree, text, feeding
         self._lines = [0, *accumulate(len(each) + 1 for each in text.split(b"\n"))]
+        self._loops = 0
+        """Number of loops around the part that is looked at."""
+        self._repeated = {*_called_in_loops(tree)}
+        self._counts = {*_counting(tree)}
 
     def all(self) -> Iterator[TextPart]:
         """Yield the replaceable parts in the order of the text."""
@@ -336,11 +371,20 @@ class _TextParts:
             yield from self._of(each, "", "")
 
     def _of_loop(self, node: ast.For | ast.While) -> Iterator[TextPart]:
-        """Yield the parts of a loop, except the numbers over which it iterates."""
+        """Yield the parts of a loop, except the numbers over which it iterates.
+
+        How often an inner loop is repeated is a part, since what is around goes on after it: the
+        steps for each command.
+        """
         if isinstance(node, ast.For) and not _are_whole(node.iter):
             yield from self._of(node.iter, "", "")
+            if self._loops and _counts(node.iter):
+                for bound in filter(_is_number, node.iter.args):
+                    yield from self._of_constant(bound, COUNT)
+        self._loops += 1
         for each in (*node.body, *node.orelse):
             yield from (replace(place, again=True) for place in self._of(each, "", ""))
+        self._loops -= 1
 
     def _at(self, node: ast.expr | ast.stmt) -> tuple[int, int]:
         start = self._lines[node.lineno - 1] + node.col_offset
@@ -385,8 +429,10 @@ class _TextParts:
         for argument, value in [*defaults, *zip(node.args.kwonlyargs, node.args.kw_defaults)]:  # noqa: B905
             if value is not None:
                 yield from self._of(value, f"{node.name}.{argument.arg}", node.name)
+        self._loops += node.name in self._repeated
         for each in node.body:
             yield from self._of(each, node.name, node.name)
+        self._loops -= node.name in self._repeated
 
     def _of_call(self, node: ast.Call, name: str) -> Iterator[TextPart]:
         function = _last(node.func)
@@ -433,11 +479,15 @@ class _TextParts:
             yield from self._of_markup(start, end)
         elif _is_number(node) and (numbers := _numbers(was)) and numbers[0]:  # decimal, and not 0
             tries: tuple[str, ...] = NUMBERS
-            if POSITIVE.match(name.rpartition(".")[2]):
+            is_count = name == COUNT or name in self._counts
+            if is_count:
+                tries = tuple(op for op in COUNTS if round(numbers[0] * float(op[1:])) >= 1)
+            elif POSITIVE.match(name.rpartition(".")[2]):
                 tries = tuple(op for op in tries if op != "*-1")
-            if LARGEST_RAD < abs(numbers[0]) <= LARGEST_DEGREES:
+            elif LARGEST_RAD < abs(numbers[0]) <= LARGEST_DEGREES:
                 tries = (*tries, f"*{DEGREES}")
-            yield TextPart(name or NUMBER, was, node.lineno, start, end, tries)
+            part = TextPart(name or NUMBER, was, node.lineno, start, end, tries)
+            yield replace(part, is_count=is_count)
 
     def _of_markup(self, start: int, end: int) -> Iterator[TextPart]:
         """Yield attributes of a model's XML in the text, and its elements without children."""
@@ -482,6 +532,24 @@ def _asks_for_arguments(node: ast.AST) -> bool:
     return any(
         getattr(each, "attr", getattr(each, "id", None)) in ARGUMENTS for each in ast.walk(node)
     )
+
+
+def _called_in_loops(tree: ast.AST) -> Iterator[str]:
+    """Yield the names of the functions that a text calls within loops."""
+    loops = (each for each in ast.walk(tree) if isinstance(each, ast.For | ast.While))
+    inside = (each for loop in loops for each in ast.walk(loop))
+    return (_last(each.func) for each in inside if isinstance(each, ast.Call))
+
+
+def _counts(node: ast.AST) -> TypeGuard[ast.Call]:
+    """Return whether an expression is a call of `range`."""
+    return isinstance(node, ast.Call) and _last(node.func) == COUNT
+
+
+def _counting(tree: ast.AST) -> Iterator[str]:
+    """Yield the variables that say how often loops are repeated."""
+    for call in filter(_counts, ast.walk(tree)):
+        yield from (each.id for each in call.args if isinstance(each, ast.Name))
 
 
 def _is_number(node: ast.AST) -> bool:

@@ -48,6 +48,14 @@ class ChangeOutcome:
     """Value of the compared quantity."""
     motion: Sequence[RunMotion] = ()
 
+    def off(self, other: ChangeOutcome) -> float:
+        """Return how far the quantity of another run is off, as far as that is a finite number.
+
+        The margin of `==` is the same on both sides of the number that is expected.
+        """
+        far = abs(other.margin - self.margin), abs(other.value - self.value)
+        return max(filter(math.isfinite, far), default=0.0)
+
 
 @dataclass(frozen=True)
 class TriedChange:
@@ -199,13 +207,17 @@ class _Queue(Iterator[Change]):
         self._numbers: dict[int, int] = {}
         """Positions in the order of trials, by the `id` of changes, which are all kept alive."""
         self._all: list[Change] = []
+        self._keys: set[tuple[object, ...]] = set()
 
     def number(self, change: Change) -> int:
         """Return the position of a change in the order of trials."""
         return self._numbers[id(change)]
 
     def put(self, change: Change, urgency: int) -> None:
-        """Add a change to the queue; urgency 0 comes first."""
+        """Add a change to the queue, once; urgency 0 comes first."""
+        if change.key in self._keys:
+            return
+        self._keys.add(change.key)
         self._numbers[id(change)] = number = len(self._all)
         self._all.append(change)
         heapq.heappush(self._heap, (urgency, number, change))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from drop_physics.fields import all_of, counted
 from drop_physics.messages import Message, joined
-from drop_physics.quantities import number, quantity
+from drop_physics.quantities import DIGITS, number, quantity
 from drop_physics.report.blocks import Column, DataTable, Section, Words
 
 if TYPE_CHECKING:
@@ -22,6 +22,8 @@ SHOWN = 3
 """Number of changes shown without `--all`."""
 ROUNDING = 1e-6
 """A quantity is shown as 0 if it is below this share of the reached value."""
+MOST_DIGITS = 12
+"""Most digits of a quantity that is close to what it is compared with."""
 MOST_COMMANDS = 2
 """Most commands listed that are followed worse with a change."""
 
@@ -120,19 +122,22 @@ def _named(tried: TriedChange) -> dict[str, Any]:
 
 def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
     """Yield the expectation, its outcome, and changes that meet it; all of them with `every`."""
-    expected, value = _asked(found), _value(found, found.base)
+    base = found.base
+    expected, value = _asked(found), _value(found, base)
     words = (
         Message("{expected}: yes, {value}", expected=expected, value=value)
-        if found.base.holds
+        if base.holds
         else Message("{expected}: no, {value}", expected=expected, value=value)
     )
     yield Section([Words(words, key=found.text, indent="  ")], apart=False)
-    if found.base.holds:
+    if base.holds:
         return
     if found.chaotic:
         words = Message(
-            "chance decides: moved by 1e-9 before the first step, it comes out as expected; no "
-            "change was tried"
+            "chance decides: moved by 1e-9 before the first step, it comes out {noise} away, and "
+            "{margin} is missing; no change was tried",
+            noise=number(found.noise or 0.0),
+            margin=number(abs(base.margin)),
         )
         yield Section([Words(words)])
         return
@@ -195,11 +200,15 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
 def _value(found: Expected, outcome: ChangeOutcome) -> str:
     """Format the compared quantity, with its unit if known.
 
-    Rounding, compared with the quantity in the script's own run, is 0.
+    Rounding, compared with the quantity in the script's own run, is 0. There are as many digits as
+    it takes to tell the quantity from what it is compared with.
     """
     is_none = abs(outcome.value) < ROUNDING * abs(found.base.value)
-    value = 0.0 if is_none else outcome.value
-    return number(value) if found.unit is None else quantity(value, found.unit)
+    value, digits = 0.0 if is_none else outcome.value, DIGITS
+    if 0 < abs(outcome.margin) < abs(value) < math.inf:
+        digits = math.ceil(math.log10(abs(value / outcome.margin))) + 1
+    digits = min(max(digits, DIGITS), MOST_DIGITS)
+    return quantity(value, found.unit or "", digits=digits)
 
 
 def _asked(found: Expected) -> str:
@@ -257,6 +266,8 @@ def _told(
         parts.append(Message("×{factor} is enough", factor=number(least)))
     if latest is not None:
         parts.append(Message("from step {step} of {steps} on, too", step=latest, steps=found.steps))
+        if call := found.follows(each.tried.change):
+            parts[-1] = Message("{later}, with {call} after the edit", later=parts[-1], call=call)
     if open_loop is not None:
         yes = Message(
             "open loop, with the recorded commands from step {step} on, too", step=found.branched

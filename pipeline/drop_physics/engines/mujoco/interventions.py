@@ -27,7 +27,7 @@ from drop_physics.engines.interventions import (
 )
 from drop_physics.engines.mujoco.frames import PARTS
 from drop_physics.engines.mujoco.played import played
-from drop_physics.engines.mujoco.watch.single_changes import ENGINE, trial_of
+from drop_physics.engines.mujoco.watch.single_changes import DERIVED_FROM, ENGINE, trial_of
 from drop_physics.engines.watching.single_changes import Change
 from drop_physics.messages import Message
 from drop_physics.trace.cures import ChangedRun, Cure, Scope
@@ -742,6 +742,20 @@ def _written_as(change: Change) -> tuple[str, str] | None:
     return (attribute, TAGS[kind]) if field and kind in TAGS else None
 
 
+def _follows(change: Change) -> str:
+    """Return the call after which an edit between two steps counts; empty if none is needed."""
+    return "mujoco.mj_setConst" if change.change in DERIVED_FROM else ""
+
+
 INTERVENTIONS = Interventions(
-    ROWS, OPTIONS, _set_parameter, left_out, SEES, trial_of, _words_of, played, _written_as
+    ROWS,
+    OPTIONS,
+    _set_parameter,
+    left_out,
+    SEES,
+    trial_of,
+    _words_of,
+    played,
+    _written_as,
+    _follows,
 )

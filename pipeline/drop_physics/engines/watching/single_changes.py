@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 ORDERS = ("exchanged", "reversed")
 """Operators on several elements together: exchange of their halves, and reversal."""
@@ -46,6 +48,9 @@ class Change:
     on: tuple[str, ...] = ()
     """The names of the links to which the elements belong, if the elements are not named after
     them."""
+    sites: tuple[tuple[str, int] | None, ...] = ()
+    """File and line of the only call on each element; None of an element that several lines call
+    for. Empty if the change has a site of its own, or is of no call."""
 
     @property
     def target(self) -> tuple[str, ...]:
@@ -54,12 +59,24 @@ class Change:
         return tuple(dict.fromkeys(each for each in names if each))
 
     def of_some(self, places: Sequence[int]) -> Change:
-        """Return the same change restricted to some of its elements, by index."""
-        ids, of, on = (
-            tuple(held[place] for place in places if held) for held in (self.ids, self.of, self.on)
-        )
-        bodies = self.bodies if len(ids) == len(self.ids) else ()
-        return replace(self, ids=ids, of=of, on=on, bodies=bodies)
+        """Return the same change restricted to some of its elements, by index.
+
+        Where all of these are set by one line, the change is that line's.
+        """
+
+        def some(held: tuple[T, ...]) -> tuple[T, ...]:
+            return tuple(held[place] for place in places if held)
+
+        ids, sites = some(self.ids), some(self.sites)
+        its = replace(self, ids=ids, of=some(self.of), on=some(self.on), sites=sites)
+        if len(ids) < len(self.ids):
+            its = replace(its, bodies=())
+        return replace(its, site=sites[0], sites=()) if len({*sites}) == 1 and sites[0] else its
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """The identity of the change: equal changes of the same elements have the same key."""
+        return self.change, self.op, self.site, str(self.ids)
 
     def by(self, factor: float) -> Change:
         """Return the same change with another factor.
@@ -78,7 +95,8 @@ def change_of(told: Mapping[str, Any]) -> Change:
     """Return a change from a run's message."""
     lists = ("how", "ids", "of", "site", "model", "bodies", "on")
     pairs = {name: told[name] if told[name] is None else tuple(told[name]) for name in lists}
-    return Change(**{**told, **pairs})
+    sites = tuple(None if each is None else tuple(each) for each in told["sites"])
+    return Change(**{**told, **pairs, "sites": sites})
 
 
 def how_of(op: str, default: Any = 0.0) -> tuple[str, Any]:

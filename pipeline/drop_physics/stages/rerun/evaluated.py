@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from drop_physics.engines.cures import trial_of
 from drop_physics.engines.interventions import Operation
 from drop_physics.engines.script import Program
-from drop_physics.engines.source import SOURCE
+from drop_physics.engines.source import SOURCE, repeats
 from drop_physics.engines.watching.expression import Expression
 from drop_physics.engines.watching.single_changes import Change
 from drop_physics.experiments.motion import motion_of
@@ -147,7 +147,9 @@ class EvaluatedRuns:
         return self._outcome(**{**trial, "variation": {**(trial.get("variation") or {}), **nudge}})
 
     def _trial_of(self, change: Change) -> dict[str, Any]:
-        trial = trial_of(change)
+        trial, steps = trial_of(change), self.program.steps
+        if change.engine == SOURCE and steps is not None:
+            trial["steps"] = math.ceil(steps * repeats(change))
         return {**trial, "variation": trial.get("variation") or None}
 
     def _outcome(self, **changed: object) -> ChangeOutcome:

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from drop_physics.engines.cures import RUN, cures_of, words_of, written_as
+from drop_physics.engines.cures import RUN, cures_of, follows, words_of, written_as
 from drop_physics.engines.interventions import Operation, done
 from drop_physics.engines.script import Program
 from drop_physics.engines.source import SOURCE, place_of
@@ -98,7 +98,7 @@ class Expected:
     noise: float | None = None
     """How far nudges move the quantity; None if no nudged run was made."""
     chaotic: bool = False
-    """Whether a nudge alone meets the expectation."""
+    """Whether nudges move the quantity by no less than what is missing of it."""
     complete: bool = True
     """Whether all changes were tried before the time was up."""
     makes_true: Sequence[SaidChange] = ()
@@ -146,6 +146,10 @@ class Expected:
     def does(self, change: Change) -> str:
         """Describe the operator of a change: ×10, left out."""
         return done(change.op)
+
+    def follows(self, change: Change) -> str:
+        """Return the call to add where a change is made between two steps; empty if none is."""
+        return follows(change)
 
     def words(self, change: Change) -> str:
         """Describe a change for the user: friction of left, right ×10."""
@@ -343,9 +347,8 @@ def _searched(
         if base.holds or seen["error"] is not None or not short:
             return {"complete": False}
     nudged = trials.nudges()
-    far = [abs(each.margin - base.margin) for each in nudged]
-    noise = max((each for each in far if math.isfinite(each)), default=0.0)
-    if any(each.holds for each in nudged):
+    noise = max(map(base.off, nudged), default=0.0)
+    if any(each.holds for each in nudged) or 0 < abs(base.margin) <= noise:
         return {"noise": noise, "chaotic": True}
     search = Search(base, trials.all_of, noise)
     changes, its_text = (sorted(each, key=_likely) for each in (of_engine, its_text))

@@ -89,7 +89,7 @@ def row_of(change: Change, rows: Sequence[AccountRow]) -> AccountRow | None:
 
 def _names(change: Change) -> set[str]:
     """Return the names that a change concerns: its elements, and the links that have them."""
-    named = {part for each in change.of for part in re.split(" x | of ", each)}
+    named = {part for each in change.of for part in re.split(" x | of | body", each)}
     return {*named, *change.on} - {""}
 
 

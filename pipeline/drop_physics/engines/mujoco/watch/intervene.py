@@ -22,7 +22,7 @@ from ...watching.single_changes import Change
 from ...watching.sites import caller
 from ..frames import READS, STEPS
 from .seen import SeenInputs
-from .single_changes import ENGINE, operations_of
+from .single_changes import DERIVED_FROM, ENGINE, operations_of
 from .writes import (
     BALL,
     BY_JOINT,
@@ -45,10 +45,7 @@ DERIVED = (
     *("tendon_length0", "tendon_invweight0", "actuator_acc0", "actuator_length0"),
 )
 """Fields that MuJoCo derives from masses, inertias and armatures (`mj_setConst`)."""
-SOURCES = (
-    *("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_gravcomp"),
-    *("dof_armature", "actuator_gear"),
-)
+SOURCES = (*DERIVED_FROM, "body_iquat")
 """Fields from which MuJoCo derives them."""
 SAME = 1e-6
 """Largest coordinate difference at which a pose counts as that of a keyframe."""

@@ -49,9 +49,9 @@ OF_CONTACT = (
 )
 SAME_FRAME = {"geom_pos": "geom_sameframe", "site_pos": "site_sameframe"}
 """Flags that mark a position in the compiled model as that of a body, or of its inertia."""
-DERIVED = (
+DERIVED_FROM = (
     *("body_mass", "body_inertia", "body_ipos", "body_gravcomp"),
-    *("dof_armature", "actuator_gear"),
+    *("dof_armature", "actuator_gear", "jnt_pos", "site_pos"),
 )
 """Fields from which MuJoCo derives others."""
 ROLLS = 6
@@ -310,7 +310,7 @@ def operations_of(module: Any, m: Any, change: Change) -> Iterator[Operation]:
         kind, _ = ELEMENTS[name.partition("_")[0]]
         for field, becomes, its in _written(module, m, change):
             plain = field.partition("[")[0]
-            derived = {"derived": True} if plain in DERIVED else {}
+            derived = {"derived": True} if plain in DERIVED_FROM else {}
             if has_field(m, plain) and its:
                 yield {**each, "field": field, "how": becomes, "of": kind, "ids": its, **derived}
 

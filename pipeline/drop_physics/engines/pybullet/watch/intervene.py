@@ -78,6 +78,10 @@ STANDS: dict[str, Callable[..., Mapping[str, Any]]] = {
 """State of a body or joint that a call sets or drives."""
 
 
+Element = tuple[int, int | None, int | None]
+"""Client, body, and link or joint, as far as a call has them."""
+
+
 class SeenCallSites:
     """Calls by line, and contacts of a run, as observed for the causal search."""
 
@@ -88,14 +92,18 @@ class SeenCallSites:
         """Client, bodies and links of what touched."""
 
     def call(
-        self, function: str, arguments: Mapping[str, Any], client: int, keywords: Iterable[str]
+        self,
+        function: str,
+        arguments: Mapping[str, Any],
+        elements: Iterable[Element],
+        keywords: Iterable[str],
     ) -> None:
-        """Note a call, and which arguments are passed by keyword."""
+        """Note a call for some elements, and which arguments are passed by keyword."""
         frame = caller()
         key = shown_file(frame.f_code.co_filename), frame.f_lineno, function
         calls = self.calls.setdefault(key, SeenCalls())
         calls.keywords.update(keywords)
-        for element in elements_of(client, arguments):
+        for element in elements:
             calls.note(element, arguments)
 
 
@@ -105,21 +113,21 @@ class SeenCalls:
     def __init__(self) -> None:
         self.arguments: dict[str, Any] = {}
         """Those of the first call that gives them, by name."""
-        self.elements: dict[tuple[int, int | None, int | None], dict[str, Any]] = {}
+        self.elements: dict[Element, dict[str, Any]] = {}
         """The arguments of the last call by client, body, and link or joint."""
         self.keywords: set[str] = set()
         """The names of those that are given by name."""
         self.varies = False
         """Whether calls for the same element differ."""
-        self.file = ""
-        """The name, without ending, of the file that the first of them loads."""
+        self.files: dict[Element, str] = {}
+        """The names, without ending, of the files that they load."""
 
     def note(self, element: Any, arguments: Mapping[str, Any]) -> None:
         """Note the arguments of a call."""
         now = _copied(arguments)
         path = arguments.get("fileName")
-        if isinstance(path, str) and not self.file:
-            self.file = os.path.splitext(os.path.basename(path))[0]
+        if isinstance(path, str):
+            self.files[element] = os.path.splitext(os.path.basename(path))[0]
         self.arguments = {**now, **self.arguments}
         self.varies |= _differ(now, self.elements.setdefault(element, now))
         self.elements[element] = now
@@ -248,11 +256,19 @@ class CallInterventions:
                 return False
         elements = operation.get("elements")
         if elements is not None:
-            its = [[*element] for element in elements_of(client, arguments)]
+            its = [[*element] for element in self._elements_of(name, client, arguments)]
             if not any(each in elements for each in its):
                 return False
         modes = operation.get("modes")
         return modes is None or arguments.get("controlMode") in modes
+
+    def _elements_of(
+        self, name: str, client: int, arguments: Mapping[str, Any]
+    ) -> Sequence[Element]:
+        """Return the objects of a call; of one that makes a body, the body to come."""
+        if name in MAKES_BODIES:
+            return [(client, self.next_body.get(client, 0), None)]
+        return elements_of(client, arguments)
 
     # -- calls made otherwise ---------------------------------------------------------------------
 
@@ -316,7 +332,8 @@ class CallInterventions:
             for point in self._p.getContactPoints(physicsClientId=client):
                 self.seen.pairs.add((client, *point[1:5]))
         else:
-            self.seen.call(function, arguments, client, self._keywords)
+            elements = self._elements_of(function, client, arguments)
+            self.seen.call(function, arguments, elements, self._keywords)
         return arguments
 
     def _once(self, operation: Operation, arguments: Any, client: int) -> Any:
@@ -621,15 +638,13 @@ def _becoming(held: Any, how: Sequence[Any]) -> Any:
     return int(new) if is_whole else new
 
 
-def element_of(client: int, arguments: Mapping[str, Any]) -> tuple[int, int | None, int | None]:
+def element_of(client: int, arguments: Mapping[str, Any]) -> Element:
     """Return the client id, body id, and joint or link index in a call."""
     link = arguments.get("jointIndex", arguments.get("linkIndex"))
     return client, body_of({**arguments}), number(link)
 
 
-def elements_of(
-    client: int, arguments: Mapping[str, Any]
-) -> list[tuple[int, int | None, int | None]]:
+def elements_of(client: int, arguments: Mapping[str, Any]) -> list[Element]:
     """Return client id, body id, and joint or link index for each object in a call."""
     if JOINTS not in arguments:
         return [element_of(client, arguments)]

@@ -7,13 +7,14 @@ of functions and arguments with operators for the script's own calls.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from ...watching.operators import becoming
 from ...watching.single_changes import Change, how_of
-from .intervene import SeenCalls, SeenCallSites, there
+from .intervene import Element, SeenCalls, SeenCallSites, there
 
 STEP, TIMESTEP = "stepSimulation", "timestep"
 NOT_SAID = {"loadURDF": {"useFixedBase": 0, "flags": 0}}
@@ -35,11 +36,14 @@ def possible(p: Any, rows: Sequence[Row], seen: SeenCallSites) -> list[Change]:
     seen
         What is seen of the script's own run.
     """
+    names = BodyNames(
+        p, {at: of for calls in seen.calls.values() for at, of in calls.files.items()}
+    )
     patterns = [row for row in rows if "call" not in row and row["change"] != TIMESTEP]
     of_calls = [
         change
         for site, calls in seen.calls.items()
-        for change in _of_calls(p, site, calls, patterns)
+        for change in _of_calls(names, site, calls, patterns)
     ]
     found = [*of_calls, *_together(of_calls)]
     clients = sorted({element[0] for calls in seen.calls.values() for element in calls.elements})
@@ -51,8 +55,8 @@ def possible(p: Any, rows: Sequence[Row], seen: SeenCallSites) -> list[Change]:
             elif "call" in row:
                 change = replace(change, how=(op, _once(row, op)))
                 ids = [each for n in clients for each in there(p, n, row["each"], seen.pairs)]
-                of = tuple(name_of(p, row["each"], each) for each in ids) if row["each"] else ()
-                bodies = _bodies(p, ids) if row["each"] in ("links", "joints") else ()
+                of = tuple(names.of(row["each"], each) for each in ids) if row["each"] else ()
+                bodies = _bodies(names, ids) if row["each"] in ("links", "joints") else ()
                 change = replace(change, is_geometry=row["is_geometry"], bodies=bodies)
                 found += [replace(change, ids=tuple(ids), of=of)] if ids else []
     return found
@@ -80,37 +84,80 @@ def trial_of(change: Change) -> dict[str, Any]:
     return {"interventions": [operation], "variation": {}}
 
 
-def name_of(p: Any, each: str, element: Sequence[Any]) -> str:
-    """Return the name of a change's object: a body, its link or joint, or two bodies."""
-    client, *about = element
-    if each == "constraints":
-        return f"constraint{about[0]}"
-    if each == "pairs":
-        one, other, *links = about
-        sides = ((client, one, links[0]), (client, other, links[1]))
-        return " x ".join(name_of(p, "links", side) for side in sides)
-    body, link = (*about, None)[:2]
-    if body is None:
-        return ""
-    try:
-        name = p.getBodyInfo(body, client)[1].decode(errors="replace") or f"body{body}"
+class BodyNames:
+    """The names of bodies, links and joints at the end of a run, and of the files they are from.
+
+    A body whose name another one has, too, is named with its number: panda body2.
+
+    Parameters
+    ----------
+    p
+        PyBullet's own functions.
+    files
+        The names of files by what was loaded from them.
+    """
+
+    def __init__(self, p: Any, files: Mapping[Element, str]) -> None:
+        self._p = p
+        self._names: dict[int, dict[int | None, str]] = {}
+        self._files = {
+            at: name
+            for client in {client for client, *_ in files}
+            for at, name in _told_apart({e: n for e, n in files.items() if e[0] == client})
+        }
+
+    def of_call(self, element: Element) -> str:
+        """Return the name of a call's object: the file that a body is loaded from, or as `of`."""
+        return self._files.get(element) or self.of("links", element)
+
+    def of(self, each: str, element: Sequence[Any]) -> str:
+        """Return the name of a change's object: a body, its link or joint, or two bodies."""
+        client, *about = element
+        if each == "constraints":
+            return f"constraint{about[0]}"
+        if each == "pairs":
+            one, other, *links = about
+            sides = ((client, one, links[0]), (client, other, links[1]))
+            return " x ".join(self.of("links", side) for side in sides)
+        body, link = (*about, None)[:2]
+        if body is None:
+            return ""
+        name = self._of(client).get(body)
+        if name is None:  # it is gone
+            return f"body{body}"
         if link is None or link < 0:
-            return str(name)
-        return f"{p.getJointInfo(body, link, client)[1].decode(errors='replace')} of {name}"
-    except p.error:  # it is gone
-        return f"body{body}"
+            return name
+        joint = self._p.getJointInfo(body, link, client)[1].decode(errors="replace")
+        return f"{joint} of {name}"
+
+    def _of(self, client: int) -> dict[int | None, str]:
+        if client not in self._names:
+            p = self._p
+            ids = [p.getBodyUniqueId(n, client) for n in range(p.getNumBodies(client))]
+            names = {n: p.getBodyInfo(n, client)[1].decode(errors="replace") for n in ids}
+            told_apart = _told_apart({(client, n, None): name for n, name in names.items()})
+            self._names[client] = {body: name for (_, body, _), name in told_apart}
+        return self._names[client]
+
+
+def _told_apart(names: Mapping[Element, str]) -> Iterator[tuple[Element, str]]:
+    """Yield bodies with their names, and with their numbers where that is the name of several."""
+    often = Counter(names.values())
+    for at, name in names.items():
+        alone = name and often[name] == 1
+        yield at, name if alone else f"{name} body{at[1]}".strip()
 
 
 # -- calls that the script makes ------------------------------------------------------------------
 
 
 def _of_calls(
-    p: Any, site: tuple[str, int, str], calls: SeenCalls, patterns: Sequence[Row]
+    named: BodyNames, site: tuple[str, int, str], calls: SeenCalls, patterns: Sequence[Row]
 ) -> Iterator[Change]:
     """Yield the changes of the calls of a function at one line."""
     file, line, function = site
-    ids, bodies = tuple(calls.elements), _bodies(p, calls.elements)
-    names = tuple(name_of(p, "links", each) or calls.file for each in ids)
+    ids, bodies = tuple(calls.elements), _bodies(named, calls.elements)
+    names = tuple(map(named.of_call, ids))
     change = Change(function, "", ("", None), ids, names, site=(file, line), bodies=bodies)
     # Without an argument whose absence breaks, such as a mass, a call breaks, too.
     breaking = any(
@@ -123,8 +170,8 @@ def _of_calls(
             broken = breaks or (op == "left-out" and breaking)
             yield replace(change, op=op, how=how_of(op), breaks=broken)
     for argument, value in {**NOT_SAID.get(function, {}), **calls.arguments}.items():
-        named = f"{function}.{argument}"
-        row = _row_of(named, patterns)
+        of_argument = f"{function}.{argument}"
+        row = _row_of(of_argument, patterns)
         # The first and the last value of each element: one alone may be 0.
         given = [value, *(element.get(argument) for element in calls.elements.values())]
         bits = [f"^{1 << n}" for n in range(24) if argument == "flags" and value & (1 << n)]
@@ -133,14 +180,14 @@ def _of_calls(
             how = how_of(op, [*row["default"]] if row and op == "=default" else 0.0)
             is_geometry = bool(row and row["is_geometry"])
             if argument in calls.keywords if op == "default" else any(_does(v, how) for v in given):
-                one = replace(change, change=named, op=op, how=how, breaks=breaks)
+                one = replace(change, change=of_argument, op=op, how=how, breaks=breaks)
                 yield replace(one, is_geometry=is_geometry)
 
 
-def _bodies(p: Any, elements: Iterable[Sequence[Any]]) -> tuple[str, ...]:
+def _bodies(names: BodyNames, elements: Iterable[Sequence[Any]]) -> tuple[str, ...]:
     """Return the names of the bodies to which elements belong."""
-    named = (name_of(p, "links", element[:2]) for element in elements)
-    return tuple(dict.fromkeys(each for each in named if each))
+    found = (names.of("links", element[:2]) for element in elements)
+    return tuple(dict.fromkeys(each for each in found if each))
 
 
 def _row_of(named: str, patterns: Sequence[Row]) -> Row | None:
@@ -176,7 +223,14 @@ def _together(changes: Sequence[Change]) -> Iterator[Change]:
     for each in alike.values():
         if len(each) > 1:
             named = {id_: of for one in each for id_, of in zip(one.ids, one.of)}
-            yield replace(each[0], ids=tuple(named), of=tuple(named.values()), site=None)
+            lines: dict[Any, set[Any]] = {}
+            for one in each:
+                for id_ in one.ids:
+                    lines.setdefault(id_, set()).add(one.site)
+            sites = tuple(next(iter(its)) if len(its) == 1 else None for its in lines.values())
+            bodies = tuple(dict.fromkeys(body for one in each for body in one.bodies))
+            its = replace(each[0], ids=tuple(named), of=tuple(named.values()), bodies=bodies)
+            yield replace(its, site=None, sites=sites)
 
 
 # -- calls that are added -------------------------------------------------------------------------
