@@ -599,5 +599,5 @@ def test_shapes_overlap_by_no_more_than_they_do() -> None:
 def test_rules_speak_of_the_engines_whose_words_they_have() -> None:
     both = {rule.code for rule in RULES if len(rule.engines) > 1}
     general = {"dragged-by-nothing", "unseeded", "tunnelled", "timestep-too-long"}
-    general |= {"timestep-changed", "energy-gained", "wheel-slip", "collides-as-hull"}
+    general |= {"timestep-changed", "energy-gained", "wheel-slip", "collides-as-hull", "no-contact"}
     assert general <= both <= general | {"script-failed", "not-finite"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,15 +11,11 @@ from drop_physics.account import asked, moved
 from drop_physics.account.carried import Carried
 from drop_physics.account.constrained import Held
 from drop_physics.account.feedback import GivenControls
-from drop_physics.account.idle import (
-    Overlaps,
-    PushedSoft,
-    idle_actuator_rows,
-    unforced_row,
-)
+from drop_physics.account.idle import PushedSoft, idle_actuator_rows, unforced_row
 from drop_physics.account.joints import JointTable
 from drop_physics.account.ledger import Ledger, bins_for
 from drop_physics.account.names import Names
+from drop_physics.account.overlaps import Overlaps
 from drop_physics.account.ranking import ranked
 from drop_physics.account.read import Sensed, reading_rows, tendon_rows
 from drop_physics.account.rows import AccountRow
@@ -117,25 +113,24 @@ class Account:
         self._overlaps.add(explained)
         self._pushed.add(explained)
 
-    def rows(self, totals: Mapping[int, Totals], about: str | None = None) -> list[AccountRow]:
-        """Return all rows, sorted by salience; `totals` are those of the explanation.
-
-        `about` names a body or a joint whose rows come first.
-        """
+    def rows(self, totals: Mapping[int, Totals]) -> list[AccountRow]:
+        """Return all rows in no order; `totals` are those of the explanation."""
         subjects = {
             number: subject_of(self._seen.bodies[number], ledger, self._gravity[number])
             for number, ledger in self._ledgers.items()
         }
+        with np.errstate(all="ignore"):  # of states that are no numbers
+            return [*map(self._placed, self._rows(subjects, totals))]
+
+    def ranked(self, rows: Iterable[AccountRow], about: str | None = None) -> list[AccountRow]:
+        """Sort rows by salience; those about a body or a joint named `about` come first."""
         read = {
             target.body
             for reading in self._seen.readings
             if reading.complete
             for target in reading.targets
         }
-        read = read if len(read) < len(subjects) else set()
-        with np.errstate(all="ignore"):  # of states that are no numbers
-            rows = [*map(self._placed, self._rows(subjects, totals))]
-        return ranked(rows, read, about)
+        return ranked(rows, read if len(read) < len(self._ledgers) else set(), about)
 
     def _placed(self, row: AccountRow) -> AccountRow:
         """Return a row with its body's label and its step's time added."""
@@ -182,8 +177,7 @@ class Account:
             return
         yield from self._held.rows(subjects, words)
         yield from touching_rows(links, subjects, self._seen, words)
-        touched = {frozenset(key[:2]) for key, touched in links.items() if touched.steps}
-        yield from self._overlaps.rows(subjects, touched, words)
+        yield from self._overlaps.rows(subjects, links, words)
 
     def _joint_rows(self, subject: MeasuredBody) -> Iterator[AccountRow]:
         number, words = subject.body.number, self._words

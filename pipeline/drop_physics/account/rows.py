@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from drop_physics.trace.events import Body
 
@@ -95,6 +95,14 @@ class AccountRow:
     misled: bool = field(default=False, repr=False, metadata={"json": False})
     """Whether the row is about a control that follows another joint, is delayed, has the wrong sign
     or is cut off: reported even if the run ended well."""
+    cause: str | None = field(default=None, repr=False, metadata={"json": False})
+    """The cause as a word, by which rules find their remedy."""
+    span: tuple[int, int, int] | None = field(default=None, repr=False, metadata={"json": False})
+    """First and last sample of the steps in which the cause acts, and their number."""
+    noted: Mapping[str, Any] = field(
+        default_factory=dict, repr=False, compare=False, metadata={"json": False}
+    )
+    """Further numbers and names of the row, for the sentence and the remedy of a rule."""
     group: Hashable = field(default=None, repr=False, metadata={"json": False})
     """Key of similar rows: the first row with a key represents all."""
 

@@ -65,6 +65,8 @@ class _Sums:
     last_step: Int64
     steps: Int64
     """Number of steps in which a normal force acts."""
+    pressed_step: Int64
+    """The last of these."""
     lowest: Float64
     """The lowest friction coefficient of a point with a force."""
     highest: Float64
@@ -92,6 +94,7 @@ class _Sums:
             first_step=pairs.step[grouped.firsts],
             last_step=pairs.step[grouped.lasts],
             steps=grouped.summed(acts.astype(np.int64)),
+            pressed_step=grouped.most(np.where(acts, pairs.step, -1.0)).astype(np.int64),
             lowest=-grouped.most(pairs.most(np.where(pressed, -friction, -np.inf))),
             highest=grouped.most(pairs.most(np.where(pressed, friction, -np.inf))),
             used=grouped.most(shares),
@@ -112,6 +115,8 @@ class Touched:
     last_step: int = -1
     steps: int = 0
     """Number of steps in which a normal force acts."""
+    pressed_step: int = -1
+    """The last of these."""
     coefficients: tuple[float, float] = (np.inf, -np.inf)
     """The lowest and the highest friction coefficient where a force acts."""
     used: float = -1.0
@@ -135,6 +140,7 @@ class Touched:
         self.coefficients = min(low, float(sums.lowest[row])), max(high, float(sums.highest[row]))
         self.last_step = int(sums.last_step[row])
         self.steps += int(sums.steps[row])
+        self.pressed_step = max(self.pressed_step, int(sums.pressed_step[row]))
         self.used = max(self.used, float(sums.used[row]))
         self.at_limit += int(sums.at_limit[row])
         self.rubs |= bool(sums.rubs[row])

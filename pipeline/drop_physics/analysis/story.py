@@ -163,10 +163,9 @@ class Story:
         for _ in map(self.see, self.explanation.pieces()):
             pass
         totals = self.explanation.totals
-        of_run = totals if self._window is None else {}
         account: Sequence[AccountRow] = []
         if self._account is not None:
-            account = self._account.rows(of_run, self._about)
+            account = self._account.ranked(self._told, self._about)
         by_body = {n: body.explained(totals.get(n)) for n, body in self.bodies.items()}
         return Analysis(
             origin=dict(self._origin),
@@ -212,8 +211,14 @@ class Story:
             yield replace(finding, episode=first if first == last and first else None)
 
     @cached_property
+    def _told(self) -> list[AccountRow]:
+        """The rows of the account, in no order."""
+        totals = self.explanation.totals if self._window is None else {}
+        return [] if self._account is None else self._account.rows(totals)
+
+    @cached_property
     def _found(self) -> list[Finding]:
-        return [] if self._rules is None else [*self._rules.findings()]
+        return [] if self._rules is None else [*self._rules.findings(self._told)]
 
 
 def _together(parts: Sequence[Explained]) -> Explained:

@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 
 from drop_physics.arrays import Float64
-from drop_physics.explain.convex import hull_faces, outside
+from drop_physics.explain.convex import hull_faces, outside_m
 from drop_physics.physics.columns import rotation
 from drop_physics.trace.events import Collision
 
@@ -46,7 +46,7 @@ class Solid:
             size = np.array(self.collision.size_m)
             inside = 1 - np.linalg.norm(points_m / (size / 2), axis=1)
             return np.asarray(inside * size.min() / 2)
-        return -outside(self.collision, points_m)[0]
+        return -outside_m(self.collision, points_m)
 
     def deepest_m(self, points_m: Float64) -> Float64:
         """Return a lower bound on the depth of the deepest point; 0 if none is inside, shape (n,).

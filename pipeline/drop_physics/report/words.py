@@ -95,7 +95,7 @@ def beneath(finding: Finding) -> Iterator[Message]:
     """Yield the lines below a finding: the terms of its account row, and results of trials."""
     if finding.terms:
         yield sides_of(finding.terms)
-    elif finding.row is not None:
+    elif finding.row is not None and finding.row.cause is None:  # else the finding is the row
         yield joined(": ", [finding.row.who, finding.row.told])
     if not finding.tried:
         return

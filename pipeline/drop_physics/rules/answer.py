@@ -29,8 +29,7 @@ from drop_physics.messages import Message, joined
 from drop_physics.physics.tree import States
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.body_properties import AskedOfBodies
-from drop_physics.rules.filtered_pairs import FilteredPairs
-from drop_physics.rules.inputs import Inputs, Place
+from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.placing import Placing
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import BODY_NAMES, Call
@@ -200,9 +199,6 @@ class Scene:
     asked: AskedOfBodies = field(init=False)
     placing: Placing = field(init=False)
     inputs: Inputs = field(init=False)
-    filtered: FilteredPairs = field(init=False)
-    apart: set[tuple[Place, Place]] = field(init=False, default_factory=set)
-    """Pairs of links without contacts that have been apart at some time."""
     piece: Piece = field(init=False)
     """The latest chunk, and the motion of its bodies, by body id."""
     batches: Sequence[tuple[StepBatch, StepVerdicts]] = field(init=False)
@@ -229,7 +225,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         self.asked, self.placing = AskedOfBodies(self.seen.appearances), Placing(self.seen)
-        self.inputs, self.filtered = Inputs(self), FilteredPairs(self.seen)
+        self.inputs = Inputs(self)
 
     def see(self, explained: ExplainedPiece) -> None:
         """Add a chunk, before any rule is applied."""

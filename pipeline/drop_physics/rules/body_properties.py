@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drop_physics.explain.overlap import is_convex
+from drop_physics.explain.convex import is_convex
 from drop_physics.rules.arguments import site_of
 from drop_physics.trace.acts import MAKES, Act
 from drop_physics.trace.calls import Call

@@ -15,7 +15,6 @@ from drop_physics.rules import (  # noqa: F401 - their rules are registered
     condim,
     control_clamped,
     default_motor,
-    filtered_out,
     free_bodies,
     held_by_friction,
     ik_off,

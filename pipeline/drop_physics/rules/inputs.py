@@ -209,8 +209,6 @@ class Inputs:
     """Number of steps in which two bodies pressed on each other, by pair, the lower id first."""
     passes: dict[frozenset[Place], Call] = field(default_factory=dict)
     """Pairs of links for which a call disabled collisions."""
-    groups: dict[Place, Call] = field(default_factory=dict)
-    """The latest call that set the collision group and mask of a link."""
     joined: set[frozenset[int]] = field(default_factory=set)
     """Bodies attached by a constraint."""
     filtered: set[int] = field(default_factory=set)
@@ -401,7 +399,6 @@ class Inputs:
         elif call.act in FILTERS:
             self.filtered.add(call.client)
             self.passes.pop(frozenset(pair), None)
-            self.groups |= dict.fromkeys(pair[: call.act is Act.FILTER_GROUP], call)
 
     def _use(self, call: Call) -> None:
         came = self.scene.body_of(call)

@@ -2,73 +2,136 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from drop_physics.account.overlaps import HeldShape
+from drop_physics.account.rows import AccountRow
 from drop_physics.messages import Message
 from drop_physics.rules.answer import Scene
-from drop_physics.rules.arguments import site_of
-from drop_physics.rules.body_properties import part_named
+from drop_physics.rules.body_properties import part_named, size_m
+from drop_physics.rules.engines import ANY, BULLETS, MUJOCOS
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
-from drop_physics.rules.rule import Match, unpaired_rule
-from drop_physics.rules.thresholds import OVERLAPS_STEPS
-from drop_physics.rules.unpaired_columns import UnpairedColumns
+from drop_physics.rules.rule import row_rule
+from drop_physics.rules.thresholds import DEEP_M, OVERLAPS_STEPS
+from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
-from drop_physics.trace.events import Body
 
 
-@unpaired_rule("no-contact", "asked", least_count=OVERLAPS_STEPS)
-def no_contact(pair: UnpairedColumns) -> Match:
-    """Links overlap between which the engine makes no contacts."""
-    every = np.ones(len(pair.step))
-    return Match(every > 0, every, {"why": pair.reason, "switch": pair.call})
+@row_rule("no-contact", "model", engines=ANY)
+def no_contact(row: AccountRow) -> bool:
+    """Shapes that did not overlap at first get into each other, and no contact is possible."""
+    return "shapes" in row.noted
 
 
 @no_contact.notes
-def _(scene: Scene, subject: Body, keys: list[int], switch: Call | None, count: int) -> Noted:
-    one, two, *links = keys
-    other = scene.body(two)
-    return {
-        "one": part_named(subject, links[0]),
-        "two": part_named(other, links[1]),
-        "other": None if one == two else other.label,
-        "function": "" if switch is None else switch.function,
-        "called": None if switch is None else site_of(switch),
-        "part": count / max(scene.seen.samples[subject.client] - 1, 1),
+def _(
+    scene: Scene,
+    shapes: tuple[HeldShape, HeldShape],
+    call: Call | None,
+    cause: str,
+    count: int,
+    size: float,
+) -> Noted | None:
+    one, two = (shape.body for shape in shapes)
+    (_, link_one), (_, link_two) = (shape.place for shape in shapes)
+    solids = [shape.solid.collision for shape in shapes]
+    if count < OVERLAPS_STEPS or frozenset((one.number, two.number)) in scene.inputs.joined:
+        return None
+    if one is two and cause != "parent-and-child":
+        return None
+    swims = cause == "bits" and solids[0].kind == "plane" and shapes[0].is_seen
+    if swims and size < max(map(size_m, (one, two))):
+        return None
+    # Such a pair is `tunnelled`'s: a single body and a box that stays.
+    by_links = call is not None and call.act is not Act.FILTER_PAIR
+    boxes = any(
+        a.base_moves and not a.joints and not b.moving and [s.kind for s in b.collisions] == ["box"]
+        for a, b in ((one, two), (two, one))
+    )
+    if cause in ("filter", "no-shape") and boxes and not by_links:
+        return None
+    asked = {
+        subject.body
+        for reading in scene.seen.readings
+        if reading.act is Act.READ_CONTACTS
+        for subject in reading.targets
+    }
+    if cause == "both-static" and one.number not in asked and two.number not in asked:
+        return None
+    bits = {
+        f"{name}_{of}": bit
+        for of, shape in zip(("one", "two"), solids, strict=True)
+        for name, bit in zip(("type", "with"), shape.bits or (0, 0), strict=True)
+    }
+    return bits | {
+        "one": part_named(one, link_one),
+        "two": part_named(two, link_two),
+        "links": [one.links[link_one + 1], two.links[link_two + 1]],
+        "function": "" if call is None else call.function,
     }
 
 
+BITS = Remedy("contype", given={"links": "links"})
 no_contact.rows(
     SayingRow(
-        when=lambda why: why == "no-shape",
-        why=Message("{one} has no collision shape"),
-        advice=Message("give it one: p.createCollisionShape(…), in a URDF <collision>"),
-        reason="no-shape",
+        when=lambda cause: cause == "flag",
+        why=Message("a flag of the model switches all contacts off"),
+        cure=Remedy("contype", form="flag"),
+        reason="filter",
+        engines=MUJOCOS,
     ),
     SayingRow(
-        when=lambda why: why == "both-static",
-        why=Message("neither has mass, and PyBullet makes no contacts between two static bodies"),
-        advice=Message("give the one that moves a mass: {call}"),
-        cure=Remedy("mass", "body"),
-        reason="both-static",
+        when=lambda cause: cause == "exclude",
+        why=Message("an <exclude> of the model names both"),
+        cure=Remedy("exclude", form="out", given={"links": "links"}),
+        reason="filter",
+        engines=MUJOCOS,
     ),
     SayingRow(
-        when=lambda why: why == "parent-and-child",
+        when=lambda cause: cause == "bits",
         why=Message(
-            "{two} is the parent of {one}, and without URDF_USE_SELF_COLLISION_INCLUDE_PARENT "
+            "contype {type_one} and conaffinity {with_one} of {one} have no bit in common with "
+            "conaffinity {with_two} and contype {type_two} of {two}"
+        ),
+        cure=BITS,
+        reason="filter",
+        engines=MUJOCOS,
+    ),
+    SayingRow(
+        when=lambda cause: cause == "parent-and-child",
+        why=Message("{one} is the parent of {two}, and parent and child do not collide"),
+        cure=Remedy("filterparent"),
+        reason="parent-and-child",
+        engines=MUJOCOS,
+    ),
+    SayingRow(
+        when=lambda cause: cause == "parent-and-child",
+        why=Message(
+            "{one} is the parent of {two}, and without URDF_USE_SELF_COLLISION_INCLUDE_PARENT "
             "PyBullet makes no contacts between these"
         ),
         advice=Message("load it with p.URDF_USE_SELF_COLLISION_INCLUDE_PARENT as well"),
         reason="parent-and-child",
         level="note",
+        engines=BULLETS,
     ),
     SayingRow(
-        when=lambda why: why == "filter",
-        why=Message("a call of p.{function} switched this pair off"),
-        advice=Message("leave that call out"),
-        reason="filter",
-        level="note",
+        when=lambda cause: cause == "no-shape",
+        why=Message("{one} has no collision shape"),
+        advice=Message("give it one: p.createCollisionShape(…), in a URDF <collision>"),
+        reason="no-shape",
+        level="asked",
+        engines=BULLETS,
     ),
     SayingRow(
+        when=lambda cause: cause == "both-static",
+        why=Message("neither has mass, and PyBullet makes no contacts between two static bodies"),
+        advice=Message("give the one that moves a mass: {call}"),
+        cure=Remedy("mass", "body"),
+        reason="both-static",
+        level="asked",
+        engines=BULLETS,
+    ),
+    SayingRow(
+        when=lambda cause: cause == "link-counted-static",
         why=Message(
             "{one} is fixed to the first link of a robot whose base is fixed, which makes it "
             "static for PyBullet, as {two} is"
@@ -77,10 +140,23 @@ no_contact.rows(
             "make its joint revolute, with limits of -0.001 and 0.001, or give {two} a mass"
         ),
         reason="link-counted-static",
+        level="asked",
+        engines=BULLETS,
+    ),
+    SayingRow(
+        when=lambda cause: cause == "filter",
+        why=Message("a call of p.{function} switched this pair off"),
+        advice=Message("leave that call out"),
+        reason="filter",
+        level="note",
+        engines=BULLETS,
     ),
     like=SayingRow(
-        says=Message("{one} gets into {two} in {count:,} steps, and nothing pushes it out: {why}"),
-        share="part",
-        site="called",
+        says=Message(
+            "{one} and {two} go at least {size:gap} into each other, and nothing pushes them "
+            "apart: {why}"
+        ),
+        effect="size",
+        normal=DEEP_M,
     ),
 )

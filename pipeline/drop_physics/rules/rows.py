@@ -27,6 +27,7 @@ from dataclasses import dataclass, field, fields, replace
 from string import Formatter
 from typing import Any
 
+from drop_physics.account.rows import AccountRow
 from drop_physics.messages import Message
 from drop_physics.quantities import KINDS, Written
 from drop_physics.rules.answer import Cure, Effect, Level, Scene, Span, so_many
@@ -110,6 +111,15 @@ class Case:
 
     def __getitem__(self, name: str) -> Any:  # noqa: ANN401 - whatever the rule noted
         return self.values[name] if name in self.values else getattr(self, name)
+
+    @staticmethod
+    def of_row(row: AccountRow, scene: Scene) -> Case:
+        """Return a row of the account as a case, of the size that its subject got."""
+        about = {name: getattr(row, name) for name in ("cause", "joint", "other")}
+        values = {"scene": scene, "size": row.got, **about, **row.noted}
+        span = None if row.span is None else Span(*row.span)
+        call = row.noted.get("call")
+        return Case(subject=row.subject, values=values, span=span, call=call, site=row.site)
 
     def held(self) -> Span | None:
         """Return the steps to report."""
@@ -235,6 +245,8 @@ class SayingRow:
     reason: str | None = None
     level: Level | None = None
     code: str | None = None
+    engines: tuple[str, ...] | None = None
+    """The engines whose words the row has, if those of the rule are more."""
     site: str | Act | None = None
     """The name of the file and line, if the rule does not name an argument or call; or the kind of
     call, if only one line makes such calls."""

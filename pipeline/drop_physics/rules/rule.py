@@ -10,8 +10,9 @@
 
 Chunks, runs of consecutive steps, the worst row, how often, in which steps, which joints of which
 body and which line of the script belong to the mechanism here. Tables are of joints, of actuators,
-of constraints, of pairs of bodies that touch, or may not, and of bodies (`tables`). A rule of what
-calls set yields its cases, once, at the end, and has rows likewise:
+of constraints, of pairs of bodies that touch, and of bodies (`tables`). A rule on the account
+returns whether it is about a row. A rule of what calls set yields its cases, once, at the end, and
+has rows likewise:
 
     @input_rule("not-taken", "asked", "other-client")
     def other_client(inputs: Inputs) -> Iterator[Case]: ...
@@ -27,6 +28,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.account.rows import AccountRow
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.physics.vectors import distinct_rows, groups
 from drop_physics.rules.answer import Finding, Level, Scene, and_more
@@ -231,13 +233,17 @@ class Rule:
         if noted is None:
             return None
         case.values |= noted
-        holds = (k for k, row in enumerate(self.told) if row.when is None or called(row.when, case))
-        place = next(holds, None)
+        place = next((k for k, row in enumerate(self.told) if self._holds(row, case, scene)), None)
         said = None if place is None else self.told[place].said(case, scene)
         if said is None:
             return None
         kind = self.matches.__name__, place, noted.get("kind")
         return replace(self.finding_of(said, scene, case), kind=kind)
+
+    def _holds(self, row: SayingRow, case: Case, scene: Scene) -> object:
+        if engine_of(scene.seen) not in (row.engines or self.engines):
+            return False
+        return row.when is None or called(row.when, case)
 
     def finding_of(self, said: Said, scene: Scene, case: Case | None = None) -> Finding:
         """Convert what a rule reports to a finding: fill in texts, write the call of its cure."""
@@ -268,8 +274,9 @@ class Rule:
 
 PARTS = "joints", "targets", "actuators"
 """Tables whose columns are parts of a body: only the worst part of each body is reported."""
-OF_CALLS = "inputs", "filtered", "unpaired"
-"""Tables of what calls and files request: their findings need no proof by the sum."""
+OF_CALLS = "inputs", "account"
+"""Tables of what calls and files request, or what no force tells: their findings need no proof by
+the sum."""
 RULES: list[Rule] = []
 """All rules on tables, in the order in which their modules are imported."""
 
@@ -303,11 +310,8 @@ target_rule = partial(_maker, "targets")
 reported."""
 constraint_rule = partial(_maker, "constraints")
 """Decorator for a rule on constraints, whose function returns a match."""
-filtered_rule = partial(_maker, "filtered")
-"""Decorator for a rule on pairs of shapes whose contacts the model excludes."""
-unpaired_rule = partial(_maker, "unpaired")
-"""Decorator for a rule on pairs of links for which the engine makes no contacts, in the steps in
-which they overlap."""
+row_rule = partial(_maker, "account")
+"""Decorator for a rule on the account, whose function returns whether the rule is about a row."""
 pair_rule = partial(_maker, "pairs")
 """Decorator for a rule on pairs of touching bodies: the finding is about the body with the higher
 id."""
@@ -336,7 +340,7 @@ class Rules:
     def see(self) -> None:
         """Apply the rules to a chunk."""
         read = {rule.table for rule in self._rules}
-        names = [each for each in TABLES[1:] if each in read]
+        names = [each for each in TABLES[2:] if each in read]
         self._look((name, table) for name in names for table in tables(name, self.scene))
 
     @np.errstate(all="ignore")  # what is not asked for is nan
@@ -404,8 +408,11 @@ class Rules:
         sized = found if isinstance(found, Sized) else Sized(found)
         return replace(sized, sizes=np.where(runs["count"] < rule.least_count, 0.0, sized.sizes))
 
-    def findings(self) -> Iterator[Finding]:
-        """Yield the findings of rules: for a robot's joints the worst, for other subjects each."""
+    def findings(self, account: Sequence[AccountRow] = ()) -> Iterator[Finding]:
+        """Yield the findings of rules: for a robot's joints the worst, for other subjects each.
+
+        `account` has the rows of the account.
+        """
         self._look(("targets", each) for each in left_standing(self.scene))
         for place, rule in enumerate(self._rules):
             if (last := self._open[place]) is not None:
@@ -430,8 +437,12 @@ class Rules:
                 finding = self._finding(rule, worst, among, joints)
                 if finding is not None:
                     yield replace(finding, episodes=self._episodes(place, mine.keys))
-        for rule in [each for each in self._rules if each.table == "inputs"]:
-            for case in rule.matches(self.scene.inputs):
+        for rule in [each for each in self._rules if each.table in OF_CALLS]:
+            for case in (
+                rule.matches(self.scene.inputs)
+                if rule.table == "inputs"
+                else (Case.of_row(row, self.scene) for row in filter(rule.matches, account))
+            ):
                 if (finding := rule.finding(case, self.scene)) is not None:
                     yield finding
 
@@ -450,7 +461,7 @@ class Rules:
             actuator = body.actuators[keys[1]]
             joint = actuator.target if actuator.acts_on == "joint" else None
             about = {"actuator": actuator, "name": actuator.name, "joint": joint}
-        elif len(subject) > 1 and rule.table not in ("constraints", "filtered", "unpaired"):
+        elif len(subject) > 1 and rule.table != "constraints":
             partner = self.scene.body(keys[1])
             about = {"partner": partner, "other": partner.label}
         if rule.argument is not None:

@@ -170,7 +170,7 @@ def _add(known: RuleTexts, parts: list[ast.FunctionDef], limits: set[str], level
 def _add_row(known: RuleTexts, rule: Rule, row: SayingRow) -> None:
     """Add the texts of one row of a rule."""
     proposed = rule.proposes if row.proposed is None else row.proposed
-    engine = MUJOCO if rule.engines == MUJOCOS else PYBULLET
+    engine = MUJOCO if (row.engines or rule.engines) == MUJOCOS else PYBULLET
     decides = () if row.when is None else row.when.__code__.co_names
     told: list[tuple[list[Any], list[Any]]] = [
         (

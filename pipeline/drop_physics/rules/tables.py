@@ -18,11 +18,9 @@ from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.rules.answer import Column, Scene
 from drop_physics.rules.constraint_columns import constraint_columns
-from drop_physics.rules.filtered_columns import filtered_columns
 from drop_physics.rules.joint import units_of
 from drop_physics.rules.target_columns import target_columns
 from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD
-from drop_physics.rules.unpaired_columns import unpaired_columns
 from drop_physics.trace.events import Joint
 from drop_physics.trace.motors import POSITION
 
@@ -31,18 +29,17 @@ Value = TypeVar("Value", bound=np.generic)
 
 TableName = Literal[
     "inputs",
+    "account",
     "joints",
     "targets",
     "actuators",
     "constraints",
-    "filtered",
-    "unpaired",
     "pairs",
     "sides",
     "bodies",
 ]
 TABLES: tuple[TableName, ...] = get_args(TableName)
-"""The names of tables; the first covers what calls set over the whole run, and has no rows."""
+"""The names of tables; the first two cover the whole run: what calls set, and the account."""
 
 
 class RuleTable(Protocol):
@@ -74,10 +71,6 @@ def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
         yield from target_columns(scene)
     elif name == "constraints":
         yield from constraint_columns(scene)
-    elif name == "filtered":
-        yield from filtered_columns(scene)
-    elif name == "unpaired":
-        yield from unpaired_columns(scene)
     elif name == "bodies":
         yield from (BodyColumns(scene, *batch) for batch in scene.batches if len(batch[0].whole))
     elif name == "sides" and touching:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
-from drop_physics.explain.overlap import is_convex
+from drop_physics.explain.convex import is_convex
 from drop_physics.explain.steps import BodySteps
 from drop_physics.fields import fraction
 from drop_physics.messages import Message
