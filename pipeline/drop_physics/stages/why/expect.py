@@ -58,6 +58,9 @@ CHANCE = 1e-3
 expectation in nudged runs, too."""
 MOST_STEPS = 2
 """Most steps of a run, as a multiple of those of the script's own run."""
+MANY_TIMES, MANY_STEPS = 10, 5000
+"""The same of a short run of episodes, and up to how many steps: what only puts a failure off does
+not prevent it."""
 AT_MOST_STEPS = "steps"
 """Ending of a run that was stopped by this limit."""
 PARTS = {"MuJoCo": 0}
@@ -272,7 +275,7 @@ def searched(
         tuple(map(str, asked.arguments)),
         python,
         asked.is_module,
-        made_steps if recorded.ended in STOPPED else MOST_STEPS * made_steps,
+        made_steps if recorded.ended in STOPPED else _most_steps(own, made_steps),
         seed=asked.seed,
         of_first=True,
         begins_s=SEEDED_CLOCK_S,
@@ -319,6 +322,12 @@ def _failure_of(seen: Seen) -> tuple[int, int, list[Operation]] | None:
     first = episode.first if step is None else step
     played = cures_of(seen.engine).played(seen, episode.client, first, episode.last)
     return first, episode.last, played
+
+
+def _most_steps(own: Expected, made: int) -> int:
+    """Return the number of steps after which a run is stopped, given those of the script's own."""
+    many = min(MANY_TIMES * made, MANY_STEPS) if Expression(own.text).reads_episodes else 0
+    return max(MOST_STEPS * made, many)
 
 
 def _ends(own: Expected, recorded: Recorded) -> frozenset[str]:
