@@ -148,6 +148,25 @@ def test_a_block_slides_as_far_as_friction_lets_it(told: Told) -> None:
     assert slips.got <= moved.got * 1.05  # it slides while it touches: it hops a little
 
 
+SLED = """<geom type="plane" size="9 9 1"/>
+<body name="trunk" pos="0 0 0.1"><freejoint/><geom type="box" size="0.3 0.2 0.02" mass="5"/>
+<body name="left" pos="0 0.3 0"><joint axis="0 0 1" range="-1 1" limited="true" stiffness="1e4"/>
+<geom type="box" size="0.3 0.02 0.1" mass="1" friction="0.05" priority="1"/></body>
+<body name="right" pos="0 -0.3 0"><joint axis="0 0 1" range="-1 1" limited="true" stiffness="1e4"/>
+<geom type="box" size="0.3 0.02 0.1" mass="1" friction="0.05" priority="1"/></body></body>"""
+
+
+def test_a_robot_whose_feet_slip_is_told_with_all_of_them(told: Told) -> None:
+    """At 1 m/s and a coefficient of 0.05 each foot slides until v² / (2 μ g), and then stands."""
+    rows = told(SLED, before="data.qvel[0] = 1.0 if step == 300 else data.qvel[0]", steps=1400)
+    (row,) = [each for each in rows if each.kind == "slips"]
+    assert row.alike == 1
+    # It hops a little, and so slides a little less while it touches.
+    assert row.got == pytest.approx(2 * 1 / (2 * 0.05 * G), rel=0.1)
+    assert "friction at its limit, coefficient 0.05, in" in str(row.told)
+    assert not [each for each in told(SLED) if each.kind == "slips"]
+
+
 def test_a_torque_is_told_as_it_begins(told: Told) -> None:
     world = """<body name="rod"><joint name="hinge" axis="0 0 1"/>
     <geom type="capsule" size="0.02" fromto="0 0 0 0.5 0 0" mass="1"/></body>"""

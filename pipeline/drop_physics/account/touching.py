@@ -33,14 +33,21 @@ def touching_rows(
     words: RowWords,
 ) -> Iterator[AccountRow]:
     """Yield the rows for all pairs of links that touched."""
+    feet = _feet_of(links, subjects)
+    stands = {key for keys in feet.values() for key in keys}
     for key, touched in links.items():
         its = [subjects[number] for number in dict.fromkeys(key[:2]) if number in subjects]
-        if its:
-            yield from _rows(key, touched, its, seen, words)
+        for row in _rows(key, touched, its, seen, words) if its else ():
+            if row.kind != "slips" or key not in stands:
+                yield row
+    for number, keys in feet.items():
+        slips = _slipping_row(subjects[number], {key: links[key] for key in keys}, words)
+        if slips is not None:
+            yield slips
     for subject in subjects.values():
-        row = _turning_row(links, subject, subjects, seen, words)
-        if row is not None:
-            yield row
+        turns = _turning_row(links, subject, subjects, seen, words)
+        if turns is not None:
+            yield turns
 
 
 def _turning_row(
@@ -86,6 +93,62 @@ def _turning_row(
         salience=0.6,
         subject=subject.body,
         group=("turning", subject.kind),
+    )
+
+
+def _feet_of(
+    links: Mapping[PairKey, TouchedLinks], subjects: Mapping[int, MeasuredBody]
+) -> dict[int, list[PairKey]]:
+    """Return the pairs of links by which each robot that stands on something fixed rubs there."""
+    found: dict[int, list[PairKey]] = {}
+    for key, touched in links.items():
+        its = [number for number in {*key[:2]} if number in subjects]
+        if len(its) == 1 and key[0] != key[1] and touched.rubs and _stands(subjects[its[0]]):
+            found.setdefault(its[0], []).append(key)
+    return found
+
+
+def _stands(subject: MeasuredBody) -> bool:
+    """Return whether nothing but contacts holds a robot: its base is free, or slides undriven."""
+    body, driven = subject.body, {each.target for each in subject.body.actuators}
+    first = next(iter(body.joints), None)
+    slides = first is not None and first.kind == "prismatic" and first.name not in driven
+    return bool(subject.tree.links) and (not subject.tree.fixed or (slides and bool(driven)))
+
+
+def _slipping_row(
+    subject: MeasuredBody, feet: Mapping[PairKey, TouchedLinks], words: RowWords
+) -> AccountRow | None:
+    """Return the row for a robot whose feet slip, ranked by the odds that friction is at its limit.
+
+    A step counts once for each foot on the ground.
+    """
+    slid_m = sum(each.slid_m for each in feet.values())
+    steps = sum(each.steps for each in feet.values())
+    at_limit = sum(each.at_limit for each in feet.values())
+    if slid_m < SLID * subject.size_m or not at_limit:
+        return None
+    key = max(feet, key=lambda each: feet[each].slid_m)
+    number = subject.body.number
+    told = Message(
+        "slid {slid} in {steps:,} steps; friction at its limit, coefficient {friction}, in "
+        "{share:.0%} of them",
+        slid=quantity(slid_m, "m"),
+        steps=steps,
+        friction=number_of(feet[key].friction),
+        share=at_limit / steps,
+    )
+    return AccountRow(
+        kind="slips",
+        pair=(str(words.names.link(key[0], key[2])), str(words.names.link(key[1], key[3]))),
+        told=told,
+        got=slid_m,
+        unit="m",
+        other=words.names.label(key[0] if key[0] != number else key[1]),
+        step=feet[key].last_step,
+        salience=at_limit / max(steps - at_limit, 1),
+        alike=len(feet) - 1,
+        subject=subject.body,
     )
 
 
