@@ -14,9 +14,13 @@ from conftest import some
 from drop_physics.engines.fork_server import Fork
 from drop_physics.engines.reached import Reached
 from drop_physics.engines.script import Program, Script
-from drop_physics.engines.watching.forks import FIRST_USE
+from drop_physics.engines.source import edits_of
+from drop_physics.engines.watching.edits import write
+from drop_physics.engines.watching.forks import FIRST_LINE, FIRST_USE
+from drop_physics.engines.watching.private import Private
 from drop_physics.stages.rerun.again import Again, again_of
 from drop_physics.stages.rerun.reruns import Reruns
+from drop_physics.stages.rerun.single import possible
 from drop_physics.stages.why.expect import evaluator_of
 
 pytestmark = pytest.mark.pybullet
@@ -79,6 +83,52 @@ def test_a_fork_answers_and_prints_what_a_run_from_the_start_does(program: Progr
         assert z == pytest.approx(-g / 240**2 * 20 * 21 / 2, rel=0.01)
         assert printed == f"ends at {z}\n"
     assert not Path("made.txt").exists()
+
+
+MINE = SCRIPT.replace("-9.8", "G").replace("def main", "G = -9.8\ndef main")[: -len("main()\n")]
+MINE = MINE.replace('createMultiBody(1, p.createCollisionShape(p.GEOM_SPHERE, radius=0.1))',
+                    'loadURDF("ball.urdf")')  # fmt: skip
+BALL = """<robot name="ball"><link name="ball"><inertial><origin xyz="0 0 .5"/><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1"/></inertial></link></robot>"""
+
+
+@pytest.mark.parametrize("is_module", [False, True])
+def test_an_own_module_and_a_model_are_edited_in_layers_of_their_runs(
+    program: Program, is_module: bool
+) -> None:
+    """Free fall over 20 steps from the height that the model has; the user's files stay."""
+    fall = -9.8 / 240**2 * 20 * 21 / 2
+    for name, text in {
+        "mine.py": MINE,
+        "ball.urdf": BALL,
+        "script.py": "import mine\nmine.main()",
+    }.items():
+        Path(name).write_text(text)
+    program = replace(program, target="script" if is_module else "script.py", is_module=is_module)
+    how = again_of(program.target, Reached(), is_module=is_module, took_s=60.0, anyway=False)
+    found = {(each.change, each.op): each for each in possible(program, how, "PyBullet")}
+    lighter, higher = found["G", "*0.1"], found["origin.xyz", "*2"]
+    assert lighter.site == ("mine.py", 3)
+    for change, z in ((lighter, 0.5 + 0.1 * fall), (higher, 1 + fall)):
+        changed = replace(program, edits=edits_of(change))
+        with Reruns(program, how, at=FIRST_LINE) as reruns:
+            forked, answer, _ = outcome(reruns, changed)
+        assert forked is Fork
+        assert isinstance(answer, tuple)
+        assert answer[0]["value"] == pytest.approx(z, abs=1e-3)
+        started, again, _ = outcome(Reruns(program, how), changed)
+        assert (started, again) == (Script, answer)
+    assert (Path("mine.py").read_text(), Path("ball.urdf").read_text()) == (MINE, BALL)
+
+
+def test_a_file_outside_of_the_layers_is_never_edited(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text("N = 4")
+    private = Private(str(tmp_path), [], [], network=False)
+    for layers in (None, private):
+        with pytest.raises(OSError, match="layer"):
+            write([[str(file), 4, 5, "7"]], layers)
+    assert file.read_text() == "N = 4"
 
 
 @pytest.mark.parametrize("at", some([FIRST_USE, 0, 7], 1))

@@ -15,6 +15,7 @@ from drop_physics.engines.source import changes_of, edits_of, place_of, repeats,
 from drop_physics.engines.watching.edits import InTwoParts, edited
 from drop_physics.engines.watching.single_changes import Change
 from drop_physics.stages.rerun.single import is_single, named, text_of
+from drop_physics.stages.rerun.source_texts import source_texts
 
 TEXT = '''"""A script."""
 from __future__ import annotations
@@ -189,6 +190,49 @@ def test_what_is_printed_of_a_change_names_it(op: str, how: tuple[str, Any]) -> 
         assert named(text, [other, each]) == each
     assert named(text_of(other).replace("*10", "*2.5"), [other]) == other.by(2.5)
     assert not any(map(is_single, ("friction=2", "timestep/4", "residual 0", "damping")))
+
+
+MODEL = """<robot name="arm"><link name="hand"><!-- <link name="old" size="3"/> -->
+<collision><origin xyz="0 0 .1"/><geometry><box size="1 2 3"/></geometry></collision>
+</link></robot>"""
+
+
+def test_the_models_that_texts_name_are_texts_of_a_script(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A module elsewhere is not the user's, and a comment in a model is no part of it."""
+    script = tmp_path / "run" / "script.py"
+    files = {
+        "run/script.py": 'import mine; load("hand.urdf"); load("plane.urdf")',
+        "run/mine.py": "path = os.path.join(HERE, 'models/arm.xml')",
+        "run/models/arm.xml": '<mujoco><include file="../parts/leg.xml"/></mujoco>',
+        "run/parts/leg.xml": "<mujoco/>",
+        "here/hand.urdf": MODEL,
+        "run/other.urdf": MODEL,
+        "lib/elsewhere.py": "N = 4",
+    }
+    for name, text in files.items():
+        tmp_path.joinpath(name).parent.mkdir(exist_ok=True, parents=True)
+        tmp_path.joinpath(name).write_text(text)
+    monkeypatch.chdir(tmp_path / "here")
+    modules = [tmp_path / "run/mine.py", script, tmp_path / "lib/elsewhere.py"]
+    texts = source_texts(script, modules)
+    known = {"script.py", "mine.py", "models/arm.xml", "parts/leg.xml", "hand.urdf"}
+    assert {each.shown for each in texts} == known
+    assert [each.shown for each in texts if not each.path] == ["script.py"]
+    hand = next(each for each in texts if each.shown == "hand.urdf")
+    found = changes_of(hand.text, hand.shown, "", hand.path)
+    assert {(each.change, each.op) for each in found} == {
+        *(("origin.xyz", op) for op in ("*2", "*0.5", "*-1", "left-out")),
+        *(("box.size", op) for op in ("*2", "*0.5")),
+    }
+    assert {name.partition("#")[0] for each in found for name in each.of} == {"hand"}
+    larger = next(each for each in found if (each.change, each.op) == ("box.size", "*2"))
+    assert edited(hand.text, edits_of(larger), hand.path).decode() == MODEL.replace(
+        "1 2 3", "2 4 6"
+    )
+    assert edited(hand.text, edits_of(larger)) == hand.text, "that is another file"
+    assert place_of(larger) == ("hand.urdf:2", "box.size=1 2 3")
 
 
 def test_no_python_has_no_changes() -> None:

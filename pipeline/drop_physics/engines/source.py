@@ -1,6 +1,7 @@
-"""Single edits of a script's own text for the causal search: its numbers, attributes, statements.
+"""Single edits of a user's texts for the causal search: numbers, attributes, statements.
 
-They are what its user would edit: each number, also in the attributes of models that stand in the
+The texts are the script, its own modules, and the models that these name. Edits are what their user
+would make: each number, also in the attributes of models that stand in the
 text, each of these attributes, and each statement that sets something. What only says what is
 measured is none of them: bounds of the outermost loops, indices, what is printed, asserted, or
 compared with.
@@ -59,6 +60,9 @@ numbers."""
 PURE = re.compile(r"^(np|numpy|math|abs|min|max|sum|float|int|list|tuple|len|norm|sorted|array)\b")
 """Functions without side effects."""
 ARGUMENTS = ("argv", "environ", "__name__")
+MODEL = re.compile(r"\.(xml|mjcf|urdf|sdf)$")
+"""Pattern of a model's file name."""
+COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 TAGGED = re.compile(
     r"<(?P<tag>[a-zA-Z]\w*)(?P<given>(?:\s+[\w:]+\s*=\s*\\?(?P<q>[\"']).*?(?P=q))+)\s*(?P<end>/?)>"
 )
@@ -131,6 +135,8 @@ class TextPart:
 class PlacedText(NamedTuple):
     """The element of a change of a text: where it is, and what is there."""
 
+    path: str
+    """The file; empty for the script."""
     start: int
     end: int
     was: str
@@ -141,26 +147,30 @@ class PlacedText(NamedTuple):
     is_count: bool
 
 
-def changes_of(text: bytes, file: str, expected: str) -> list[Change]:
-    """Return the possible changes to a script's text; none if it is not valid Python.
+def changes_of(text: bytes, file: str, expected: str, path: str = "") -> list[Change]:
+    """Return the possible changes to a text; none of Python that is not valid.
 
     Attributes that many elements of a model have are changed of all of them at once.
 
     Parameters
     ----------
     text
-        The script, in UTF-8.
+        A script, a module, or a model in XML, in UTF-8.
     file
         Its name, as it is shown.
     expected
-        What is expected of it: what that compares with is not changed.
+        What is expected of the script: what that compares with is not changed.
+    path
+        The file; empty for the script.
     """
+    is_model = MODEL.search(path) is not None
     try:
-        tree = ast.parse(text.decode())  # in another encoding, places are others
+        tree = ast.parse("" if is_model else text.decode())  # another encoding has other places
     except (SyntaxError, ValueError):
         return []
     found: dict[tuple[str, int | None], list[TextPart]] = {}
-    for each in _TextParts(tree, text, _feeding(tree, expected)).all():
+    parts = _TextParts(tree, text, _feeding(tree, expected))
+    for each in parts.of_model() if is_model else parts.all():
         found.setdefault((each.name, None if each.in_markup else each.line), []).append(each)
     changes: list[Change] = []
     for places in found.values():
@@ -169,7 +179,7 @@ def changes_of(text: bytes, file: str, expected: str) -> list[Change]:
         if not places[0].in_markup or len(places) <= MOST_NAMES:
             groups = [[each] for each in groups[0]]
         for group in groups:
-            changes += _of_places(group, text, file)
+            changes += _of_places(group, text, file, path)
     return changes
 
 
@@ -181,7 +191,9 @@ def _told_apart(names: Sequence[str]) -> Iterator[str]:
         yield f"{name}#{seen[name]}" if alike[name] > 1 else name
 
 
-def _of_places(group: Sequence[tuple[TextPart, str]], text: bytes, file: str) -> Iterator[Change]:
+def _of_places(
+    group: Sequence[tuple[TextPart, str]], text: bytes, file: str, path: str
+) -> Iterator[Change]:
     """Yield the changes that edit a group of places together."""
     first, _ = group[0]
     for op in dict.fromkeys(op for each, _ in group for op in each.tries):
@@ -197,7 +209,7 @@ def _of_places(group: Sequence[tuple[TextPart, str]], text: bytes, file: str) ->
                 op,
                 (op, None) if op == LEFT_OUT else (op[0], float(op[1:])),
                 tuple(
-                    PlacedText(e.start, e.end, was, e.without, f"{file}:{e.line}", e.is_count)
+                    PlacedText(path, e.start, e.end, was, e.without, f"{file}:{e.line}", e.is_count)
                     for e, _, was in its
                 ),
                 tuple(name for _, name, _ in its),
@@ -210,7 +222,7 @@ def _of_places(group: Sequence[tuple[TextPart, str]], text: bytes, file: str) ->
 
 def edits_of(change: Change) -> list[list[Any]]:
     """Return the text edits that make a change."""
-    return [[each.start, each.end, _becomes(change, each)] for each in change.ids]
+    return [[each.path, each.start, each.end, _becomes(change, each)] for each in change.ids]
 
 
 def repeats(change: Change) -> float:
@@ -370,6 +382,10 @@ class _TextParts:
         for each in self._tree.body:
             yield from self._of(each, "", "")
 
+    def of_model(self) -> Iterator[TextPart]:
+        """Yield the replaceable parts of a text that is a model."""
+        return self._of_markup(0, len(self._text))
+
     def _of_loop(self, node: ast.For | ast.While) -> Iterator[TextPart]:
         """Yield the parts of a loop, except the numbers over which it iterates.
 
@@ -492,6 +508,7 @@ class _TextParts:
     def _of_markup(self, start: int, end: int) -> Iterator[TextPart]:
         """Yield attributes of a model's XML in the text, and its elements without children."""
         text = self._text[start:end].decode("latin-1")  # a character for each byte
+        text = COMMENT.sub(lambda found: " " * len(found[0]), text)
         near = ""
         for found in TAGGED.finditer(text):
             named, tag = NAME.search(found["given"]), found["tag"]

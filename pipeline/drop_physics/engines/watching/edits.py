@@ -1,11 +1,13 @@
 """Runs a script with parts of its text replaced, or pauses it after its imports.
 
-Its files stay as they are: tracebacks show what its user has written.
+Its file stays as it is: tracebacks show what its user has written. Other files, of modules and of
+models, are replaced in a layer of the run's own (`private`).
 """
 
 from __future__ import annotations
 
 import importlib.machinery
+import os
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -13,17 +15,40 @@ if TYPE_CHECKING:
     import ast
     from types import CodeType
 
+    from .private import Private
+
 Edit = Sequence[Any]
-"""Begin and end of a part, as byte offsets in a text, and the replacement."""
+"""The file of a part, empty for the script; begin and end, as byte offsets; and the replacement."""
+OTHER_S = 2
+"""Time by which an edited file is newer than its compiled form, which is of whole seconds [s]."""
 OF_PYTHON = ("os", "sys", "warnings", "logging", "matplotlib")
 """Standard modules that scripts often configure between their imports."""
 
 
-def edited(text: bytes, edits: Iterable[Edit]) -> bytes:
-    """Return a text with parts replaced."""
-    for start, end, other in sorted(map(tuple, edits), reverse=True):
-        text = text[:start] + other.encode() + text[end:]
+def edited(text: bytes, edits: Iterable[Edit], file: str = "") -> bytes:
+    """Return the text of a file, by default of the script, with parts replaced."""
+    for of, start, end, other in sorted(map(tuple, edits), reverse=True):
+        if of == file:
+            text = text[:start] + other.encode() + text[end:]
     return text
+
+
+def write(edits: Sequence[Edit], private: Private | None) -> None:
+    """Replace the files that are edited, in the layers of this process alone.
+
+    Raises
+    ------
+    OSError
+        If one would be replaced for other processes, too.
+    """
+    for name in {file for file, *_ in edits} - {""}:
+        if private is None or not private.holds(name):
+            raise OSError(f"{name} does not lie in a layer of this process")
+        with open(name, "rb") as read:
+            text, of_file = read.read(), os.stat(name)
+        with open(name, "wb") as written:
+            written.write(edited(text, edits, name))
+        os.utime(name, (of_file.st_atime, of_file.st_mtime + OTHER_S))
 
 
 class InTwoParts:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import base64
+import os
 import re
 import sys
 from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,8 @@ MOST_ROWS = 160
 curve needs."""
 MOST_OBSERVED = 8
 """Largest number of simulations that are observed at once: the last ones that were stepped."""
+OURS = __name__.partition(".")[0], "drop_physics"
+"""Packages of ours in the script's interpreter."""
 NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?!\w)")
 """Pattern of a number in a text."""
 
@@ -115,6 +118,7 @@ class ExpectationEvaluator(Evaluator):
             "motion": [track.motion() for track in sorted(first, key=lambda each: each.number)],
             "finite": all(track.is_finite for track in first),
             "changes": self._could,
+            "modules": [] if self._rows is None else [*_modules()],
             "assertion": None if self._assertion is None else self._assertion.told(),
         }
 
@@ -268,6 +272,16 @@ def printed() -> list[str]:
     kept_and_written.drop_kept = texts  # type: ignore[attr-defined]
     sys.stdout.write = kept_and_written  # type: ignore[method-assign]
     return texts
+
+
+def _modules() -> Iterator[str]:
+    """Yield the files of the script's own modules, and of the script itself."""
+    for name, module in [*sys.modules.items()]:
+        file = getattr(module, "__file__", None)
+        if not isinstance(file, str) or not file.endswith(".py") or is_library(file):
+            continue
+        if name.partition(".")[0] not in OURS:
+            yield os.path.realpath(file)
 
 
 def _frames_of(frame: Any) -> list[Any]:

@@ -22,7 +22,7 @@ from array import array
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from . import descriptors, limits
+from . import descriptors, edits, limits
 
 if TYPE_CHECKING:
     from .host import ScriptWatch
@@ -171,6 +171,7 @@ class Forks:
         private = self._watch.private
         if private is not None:
             private.part(str(trial["number"]))
+        edits.write(trial["edits"], private)
         descriptors.replace({self._watch.pipe.descriptor, *files, ready}, private, files[2])
         os.close(files[2])
         os.write(ready, b"1")

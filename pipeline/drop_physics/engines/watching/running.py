@@ -8,11 +8,10 @@ import json
 import os
 import runpy
 import sys
-from functools import partial
 from types import ModuleType
 
 from . import asking, ending, limits, start
-from .edits import InTwoParts, edited
+from .edits import InTwoParts, edited, write
 from .host import ScriptWatch
 from .private import private_of
 from .programs import Programs
@@ -46,6 +45,7 @@ def main(options: str, *command: str) -> None:
         limits.keep(limited)
     if private is not None:
         private.enter()
+    write(arguments["edits"], private)
     start.enter(scratch)
     sys.argv = [*command]
     watch = start.watch(**arguments, private=private)
@@ -53,8 +53,8 @@ def main(options: str, *command: str) -> None:
     asking.install(watch)
     if listens:
         watch.listen_outside()
-    run = _run_module if is_module else partial(_run_file, watch)
-    ending.run(watch, lambda: run(command[0]))
+    run = _run_module if is_module else _run_file
+    ending.run(watch, lambda: run(watch, command[0]))
 
 
 def _enter(folder: str) -> None:
@@ -91,9 +91,11 @@ def _run_file(watch: ScriptWatch, name: str) -> None:
         exec(compile(edited(text, watch.edits), path, "exec", dont_inherit=True), vars(module))
 
 
-def _run_module(name: str) -> None:
+def _run_module(watch: ScriptWatch, name: str) -> None:
     _enter(os.getcwd())
     _new_main()
+    if watch.forks is not None and watch.forks.at_first_line:
+        watch.forks.stop_at_first_line()
     # As `python -m` does: in the module's own `__main__`, not in a copy of it.
     runpy._run_module_as_main(name)  # type: ignore[attr-defined]
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from drop_physics.errors import DropError, ScenarioError
 from drop_physics.stages.rerun.again import Again
 from drop_physics.stages.rerun.evaluated import Answer, EvaluatedRuns, evaluator_of
 from drop_physics.stages.rerun.reruns import Reruns
+from drop_physics.stages.rerun.source_texts import SourceText, source_texts
 
 TEXT = re.compile(
     r"(?P<change>\S+) (?P<op>[-=*/+^~]\S*|[a-z]+(?:-[a-z]+)?)"
@@ -46,11 +47,21 @@ def text_of(change: Change) -> str:
     return f"{change.change} {change.op}{of}{at}"
 
 
-def seen_changes(trials: EvaluatedRuns, engine: str) -> tuple[Answer, list[Change], list[Change]]:
-    """Run a script to find out which single changes are possible.
+@dataclass(frozen=True)
+class SeenChanges:
+    """The single changes that are possible in a run."""
 
-    Return what is evaluated in that run, the changes of what the engine has, and those of the
-    script's own text.
+    answer: Answer
+    """What is evaluated in the run."""
+    of_engine: list[Change]
+    """Changes of what the engine has."""
+    of_text: list[Change]
+    """Changes of the user's texts."""
+    texts: list[SourceText]
+
+
+def seen_changes(trials: EvaluatedRuns, engine: str) -> SeenChanges:
+    """Run a script to find out which single changes are possible.
 
     Raises
     ------
@@ -70,11 +81,16 @@ def seen_changes(trials: EvaluatedRuns, engine: str) -> tuple[Answer, list[Chang
             script=program.target,
             reason=ended,
         )
-    its_text: list[Change] = []
-    if not program.is_module:  # whose text is that of many files
-        script = Path(program.target)
-        its_text = changes_of(script.read_bytes(), script.name, arguments["text"] or "")
-    return seen, [*map(change_of, seen["changes"])], its_text
+    script = None if program.is_module else Path(program.target)
+    texts = source_texts(script, map(Path, seen["modules"]))
+    layers = trials.reruns.again.folders
+    of_text = [
+        change
+        for each in texts
+        if not each.path or any(Path(each.path).is_relative_to(folder) for folder in layers)
+        for change in changes_of(each.text, each.shown, arguments["text"] or "", each.path)
+    ]
+    return SeenChanges(seen, [*map(change_of, seen["changes"])], of_text, texts)
 
 
 def possible(program: Program, again: Again, engine: str) -> list[Change]:
@@ -88,8 +104,8 @@ def possible(program: Program, again: Again, engine: str) -> list[Change]:
     silent = replace(program, streams=False, explain=False)
     reruns = Reruns(silent, again)
     trials = EvaluatedRuns(silent, reruns, reruns, frozenset(), float("inf"), 1)
-    _, of_engine, of_text = seen_changes(trials, engine)
-    return [*of_engine, *of_text]
+    seen = seen_changes(trials, engine)
+    return [*seen.of_engine, *seen.of_text]
 
 
 def named(text: str, changes: Sequence[Change]) -> Change:

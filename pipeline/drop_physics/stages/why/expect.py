@@ -38,7 +38,7 @@ from drop_physics.stages.rerun.proposals import Proposals
 from drop_physics.stages.rerun.reruns import Reruns
 from drop_physics.stages.rerun.runs import Progress
 from drop_physics.stages.rerun.single import SINGLE, named, seen_changes, text_of
-from drop_physics.stages.why.lines import line_of, texts_of
+from drop_physics.stages.why.lines import line_of
 from drop_physics.stages.why.row import RowExpectation, row_of
 from drop_physics.trace.episodes import episodes_of, looked_at
 from drop_physics.workers import cores
@@ -302,9 +302,7 @@ def searched(
         latest = trials.latest_of(first, made_steps, [] if failure is None else failure[:1])
         found |= {"latest": latest, "steps": made_steps}
         recordings = _recorded(trials, found.get("makes_true", ()), base, drawn=asked.drawn)
-    texts = {} if asked.is_module else texts_of(Path(asked.target))
-    lines = [_line_of(each, texts) for each in found.get("makes_true", ())]
-    found |= {"recordings": recordings, "lines": lines}
+    found |= {"recordings": recordings}
     return replace(own, **found, runs=trials.made, seconds=time.monotonic() - began)
 
 
@@ -349,8 +347,8 @@ def _searched(
     progress: Progress,
 ) -> dict[str, Any]:
     """Return a search's results; nothing if a repeated run does not reproduce the shortfall."""
-    seen, of_engine, its_text = seen_changes(trials, engine)
-    base = outcome_of(seen, ended_well=True)
+    seen_run = seen_changes(trials, engine)
+    seen, base = seen_run.answer, outcome_of(seen_run.answer, ended_well=True)
     if row is not None:
         short = row.gap is None or math.isclose(base.value, row.gap, rel_tol=SAME_GAP)
         if base.holds or seen["error"] is not None or not short:
@@ -360,7 +358,9 @@ def _searched(
     if any(each.holds for each in nudged) or 0 < abs(base.margin) <= noise:
         return {"noise": noise, "chaotic": True}
     search = Search(base, trials.all_of, noise)
-    changes, its_text = (sorted(each, key=_likely) for each in (of_engine, its_text))
+    changes, its_text = (
+        sorted(each, key=_likely) for each in (seen_run.of_engine, seen_run.of_text)
+    )
     if row is not None:  # what acts on a term of it first
         changes.sort(key=lambda each: not row.names(each))
     if asked_for is not None:
@@ -375,6 +375,7 @@ def _searched(
     if noise > CHANCE * abs(base.margin):  # what it does may be chance
         said = _standing(trials, said)
     said = _coincidences_last(search, said)
+    texts = {each.shown: each.text.decode(errors="replace") for each in seen_run.texts}
     return {
         "noise": noise,
         "tried": len(search.tried),
@@ -384,6 +385,7 @@ def _searched(
             None if each.is_alone else search.least_of(each.tried) for each in said[:NARROWED]
         ],
         "moves": [] if said else search.movers()[:MOST_MOVERS],
+        "lines": [_line_of(each, texts) for each in said],
     }
 
 
@@ -421,7 +423,7 @@ def _row_of(row: RowExpectation | None, rows: Sequence[AccountRow], change: Chan
     return None if found is None else joined(" ", [found.who, found.told])
 
 
-def _line_of(said: SaidChange, texts: Mapping[Path, str]) -> tuple[str, str] | None:
+def _line_of(said: SaidChange, texts: Mapping[str, str]) -> tuple[str, str] | None:
     """Return where a user would edit the source to make a change, and the current text there."""
     change = said.tried.change
     if change.site is not None:

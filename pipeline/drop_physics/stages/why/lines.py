@@ -1,34 +1,13 @@
-"""Find the source line where a user would change a model: the tag of a named element.
-
-Models stand in files of XML, or in texts of the script.
-"""
+"""Find the source line where a user would change a model: the tag of a named element."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
-
-MOST_BYTES = 1 << 24
-"""Largest file that is read [bytes]."""
-XML = re.compile(r"""["']([^"'\n]+\.xml)["']""")
-"""Pattern of a model's file name in a script."""
-
-
-def texts_of(script: Path) -> dict[Path, str]:
-    """Return the texts of a script, and of the existing model files that it names."""
-    text = _read(script)
-    found = {script: text}
-    for name in XML.findall(text):
-        for path in (Path(name), script.parent / name):
-            if path.is_file():
-                found.setdefault(path, _read(path))
-                break
-    return found
 
 
 def line_of(
-    texts: Mapping[Path, str], names: Sequence[str], attribute: str, tags: str
+    texts: Mapping[str, str], names: Sequence[str], attribute: str, tags: str
 ) -> tuple[str, str] | None:
     """Return file and line of the first tag with one of these names, and its attribute's text.
 
@@ -37,7 +16,7 @@ def line_of(
     Parameters
     ----------
     texts
-        Texts by the file that they are of.
+        Texts by the name of the file that they are of.
     names
         The names of elements, in order.
     attribute
@@ -53,18 +32,9 @@ def line_of(
     return None
 
 
-def _tags(texts: Mapping[Path, str], name: str, tags: str) -> Iterator[tuple[str, int, str]]:
+def _tags(texts: Mapping[str, str], name: str, tags: str) -> Iterator[tuple[str, int, str]]:
     """Yield the tags with a name: the file, the line number, and the text."""
     named = re.compile(rf"""<(?:{tags})\s[^<>]*?\bname\s*=\s*(["']){re.escape(name)}\1[^<>]*>""")
-    for path, text in texts.items():
+    for file, text in texts.items():
         for found in named.finditer(text):
-            yield path.name, text.count("\n", 0, found.start()) + 1, found[0]
-
-
-def _read(path: Path) -> str:
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            return ""
-        return path.read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return ""
+            yield file, text.count("\n", 0, found.start()) + 1, found[0]
