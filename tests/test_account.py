@@ -390,6 +390,57 @@ def test_a_joint_equality_is_told_by_how_far_it_is_off(told: Told) -> None:
     assert 0 < row.got < 0.05
 
 
+@pytest.mark.parametrize("sites", [False, True], ids=["bodies", "sites"])
+def test_a_weld_is_told_by_the_angle_between_its_orientations(told: Told, *, sites: bool) -> None:
+    """A soft weld is to turn a body on a hinge by 0.5 rad, and a spring holds it where it is.
+
+    It creeps there, so that the hinge's angle at the end is what it turned of the 0.5 rad.
+    """
+    world = """<site name="there" quat="{turn}"/>
+    <body name="mass"><joint name="turn" axis="0 0 1" stiffness="3" damping="1"/>
+    <geom size="0.1" mass="2" pos="0.2 0 0"/><site name="here" quat="0.6 0 0.8 0"/></body>"""
+    half = 0.25  # of the angle
+    turn = f"{math.cos(half)} 0 0 {math.sin(half)}"
+    joined = "body1='world' body2='mass' relpose='0 0 0 {turn}'"
+    if sites:  # the frame of `here`, turned by 0.5 rad about z
+        c, s = math.cos(half), math.sin(half)
+        turn, joined = f"{0.6 * c} {-0.8 * s} {0.8 * c} {0.6 * s}", "site1='there' site2='here'"
+    more = f"<equality><weld name='hold' {joined.format(turn=turn)} solref='-30 -40'/></equality>"
+    rows = told(world.format(turn=turn), "<option gravity='0 0 0'/>" + more, steps=500)
+    row, hinge = the(rows, "asked", "hold"), the(rows, "moved", "turn")
+    assert hinge.got is not None
+    assert 0.05 < hinge.got < 0.45
+    assert row.unit == "rad"
+    assert row.got == pytest.approx(0.5, abs=1e-3)  # at first
+    assert f"({math.degrees(0.5 - hinge.got):.3g}° at the end)" in row.told
+
+
+def test_a_tendon_equality_is_told_by_the_lengths(told: Told) -> None:
+    """One tendon of a slide is to be as long as another one of that slide, and one as 0.4."""
+    slide = """<body name="{name}" pos="0 {y} 0"><joint name="{name}" type="slide" axis="1 0 0"
+    stiffness="9" damping="9"/><geom size="0.1" mass="{mass}"/></body>"""
+    fixed = '<fixed name="of_{name}"><joint joint="{name}" coef="2"/></fixed>'
+    names = "abc"
+    world = "".join(
+        slide.format(name=name, y=mass, mass=mass) for mass, name in enumerate(names, 1)
+    )
+    more = f"""<option gravity='0 0 0'/><tendon>{"".join(fixed.format(name=n) for n in names)}
+    </tendon><equality><tendon name="both" tendon1="of_a" tendon2="of_b" polycoef="0.8 3 0 0 0"/>
+    <tendon name="one" tendon1="of_c" polycoef="0.4 0 0 0 0" solref="-30 -30"/></equality>"""
+    rows = told(world, more, steps=500)
+    a, b, c = (the(rows, "moved", name).got for name in names)
+    assert a is not None
+    assert b is not None
+    assert c is not None
+    both, one = the(rows, "asked", "both"), the(rows, "asked", "one")
+    assert both.asked == pytest.approx(0.8 + 3 * 2 * b, rel=2e-2)
+    assert both.gap == pytest.approx(2 * a - 0.8 - 3 * 2 * b, abs=3e-3)
+    assert one.gap == pytest.approx(2 * c - 0.4, rel=2e-2)
+    assert one.gap < -0.02  # the spring holds it back
+    assert "tendon of of_c: length 0.4, got" in one.told
+    assert (-0.4, "") in one.besides  # at first
+
+
 def test_a_touch_sensor_is_told_with_what_presses_outside_of_its_site(told: Told) -> None:
     box = """<body name="box" pos="0 0 0.1"><freejoint/>
     <geom type="box" size="0.1 0.1 0.1" mass="2"/>
@@ -542,6 +593,7 @@ def test_the_tables_show_what_the_rows_tell(analysis: Analysis, parts: list[Acco
     row = the(parts, "press", "world × stamp")
     (touch,) = bodies[row.body or ""].touches
     assert [(touch.deepest_m, "m")] == [*row.besides]
+    assert touch.deepest_m > 1e-3  # 100 N on a soft contact
     assert f"in {touch.steps:,} steps" in row.told
     assert touch.impulse_n_s is not None  # of the weight and the motor, over 1 s
     assert touch.impulse_n_s[2] == pytest.approx(100 + 0.5 * G, rel=1e-2)

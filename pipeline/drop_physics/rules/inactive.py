@@ -27,7 +27,12 @@ def never_active(inputs: Inputs) -> Iterator[Case]:
         mine = forces.get((equality.client, Act.SET_ACTIVE, number))
         # A script that switches others knows of this one.
         known = equality.client in switched if mine is None else mine.until(end) > 0
-        if equality.active or known or (equality.link_a, equality.link_b) != (BASE, BASE):
+        if (
+            equality.active
+            or known
+            or equality.tendons
+            or (equality.link_a, equality.link_b) != (BASE, BASE)
+        ):
             continue
         body, other = scene.body(equality.body_b), scene.body(equality.body_a)
         ways = [_way_m(inputs, one.number, end) for one in (body, other)]

@@ -209,6 +209,8 @@ def _follows(bodies: BodyColumns) -> Iterator[tuple[Equality, int, int]]:
         return
     moved = {put.body.number for put in scene.seen.puts}
     for equality in scene.seen.equalities:
+        if equality.tendons:
+            continue
         for lead, body, link in (
             (equality.body_a, equality.body_b, equality.link_b),
             (equality.body_b, equality.body_a, equality.link_a),

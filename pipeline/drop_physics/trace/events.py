@@ -640,7 +640,7 @@ class Equality:
     name: str
     kind: str
     """`connect` or `weld`; `joint` for two joints (those before the links), or for one joint that
-    is locked, which is then both sides."""
+    is locked, which is then both sides; `tendon` for two tendons, or one, likewise."""
     body_a: int
     link_a: int
     body_b: int
@@ -655,11 +655,16 @@ class Equality:
     mass in the axes of the link's inertia; in world axes for a link of the world."""
     of_world: tuple[bool, bool] = (False, False)
     """Whether each side belongs to the world."""
+    orientations: tuple[tuple[float, ...], ...] = ()
+    """The two orientations that a weld brings together, quaternions x, y, z, w in the same axes as
+    the anchors; empty where the links may turn."""
     coefficients: tuple[float, ...] = ()
-    """Coefficients of the polynomial by which the first joint follows the second: c0 + c1 x + …,
-    relative to the joints' reference positions."""
+    """Coefficients of the polynomial by which the first joint or tendon follows the second:
+    c0 + c1 x + …, relative to their reference positions or lengths."""
     rest: tuple[float, ...] = ()
-    """The reference positions of both joints [rad] or [m]."""
+    """The reference positions of both joints [rad] or [m], or lengths of both tendons."""
+    tendons: tuple[str, ...] = ()
+    """The names of both tendons; the links are those at which these begin."""
 
 
 TENDON = "tendon"

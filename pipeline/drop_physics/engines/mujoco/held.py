@@ -9,16 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.engines.mujoco.described import DescribedModel, xyzw
-from drop_physics.physics.rotations import rotate_inverse
+from drop_physics.physics.rotations import products, rotate_inverse
 from drop_physics.physics.tree import BASE
 from drop_physics.trace.events import At, Equality
 
 Arrays = Mapping[str, NDArray[Any]]
 Numbers = tuple[float, ...]
 
-KINDS = {0: "connect", 1: "weld", 2: "joint"}
-"""Types of equalities between bodies, and between joints (`mjtEq`)."""
-WELD, OF_JOINTS = 1, 2
+KINDS = {0: "connect", 1: "weld", 2: "joint", 3: "tendon"}
+"""Types of equalities between bodies, joints and tendons (`mjtEq`)."""
+WELD, OF_JOINTS, OF_TENDONS = 1, 2, 3
+WRAPPED_JOINT, WRAPPED_SITE = 1, 3
+"""Types of the elements of which a tendon consists (`mjtWrap`)."""
+RELATIVE, TORQUE_SCALE = slice(6, 10), 10
+"""Where a weld's data have the orientation of the second body in the first one's axes, and the
+weight of its torque, with which 0 lets it turn."""
+IDENTITY = (0.0, 0.0, 0.0, 1.0)
 OF_BODY, OF_SITE = 1, 6
 """Types of objects that an equality joins (`mjtObj`)."""
 OVERRIDES = 1
@@ -26,7 +32,7 @@ OVERRIDES = 1
 
 
 def equalities_of(described: DescribedModel, client: int) -> Iterator[Equality]:
-    """Yield the equality constraints between bodies, and between two joints."""
+    """Yield the equality constraints between bodies, between joints, and between tendons."""
     arrays = described.arrays
     for number in range(len(np.atleast_1d(arrays.get("eq_type", ())))):
         which = int(arrays["eq_type"][number])
@@ -34,6 +40,8 @@ def equalities_of(described: DescribedModel, client: int) -> Iterator[Equality]:
         ids = [int(arrays[f"eq_obj{side}id"][number]) for side in (1, 2)]
         if which == OF_JOINTS:
             found = _of_joints(described, number, ids)
+        elif which == OF_TENDONS:
+            found = _of_tendons(described, number, ids)
         elif which in KINDS and of in (OF_BODY, OF_SITE):
             found = _of_bodies(described, number, ids, which, sites=of == OF_SITE)
         else:
@@ -67,21 +75,28 @@ def _of_bodies(
             at = 3 * (1 - side if which == WELD else side)
             point = data[at : at + 3]
         anchors.append(_from_centre(arrays, body, point))
+    turned: list[NDArray[Any]] = []
+    if which == WELD and data[TORQUE_SCALE] and sites:
+        turned = [xyzw(arrays["site_quat"][of]) for of in ids]
+    elif which == WELD and data[TORQUE_SCALE]:  # one is to stand in the first body as the second
+        turned = [xyzw(data[RELATIVE]), np.array(IDENTITY)]
     return {
         "body_a": body_a,
         "link_a": link_a,
         "body_b": body_b,
         "link_b": link_b,
         "anchors_m": tuple(anchors),
+        "orientations": tuple(
+            _in_inertial_axes(arrays, *each) for each in zip(bodies, turned, strict=False)
+        ),
         "of_world": (bodies[0] == 0, bodies[1] == 0),
     }
 
 
 def _of_joints(described: DescribedModel, number: int, ids: list[int]) -> dict[str, Any] | None:
     """Return the coupling between two joints; None if a joint is fixed or unknown."""
-    arrays, coefficients = described.arrays, _numbers(described.arrays["eq_data"][number][:5])
-    if ids[1] < 0:  # it holds the first where it is
-        ids, coefficients = [ids[0]] * 2, coefficients[:1]
+    arrays = described.arrays
+    ids, coefficients = _coupled(arrays, number, ids)
     places = {
         link.joint: (made.body.number, index)
         for made in described.bodies
@@ -100,6 +115,48 @@ def _of_joints(described: DescribedModel, number: int, ids: list[int]) -> dict[s
         "coefficients": coefficients,
         "rest": _numbers(np.asarray(arrays["qpos0"])[starts]),
     }
+
+
+def _of_tendons(described: DescribedModel, number: int, ids: list[int]) -> dict[str, Any] | None:
+    """Return the coupling between two tendons; None if a body at which one begins is unknown."""
+    arrays = described.arrays
+    ids, coefficients = _coupled(arrays, number, ids)
+    begins = [_begins(arrays, tendon) for tendon in ids]
+    if not all(body in described.link_of for body in begins):
+        return None
+    (body_a, link_a), (body_b, link_b) = (described.link_of[body] for body in begins)
+    return {
+        "body_a": body_a,
+        "link_a": link_a,
+        "body_b": body_b,
+        "link_b": link_b,
+        "coefficients": coefficients,
+        "rest": _numbers(np.ravel(arrays["tendon_length0"])[ids]),
+        "tendons": tuple(described.names["tendon"][tendon] for tendon in ids),
+    }
+
+
+def _coupled(arrays: Arrays, number: int, ids: list[int]) -> tuple[list[int], Numbers]:
+    """Return both joints or tendons of a coupling, and its coefficients.
+
+    One alone is held where it is: it is then both.
+    """
+    coefficients = _numbers(arrays["eq_data"][number][:5])
+    return (ids, coefficients) if ids[1] >= 0 else ([ids[0]] * 2, coefficients[:1])
+
+
+def _begins(arrays: Arrays, tendon: int) -> int:
+    """Return the body of a tendon's first joint or site; -1 if it begins at neither."""
+    first = int(np.ravel(arrays["tendon_adr"])[tendon])
+    kind, of = (int(np.ravel(arrays[f"wrap_{each}"])[first]) for each in ("type", "objid"))
+    on = {WRAPPED_JOINT: "jnt_bodyid", WRAPPED_SITE: "site_bodyid"}.get(kind)
+    return -1 if on is None else int(np.ravel(arrays[on])[of])
+
+
+def _in_inertial_axes(arrays: Arrays, body: int, turned: NDArray[Any]) -> Numbers:
+    """Return an orientation of a body's frame relative to its inertial axes."""
+    axes = np.array(IDENTITY) if body == 0 else xyzw(arrays["body_iquat"][body])
+    return _numbers(products(axes[None] * [-1, -1, -1, 1], turned[None])[0])
 
 
 def _from_centre(arrays: Arrays, body: int, point_m: NDArray[Any]) -> Numbers:
