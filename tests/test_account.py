@@ -425,7 +425,8 @@ def test_a_tendon_equality_is_told_by_the_lengths(told: Told) -> None:
         slide.format(name=name, y=mass, mass=mass) for mass, name in enumerate(names, 1)
     )
     more = f"""<option gravity='0 0 0'/><tendon>{"".join(fixed.format(name=n) for n in names)}
-    </tendon><equality><tendon name="both" tendon1="of_a" tendon2="of_b" polycoef="0.8 3 0 0 0"/>
+    </tendon><equality><tendon name="both" tendon1="of_a" tendon2="of_b" polycoef="0.8 3 0 0 0"
+    solref="-30 -30"/>
     <tendon name="one" tendon1="of_c" polycoef="0.4 0 0 0 0" solref="-30 -30"/></equality>"""
     rows = told(world, more, steps=500)
     a, b, c = (the(rows, "moved", name).got for name in names)
