@@ -19,7 +19,9 @@ from drop_physics.analysis.citing import citing
 from drop_physics.analysis.results import Analysis
 from drop_physics.errors import ScenarioError
 from drop_physics.report.account import rows_beside
+from drop_physics.report.bodies import joint_table
 from drop_physics.report.markdown import markdown_of
+from drop_physics.report.terminal import block_lines
 from drop_physics.report.words import beneath
 from drop_physics.rules.answer import Effect, Finding
 from drop_physics.stages.analyze import analyze
@@ -519,7 +521,7 @@ OF_PARTS = """
 <equality><connect name="left" body1="hung" anchor="0 0.1 0" solref="-100 -20"/>
   <connect name="right" body1="hung" anchor="0 -0.1 0" solref="-100 -20"/>
   <joint name="lock" joint1="held" polycoef="0.3 0 0 0 0"/></equality>
-<tendon><fixed name="cord"><joint joint="lift" coef="1"/></fixed></tendon>
+<tendon><fixed name="cord"><joint joint="lift" coef="2"/></fixed></tendon>
 <actuator><position name="hold" tendon="cord" kp="200" kv="30"/>
   <motor name="close" joint="push"/><motor name="spin" joint="socket" gear="0 0 1"/>
   <motor name="stamps" joint="down"/></actuator>
@@ -565,9 +567,31 @@ def test_what_spins_without_a_torque_has_it_from_the_start(parts: list[AccountRo
 
 
 def test_an_actuator_on_a_tendon_is_told_by_its_length(parts: list[AccountRow]) -> None:
-    row = the(parts, "asked", "hold")  # kp (ctrl - length) = m g
-    assert row.gap == pytest.approx(-2 * G / 200, rel=0.01)
+    row = the(parts, "asked", "hold")  # 2 kp (ctrl - length) = m g, as the length is twice the way
+    assert row.gap == pytest.approx(-2 * G / 2 / 200, rel=0.01)
     assert "the length of cord 0, got " in row.told
+    assert f"force {G:.3g}, with a moment arm of 2 on lift" in row.told
+
+
+def test_an_actuator_on_sites_is_told_by_length_and_force(tmp_path: Path, told: Told) -> None:
+    """A servo between two sites, with gear 2, against a spring: 2 kp (ctrl - 2 x) = k x."""
+    world = """<site name="wall"/><body name="sled"><joint name="way" type="slide" axis="1 0 0"
+    stiffness="100" damping="50"/><geom size="0.1" mass="1"/><site name="hook"/></body>"""
+    more = """<option gravity='0 0 0'/><actuator><position name="pull" site="hook" refsite="wall"
+    gear="2 0 0 0 0 0" kp="50"/></actuator>"""
+    row = the(told(world, more, "data.ctrl[0] = 0.3", steps=1500), "asked", "pull")
+    way_m = 2 * 50 * 0.3 / (100 + 4 * 50)
+    assert row.got == pytest.approx(2 * way_m, rel=1e-3)
+    assert row.gap == pytest.approx(2 * way_m - 0.3, rel=1e-3)
+    (sled,) = analyze(tmp_path / "script.rrd").bodies
+    (actuator,) = sled.actuators
+    assert actuator.force == pytest.approx(50 * (0.3 - 2 * way_m), rel=1e-3)
+    assert actuator.moments == {"way": pytest.approx(2.0, rel=1e-6)}
+    assert actuator.length == row.got
+    table = "\n".join(block_lines(joint_table(sled.label, sled.joints, sled.actuators)))
+    (line,) = [line for line in table.splitlines() if "pull" in line]
+    assert line.split()[:6] == ["pull", "position", "0.300", "0.200", "-0.100", "5.0"]
+    assert "arm 2 on way" in line
 
 
 def test_a_contact_of_own_links_is_one_term(parts: list[AccountRow]) -> None:

@@ -17,17 +17,19 @@ from drop_physics.account.ledger import Ledger, bins_for
 from drop_physics.account.names import Names
 from drop_physics.account.overlaps import Overlaps
 from drop_physics.account.ranking import ranked
-from drop_physics.account.read import Sensed, reading_rows, tendon_rows
+from drop_physics.account.read import Sensed, reading_rows
 from drop_physics.account.rows import AccountRow
 from drop_physics.account.series import BaseTrack
 from drop_physics.account.subjects import MeasuredBody, subject_of
 from drop_physics.account.terms import impulses_by_term, servos_of
 from drop_physics.account.touches import TouchTable
 from drop_physics.account.touching import touching_rows
+from drop_physics.account.transmitted import transmission_rows
 from drop_physics.account.twins import weaker_rows
 from drop_physics.account.words import RowWords
 from drop_physics.account.written import WrittenStates, energy_row
 from drop_physics.arrays import Float64
+from drop_physics.explain.actuators import ActuatorTable
 from drop_physics.explain.causes import Totals
 from drop_physics.explain.contact_points import Points
 from drop_physics.explain.driving import control_of
@@ -50,8 +52,8 @@ class Account:
         What was recorded.
     times
         Times of steps by client.
-    joints, touches
-        The tables of joints and of touching pairs, which are filled with the same chunks.
+    joints, touches, actuators
+        The tables of joints, touching pairs and actuators, which are filled with the same chunks.
     """
 
     def __init__(
@@ -60,6 +62,7 @@ class Account:
         times: Mapping[int, StepTimes],
         joints: JointTable,
         touches: TouchTable,
+        actuators: ActuatorTable,
     ) -> None:
         freedoms = sum(
             6 * body.base_moves + sum(joint.widths[1] for joint in body.joints)
@@ -67,7 +70,7 @@ class Account:
             if not body.soft
         )
         self._seen, self._bins = seen, bins_for(freedoms)
-        self._joints, self._touches = joints, touches
+        self._joints, self._touches, self._actuators = joints, touches, actuators
         self._words = RowWords(Names(seen.bodies, seen.dynamics), times)
         self._servos = {number: servos_of(body) for number, body in seen.bodies.items()}
         self._ledgers: dict[int, Ledger] = {}
@@ -189,7 +192,8 @@ class Account:
         controls = self._controls_of(subject.body, len(series))
         yield from asked.clamped_rows(subject, controls, series.steps)
         yield from idle_actuator_rows(subject, self._seen, controls)
-        yield from tendon_rows(subject, self._seen, controls)
+        of_body = self._actuators.rows(subject.body, self._seen.sensors)
+        yield from transmission_rows(subject, self._seen, of_body)
         given = GivenControls(subject, series, controls, words)
         yield from given.rows
         for k, aim in given.aims.items():

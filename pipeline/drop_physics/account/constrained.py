@@ -297,7 +297,7 @@ def _equality_row(
         told = told + Message("it is not active in any step, and pulls with nothing")
         return replace(row, kind="idle", told=told)
     if equality.tendons:
-        return _tendons_row(row, held, seen, lighter.ledger.last)
+        return _tendons_row(row, held, seen, lighter)
     if equality.coefficients:
         gap = Message(
             "{gap} off at {time} ({end} at the end)",
@@ -377,19 +377,21 @@ def _with_gaps(row: AccountRow, gap: Gap, turned: Gap, size_m: float) -> Account
     return replace(_with_gap(row, gap, "m", size_m), besides=((turned.most, "rad"),))
 
 
-def _tendons_row(row: AccountRow, held: HeldEquality, seen: Seen, last: int) -> AccountRow | None:
+def _tendons_row(
+    row: AccountRow, held: HeldEquality, seen: Seen, subject: MeasuredBody
+) -> AccountRow | None:
     """Return the row for the lengths of tendons; None if these are not recorded.
 
     The first, last, least and greatest length of each is recorded: of one tendon alone its largest
     gap follows, of two the gap at the end; while the equality is not active neither counts.
     """
-    equality = held.equality
+    equality, lasts = held.equality, subject.lasts(seen)
     lengths = {
         sensor.name: sensor.answers[0]
         for sensor in seen.sensors
         if sensor.kind == TENDON and sensor.client == equality.client
     }
-    if not all(name in lengths for name in equality.tendons) or not held.on:
+    if not all(name in lengths for name in equality.tendons) or not held.on or not lasts:
         return None
     one, other = (lengths[name] for name in equality.tendons)
     alone = equality.tendons[0] == equality.tendons[1]
@@ -409,7 +411,7 @@ def _tendons_row(row: AccountRow, held: HeldEquality, seen: Seen, last: int) -> 
         got=one.last,
         gap=off,
         unit="",
-        step=last,
+        step=subject.ledger.last,
         besides=((most, ""),),
         salience=abs(most) / (abs(asked) + 0.1) / EXACT,
     )

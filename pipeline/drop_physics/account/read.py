@@ -10,8 +10,7 @@ from drop_physics.account.rows import AccountRow
 from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.terms import Term
 from drop_physics.account.touches import PairKey, TouchedLinks
-from drop_physics.account.words import RowWords
-from drop_physics.arrays import Float64
+from drop_physics.account.words import RowWords, answered_range
 from drop_physics.explain.contact_points import Points
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.solids import solid_of
@@ -19,7 +18,7 @@ from drop_physics.messages import Message
 from drop_physics.physics.columns import rotation
 from drop_physics.physics.tree import BASE
 from drop_physics.quantities import number, quantity
-from drop_physics.trace.events import TENDON, Actuator, Sensor, located
+from drop_physics.trace.events import Sensor, located
 from drop_physics.trace.history import Seen
 from drop_physics.trace.readings import (
     DISTANCE,
@@ -125,6 +124,8 @@ class Sensed:
             subject = subjects.get(sensor.body)
             if subject is None or sensor.kind not in ("touch", "force") or not sensor.answers:
                 continue
+            if not subject.lasts(seen):
+                continue
             told = Message(
                 "{kind} on {link}: {value} at the end",
                 kind=sensor.kind,
@@ -132,7 +133,7 @@ class Sensed:
                 value=quantity(float(np.linalg.norm([a.last for a in sensor.answers])), "N"),
             )
             if len(sensor.answers) == 1:
-                told = told + _range(sensor.answers[0])
+                told = told + answered_range(sensor.answers[0])
             if sensor.kind == "touch":
                 told = told + self._touch(sensor, pairs)
             elif sensor.link > BASE:
@@ -164,50 +165,6 @@ class Sensed:
         return told
 
 
-def tendon_rows(
-    subject: MeasuredBody, seen: Seen, controls: Mapping[Actuator, Float64]
-) -> Iterator[AccountRow]:
-    """Yield a row for each actuator on a tendon: its control and the length of the tendon.
-
-    `controls` has its control in each step, shape (n,).
-    """
-    lengths = {
-        sensor.name: sensor.answers[0]
-        for sensor in seen.sensors
-        if sensor.kind == TENDON and sensor.client == subject.body.client
-    }
-    last = subject.ledger.last
-    for actuator, given in controls.items():
-        length = lengths.get(actuator.target) if actuator.acts_on == TENDON else None
-        if length is None or not len(given) or not np.isfinite(given[-1]):
-            continue
-        asks = actuator.kind == "position" and actuator.gear == 1
-        last_given, gap = float(given[-1]), length.last - float(given[-1])
-        template = (
-            Message("the length of {tendon} {given}, got {length} at the end")
-            if asks
-            else Message("ctrl {given} on {tendon}, whose length is {length} at the end")
-        )
-        told = Message(
-            template,
-            given=number(last_given),
-            tendon=actuator.target,
-            length=number(length.last),
-        )
-        yield AccountRow(
-            kind="asked" if asks else "given",
-            actuator=actuator.name,
-            told=told + _range(length),
-            asked=last_given,
-            got=length.last if asks else None,
-            gap=gap if asks else None,
-            unit="",
-            step=last,
-            salience=abs(gap) / (abs(last_given) + 0.1) if asks else 0.4,
-            subject=subject.body,
-        )
-
-
 def _whom(reading: Reading, words: RowWords) -> str:
     """Return the names of the bodies whose contacts a script line reads."""
     for target in reading.targets[:1]:
@@ -221,15 +178,15 @@ def _whom(reading: Reading, words: RowWords) -> str:
 
 def _points(answers: Mapping[str, Answer]) -> Message:
     told = Message("{points} in the last reading", points=_count(answers[POINTS].last))
-    told = told + _range(answers[POINTS])
+    told = told + answered_range(answers[POINTS])
     if FORCE in answers:
         first, whole = answers[FIRST_FORCE], answers[FORCE]
         told = told + Message(
             ", the first with a normal force of {force}", force=quantity(first.last, "N")
         )
-        told = told + _range(first)
+        told = told + answered_range(first)
         told = told + Message(", all together {force}", force=quantity(whole.last, "N"))
-        told = told + _range(whole)
+        told = told + answered_range(whole)
     if DISTANCE in answers and answers[FORCE].greatest <= LEAST_N:
         apart = quantity(answers[DISTANCE].last, "m")
         told = told + Message(", {apart} apart", apart=apart)
@@ -238,17 +195,6 @@ def _points(answers: Mapping[str, Answer]) -> Message:
 
 def _count(points: float) -> Message:
     return Message("1 point") if points == 1 else Message("{points:.0f} points", points=points)
-
-
-def _range(answer: Answer) -> Message:
-    """Describe the minimum and maximum of a return value; empty if both are equal."""
-    if answer.greatest - answer.least <= 1e-3 * max(abs(answer.greatest), abs(answer.least)):
-        return Message("")
-    return Message(
-        " (from {least} to {greatest})",
-        least=number(answer.least),
-        greatest=number(answer.greatest),
-    )
 
 
 def _pressing(

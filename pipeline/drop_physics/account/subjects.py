@@ -11,6 +11,7 @@ from drop_physics.account.ledger import Ledger
 from drop_physics.arrays import Float64
 from drop_physics.physics.tree import BASE, Tree
 from drop_physics.trace.events import Body
+from drop_physics.trace.history import Seen
 
 UNBOUNDED = ("plane", "hfield", "heightfield")
 """Kinds of shapes without a size."""
@@ -31,6 +32,10 @@ class MeasuredBody:
     mass_kg: float
     """The mass of the movable links."""
     weight_n: float
+
+    def lasts(self, seen: Seen) -> bool:
+        """Return whether its last steps here are those of the run, as the last readings are."""
+        return self.ledger.last >= seen.samples.get(self.body.client, 1) - 1
 
     @property
     def kind(self) -> Hashable:

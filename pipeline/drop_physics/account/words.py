@@ -14,6 +14,7 @@ from drop_physics.explain.times import StepTimes
 from drop_physics.messages import Message
 from drop_physics.quantities import number
 from drop_physics.trace.events import Body
+from drop_physics.trace.readings import Answer
 
 MOST_TERMS = 6
 """Maximum number of terms in a row."""
@@ -98,3 +99,14 @@ class RowWords:
             unit=unit,
             towards=value > 0,
         )
+
+
+def answered_range(answer: Answer) -> Message:
+    """Describe the minimum and maximum of a return value; empty if both are equal."""
+    if answer.greatest - answer.least <= 1e-3 * max(abs(answer.greatest), abs(answer.least)):
+        return Message("")
+    return Message(
+        " (from {least} to {greatest})",
+        least=number(answer.least),
+        greatest=number(answer.greatest),
+    )

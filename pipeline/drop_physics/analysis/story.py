@@ -106,7 +106,8 @@ class Story:
         self._joints = JointTable()
         self._touches = self.scene.touches if episode is None else TouchTable(seen)
         """The pairs to report: over all steps, or at the end of the episode."""
-        self._account = Account(seen, times, self._joints, self._touches) if asked else None
+        tables = self._joints, self._touches, self.scene.actuators
+        self._account = Account(seen, times, *tables) if asked else None
         shown = episodes[0] if len(episodes) == 1 else episode
         self._episodes = EpisodeTable(seen, times, episodes, shown)
         self._episode, self._about = episode, about

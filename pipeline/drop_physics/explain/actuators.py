@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from drop_physics.arrays import Float64
 from drop_physics.explain.driving import control_of
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.steps import BodySteps
-from drop_physics.trace.events import Actuator, Body
+from drop_physics.trace.events import FORCE, LENGTH, Actuator, Body, Sensor
 from drop_physics.trace.history import Piece
 
 AT_LIMIT = 1 - 1e-6
@@ -36,8 +36,14 @@ class ActuatorRow:
     """Range to which the control is clamped; null if it has none."""
     beyond_range_steps: int
     """The number of steps in which its control was outside the range."""
+    length: float | None
+    """Length of its transmission at the last step, which its gear scales: of a joint the position
+    [m] or [rad]; null if unknown."""
     force: float | None
     """Force in the last step [N] or [N m], before the gear ratio; null if unknown."""
+    moments: dict[str, float]
+    """Moment arm on each joint on which it acts: force [N] or torque [N m] on the joint per unit of
+    its own; empty without a force."""
     force_range: tuple[float, float] | None
     """Range to which the force is clamped; null if it has none."""
     at_force_limit_steps: int
@@ -52,6 +58,8 @@ class _Sums:
 
     given: float = np.nan
     force: float = np.nan
+    on_joints: Float64 = field(default_factory=lambda: np.empty(0))
+    """What it exerts on each rate of the joints in the last step [N] or [N m]."""
     most: float = 0.0
     """The largest magnitude of its control."""
     beyond: int = 0
@@ -74,9 +82,14 @@ class ActuatorTable:
                     if len(steps):
                         self._add(actuator, steps, explained.piece)
 
-    def rows(self, body: Body) -> Sequence[ActuatorRow]:
-        """Return the actuators of a body."""
-        return [self._row(body, actuator) for actuator in body.actuators]
+    def rows(self, body: Body, sensors: Sequence[Sensor]) -> Sequence[ActuatorRow]:
+        """Return the actuators of a body; `sensors` are those of the recording."""
+        read = {
+            (sensor.kind, sensor.name): sensor.answers[0].last
+            for sensor in sensors
+            if sensor.client == body.client and sensor.kind in (LENGTH, FORCE)
+        }
+        return [self._row(body, actuator, read) for actuator in body.actuators]
 
     def sends(self, body: Body) -> bool:
         """Return whether a position actuator of a body ever had a control other than 0."""
@@ -92,6 +105,10 @@ class ActuatorTable:
             low, high = actuator.ctrl_range
             sums.beyond += int(((given < low) | (given > high)).sum())
         name = f"actuator {actuator.name}"
+        if steps.covered:
+            impulse = steps.terms.get(name, np.zeros_like(steps.remainder))[-1]
+            exerted = impulse / steps.reported.timestep_s[-1]
+            sums.on_joints = exerted[steps.law.tree.first_rate :].copy()
         sums.energy_j += float(steps.changes.energy_j.get(name, np.zeros(1)).sum())
         force = _force(actuator, steps, name)
         if force is not None:
@@ -101,7 +118,10 @@ class ActuatorTable:
                 held = (force <= low * AT_LIMIT) if low < 0 else (force <= low)
                 sums.at_limit += int((held | (force >= high * AT_LIMIT)).sum())
 
-    def _row(self, body: Body, actuator: Actuator) -> ActuatorRow:
+    def _row(
+        self, body: Body, actuator: Actuator, read: Mapping[tuple[str, str], float]
+    ) -> ActuatorRow:
+        force = read.get((FORCE, actuator.name), np.nan)
         sums = self._sums.get((body.number, actuator.number), _Sums())
         return ActuatorRow(
             name=actuator.name,
@@ -111,11 +131,28 @@ class ActuatorTable:
             given=sums.given if np.isfinite(sums.given) else None,
             ctrl_range=actuator.ctrl_range,
             beyond_range_steps=sums.beyond,
-            force=sums.force if np.isfinite(sums.force) else None,
+            length=read.get((LENGTH, actuator.name)),
+            force=next((each for each in (sums.force, force) if np.isfinite(each)), None),
+            moments=_moments(body, sums.on_joints, force),
             force_range=actuator.force_range,
             at_force_limit_steps=sums.at_limit,
             energy_j=sums.energy_j,
         )
+
+
+def _moments(body: Body, exerted: Float64, force: float) -> dict[str, float]:
+    """Return the moment arms of a force that exerts something on joints, by joint name.
+
+    A joint with three rates has that with the largest arm.
+    """
+    if not force or not np.isfinite(force) or not len(exerted):
+        return {}
+    arms = {
+        joint.name: max((exerted[place] / force).tolist(), key=abs)
+        for joint, place in zip(body.joints, body.rates, strict=True)
+        if exerted[place].any()
+    }
+    return {name: float(arm) for name, arm in arms.items()}
 
 
 def _force(actuator: Actuator, steps: BodySteps, name: str) -> Float64 | None:

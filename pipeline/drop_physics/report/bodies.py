@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.fields import counted
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from drop_physics.account.joints import JointRow
     from drop_physics.account.rows import AccountRow
     from drop_physics.analysis.results import Analysis, BodyAnalysis, StepSum
+    from drop_physics.explain.actuators import ActuatorRow
     from drop_physics.rules.answer import Finding
 
 MOST_FINDINGS = 3
@@ -197,22 +198,94 @@ def _joints(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
     """Yield the tables of joints."""
     for body in bodies:
         if body.joints:
-            table = joint_table(body.label, sorted(body.joints, key=_place))
+            table = joint_table(body.label, sorted(body.joints, key=_place), body.actuators)
             yield Section([replace(table, left_out=_narrow)])
 
 
-def joint_table(label: str, rows: Sequence[JointRow]) -> DataTable:
-    """Return the table of a body's joints; the numbers of a row have that row's unit."""
-    names = [*map(_name, rows)]
+@dataclass(frozen=True, kw_only=True)
+class DriveRow:
+    """A row of the table of joints: a joint rate, or an actuator that acts on no single one."""
+
+    name: str
+    control: str
+    target: float | None = None
+    reached: float | None
+    off: float | None = None
+    unit: str
+    torque: float | None
+    limit: float | None
+    needs: float | None = None
+    torque_unit: str
+    notes: tuple[Message | Literal[""], ...]
+
+    @staticmethod
+    def of_joint(row: JointRow) -> DriveRow:
+        """Return the row of a joint rate."""
+        return DriveRow(
+            name=_name(row),
+            control=row.control,
+            target=row.target,
+            reached=row.reached,
+            off=row.off,
+            unit=row.unit,
+            torque=row.torque,
+            limit=row.force_limit,
+            needs=row.needs,
+            torque_unit=row.torque_unit,
+            notes=(_stopped(row.at_stop_steps), _limited(row.at_force_limit_steps)),
+        )
+
+    @staticmethod
+    def of_actuator(row: ActuatorRow) -> DriveRow:
+        """Return the row of an actuator: the length of its transmission, its force, its arms."""
+        asks = row.kind == "position"
+        known = None not in (row.given, row.length)
+        arms = [
+            Message("arm {arm} on {joint}", arm=f"{arm:.3g}", joint=joint)
+            for joint, arm in row.moments.items()
+        ]
+        return DriveRow(
+            name=row.name,
+            control=row.kind,
+            target=row.given if asks else None,
+            reached=row.length,
+            off=(row.length or 0.0) - (row.given or 0.0) if asks and known else None,
+            unit="",
+            torque=row.force,
+            limit=None if row.force_range is None else max(map(abs, row.force_range)),
+            torque_unit="",
+            notes=(joined(", ", arms) if arms else "", _limited(row.at_force_limit_steps)),
+        )
+
+
+def _stopped(steps: int) -> Message | Literal[""]:
+    return Message("at its stop in {steps}", steps=counted(steps, "step")) if steps else ""
+
+
+def _limited(steps: int) -> Message | Literal[""]:
+    return Message("at its limit in {steps}", steps=counted(steps, "step")) if steps else ""
+
+
+def joint_table(
+    label: str, joints: Sequence[JointRow], actuators: Sequence[ActuatorRow] = ()
+) -> DataTable:
+    """Return the table of a body's joints; the numbers of a row have that row's unit.
+
+    Actuators on a single joint rate are in its row; those on tendons, sites or several rates, of
+    `actuators`, are rows of their own.
+    """
+    single = {joint.name for joint in joints if joint.axis is None}
+    rows = [
+        *map(DriveRow.of_joint, joints),
+        *(
+            DriveRow.of_actuator(each)
+            for each in actuators
+            if each.acts_on != "joint" or each.target not in single
+        ),
+    ]
+    names = [row.name for row in rows]
     column = min(max(map(columns_of, (label, *names))) + 2, LONGEST_JOINT)
-    at_stop = [
-        Message("at its stop in {steps}", steps=counted(n, "step")) if n else ""
-        for n in (row.at_stop_steps for row in rows)
-    ]
-    at_limit = [
-        Message("at its limit in {steps}", steps=counted(n, "step")) if n else ""
-        for n in (row.at_force_limit_steps for row in rows)
-    ]
+    notes = zip(*(row.notes for row in rows), strict=True)
     return DataTable(
         [
             Column("", names, least=column - 1, most=column - 1),
@@ -221,7 +294,7 @@ def joint_table(label: str, rows: Sequence[JointRow]) -> DataTable:
             Column("", [row.unit for row in rows], gap=1),
             *_numbers(TORQUES, rows, FORCE, drop=3),
             Column("", [row.torque_unit for row in rows], gap=1, drop=2),
-            *(Column("", notes, fits=True) for notes in (at_stop, at_limit)),
+            *(Column("", [*each], fits=True) for each in notes),
         ],
         title=label,
     )
@@ -249,8 +322,8 @@ def _number(value: float | None, form: str) -> str:
     return format(0.0, form) if not text.strip("+-0.") else text
 
 
-Cells = Mapping[Message, Callable[["JointRow"], str]]
-"""Function that returns a joint's value for a column."""
+Cells = Mapping[Message, Callable[[DriveRow], str]]
+"""Function that returns a row's value for a column."""
 POSITIONS: Cells = {
     Message("target"): lambda row: _number(row.target, ".3f"),
     Message("reached"): lambda row: _number(row.reached, ".3f"),
@@ -259,13 +332,13 @@ POSITIONS: Cells = {
 """Columns in the joint's unit: rad or m, or per second for a velocity motor."""
 TORQUES: Cells = {
     Message("torque"): lambda row: _number(row.torque, ".1f"),
-    Message("limit"): lambda row: _number(row.force_limit, ".4g"),
+    Message("limit"): lambda row: _number(row.limit, ".4g"),
     Message("needs"): lambda row: _number(row.needs, ".1f"),
 }
 """Columns in the unit of the joint's torque or force: N m or N."""
 
 
-def _numbers(cells: Cells, rows: Sequence[JointRow], least: int, *, drop: int) -> Iterator[Column]:
+def _numbers(cells: Cells, rows: Sequence[DriveRow], least: int, *, drop: int) -> Iterator[Column]:
     """Yield columns; if room is short, the last with `drop` above 0 are removed first."""
     for place, (head, text) in enumerate(cells.items(), drop):
         yield Column(

@@ -667,8 +667,9 @@ class Equality:
     """The names of both tendons; the links are those at which these begin."""
 
 
-TENDON = "tendon"
-"""Sensor kind for the length of a tendon."""
+TENDON, LENGTH, FORCE = "tendon", "actuator length", "actuator force"
+"""Sensor kinds for the length of a tendon, and for the length of an actuator's transmission, which
+its gear scales, and its force."""
 
 
 @dataclass(frozen=True)
@@ -680,7 +681,7 @@ class Sensor:
     name: str
     kind: str
     """`touch`, `force`, `torque`, `accelerometer`, `velocimeter`, `gyro`, `magnetometer`,
-    `rangefinder`; `tendon` for a tendon's length; empty for any other."""
+    `rangefinder`; TENDON, LENGTH, FORCE for tendons and actuators; empty for any other."""
     body: int
     """Id of the body to which it is attached; -1 if there is none, or it is unknown."""
     link: int

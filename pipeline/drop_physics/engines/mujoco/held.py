@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.engines.mujoco.described import DescribedModel, xyzw
+from drop_physics.engines.mujoco.described import WRAPS_JOINT, WRAPS_SITE, DescribedModel, xyzw
 from drop_physics.physics.rotations import products, rotate_inverse
 from drop_physics.physics.tree import BASE
 from drop_physics.trace.events import At, Equality
@@ -19,8 +19,6 @@ Numbers = tuple[float, ...]
 KINDS = {0: "connect", 1: "weld", 2: "joint", 3: "tendon"}
 """Types of equalities between bodies, joints and tendons (`mjtEq`)."""
 WELD, OF_JOINTS, OF_TENDONS = 1, 2, 3
-WRAPPED_JOINT, WRAPPED_SITE = 1, 3
-"""Types of the elements of which a tendon consists (`mjtWrap`)."""
 RELATIVE, TORQUE_SCALE = slice(6, 10), 10
 """Where a weld's data have the orientation of the second body in the first one's axes, and the
 weight of its torque, with which 0 lets it turn."""
@@ -149,7 +147,7 @@ def _begins(arrays: Arrays, tendon: int) -> int:
     """Return the body of a tendon's first joint or site; -1 if it begins at neither."""
     first = int(np.ravel(arrays["tendon_adr"])[tendon])
     kind, of = (int(np.ravel(arrays[f"wrap_{each}"])[first]) for each in ("type", "objid"))
-    on = {WRAPPED_JOINT: "jnt_bodyid", WRAPPED_SITE: "site_bodyid"}.get(kind)
+    on = {WRAPS_JOINT: "jnt_bodyid", WRAPS_SITE: "site_bodyid"}.get(kind)
     return -1 if on is None else int(np.ravel(arrays[on])[of])
 
 

@@ -1,4 +1,4 @@
-"""Sensor readings and tendon lengths of a MuJoCo model."""
+"""Sensor readings of a MuJoCo model, and lengths and forces of its tendons and actuators."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drop_physics.engines.mujoco.described import GEOMS, Arrays, DescribedModel, size_of, xyzw
 from drop_physics.physics.rotations import products, rotate_inverse
-from drop_physics.trace.events import TENDON, At, Collision, Sensor
+from drop_physics.trace.events import FORCE, LENGTH, TENDON, At, Collision, Sensor
 from drop_physics.trace.readings import Answer
 from drop_physics.trace.states import BASE
 
@@ -27,12 +27,18 @@ def sensors_of(
 ) -> Iterator[Sensor]:
     """Yield a model's sensors, from the first, last, least and greatest value of each number.
 
-    `kept` has the shape (4, numbers); the lengths of tendons are the last of the numbers.
+    `kept` has the shape (4, numbers): after those of the sensors the lengths of the tendons, then
+    lengths and forces of the actuators.
     """
-    arrays, tendons = described.arrays, described.names["tendon"]
-    for number, name in enumerate(tendons[:MOST]):
-        length = kept[:, [kept.shape[1] - len(tendons) + number]]
-        yield Sensor(At(0, 0.0, number), client, name, TENDON, -1, BASE, (*_answers(length),))
+    arrays = described.arrays
+    others = ((TENDON, "tendon"), (LENGTH, "actuator"), (FORCE, "actuator"))
+    at = kept.shape[1] - sum(len(described.names[element]) for _, element in others)
+    for kind, element in others:
+        for number, name in enumerate(described.names[element]):
+            if number < MOST:
+                answers = (*_answers(kept[:, [at + number]]),)
+                yield Sensor(At(0, 0.0, number), client, name, kind, -1, BASE, answers)
+        at += len(described.names[element])
     for number, name in enumerate(described.names["sensor"][:MOST]):
         which, of = (int(np.ravel(arrays[f"sensor_{each}"])[number]) for each in ("type", "objid"))
         at, width = (int(np.ravel(arrays[f"sensor_{each}"])[number]) for each in ("adr", "dim"))

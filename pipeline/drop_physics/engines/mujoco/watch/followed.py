@@ -117,14 +117,15 @@ class WatchedModel:
 class SensorExtremes:
     """The first, last, least and greatest value of each sensor number.
 
-    So are those of the lengths of tendons, which come after them. They are in memory that the
-    recorder shares: no crash loses any.
+    So are those of the lengths of tendons, and of the lengths and forces of actuators, which come
+    after them. They are in memory that the recorder shares: no crash loses any.
     """
 
     @staticmethod
     def of(watch: MujocoWatch, d: Any) -> SensorExtremes | None:
-        """Return the extremes for an MjData; None without sensors or tendons, or without room."""
-        read = [each for each in (d.sensordata, d.ten_length) if each.size]
+        """Return the extremes for an MjData; None without any of them, or without room."""
+        numbers = d.sensordata, d.ten_length, d.actuator_length, d.actuator_force
+        read = [each for each in numbers if each.size]
         size = EXTREMES * sum(each.size for each in read)
         begin = PLACES * ANSWERS * EXTREMES - watch.sensed - size  # from behind
         if not size or begin < 0 or not watch.pipe.open:
