@@ -1,1 +1,1 @@
-"""MuJoCo: the world of a drop, and the recording and explanation of any script's steps."""
+"""MuJoCo worlds for simulated drops; recording and explaining of scripts that use MuJoCo."""

@@ -1,4 +1,4 @@
-"""Compares two MuJoCo runs, and makes one engine's steps from the other run's states."""
+"""Compares two MuJoCo runs by stepping one run's engine from states of the other run."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ ROWS_OF |= {"mocap_pos": "body", "mocap_quat": "body"}
 
 @dataclass(frozen=True, eq=False)
 class CrossedRun:
-    """One of the two compared runs."""
+    """Engine, recorded steps and settings of one of two compared runs."""
 
     engine: str
     """Name and version of the run's MuJoCo."""
@@ -48,7 +48,7 @@ class CrossedRun:
 
 
 class CrossedRuns:
-    """Two compared MuJoCo runs: the implementation of `trace.swaps.OneStep`.
+    """Two compared MuJoCo runs, which implement the interface `trace.swaps.OneStep`.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class CrossedRuns:
     # -- what corresponds -------------------------------------------------------------------------
 
     def _places(self, name: str) -> tuple[Int64, Int64, list[str]]:
-        """Return the columns of a state part that correspond in both runs, and their elements."""
+        """Return which columns of `qpos`, `qvel` … correspond in both runs, and their joints."""
         kind = ROWS_OF.get(name)
         if kind is None:
             width = self._width(self._a, name)
@@ -115,7 +115,7 @@ class CrossedRuns:
         return np.array(mine, np.int64), np.array(theirs, np.int64), labels
 
     def _columns_of(self, side: int, name: str, number: int) -> list[int]:
-        """Return the columns of a part of the state that belong to an element of one run."""
+        """Return the columns of `qpos`, `qvel` … that belong to one joint or other element."""
         fields = (self._a, self._b)[side].fields
         if name == "qpos":
             first = int(fields["jnt_qposadr"][number])
@@ -155,7 +155,7 @@ class CrossedRuns:
                 yield Paired(name, "hidden", labels, *starts, *ends)
 
     def _added(self) -> Iterator[Paired]:
-        """Yield what callbacks add to the passive forces, in either run."""
+        """Yield the forces that the script's callbacks add to the passive forces, in either run."""
         a, b, n = self._a.steps.acting, self._b.steps.acting, self._count
         if PASSIVE in a or PASSIVE in b:
             mine, theirs, labels = self._columns["qvel"]
@@ -183,7 +183,7 @@ class CrossedRuns:
         return found
 
     def _edited(self) -> Iterator[Paired]:
-        """Yield the model fields that one of the runs writes while it runs."""
+        """Yield the model fields that either script writes during its run."""
         a, b, n = self._a.steps, self._b.steps, self._count
         for name in sorted(a.edited.keys() | b.edited.keys()):
             mine, theirs = self._a.fields.get(name), self._b.fields.get(name)
@@ -203,7 +203,7 @@ class CrossedRuns:
     # -- steps ------------------------------------------------------------------------------------
 
     def _based(self) -> Mapping[str, Float64]:
-        """Return the first run's states and inputs in the second's columns, shape (n, width)."""
+        """Return the first run's states and inputs, in the second run's columns, (n, width)."""
         a, b, n = self._a.steps, self._b.steps, self._count
         found = {}
         for group_a, group_b in ((a.before, b.before), (a.inputs, b.inputs)):
@@ -215,7 +215,7 @@ class CrossedRuns:
         return found
 
     def _crossing(self, steps: Int64, kept: Mapping[str, Sequence[int]] = {}) -> Frames:
-        """Return frames of the first run's steps, converted for the second run's engine."""
+        """Return start states of the first run's steps, converted for the second run's engine."""
         b = self._b.steps
         rows = {name: held[steps] for name, held in self._base.items()}
         for column in self.common.columns:
@@ -233,7 +233,7 @@ class CrossedRuns:
         return _frames(self._a.steps, b, rows, steps, edits)
 
     def redone(self, *, whole: bool = False) -> Flags:
-        """Return whether the first run's engine reproduces each of its steps, shape (n,)."""
+        """Flag the steps that the first run's engine reproduces from their starts, shape (n,)."""
         a, steps = self._a.steps, np.arange(self._count)
         states = self._a.swapper.states(self._own(steps))
         same = np.ones(self._count, np.bool_)
@@ -243,7 +243,7 @@ class CrossedRuns:
         return same
 
     def settled(self) -> Flags:
-        """Flag the steps in which nothing falls asleep or wakes, shape (n,)."""
+        """Flag the steps in which no kinematic tree falls asleep or wakes, shape (n,)."""
         a = self._a.steps
         if ASLEEP not in a.before:
             return np.ones(self._count, np.bool_)
@@ -267,7 +267,7 @@ class CrossedRuns:
         *,
         whole: bool = False,
     ) -> Flags:
-        """Return whether the second engine reproduces the first run's steps, shape (k,)."""
+        """Flag the steps of the first run that the second engine reproduces, shape (k,)."""
         states = self._b.swapper.states(self._crossing(steps, kept), self._edits_of(swapped))
         same = np.ones(len(steps), np.bool_)
         for name in self._a.steps.after if whole else (*MOTION, "act"):
@@ -278,7 +278,7 @@ class CrossedRuns:
         return same
 
     def sizes(self, steps: Int64, swapped: Sequence[int]) -> Float64:
-        """Return the largest velocity difference after each of these steps, shape (k,)."""
+        """Return the largest velocity difference between the engines after each step, (k,)."""
         states = self._b.swapper.states(self._crossing(steps), self._edits_of(swapped))
         return self._off(states["qvel"], steps)
 
@@ -290,7 +290,7 @@ class CrossedRuns:
     def stages(
         self, steps: Int64, swapped: Sequence[int]
     ) -> list[tuple[StageApart, StageApart | None]]:
-        """Return each step's first stage that differs at all, and first beyond rounding."""
+        """Return each step's first computation stage that differs, and first beyond rounding."""
         mine = self._a.swapper.stages(self._own(steps))
         theirs = self._b.swapper.stages(self._crossing(steps), self._edits_of(swapped))
         return [
@@ -299,7 +299,7 @@ class CrossedRuns:
         ]
 
     def _own(self, steps: Int64) -> Frames:
-        """Return frames of the first run's steps, for the first run's engine."""
+        """Return start states of the first run's steps, unconverted, for its own engine."""
         a = self._a.steps
         rows = {name: held[steps] for name, held in {**a.before, **a.inputs}.items()}
         edits = [
@@ -310,7 +310,7 @@ class CrossedRuns:
         return _frames(a, a, rows, steps, edits)
 
     def features(self, step: int, swapped: Sequence[int]) -> list[str]:
-        """Return the features each of which, if disabled, makes both engines' steps agree."""
+        """Return the engine features that, if disabled, make both engines' steps agree."""
         steps, found = np.array([step]), []
         mine, theirs = self._own(steps), self._crossing(steps)
         for name in self._a.features:
@@ -327,7 +327,10 @@ class CrossedRuns:
         return found
 
     def term(self, step: int, swapped: Sequence[int]) -> TermPut | None:
-        """Return the force term whose difference, applied as a force, makes both steps agree."""
+        """Return the force term that explains why both engines' steps differ, if there is one.
+
+        Its difference, applied as an external force, makes both steps agree.
+        """
         steps, edits = np.array([step]), self._edits_of(swapped)
         crossing = self._crossing(steps)
         mine = self._a.swapper.stages(self._own(steps))
@@ -349,7 +352,11 @@ class CrossedRuns:
         return None
 
     def nudged(self, step: int, size: float, count: int) -> tuple[bool, list[float]]:
-        """Continue the first run from a step, with its inputs and slightly changed velocities."""
+        """Repeat the first run from a step on, with slightly changed start velocities.
+
+        Returns whether the unchanged repetition ends as recorded, and how far the others end from
+        it.
+        """
         a, draws = self._a.steps, np.random.default_rng(0)
         width = a.after["qvel"].shape[1]
         nudges = [np.zeros(width), *(size * draws.choice((-1.0, 1.0), width) for _ in range(count))]
@@ -360,7 +367,7 @@ class CrossedRuns:
         return bool(np.array_equal(ends[0], a.full.after["qpos"][-1])), sorted(off.tolist())
 
     def apart(self, step: int) -> EndApart:
-        """Return where, and by how much, the runs differ most after a step."""
+        """Return the coordinate in which the runs differ most after a step, and by how much."""
         found = EndApart(0.0, "m", "")
         for i, j in self._matched.pairs("jnt"):
             a, b = (
@@ -376,7 +383,7 @@ class CrossedRuns:
 
 
 def _distances(a: Float64, b: Float64, kind: int) -> Iterator[tuple[float, str]]:
-    """Yield the distances between two positions of a joint, each with its unit."""
+    """Yield the distances between two positions of the same joint, each with its unit."""
     if kind in (2, 3):
         yield float(abs(a[0] - b[0])), "m" if kind == 2 else "rad"
         return
@@ -390,7 +397,7 @@ def _distances(a: Float64, b: Float64, kind: int) -> Iterator[tuple[float, str]]
 def _values(
     edited: tuple[Int64, Float64] | None, compiled: NDArray[Any], indices: Int64, count: int
 ) -> Float64:
-    """Return the values of a field's elements in each step, shape (count, k)."""
+    """Return the values of a model field's elements in each step, shape (count, k)."""
     start = np.ravel(compiled).astype(np.float64)[indices]
     rows = np.repeat(start[None], count, axis=0)
     if edited is not None:
@@ -401,7 +408,7 @@ def _values(
 def _edits(
     paired: Paired, steps: Int64, indices: Int64, kept: Sequence[int]
 ) -> Iterator[ModelEdit]:
-    """Yield the edits that give a field the first run's values in the given steps."""
+    """Yield model edits that give a field the values that it had in the first run's steps."""
     rows = paired.before_a[steps].copy()
     rows[:, [*kept]] = paired.before_b[steps][:, [*kept]]
     yield from _rows_edits(paired.name, indices, rows)
@@ -420,7 +427,7 @@ def _frames(
     steps: Int64,
     edits: Sequence[ModelEdit],
 ) -> Frames:
-    """Return frames in which each step starts from its own row."""
+    """Return start states (frames) in which step i starts from row i of the given arrays."""
     whole = run.whole
     starts_s = run.starts_s[steps]
     at = np.array([0])
@@ -450,13 +457,13 @@ def _frames(
 
 
 def _later(rows: Float64) -> Float64:
-    """Return the rows shifted by one, so that each is its successor; the first comes last."""
+    """Return, for each row, the row that follows; for the last row, the first."""
     later: Float64 = np.concatenate([rows[1:], rows[:1]])
     return later
 
 
 def _posed(whole: Frames, steps: Int64) -> dict[str, FrameColumn]:
-    """Return the other states' parts from which positions were computed, for the given steps."""
+    """Return the older states from which the steps' derived positions were computed, by part."""
     found = {}
     for name, column in whole.posed.items():
         rows = dict(zip(column.at.tolist(), column.rows, strict=True))

@@ -1,4 +1,4 @@
-"""Describes a MuJoCo model as bodies of a recording, and their states from `qpos` and `qvel`.
+"""Converts a MuJoCo model into bodies of a recording, and `qpos` and `qvel` into their states.
 
 A body of a recording is a child of MuJoCo's world with all that hangs on it: its base is that child
 if the child has a free joint or none, otherwise the world. A body with several joints becomes a row
@@ -66,7 +66,7 @@ NAMED = {"joint": "jnt", "tendon": "tendon", "site": "site", "body": "body"}
 
 @dataclass(frozen=True)
 class LinkOf:
-    """A link of a recorded body."""
+    """A link of a recorded body, and the MuJoCo body and joint that it stands for."""
 
     of: int
     """Index of MuJoCo's body; -1 for a base that is the world."""
@@ -95,7 +95,7 @@ class DescribedBody:
     """MuJoCo's free joint of the base; -1 if there is none."""
 
     def as_number(self, number: int, client: int) -> DescribedBody:
-        """Return this body with another id, for another simulation of the same model."""
+        """Return a copy of this body with another id, for another simulation of the same model."""
         label = f"{number}_{_plain(self.body.name)}"
         return replace(self, body=replace(self.body, number=number, label=label, client=client))
 
@@ -107,7 +107,7 @@ class DescribedBody:
 
 @dataclass(frozen=True)
 class DescribedModel:
-    """The recorded bodies of a model."""
+    """The recorded bodies of a MuJoCo model."""
 
     arrays: Arrays
     bodies: tuple[DescribedBody, ...]
@@ -187,7 +187,7 @@ def described(
 
 
 def _nodes(arrays: Arrays, names: list[str]) -> dict[int, str]:
-    """Return, for each MuJoCo body that is a node, the name of its flexible body."""
+    """Return the flexible body (flex) to which each of its node bodies belongs, by body id."""
     found: dict[int, str] = {}
     bodies = np.atleast_1d(arrays.get("flex_vertbodyid", ()))
     for flex, name in enumerate(names if len(bodies) else ()):
@@ -200,7 +200,7 @@ def _nodes(arrays: Arrays, names: list[str]) -> dict[int, str]:
 def _apart(
     arrays: Arrays, link_of: Mapping[int, tuple[int, int]]
 ) -> dict[int, list[tuple[int, int, int]]]:
-    """Return the contacts that a model excludes, by the lower body id."""
+    """Return the contacts that a model excludes (`<exclude>`), by the lower body id."""
     found: dict[int, list[tuple[int, int, int]]] = {}
     for signature in np.atleast_1d(arrays.get("exclude_signature", ())).tolist():
         both = signature >> 16, signature & 0xFFFF
@@ -211,7 +211,7 @@ def _apart(
 
 
 def _top(parents: list[int], body: int) -> int:
-    """Return the child of the world to whose tree a body belongs."""
+    """Return the root of a body's kinematic tree: the ancestor attached to the world."""
     while parents[body]:
         body = parents[body]
     return body
@@ -265,7 +265,7 @@ def _inverse(quaternion: Float64) -> Float64:
 
 
 def _inertial(arrays: Arrays, body: int) -> Pose:
-    """Return the pose of a body's centre of mass and inertial axes in its own frame."""
+    """Return the pose of a body's centre of mass and inertial axes in the body frame."""
     return np.asarray(arrays["body_ipos"][body], np.float64), xyzw(arrays["body_iquat"][body])
 
 
@@ -281,7 +281,7 @@ def _described(
     client: int,
     folder: Path,
 ) -> DescribedBody:
-    """Describe a child of the world, with its whole kinematic tree, as one body."""
+    """Describe a kinematic tree, given by its MuJoCo bodies, as one recorded body."""
     top = members[0]
     name = names["body"][top]
     label = f"{number}_{_plain(name)}"
@@ -355,7 +355,7 @@ def _described(
 def _keyframes(
     arrays: Arrays, names: Mapping[str, list[str]], made: DescribedBody
 ) -> Iterator[Keyframe]:
-    """Yield a model's keyframes as poses of one body with joints."""
+    """Yield the poses of one jointed body in the model's keyframes."""
     if not len(made.positions) or "key_qpos" not in arrays:
         return
     qpos = np.asarray(arrays["key_qpos"], np.float64)[:MOST_KEYFRAMES]
@@ -473,7 +473,7 @@ def reported_of(arrays: Arrays, made: DescribedBody) -> dict[str, Float64]:
 
 
 def _edited_masses(arrays: Arrays, made: DescribedBody) -> Iterator[list[float]]:
-    """Yield the inertia of edited masses that the mass matrix lacks, with its motion per dof."""
+    """Yield the inertia of edited masses that MuJoCo's mass matrix lacks, with motion per dof."""
     moves: list[tuple[int, int]] = []
     if made.free >= 0:
         first = int(arrays["jnt_dofadr"][made.free])
@@ -517,7 +517,7 @@ def _tendons_with_inertia(arrays: Arrays, made: DescribedBody) -> Iterator[list[
 def base_of(
     arrays: Arrays, made: DescribedBody, qpos: Float64, qvel: Float64, *, unit: bool = False
 ) -> Float64:
-    """Return position, orientation, linear and angular velocity of a free base, shape (n, 13).
+    """Return pose and velocities of a floating base from `qpos` and `qvel`, shape (n, 13).
 
     MuJoCo's are those of the body's frame: the velocity in the world's axes, the spin in its own.
     `unit`: whether nobody but MuJoCo wrote the quaternions, so that they are taken to the bit.
@@ -552,7 +552,7 @@ def joints_of(made: DescribedBody, qpos: Float64, qvel: Float64) -> tuple[Float6
 
 
 def standing_base(arrays: Arrays, made: DescribedBody, mocap: Pose | None) -> Float64:
-    """Return the state of a base without a free joint, shape (13,)."""
+    """Return the pose and zero velocities of a base without a free joint, shape (13,)."""
     state = np.zeros(13)
     state[6] = 1.0
     if made.links[0].of < 0 or made.links[0].of == 0:
@@ -655,7 +655,7 @@ def _hull(arrays: Arrays, mesh: int) -> tuple[float, ...]:
 def _actuators(
     arrays: Arrays, names: Mapping[str, list[str]], mine: set[int]
 ) -> Iterator[Actuator]:
-    """Yield the actuators that act on a body's joints, or on elements that only it has."""
+    """Yield the actuators that act on a body's joints or other elements, and on no other body's."""
     for number in range(len(names["actuator"])):
         kind = TRANSMISSIONS.get(int(arrays["actuator_trntype"][number]), "other")
         target = int(arrays["actuator_trnid"][number, 0])

@@ -1,4 +1,4 @@
-"""Elements of compiled models, by name, and which of them correspond in two models."""
+"""Named elements of compiled models (joints, geoms …), matched between two models."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FREE, BALL = 0, 1
 
 
 class Elements:
-    """The elements of a model.
+    """The joints, geoms, actuators and other elements of a model.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ class Matched:
             self._pairs[kind] = sorted(pair for pair in pairs if self._alike(kind, *pair))
 
     def _alike(self, kind: str, mine: int, theirs: int) -> bool:
-        """Return whether two elements can correspond: joints only if their types agree."""
+        """Return whether two elements may be matched: joints only if they have the same type."""
         if kind == "dof":
             mine, theirs = self.a.dof_joints[mine][0], self.b.dof_joints[theirs][0]
         if kind not in ("jnt", "dof"):

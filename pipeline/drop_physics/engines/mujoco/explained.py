@@ -1,4 +1,4 @@
-"""Explained steps as arrays, received from the interpreter with the script's MuJoCo."""
+"""Explanations of steps, received as arrays from the process with the script's MuJoCo."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ normal from the first to the second; force on the second. World axes."""
 
 
 class ImpulseTerm(NamedTuple):
-    """A cause of impulses."""
+    """A named term of a step's momentum balance, such as gravity or one actuator."""
 
     kind: str
     """`gravity`, `bias`, `spring`, `damper`, `fluid`, `adhesion`, `gravity compensation`,
@@ -45,7 +45,7 @@ class ImpulseTerm(NamedTuple):
 
 @dataclass
 class Vocabulary:
-    """The terms, pairs and patterns of a model, to which chunks refer by index."""
+    """A model's terms, geom pairs and sets of terms, to which explained chunks refer by index."""
 
     terms: list[ImpulseTerm] = field(default_factory=list)
     patterns: list[NDArray[np.int64]] = field(default_factory=list)
@@ -54,7 +54,7 @@ class Vocabulary:
 
 @dataclass(frozen=True)
 class ReplayedPiece:
-    """The explanation of a chunk of successive steps of one simulation."""
+    """The explanation of consecutive steps of one simulation, replayed together."""
 
     world: int
     model: int
@@ -100,7 +100,7 @@ class ReplayedPiece:
 def piece_of(
     said: dict[str, Any], arrays: dict[str, NDArray[Any]], vocabulary: Vocabulary
 ) -> ReplayedPiece:
-    """Decode a chunk, and add the terms of its model to the vocabulary."""
+    """Decode the explanation of a chunk, and add new terms to the vocabulary."""
     vocabulary.terms += [
         ImpulseTerm(kind, first, second, np.array(dofs, np.int64))
         for kind, first, second, dofs in said.get("terms", [])
@@ -129,7 +129,7 @@ def piece_of(
 def _touches(
     steps: NDArray[np.int64], arrays: dict[str, NDArray[Any]], pairs: Float64
 ) -> NDArray[Any]:
-    """Return the contact points of a chunk."""
+    """Return the contact points in a chunk's steps."""
     if "point.count" not in arrays:
         return np.zeros(0, TOUCH)
     found = np.zeros(len(arrays["point.pair"]), TOUCH)

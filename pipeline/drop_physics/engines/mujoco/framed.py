@@ -1,4 +1,4 @@
-"""Builds the frames of a simulation, the start states of its steps, from chunks of the stream."""
+"""Builds frames, which hold all that is needed to replay a step, from the received stream."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FEW_STEPS = 5000
 
 
 class FramesOfSteps:
-    """Collects everything between one simulation's steps until a chunk is complete.
+    """Builds the frames of one simulation, chunk by chunk.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class FramesOfSteps:
         self._edits: dict[int, list[Edited]] = {}
 
     def wrote(self, written: ReceivedWrite, held: Held, piece: StepPiece) -> None:
-        """Store values written before a step; `held` is the state that includes them."""
+        """Store what the script wrote before a step; `held` is the state including it."""
         step, parts = written.step, {*written.parts}
         row = step - piece.first - 1
         left_s = piece.times_s[row] if row >= 0 else self.clock_s
@@ -68,21 +68,21 @@ class FramesOfSteps:
             self._inputs[name][step] = held[name]
 
     def posed(self, written: ReceivedWrite, held: Held) -> None:
-        """Store the other state from which a step's positions were computed."""
+        """Store an older state from which a step's derived positions were computed."""
         for name, (indices, values) in written.parts.items():
             row = np.array(values if indices is None else held[name], np.float64)
             row[slice(None) if indices is None else indices] = values
             self._posed.setdefault(name, {})[written.step] = row
 
     def edited(self, edits: Iterable[Edited]) -> None:
-        """Store edits of the model."""
+        """Store the script's edits of the model."""
         for edit in edits:
             self._edits.setdefault(edit.step, []).append(edit)
 
     def of_piece(
         self, piece: StepPiece, timestep_s: float, shared: Mapping[str, Sequence[SharedColumns]]
     ) -> Frames:
-        """Return the frames of a chunk, once everything between its steps was stored.
+        """Return the frames of a chunk, after its writes and edits were stored.
 
         Parameters
         ----------
@@ -158,11 +158,11 @@ class KeptFrames:
 
     @property
     def is_full(self) -> bool:
-        """True if the run is too long to be explained at once; nothing is kept then."""
+        """True if the run is too long to be explained after recording; keeps no frames then."""
         return self._steps >= FEW_STEPS
 
     def add(self, frames: Frames) -> None:
-        """Add a chunk."""
+        """Keep the frames of a chunk."""
         self._steps += len(frames)
         if self.is_full:
             self.close()
@@ -187,12 +187,12 @@ class KeptFrames:
 
 
 def _until(rows: dict[int, T], end: int) -> dict[int, T]:
-    """Remove and return the rows for steps before `end`."""
+    """Remove and return the stored rows for steps before `end`."""
     return {step: rows.pop(step) for step in sorted(rows) if step < end}
 
 
 def _of_width(row: NDArray[Any] | None, width: int) -> Float64:
-    """Return one part of a state; parts that were never sent are zero."""
+    """Return an array of the given width; zeros if the script's process never sent it."""
     whole = np.zeros(width)
     if row is not None:
         whole[: len(row)] = row
@@ -200,7 +200,7 @@ def _of_width(row: NDArray[Any] | None, width: int) -> Float64:
 
 
 def _column(rows: Mapping[int, NDArray[Any] | None], width: int, first: int) -> FrameColumn:
-    """Return the rows of a part as a column."""
+    """Return sparse rows, keyed by step, as a frame column."""
     whole = np.array([_of_width(row, width) for row in rows.values()])
     return FrameColumn(np.array([*rows], np.int64) - first, whole)
 

@@ -1,4 +1,4 @@
-"""Packed frames in which a MuJoCo script's process sends its simulations, written and read here.
+"""Binary format in which a MuJoCo script's process sends its states, written and read here.
 
 Two processes share this file: the script's own (`watch`), which may have an older Python and none
 of our packages, and the one that reads. `explain` replays the frames, and answers with `ARRAYS`.
@@ -118,12 +118,12 @@ LONG = 32
 
 
 def kind_of(name: str) -> np.dtype[Any]:
-    """Return the numpy type of a part's elements."""
+    """Return the numpy type of a state array, such as `qpos`, by name."""
     return KINDS.get(name, DOUBLE)
 
 
 def part_bytes(number: int, before: bytes | memoryview, now: bytes | memoryview) -> bytes:
-    """Return the changed elements of a part of the state in frame format."""
+    """Pack the changed elements of a state array, such as `qpos`."""
     dtype = kind_of(PARTS[number])
     new = np.frombuffer(now, dtype)
     if len(new) > LONG:
@@ -140,7 +140,7 @@ def part_bytes(number: int, before: bytes | memoryview, now: bytes | memoryview)
 
 
 def part_of(payload: bytes, at: int) -> tuple[str, Any, Any, int]:
-    """Return name, indices (or None) and values of a part, and the offset after it."""
+    """Unpack a state array: name, indices (None if whole), values, and the offset after it."""
     number, sparse, _, count = PART_HEAD.unpack_from(payload, at)
     at += PART_HEAD.size
     indices = None

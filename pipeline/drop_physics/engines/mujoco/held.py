@@ -1,4 +1,4 @@
-"""Softness of a MuJoCo model's constraints: equalities, and contacts between two geoms."""
+"""Softness (`solref`, `solimp`) and friction of a model's equality constraints and contacts."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def equalities_of(described: DescribedModel, client: int) -> Iterator[Equality]:
 def _of_bodies(
     described: DescribedModel, number: int, ids: list[int], which: int, *, sites: bool
 ) -> dict[str, Any] | None:
-    """Return the constraint between two bodies, or their sites (`mj_instantiateEquality`)."""
+    """Return the equality constraint between two bodies or sites (`mj_instantiateEquality`)."""
     arrays, data = described.arrays, described.arrays["eq_data"][number]
     bodies = [int(arrays["site_bodyid"][each]) for each in ids] if sites else ids
     if not all(each in described.link_of for each in bodies):
@@ -92,7 +92,7 @@ def _of_bodies(
 
 
 def _of_joints(described: DescribedModel, number: int, ids: list[int]) -> dict[str, Any] | None:
-    """Return the coupling between two joints; None if a joint is fixed or unknown."""
+    """Return the equality constraint between two joints; None if a joint is not recorded."""
     arrays = described.arrays
     ids, coefficients = _coupled(arrays, number, ids)
     places = {

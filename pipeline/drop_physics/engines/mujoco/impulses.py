@@ -1,4 +1,4 @@
-"""Converts explained steps from the script's interpreter into events of a recording.
+"""Converts explained steps from the script's process into events of a recording.
 
 MuJoCo has the velocity of a free body at its frame's origin and its spin in the body's axes. A
 recording has both of its centre of mass, in the world's axes; so have its impulses:
@@ -67,7 +67,7 @@ NAMES = {
 
 @dataclass(frozen=True)
 class _CausePart:
-    """The part of a term that acts on one body."""
+    """The share of a force term in one recorded body."""
 
     cause: ImpulseCause
     body: DescribedBody
@@ -105,7 +105,7 @@ class ExplainedSteps:
         self._geoms = np.array(places, np.int64).reshape(-1, 2)
 
     def know(self, causes: Iterable[ImpulseCause]) -> None:
-        """Continue with causes that already have an index."""
+        """Continue with causes that were recorded earlier, and keep their indices."""
         self._causes |= {
             (cause.kind, cause.name, cause.body, cause.places): cause
             for cause in causes
@@ -150,7 +150,7 @@ class ExplainedSteps:
     def _blocks(
         self, piece: ReplayedPiece, numbers: Iterator[int]
     ) -> list[tuple[int, Int64, Float64]]:
-        """Return the acting causes: their indices, the rows of their steps, and their impulses."""
+        """Return the causes that act: indices, the rows of their steps, and their impulses."""
         found: dict[int, list[tuple[Int64, Float64]]] = {}
         for term, (rows, values) in _by_term(piece):
             for part in self._parts_of((piece.model, term), piece.vocabulary.terms[term], numbers):
@@ -171,7 +171,7 @@ class ExplainedSteps:
         return blocks
 
     def _turn(self, part: _CausePart, block: Float64, rows: Int64) -> None:
-        """Rotate impulses on a free base or ball joint into a recording's axes, in place."""
+        """Rotate impulses on a free base or ball joint into the recording's axes, in place."""
         places, made = part.cause.places, part.body
         if made.free >= 0 and places[0] < 6:
             at = int(self.described.arrays["jnt_qposadr"][made.free])
@@ -188,7 +188,7 @@ class ExplainedSteps:
     def _parts_of(
         self, number: tuple[int, int], term: ImpulseTerm, numbers: Iterator[int]
     ) -> list[_CausePart]:
-        """Return the parts of a term that act on each body."""
+        """Divide a force term among the recorded bodies on which it acts."""
         if number in self._parts:
             return self._parts[number]
         of_body: dict[int, list[tuple[int, int]]] = {}
@@ -219,7 +219,7 @@ class ExplainedSteps:
         return parts
 
     def _named(self, term: ImpulseTerm, body: int) -> tuple[str, str]:
-        """Return the name of a term in a recording for a body, and its cause."""
+        """Return a force term's name in the recording, and the cause for one body."""
         kind, names = KINDS.get(term.kind, term.kind), self.described.names
         if term.kind in ("push", "friction"):
             bodies = self._geoms[[term.first, term.second], 0].tolist()
@@ -234,7 +234,7 @@ class ExplainedSteps:
     # -- contact points ---------------------------------------------------------------------------
 
     def _contacts(self, piece: ReplayedPiece) -> Rows:
-        """Return contact points in recording format; the second geom belongs to the first body."""
+        """Return contact points in recording format: MuJoCo's second geom is on body a."""
         touches = piece.touches
         rows = np.zeros(len(touches), CONTACT)
         rows["step"] = touches["step"] + 1
@@ -254,7 +254,7 @@ class ExplainedSteps:
         return rows
 
     def _pairs(self, piece: ReplayedPiece, contacts: Rows) -> Iterator[PairFriction]:
-        """Yield the coefficients of friction that were not yet yielded."""
+        """Yield the friction coefficients of geom pairs that touch for the first time."""
         names = ["body_a", "link_a", "body_b", "link_b"]
         if not len(contacts):
             return
@@ -280,17 +280,17 @@ class ExplainedSteps:
 
 
 def _centre(described: DescribedModel, made: DescribedBody) -> Float64:
-    """Return the centre of mass of a base in its frame [m], shape (3,)."""
+    """Return a base's centre of mass in the base frame [m], shape (3,)."""
     return np.asarray(described.arrays["body_ipos"][made.root], np.float64)
 
 
 def _replay(reason: str) -> int:
-    """Return the name in a recording for the reason why a step has no sum."""
+    """Return the recording's name for the reason why a step was not explained."""
     return REPLAYS.index(reason or "unknown")
 
 
 def _whole(made: DescribedBody, places: set[int]) -> tuple[int, ...]:
-    """Complete indices to all dofs of a free base or ball joint, if one of these is among them."""
+    """Extend dof indices to all dofs of a free base or ball joint of which one is included."""
     first = 6 * (made.free >= 0)
     blocks = [range(6)] if first else []
     blocks += [range(first + rates.start, first + rates.stop) for _, rates, _ in made.balls]
@@ -301,7 +301,7 @@ def _whole(made: DescribedBody, places: set[int]) -> tuple[int, ...]:
 
 
 def _by_term(piece: ReplayedPiece) -> Iterator[tuple[int, tuple[Int64, Float64]]]:
-    """Yield a chunk's terms: the rows of their steps, and their values."""
+    """Yield each force term of a chunk: the rows of its steps, and its values."""
     vocabulary, k = piece.vocabulary, len(piece.steps)
     if not k:
         return
@@ -327,7 +327,7 @@ def _impulses(
     remainder: Float64,
     blocks: list[tuple[int, Int64, Float64]],
 ) -> Impulses:
-    """Return all causes as one event, step by step."""
+    """Return the impulses of all causes as one event, ordered by step."""
     none = np.empty(0, np.int64)
     rows = np.concatenate([none, *(rows for _, rows, _ in blocks)])
     causes = np.concatenate([none, *(np.full(len(rows), one) for one, rows, _ in blocks)])

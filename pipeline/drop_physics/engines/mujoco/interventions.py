@@ -1,4 +1,4 @@
-"""MuJoCo's rows of the table of interventions: each as code for the user, and as a changed run.
+"""Changes that can be tried on a MuJoCo run, each as code for the user and as an operation.
 
 The result of `makes` is carried out by `watch/intervene.py` in the script's interpreter.
 """
@@ -84,7 +84,7 @@ def _at_least(number: float | None) -> How:
 
 
 def _lasting(constant_s: float | None) -> How:
-    """Return the `solref` operation for a contact time constant, with critical damping."""
+    """Return the operation that sets `solref` to a time constant, critically damped."""
     return "=", (constant_s, 1.0)
 
 
@@ -105,13 +105,13 @@ def _bodies(scope: Scope) -> dict[str, Any]:
 
 
 def _both(scope: Scope) -> dict[str, Any]:
-    """Return the selected bodies, and the other body that they touch."""
+    """Return the bodies of a finding, and the body that they touch."""
     other = [] if scope.other is None else _links(scope.other)
     return {"of": "body", "names": [*_all_links(scope), *other]}
 
 
 def _joints(scope: Scope) -> dict[str, Any]:
-    """Return the selected joint, or all bodies."""
+    """Return the joint of a finding; without one, its bodies."""
     return _bodies(scope) if scope.joint is None else {"of": "joint", "names": [scope.joint]}
 
 
@@ -120,7 +120,7 @@ def _all(_: Scope) -> dict[str, Any]:
 
 
 def _actuators(scope: Scope) -> Iterator[tuple[Actuator, dict[str, Any]]]:
-    """Yield the selected actuators: those of a joint, the one with a name, or all."""
+    """Yield the actuators of a finding: those of its joint, the one that it names, or all."""
     for body in scope.bodies:
         for actuator in body.actuators:
             named = scope.target in (None, body.label, actuator.name)
@@ -132,7 +132,7 @@ def _actuators(scope: Scope) -> Iterator[tuple[Actuator, dict[str, Any]]]:
 
 @dataclass(frozen=True)
 class FieldRow(ChangeRow):
-    """An intervention that changes fields of a model, or its state."""
+    """A change of model or state fields that may be suggested and tried."""
 
     of: Elements = _all
     """Returns the elements whose fields are set."""
@@ -145,19 +145,19 @@ class FieldRow(ChangeRow):
     """Message of the error that is raised if a fix has no number."""
 
     def call_of(self, cure: Cure) -> str:
-        """Return the attribute or the line that a user would write for a fix."""
+        """Return the attribute or line that a user would write to make a suggested change."""
         if self.more and self.number(cure) is None:
             return f"{self.more}*{MORE:g}"
         return super().call_of(cure)
 
     @property
     def tried(self) -> dict[str, Any]:
-        """Return the row in the format of the search in the script's interpreter."""
+        """Describe this change for the search for causes, which runs in the script's process."""
         field = next(iter(self.sets), "").partition("[")[0].replace("opt.", "option.")
         return {**super().tried, "change": self.change or field}
 
     def known(self, cure: Cure) -> dict[str, Any]:
-        """Return the values that the code template may use, by name."""
+        """Return the values that may fill in a suggested change's code template, by name."""
         known = super().known(cure)
         stiffness, damping = _bouncing(known["value"])
         force = known["value"] / abs(cure.given.get("gear", 1.0))
@@ -166,7 +166,7 @@ class FieldRow(ChangeRow):
         return {**known, **more, "stiffness": stiffness, "damping": damping}
 
     def operations(self, cure: Cure, scope: Scope) -> Iterable[Operation]:
-        """Return the operations that the hooks of MuJoCo's functions carry out."""
+        """Return the operations that MuJoCo's hooks carry out to make a suggested change."""
         derived = {"derived": True} if self.derived else {}
         for name, how in self.changes(cure).items():
             yield {**_write(name, how), **self.of(scope), **derived}
@@ -174,7 +174,7 @@ class FieldRow(ChangeRow):
             yield from ({"engine": ENGINE, **make} for make in self.makes(self, cure, scope))
 
     def applied(self, cure: Cure, scope: Scope) -> ChangedRun | None:
-        """Return the run with a fix applied, with finer steps if the finding needs them."""
+        """Return the run with a suggested change, with finer steps if the finding needs them."""
         run, finer = super().applied(cure, scope), cure.given.get("finer", 1)
         return run if run is None or finer == 1 else run + ChangedRun(below={"finer": finer})
 
@@ -184,14 +184,14 @@ def _write(field: str, how: How) -> Operation:
 
 
 def _written(function: str) -> str:
-    """Return the omitted part of a fix, as the script writes it."""
+    """Return the script's own code for the call or write that a suggested change omits."""
     if function in PARTS:
         return f"data.{function}"
     return f"mujoco.{function}(…)" if function.startswith("mj_") else f"model.{function}"
 
 
 def left_out(function: str, file: str, line: int, argument: str | None) -> ChangedRun | None:
-    """Return a run without what a script sets before a line; None for an argument alone."""
+    """Return a run that omits what the script sets at a line; None if only one argument goes."""
     if argument is not None:
         return None
     how = {"do": "keep", "field": function}
@@ -210,7 +210,7 @@ def _set_parameter(name: str, value: float) -> ChangedRun:
 
 
 def _gains(row: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Set the gain of actuators; for a servo, the stiffness or damping with it."""
+    """Set the gains of actuators; of a servo, also the bias that makes its stiffness or damping."""
     do, number = raised(row.number(cure))
     gain, bias = (do, number), (do, number if do == "*" else -number)
     for each, its in _actuators(scope):
@@ -249,7 +249,7 @@ def _control_range(_: FieldRow, __: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _mass(_: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Set the mass of bodies, with proportional inertia; in a body of several parts, the base's."""
+    """Set the mass of bodies and scale their inertia; a body of several links changes its base."""
     names = [_links(body)[0] for body in scope.bodies]
     yield {"do": "weigh", "names": names, "mass": cure.value, "factor": MORE, "derived": True}
 
@@ -260,13 +260,13 @@ def _pass(_: FieldRow, __: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _exclude(_: FieldRow, __: Cure, scope: Scope) -> Iterator[Operation]:
-    """Exclude contacts between a link and its parent."""
+    """Disable contacts between a link and its parent."""
     if scope.target is not None:
         yield {"do": "part", "names": [[scope.target], None]}
 
 
 def _between(do: str) -> Applies:
-    """Return the operation on what lies between the MuJoCo bodies of both sides."""
+    """Return an operation on the contacts or constraints between a finding's two bodies."""
 
     def made(_: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
         other = scope.bodies[0] if scope.other is None else scope.other
@@ -293,7 +293,7 @@ def _lift(row: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _without(_: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Omit what a finding is about."""
+    """Omit the script's call or write that a finding is about."""
     file, _, line = (scope.site or "").rpartition(":")  # type: ignore[assignment]
     if file and line.isdecimal():
         run = left_out(str(cure.given["function"]), file, int(line), None)
@@ -694,7 +694,7 @@ SEES = [{"engine": ENGINE, "do": "see"}]
 
 
 def _words_of(change: Change) -> str:
-    """Describe a single change by the attribute that a user would edit."""
+    """Describe a change by the attribute that a user would edit."""
     kind, _, part = change.change.partition(".")
     elements, how = named(change.target), done(change.op)
     if kind == "flag":
@@ -734,7 +734,7 @@ TAGS = {
 
 
 def _written_as(change: Change) -> tuple[str, str] | None:
-    """Return the attribute that a change edits, and a pattern of the tags that have it."""
+    """Return the XML attribute that a change edits, and a pattern of the tags that have it."""
     kind, _, field = change.change.partition("_")
     attribute = {"kp_kv": "kp", "collides": "contype", "condim_friction": "condim"}.get(
         field, field
@@ -743,7 +743,7 @@ def _written_as(change: Change) -> tuple[str, str] | None:
 
 
 def _follows(change: Change) -> str:
-    """Return the call after which an edit between two steps counts; empty if none is needed."""
+    """Return the call that must follow an edit made between steps; empty if none is needed."""
     return "mujoco.mj_setConst" if change.change in DERIVED_FROM else ""
 
 

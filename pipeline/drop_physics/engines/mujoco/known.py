@@ -1,4 +1,4 @@
-"""MuJoCo's model features that other engines lack, and the edits that remove them."""
+"""MuJoCo model features that other engines lack, with the edits that remove them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FIELDS = {
 
 
 def known_differences(arrays: Mapping[str, NDArray[Any]]) -> Iterator[KnownDifference]:
-    """Yield the known differences of a model, each with the edit that sets it to zero."""
+    """Yield a model's features that other engines lack, each with an edit that sets it to zero."""
     for name, says in FIELDS.items():
         held = np.ravel(arrays.get(name, ()))
         if held.any():

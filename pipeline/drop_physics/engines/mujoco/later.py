@@ -1,4 +1,4 @@
-"""Explains recorded steps on demand: step ranges of a recording, in any order."""
+"""Explains steps of a recording on demand, any range in any order."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Times = Callable[[int, NDArray[np.int64]], NDArray[np.float64]]
 
 
 class RecordedFrames(Protocol):
-    """The models and frames of a recording."""
+    """The compiled models of a recording, and its frames: the data to replay each step."""
 
     def model(self, number: int) -> bytes:
         """Return a compiled model by index."""
@@ -32,7 +32,7 @@ class RecordedFrames(Protocol):
         """Return the index of a simulation's model."""
 
     def edits(self, client: int, end: int) -> list[ModelEdit]:
-        """Return the model edits in the chunks before sample `end`."""
+        """Return the script's model edits in the chunks before sample `end`."""
 
     def pieces(self, client: int, first: int, end: int) -> Iterator[Frames]:
         """Yield the frames of the chunks with steps from sample `first` to before `end`."""
@@ -48,7 +48,7 @@ def explained_later(
     times_s: Times,
     folder: Path,
 ) -> Iterator[Event]:
-    """Yield the causes of impulses in step ranges, as `record` does for a short run.
+    """Replay step ranges of a recording, and yield the causes of their impulses.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def explained_later(
 def _wanted(
     recorded: RecordedFrames, model: Path, windows: Iterable[Window]
 ) -> Iterator[StepsWanted]:
-    """Yield the steps of one simulation's ranges, chunk by chunk."""
+    """Yield the steps in one simulation's ranges, chunk by chunk."""
     for client, first, end in windows:
         edits: list[ModelEdit] | None = None
         for frames in recorded.pieces(client, first, end):

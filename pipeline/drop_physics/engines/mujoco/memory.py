@@ -1,4 +1,4 @@
-"""Direct access to MuJoCo's memory: the state and model that a step uses and a script may edit.
+"""Direct access to MuJoCo's memory, to find quickly what a script or a step has changed.
 
 A `memoryview` of it is compared and copied in tens of nanoseconds, where the functions that copy a
 state take a microsecond. Addresses are those of the arrays that MuJoCo itself hands out.
@@ -50,7 +50,7 @@ def view_of(address: int, size: int) -> memoryview:
 
 
 class StatePart:
-    """An array within a memory range, and its values when last compared.
+    """A state array, such as `qpos`, in MuJoCo's memory, with the values last compared.
 
     Parameters
     ----------
@@ -74,14 +74,14 @@ class StatePart:
         self._head = PART_HEAD.pack(self.number, 0, 0, count) if count <= LONG else b""
 
     def frame(self) -> bytes:
-        """Return the changed elements in frame format."""
+        """Pack the elements that changed since the last comparison."""
         if self._head:
             return self._head + self.view.tobytes()
         return part_bytes(self.number, self.saved, self.view)
 
 
 class StateMemory:
-    """Adjacent arrays in memory."""
+    """State arrays that are adjacent in MuJoCo's memory and compared together."""
 
     def __init__(self, arrays: dict[str, Any]) -> None:
         held = {name: array for name, array in arrays.items() if array.nbytes}
@@ -102,7 +102,7 @@ class StateMemory:
         ]
 
     def changed(self) -> tuple[int, bytes]:
-        """Return the number of changed arrays, and their frames."""
+        """Return how many arrays changed since the last call, and their packed changes."""
         found = []
         for part in self.parts:
             if part.saved.tobytes() != part.view.tobytes():
@@ -115,28 +115,28 @@ class StateMemory:
 
 
 def core_of(d: Any) -> StateMemory:
-    """Return the part of an MjData's state that a step changes."""
+    """Return the memory of the arrays that a step itself changes, such as `qpos` and `qvel`."""
     return StateMemory({name: getattr(d, name) for name in CORE if hasattr(d, name)})
 
 
 def user_of(d: Any) -> StateMemory:
-    """Return the part of an MjData's state that only the script changes."""
+    """Return the memory of the arrays that only the script changes, such as `ctrl`."""
     return StateMemory({name: getattr(d, name) for name in USER})
 
 
 def asleep_of(d: Any) -> StateMemory:
-    """Return an MjData's memory of sleeping trees: nothing before MuJoCo 3.4."""
+    """Return the memory of the sleep state of trees; nothing before MuJoCo 3.4."""
     return StateMemory({ASLEEP: getattr(d, ASLEEP, np.empty(0, np.int32))})
 
 
 def warnings_of(d: Any) -> memoryview:
-    """Return an MjData's counters of warnings: pairs of int32, last info and number."""
+    """Return an MjData's warning counters: pairs of int32, last info and count."""
     numbers = d.warning.number
     return view_of(numbers.ctypes.data - 4, len(numbers) * numbers.strides[0])
 
 
 class Field:
-    """A part of a model that a script may edit.
+    """A model field that a script may edit, in MuJoCo's memory.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def options_of(m: Any) -> list[Field]:
 
 
 def stretches_of(fields: list[Field]) -> list[tuple[bytearray, memoryview, int]]:
-    """Return current values, memory and address of fields, in few contiguous ranges."""
+    """Return current values, memory and address of fields, merged into few contiguous ranges."""
     found: list[list[int]] = []
     for field in fields:
         end = field.address + field.size

@@ -1,4 +1,4 @@
-"""The recorded actuator controls of a run, as an operation that gives them to a repeated run."""
+"""Replays the recorded actuator controls of one run in a repeated run."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from drop_physics.trace.history import Seen
 
 
 def played(seen: Seen, client: int, first: int, last: int) -> list[Operation]:
-    """Return the operation that replaces the controls of the steps between two samples.
+    """Return the operation that feeds recorded controls to the steps between two samples.
 
     Without recorded controls there is none.
     """

@@ -1,4 +1,4 @@
-"""Assembles models, steps and writes from the stream of a MuJoCo script's process.
+"""Assembles models, steps and writes from the byte stream of a MuJoCo script's process.
 
 The other end of `watch`; the stream is described in `frames`.
 """
@@ -67,7 +67,7 @@ class Constants(Mapping[str, NDArray[Any]]):
 
 @dataclass
 class MujocoModel:
-    """A model as it was at its first step."""
+    """A compiled model, as it was at its first step."""
 
     number: int
     digest: str
@@ -94,7 +94,7 @@ WrittenParts = Mapping[str, tuple[NDArray[np.uint32] | None, NDArray[Any]]]
 
 
 class ReceivedWrite(NamedTuple):
-    """Values written into a state before a step."""
+    """Values that the script wrote into the state before a step."""
 
     step: int
     """The step that is the first to use the values."""
@@ -113,7 +113,7 @@ class ReceivedWrite(NamedTuple):
 
 
 class Edited(NamedTuple):
-    """Values written into a model's fields in place."""
+    """Values that the script wrote into model fields during the run."""
 
     step: int
     """The step that is the first to use the values."""
@@ -131,7 +131,7 @@ class Edited(NamedTuple):
 
 
 class EndedEpisode(NamedTuple):
-    """An episode that an environment of the script ended."""
+    """An episode of a reinforcement-learning environment that has ended."""
 
     first: int
     """Number of the simulation's steps before the episode."""
@@ -172,7 +172,7 @@ class StepPiece:
 
 @dataclass
 class _World:
-    """A simulation, as far as it has been received."""
+    """The received part of a simulation (an MjData)."""
 
     number: int
     model: int
@@ -211,11 +211,11 @@ class _World:
 
     @property
     def first(self) -> int:
-        """Index of the first collected step."""
+        """Index of the first step that is not yet part of a chunk."""
         return self.step - len(self.payloads)
 
     def parts(self, payload: bytes) -> WrittenParts:
-        """Return the whole state after a step, except parts that were never written."""
+        """Return the whole state after a step, except arrays that the script never wrote."""
         core = memoryview(payload)[STEP_HEAD.itemsize :]
         return {
             **{name: (None, held) for name, held in self.held.items()},
@@ -226,7 +226,7 @@ class _World:
         }
 
     def hold(self, parts: WrittenParts) -> None:
-        """Store written values of the state parts that steps do not send."""
+        """Store written state arrays that the messages of steps do not repeat."""
         for name, (indices, values) in parts.items():
             if name not in USER and name != ASLEEP:
                 continue
@@ -240,7 +240,7 @@ class _World:
             new[indices] = values
 
     def leave_out(self, begin: int, end: int) -> None:
-        """Drop the steps from `begin` to before `end`, and keep the state after them.
+        """Drop the steps from `begin` to before `end`, but keep the state after them.
 
         Edits of the model in them stay; episodes that end with them have no step.
         """
@@ -277,12 +277,12 @@ class _World:
         self.settled, self.left_out = after(self.settled), self.left_out + gone
 
     def pieces(self) -> Iterator[StepPiece]:
-        """Yield the settled steps that make whole chunks."""
+        """Yield complete chunks of steps that will surely be kept."""
         while self.settled - self.first >= self.most:
             yield self.piece(self.most)
 
     def piece(self, n: int) -> StepPiece:
-        """Return the first `n` collected steps as a chunk, and keep the others."""
+        """Return the first `n` waiting steps as a chunk; the others keep waiting."""
         begins, first = STEP_HEAD.itemsize, self.first
         taken, self.payloads = self.payloads[:n], self.payloads[n:]
         end = first + n if self.payloads else self.step + 1
@@ -319,7 +319,7 @@ class _World:
 
 
 def _last_where(rows: Sequence[T], holds: Callable[[T], bool]) -> range:
-    """Return the indices of the last rows, as far back as a condition holds."""
+    """Return the indices of the trailing rows that all meet a condition."""
     begin = len(rows)
     while begin and holds(rows[begin - 1]):
         begin -= 1
@@ -327,7 +327,7 @@ def _last_where(rows: Sequence[T], holds: Callable[[T], bool]) -> range:
 
 
 class Received:
-    """Assembles payloads, in order, into chunks of simulations.
+    """Assembles messages of the script's process into chunks of steps, one simulation each.
 
     Parameters
     ----------
@@ -371,16 +371,16 @@ class Received:
 
     @property
     def steps(self) -> int:
-        """Number of steps received so far, including omitted ones."""
+        """Number of steps received so far, including those left out of the recording."""
         return sum(world.step + world.left_out for world in self._worlds.values())
 
     @property
     def left_out(self) -> int:
-        """Number of steps omitted so far."""
+        """Number of steps left out of the recording so far."""
         return sum(world.left_out for world in self._worlds.values())
 
     def take(self, payload: bytes) -> Iterable[StepPiece]:
-        """Read a payload; return the chunks that it completes."""
+        """Read one message; return the chunks that it completes."""
         kind = payload[:1]
         if kind == frames.STEP:
             return self._on_step(payload)
@@ -413,7 +413,7 @@ class Received:
         return ()
 
     def rest(self) -> Iterator[StepPiece]:
-        """Yield the remaining chunks, at the end of the stream."""
+        """Yield the remaining chunks after the last message."""
         for world in self._worlds.values():
             self._settle(world)
             yield from world.pieces()
@@ -435,7 +435,7 @@ class Received:
         return whole
 
     def _settle(self, world: _World) -> None:
-        """Keep all steps of a simulation so far."""
+        """Mark all steps of a simulation so far as kept."""
         self._whole.kept_bytes += (world.step - world.settled) * (STEP_HEAD.itemsize + world.size)
         world.settled, world.latest = world.step, None
 
@@ -548,7 +548,7 @@ class Received:
         its.episode = its.step
 
     def _ended(self, its: _World, decision: Decision) -> None:
-        """Keep or drop the episode of a simulation that has ended, as decided."""
+        """Keep or drop a simulation's episode that has ended, as the recording's filter decided."""
         if decision == "whole" or its.settled > its.decided:
             self._settle(its)
         elif decision == "latest":

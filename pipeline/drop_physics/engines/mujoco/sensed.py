@@ -25,7 +25,7 @@ MOST = 256
 def sensors_of(
     described: DescribedModel, client: int, kept: NDArray[np.float64]
 ) -> Iterator[Sensor]:
-    """Yield a model's sensors, from the first, last, least and greatest value of each number.
+    """Yield a model's sensors with the first, last, least and greatest value of each reading.
 
     `kept` has the shape (4, numbers): after those of the sensors the lengths of the tendons, then
     lengths and forces of the actuators.
@@ -67,7 +67,7 @@ def _answers(kept: NDArray[np.float64]) -> Iterator[Answer]:
 
 
 def _place(arrays: Arrays, body: int, site: int, link: int) -> Collision:
-    """Return a site as a shape on its link."""
+    """Return a sensor site as a shape on its link."""
     axes = xyzw(arrays["body_iquat"][body])
     arm = np.asarray(arrays["site_pos"][site], np.float64) - arrays["body_ipos"][body]
     kind = GEOMS.get(int(arrays["site_type"][site]), "")

@@ -1,4 +1,4 @@
-"""Finds the first stage of one step that differs between two versions of MuJoCo."""
+"""Finds the first computation stage of a step that differs between two MuJoCo versions."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ TOLD = {
 
 @dataclass(frozen=True, eq=False)
 class Computed:
-    """Results of each stage of a step."""
+    """Results of a step's stages: positions, contacts, forces and accelerations."""
 
     positions: Float64
     """Positions of the bodies [m], shape (bodies, 3)."""
@@ -58,7 +58,7 @@ class Computed:
 
     @classmethod
     def of(cls, stages: Mapping[str, list[Float64]], row: int) -> Computed:
-        """Return the results for one step."""
+        """Return the results for one of many steps."""
         geoms = stages["geoms"][row].reshape(-1, 2)
         return cls(
             stages["xpos"][row].reshape(-1, 3),
@@ -93,7 +93,7 @@ def _found(mine: Computed, theirs: Computed, matched: Matched) -> Iterator[Stage
 
 
 def _size(mine: Float64, theirs: Float64) -> float | None:
-    """Return the largest difference as a share of the largest number; None if bitwise equal."""
+    """Return the largest difference relative to the largest number; None if bitwise equal."""
     if mine.shape != theirs.shape:
         return np.inf
     if mine.tobytes() == theirs.tobytes():
@@ -125,7 +125,7 @@ def _collisions(mine: Computed, theirs: Computed, matched: Matched) -> Iterator[
 
 
 def _by_pair(computed: Computed, other: Mapping[int, int]) -> dict[tuple[int, int], list[int]]:
-    """Return the contact indices for each pair of geoms, numbered as in the first model."""
+    """Return each geom pair's contacts, by index, with the geoms numbered as in the first model."""
     found: dict[tuple[int, int], list[int]] = {}
     for row, pair in enumerate(computed.geoms.astype(np.int64).tolist()):
         low, high = sorted(other.get(geom, -2 - geom) if other else geom for geom in pair)

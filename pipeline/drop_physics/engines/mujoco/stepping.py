@@ -1,4 +1,4 @@
-"""MuJoCo in another interpreter, which replays recorded steps: from frames to states and sums.
+"""A process with the script's MuJoCo that replays recorded steps and explains them.
 
 A step is taken from its own frame, so any can be asked for, in any order; consecutive steps are the
 fastest.
@@ -32,7 +32,7 @@ Answer = tuple[dict[str, Any], Arrays]
 
 @dataclass(frozen=True, eq=False)
 class StepsWanted:
-    """Steps of a simulation that are to be replayed."""
+    """A request to replay steps of a simulation."""
 
     model: Path
     """The file of its compiled model."""
@@ -111,7 +111,7 @@ class Stepper:
     def explained(
         self, wanted: Iterable[StepsWanted]
     ) -> Iterator[tuple[StepsWanted, ReplayedPiece]]:
-        """Yield results of steps: agreement with the recorded states, and their sums."""
+        """Replay steps; yield whether they agree with the recording, and their impulses."""
         before: list[tuple[StepsWanted, Answer]] = []
         for each in wanted:
             self._send_steps("steps", each)
@@ -120,7 +120,7 @@ class Stepper:
         yield from ((its, self._piece(answer)) for its, answer in before)
 
     def states(self, wanted: StepsWanted) -> dict[str, NDArray[np.float64]]:
-        """Return the states after steps from their own frames: parts by name, (n, width).
+        """Replay steps from their recorded starts; return the states after them, (n, width) each.
 
         The clock is one of them, as `clock_s`.
         """
@@ -164,7 +164,7 @@ class Stepper:
             raise
 
     def _answers(self) -> Iterator[Answer]:
-        """Yield the answers to a request."""
+        """Yield the process's answers to a request."""
         out = self._process.stdout
         assert out is not None
         while len(head := out.read(frames.LENGTH.size)) == frames.LENGTH.size:
@@ -187,7 +187,7 @@ class Stepper:
 
 
 def request_of(what: str, wanted: StepsWanted, more: Mapping[str, NDArray[Any]] = {}) -> bytes:
-    """Return a request for steps in the format of `explain.asked`; `more` are further arrays."""
+    """Encode a request for steps, as `explain.asked` decodes it; `more` are further arrays."""
     its = wanted.frames
     arrays: Arrays = {"functions": its.functions, "clock_s": its.clock_s}
     arrays |= {f"after/{name}": rows for name, rows in its.after.items()}
@@ -210,7 +210,7 @@ def request_of(what: str, wanted: StepsWanted, more: Mapping[str, NDArray[Any]] 
 
 
 def packed_edits(edits: Sequence[ModelEdit]) -> tuple[Arrays, list[list[Any]]]:
-    """Return the elements of edits, and step, field and count for each."""
+    """Return the elements of model edits as arrays, and step, field and count of each edit."""
     none = np.empty(0)
     arrays = {
         "edits@indices": np.concatenate([none.astype(np.int64), *(e.indices for e in edits)]),

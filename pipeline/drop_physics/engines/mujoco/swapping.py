@@ -1,4 +1,4 @@
-"""MuJoCo in a run's interpreter, which makes single steps with swapped model fields."""
+"""A process with a run's MuJoCo that makes single steps with swapped model fields."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 class Swapper(Stepper):
-    """A process that makes single steps with a model; use it in a `with` statement.
+    """A process that makes single steps with a changed model; use it in a `with` statement.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Swapper(Stepper):
         return arrays, said["features"]
 
     def engine(self) -> str:
-        """Return name and version of the process's engine; empty if it has none."""
+        """Return name and version of the process's engine; empty if MuJoCo is not installed."""
         self._send(frames.arrays_bytes("version", {}))
         ((said, _),) = self._answers()
         return f"MuJoCo {said['version']}"
@@ -55,7 +55,7 @@ class Swapper(Stepper):
     def states(
         self, wanted: StepsWanted | Frames, edits: Sequence[ModelEdit] = (), off: Sequence[str] = ()
     ) -> dict[str, Float64]:
-        """Return the states after steps from their own frames: parts by name, (n, width).
+        """Make steps from their recorded starts; return the states after them, (n, width) each.
 
         Parameters
         ----------
@@ -71,12 +71,12 @@ class Swapper(Stepper):
         return self._asked("swapped", wanted, edits, off)
 
     def stages(self, wanted: Frames, edits: Sequence[ModelEdit] = ()) -> dict[str, list[Float64]]:
-        """Return the results of the stages of each step: a flat array for each name."""
+        """Return the results of each step's computation stages: a flat array for each name."""
         answer = self._asked("stages", wanted, edits)
         return {name: _apart(numbers) for name, numbers in answer.items()}
 
     def rolled(self, wanted: Frames, begin: int, nudges: Float64) -> Float64:
-        """Continue from a step to the end, once for each change of the velocities.
+        """Repeat a run from a step to its end, once for each change of the start velocities.
 
         Returns the last positions, shape (nudges, width).
         """
@@ -84,7 +84,7 @@ class Swapper(Stepper):
         return ends
 
     def trail(self, wanted: Frames, edits: Sequence[ModelEdit]) -> dict[str, Float64]:
-        """Run through all steps with other field values: `qpos` and `qvel` after each."""
+        """Repeat a run with other field values; return `qpos` and `qvel` after each step."""
         return self._asked("trail", wanted, edits)
 
     def _asked(
@@ -106,7 +106,7 @@ class Swapper(Stepper):
 
 
 def _apart(numbers: Float64) -> list[Float64]:
-    """Split joined numbers into arrays: their count, their lengths in rows, then all numbers."""
+    """Split a flat array into those that `explain.swapped` joined: count, lengths, numbers."""
     count = int(numbers[0])
     lengths, flat = numbers[1 : count + 1].astype(np.int64), numbers[count + 1 :]
     width = len(flat) // max(int(lengths.sum()), 1)
@@ -114,7 +114,7 @@ def _apart(numbers: Float64) -> list[Float64]:
 
 
 def numbers_of(model: DescribedModel, trail: Mapping[str, Float64]) -> dict[int, Float64]:
-    """Return each body's numbers after each step of a trail, by body id, shape (n, k) each.
+    """Return each body's coordinates after each step of a repeated run, (n, k), by body id.
 
     First those of a base that is free, then the positions of all joints, then their velocities.
     """

@@ -23,7 +23,7 @@ PASSIVE = "qfrc_passive"
 
 @dataclass(frozen=True, eq=False)
 class TakenSteps:
-    """The n steps of a run."""
+    """Start states, inputs and end states of a run's n steps."""
 
     whole: Frames
     """All frames as one chunk."""
@@ -51,7 +51,7 @@ class TakenSteps:
         return self.whole.after
 
     def only(self, starts: Int64, ends: Int64) -> TakenSteps:
-        """Return the selected steps: their starts, and optionally the ends of others."""
+        """Return some of the steps: starts by index; ends of other steps, if given."""
         whole, row_of = self.whole, {step: row for row, step in enumerate(starts.tolist())}
         some = replace(
             whole,
@@ -140,7 +140,7 @@ def _starts_s(whole: Frames) -> Float64:
 
 
 def _acting(whole: Frames, inputs: Rows) -> Rows:
-    """Return the inputs in each step, including what callbacks write within it."""
+    """Return the inputs of each step, including those that callbacks write during the step."""
     nv = whole.after["qvel"].shape[1]
     acting = {name: rows.copy() for name, rows in inputs.items()}
     acting[PASSIVE] = np.zeros((len(whole), nv))
@@ -153,7 +153,7 @@ def _acting(whole: Frames, inputs: Rows) -> Rows:
 
 
 def edited_of(whole: Frames, name: str, compiled: NDArray[Any]) -> tuple[Int64, Float64]:
-    """Return the elements of a field that are written, and their values in each step."""
+    """Return a field's elements that the script writes, and their values in each step."""
     edits = [edit for edit in whole.edits if edit.name == name]
     indices = np.unique(np.concatenate([edit.indices for edit in edits]))
     start = np.ravel(compiled).astype(np.float64)[indices]
@@ -208,7 +208,7 @@ def joined(pieces: list[Frames]) -> Frames:
 
 
 def _continues(pieces: list[Frames], starts: list[int], start: int) -> bool:
-    """Return whether a chunk starts with the state that the previous chunk left."""
+    """Return whether a chunk starts with the end state of the previous chunk."""
     number = starts.index(start)
     before, piece = pieces[number - 1], pieces[number]
     return all(
@@ -217,7 +217,7 @@ def _continues(pieces: list[Frames], starts: list[int], start: int) -> bool:
 
 
 def _held(column: FrameColumn, count: int) -> Float64:
-    """Return the row in effect in each step."""
+    """Return each step's row of a column that stores a row only where it changes."""
     which = np.searchsorted(column.at, np.arange(count), side="right") - 1
     rows: Float64 = column.rows[np.maximum(which, 0)]
     return rows

@@ -1,4 +1,4 @@
-"""Converts the messages of a MuJoCo script's process into events of a recording.
+"""Converts messages of a MuJoCo script's process into events of a recording.
 
 `received` assembles a stream. Here its pieces get the form that recordings have: bodies, samples,
 and values set between two steps, by line.
@@ -102,7 +102,7 @@ MOST_NOTES = 3
 
 @dataclass
 class MujocoSimulation:
-    """The steps of one MjData with one model."""
+    """The received steps of one MjData with one model."""
 
     client: int
     model: int
@@ -146,7 +146,7 @@ class MujocoSimulation:
         return self.since_s + (steps - self.since_step).astype(np.float64) * self.timestep_s
 
     def times_then_s(self, steps: Int64) -> Float64:
-        """Return the times of samples after which the timestep may change [s]."""
+        """Return the times of samples in a run whose timestep may change [s]."""
         begin, since_s, timestep_s = map(np.array, zip(*self.since, strict=True))
         which = np.maximum(np.searchsorted(begin, steps - 1, side="right") - 1, 0)
         return np.asarray(since_s[which] + (steps - begin[which]) * timestep_s[which])
@@ -156,7 +156,7 @@ class MujocoSimulation:
         return self.since_s + (step - self.since_step) * self.timestep_s
 
     def take(self, written: ReceivedWrite) -> dict[str, Int64]:
-        """Apply written values; return the indices of changed elements, by part."""
+        """Store what the script wrote into the state; return the indices that changed, by array."""
         changed = {}
         for name, (indices, values) in written.parts.items():
             old = self.held.get(name)
@@ -179,7 +179,7 @@ class MujocoSimulation:
 
 @dataclass
 class _Rows:
-    """The calls collected so far."""
+    """Calls of the script, collected until they are recorded."""
 
     steps: list[int] = field(default_factory=list)
     numbers: list[int] = field(default_factory=list)
@@ -194,7 +194,7 @@ def _is_older(version: str) -> bool:
 
 
 class MujocoDecoder:
-    """Decodes payloads of a stream into events, in order; call `close`.
+    """Decodes the messages of a script's process into events, in order; call `close` at the end.
 
     Files of replays are kept in a folder of its own.
 
@@ -237,7 +237,7 @@ class MujocoDecoder:
 
     @property
     def lost(self) -> int:
-        """Number of simulations that could not be read."""
+        """Number of simulations that could not be followed."""
         return 0 if self._received is None else len(self._received.faults)
 
     def close(self) -> None:
@@ -253,7 +253,7 @@ class MujocoDecoder:
 
     @property
     def kept_steps(self) -> int:
-        """Number of steps that are recorded."""
+        """Number of steps that the recording keeps."""
         return 0 if self._received is None else self._received.steps - self._received.left_out
 
     @property
@@ -275,7 +275,7 @@ class MujocoDecoder:
         )
 
     def take(self, payload: bytes) -> Iterable[Event]:
-        """Return the events in a payload."""
+        """Return the events that a message contains."""
         if self._received is None:
             self._temporary = TemporaryFolder()
             self._folder = self._temporary.path
@@ -284,7 +284,7 @@ class MujocoDecoder:
         return self._on_pieces(pieces) if pieces else ()
 
     def rest(self, answers: Float64) -> Iterator[Event]:
-        """Yield the remaining events, at the end of the stream.
+        """Yield the remaining events after the last message.
 
         `answers` holds the readings of sensors, from the memory shared with the process.
         """
@@ -301,7 +301,7 @@ class MujocoDecoder:
                 yield from sensors_of(its.described, its.client, kept)
 
     def explained(self, python: str) -> Iterator[Event]:
-        """Replay and explain all steps, if they are few; yield the results as events.
+        """Replay and explain all steps of a short run; yield the explanations as events.
 
         Parameters
         ----------
@@ -330,7 +330,7 @@ class MujocoDecoder:
                 yield from made[its.client].events(piece, wanted.frames, times_s, numbers)
 
     def _wanted(self) -> Iterator[StepsWanted]:
-        """Yield all steps, one simulation after the other."""
+        """Yield requests to replay all steps, one simulation after the other."""
         assert self._folder is not None
         files = {number: self._folder / f"{digest}.mjb" for digest, number in self._models.items()}
         for frames in self._frames.in_order():
@@ -382,7 +382,7 @@ class MujocoDecoder:
             yield from self._on_piece(piece)
 
     def _on_piece(self, piece: StepPiece) -> Iterator[Event]:
-        """Yield the events of a chunk, split where an edit changes how its samples are read."""
+        """Yield a chunk's events, in parts where a model edit changes what its samples mean."""
         simulation = self._simulation(piece.world, piece.model, piece.first)
         self._warned(simulation, piece)
         end = _end(piece)
@@ -423,7 +423,7 @@ class MujocoDecoder:
             )
 
     def _simulation(self, world: int, number_of_model: int, first: int) -> MujocoSimulation:
-        """Return the simulation of a state with a model; a new one starts with step `first`."""
+        """Return the simulation of an MjData with a model; create it if it is new."""
         key = world, number_of_model
         found = self._simulations.get(key)
         if found is not None:
@@ -516,7 +516,7 @@ class MujocoDecoder:
                 yield puts[made.body.number]
 
     def _model(self, its: MujocoSimulation) -> Iterator[ModelPart]:
-        """Yield a simulation's model, unless it was yielded before."""
+        """Yield a simulation's compiled model, unless the recording already has it."""
         assert self._received is not None
         assert self._folder is not None
         digest = self._received.models[its.model].digest
@@ -550,7 +550,7 @@ class MujocoDecoder:
         return Settings(at, its.client, values | options, f"MuJoCo {self._received.version}")
 
     def _changed(self, its: MujocoSimulation, edits: list[Edited], step: int) -> Iterator[Event]:
-        """Yield the settings and bodies that model edits changed."""
+        """Yield the settings and bodies that changed because the script edited the model."""
         at = At(step, its.time_s(step), self._calls)
         if any(edit.name.startswith("opt.") for edit in edits):
             its.since_s, its.since_step = its.time_s(step), step
@@ -573,7 +573,7 @@ class MujocoDecoder:
                 yield Dynamics(at, new.body, now)
 
     def _described(self, its: MujocoSimulation, edited: Set[int] | None = None) -> DescribedModel:
-        """Describe the current model: all of it, or only the bodies given by id."""
+        """Describe the model as bodies of the recording: all, or only those with the given ids."""
         bodies = {made.body.number: made for made in its.described.bodies}
         return described(
             its.arrays,
@@ -599,7 +599,7 @@ class MujocoDecoder:
         yield Controls(its.client, steps, its.times_s(steps), names, values)
 
     def _sampled(self, its: MujocoSimulation, piece: StepPiece, first: int, end: int) -> Samples:
-        """Return the samples to which the steps from `first` to before `end` lead."""
+        """Return the states after the steps from `first` to before `end`, as samples."""
         begin = its.first == first
         which = slice(first - piece.first, end - piece.first)
         states = {name: piece.parts.get(name, np.zeros((0, 0)))[which] for name in MOVING}
@@ -632,7 +632,7 @@ class MujocoDecoder:
         )
 
     def _put(self, its: MujocoSimulation, made: DescribedBody, at: At, *, counts: bool) -> Put:
-        """Return the current state of a body as a `Put`."""
+        """Return a body's current state as an event: the script has set it."""
         nq, nv = (int(its.arrays[name].item()) for name in ("nq", "nv"))
         qpos = _of_size(its.held.get("qpos"), nq)[None]
         qvel = _of_size(its.held.get("qvel"), nv)[None]
@@ -645,7 +645,7 @@ class MujocoDecoder:
         return Put(at, made.body, base, position[0], velocity[0], np.empty(0), counts)
 
     def _mocap(self, its: MujocoSimulation, made: DescribedBody) -> tuple[Float64, Float64] | None:
-        """Return the pose of a mocap base, which the script moves; None for others."""
+        """Return the pose of a mocap body, which the script moves; None for other bodies."""
         which = int(its.arrays["body_mocapid"][made.root]) if made.links[0].of > 0 else -1
         if which < 0 or "mocap_pos" not in its.held:
             return None
@@ -657,7 +657,7 @@ class MujocoDecoder:
     def _on_written(
         self, its: MujocoSimulation, piece: StepPiece, written: ReceivedWrite, rows: _Rows
     ) -> Iterator[Put]:
-        """Apply values written before a step; yield the state of each body that was moved."""
+        """Apply what the script wrote before a step; yield the states of bodies that it moved."""
         step = written.step - its.first
         if written.cause == "picture":
             values = np.array([float(written.argument)])
@@ -705,7 +705,7 @@ class MujocoDecoder:
     def _moves(
         self, its: MujocoSimulation, made: DescribedBody, changed: Mapping[str, Int64]
     ) -> bool:
-        """Return whether written values changed the state of a body."""
+        """Return whether the script's writes changed the pose or velocity of a body."""
         if made.links[0].of > 0 and (which := int(its.arrays["body_mocapid"][made.root])) >= 0:
             for name, width in (("mocap_pos", 3), ("mocap_quat", 4)):
                 if (changed.get(name, np.empty(0, np.int64)) // width == which).any():
@@ -733,7 +733,7 @@ class MujocoDecoder:
         where: Int64,
         rows: _Rows,
     ) -> None:
-        """Record a write into a part of the state: all of it, or some elements."""
+        """Record that the script wrote a state array, such as `ctrl`, or elements of it."""
         held = its.held[name]
         if len(where) == len(held):
             form, names, values = _blanks(len(held)), (name,) * len(held), held
@@ -746,7 +746,7 @@ class MujocoDecoder:
         self._call(name, written.site, written.since, step, form, names, values, rows)
 
     def _on_edit(self, its: MujocoSimulation, edit: Edited, rows: _Rows) -> None:
-        """Record an in-place edit of model elements."""
+        """Record that the script edited model elements."""
         its.arrays = _edited(its.arrays, edit)
         if id(edit.new) in self._edited:
             return
@@ -774,7 +774,7 @@ class MujocoDecoder:
         values: Float64,
         rows: _Rows,
     ) -> None:
-        """Record an act of the script as a call."""
+        """Record something that the script did as a call from its line."""
         number = self._sites.get((function, form, site, since))
         if number is None:
             number = self._site(function, form, site, since, names)
@@ -785,7 +785,7 @@ class MujocoDecoder:
         self._calls += 1
 
     def _site(self, function: str, form: str, site: int, since: int, names: tuple[str, ...]) -> int:
-        """Return the index of the site, between two calls, of acts with this structure."""
+        """Return the index of a call site, as the recording counts them."""
         assert self._received is not None
         line, key = self._received.sites[site], (function, form, site, since)
         if since >= 0 and since != site:
@@ -815,7 +815,7 @@ class MujocoDecoder:
 
 @cache
 def _blanks(count: int) -> str:
-    """Return the argument text of an act that sets `count` numbers."""
+    """Return a placeholder for the arguments of a recorded write of `count` numbers."""
     return ", ".join("{}" for _ in range(count))
 
 
@@ -824,7 +824,7 @@ def _end(piece: StepPiece) -> int:
 
 
 def _of_size(held: NDArray[Any] | None, size: int) -> Float64:
-    """Return one part of a state; parts that were never sent are zero."""
+    """Return a state array; zeros if the script's process never sent it."""
     found = np.zeros(size)
     if held is not None:
         found[: len(held)] = held[:size]

@@ -1,4 +1,4 @@
-"""A drop in MuJoCo: builds the scenario's model, and reads it like that of a watched script.
+"""The world of a simulated drop in MuJoCo: builds the scenario's model, and reads its states.
 
 Bodies and states come from `described`, the softness of contact from `held`. Contact forces are
 MuJoCo's own, point by point and to the last bit, along the two tangents; the replay of a script
@@ -77,7 +77,7 @@ class MujocoSession:
             raise RuntimeError("MuJoCo has started again from 0")
 
     def state(self) -> Numbers:
-        """Return positions and velocities in MuJoCo's order."""
+        """Return positions and velocities in the order of MuJoCo's `qpos` and `qvel`."""
         return (*self._data.qpos.tolist(), *self._data.qvel.tolist())
 
     def motions(self, states: Float64) -> Float64:
@@ -114,7 +114,7 @@ class MujocoSession:
             )
 
     def reported(self) -> dict[str, Any]:
-        """Return the values that the compiled model has: fields of `EngineReport`."""
+        """Return the compiled model's mass, inertia and other fields of an `EngineReport`."""
         arrays, contact = self._arrays, {}
         told = reported_of(arrays, self._bodies[-1])
         if self._model.ngeom:

@@ -1,4 +1,4 @@
-"""Replays a MuJoCo script's steps from a recording, and explains each as a sum of impulses.
+"""Replays the recorded steps of a MuJoCo script, and explains each as a sum of impulses.
 
     M (u' - u) = h (gravity + bias + springs + … + push of each pair + friction of each pair)
                  + what the integrator adds + what the solver left

@@ -1,4 +1,4 @@
-"""Answers requests from standard input on standard output, each preceded by its length (uint32)."""
+"""Serves replay requests over standard input and output, in length-prefixed messages (uint32)."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from .replay import Replay
 
 
 def main() -> None:
-    """Replay and explain steps until there are no more requests."""
+    """Serve requests to replay and explain steps until the input ends."""
     answer(Replay())
 
 
 def answer(replay: Replay) -> None:
-    """Answer requests until there are no more."""
+    """Serve requests until the input ends."""
     requests = sys.stdin.buffer
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what MuJoCo prints must not get into the answer

@@ -1,4 +1,4 @@
-"""Steps to be replayed, decoded from a request of `stepping`."""
+"""Decodes a request to replay steps, as `stepping` sends it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Answer = tuple[int, Any]
 
 
 class Edit(NamedTuple):
-    """Model elements that were changed in place."""
+    """Model elements that the script changed during its run."""
 
     step: int
     """The first step that uses the new values."""
@@ -28,7 +28,7 @@ class Edit(NamedTuple):
 
 
 class StepsAsked:
-    """The steps of a chunk to be replayed, counted from the chunk's first step.
+    """The start states and inputs of requested steps, counted from the first of their chunk.
 
     Parameters
     ----------
@@ -72,39 +72,39 @@ class StepsAsked:
             done += size
 
     def left(self, step: int) -> Rows:
-        """Return the state after the previous step, with the clock; for the first step, its own."""
+        """Return the state that the previous step left, with the time; for step 0, its start."""
         if not step:
             return {name: rows[0] for name, rows in self._before.items()}
         left = {name: rows[step - 1] for name, rows in self._after.items()}
         return {**left, CLOCK: self.clock_s[step - 1 : step]}
 
     def written(self, step: int) -> Rows:
-        """Return the state written before a step, with the clock; empty if nothing was written."""
+        """Return the state arrays that the script wrote before a step; empty without writes."""
         if step not in self._before[CLOCK]:
             return {}
         return {name: rows[step] for name, rows in self._before.items()}
 
     def given(self, step: int) -> Rows:
-        """Return the inputs of a step."""
+        """Return the inputs of a step, such as `ctrl`."""
         return {
             name: rows[np.searchsorted(at, step, side="right") - 1]
             for name, at, rows in self._inputs
         }
 
     def changed(self, step: int) -> Rows:
-        """Return the inputs that change right before a step."""
+        """Return the inputs that differ from those of the previous step."""
         return {name: rows[step] for name, rows in self._changed.items() if step in rows}
 
     def posed(self, step: int) -> Rows:
-        """Return the parts of another state from which positions were computed."""
+        """Return the older state from which a step's derived positions were computed, if any."""
         return {name: rows[step] for name, rows in self._posed.items() if step in rows}
 
     def reached(self, name: str, step: int) -> Any:
-        """Return a part of the state after a step."""
+        """Return a state array, such as `qpos`, after a step."""
         return self._after[name][step]
 
     def cores(self, core: StateMemory) -> Any:
-        """Return the core state after each step, in memory layout, shape (n, bytes)."""
+        """Return `qpos`, `qvel` … after each step as they lie in memory, shape (n, bytes)."""
         whole = np.zeros((len(self.clock_s), core.size), np.uint8)
         for part in core.parts:
             rows = np.ascontiguousarray(self._after[part.name])
@@ -112,13 +112,13 @@ class StepsAsked:
         return whole
 
     def answers(self, step: int, nv: int) -> list[Answer]:
-        """Return the effects of callbacks in a step; `nv` is the number of degrees of freedom."""
+        """Return what callbacks returned or wrote in a step; `nv` is the number of dofs."""
         payload = self._answers.get(step)
         return [] if payload is None else answers_in(payload, nv)
 
 
 def edits_of(arrays: dict[str, Any], edits: list[Any]) -> list[Edit]:
-    """Return the edits, from step, name and count of each, and their elements as arrays."""
+    """Unpack model edits from step, name and count of each, and their elements as arrays."""
     made, done = [], 0
     for step, name, count in edits:
         its = slice(done, done + count)
@@ -140,7 +140,7 @@ def _by_step(arrays: dict[str, Any], group: str, name: str) -> dict[int, Any]:
 
 
 def answers_in(payload: bytes, nv: int) -> list[Answer]:
-    """Return the effects of callbacks in a `frames.CALLBACK` payload."""
+    """Unpack what callbacks returned or wrote from a `frames.CALLBACK` message."""
     *_, count = frames.CALLBACK_HEAD.unpack_from(payload)
     at, found = frames.CALLBACK_HEAD.size, list[Answer]()
     for _ in range(count):

@@ -1,4 +1,4 @@
-"""Collects steps of one simulation to explain them together."""
+"""Collects replayed steps of one simulation, to explain many at once with array operations."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ANOTHER = "another engine"
 
 
 class ExplainedBatch(NamedTuple):
-    """A batch of steps with their explanations."""
+    """Explanations of a batch of steps."""
 
     steps: Any
     """Indices of its steps, shape (n,)."""
@@ -29,7 +29,7 @@ class ExplainedBatch(NamedTuple):
 
 
 class WaitingSteps:
-    """Collects steps of one integrator until they are explained.
+    """Replayed steps of one integrator that wait to be explained together.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class WaitingSteps:
 
     @property
     def is_full(self) -> bool:
-        """Return whether the next step belongs to another batch."""
+        """Return whether the waiting steps have to be explained before another is added."""
         return len(self.steps) >= self.room or self.copies.is_full
 
     def before(self, qpos: Any, qvel: Any) -> None:
@@ -85,7 +85,7 @@ class WaitingSteps:
         self._qpos[at], self._qvel[at] = qpos, qvel
 
     def evaluated(self, sparse: bool, applied: bool, pushed: bool) -> None:
-        """Copy the results of a force evaluation: one for each step, or for each of its stages."""
+        """Copy forces and matrices after an evaluation: once per step, or once per RK4 stage."""
         at, d = self.copies.count, self._d
         if applied:
             self._qfrc[at] = d.qfrc_applied.copy()
@@ -97,7 +97,7 @@ class WaitingSteps:
         self.copies.copy(sparse)
 
     def after(self, step: int, qpos: Any, qvel: Any, h: float, gap: Any = None) -> None:
-        """Count a step; `gap` is another program's velocities minus these."""
+        """Add the state after a step; `gap` is another program's velocities minus this one's."""
         self._reached[len(self.steps)], self._after[len(self.steps)] = qpos, qvel
         if gap is not None:
             self._gaps[len(self.steps)] = gap
@@ -105,7 +105,7 @@ class WaitingSteps:
         self._h.append(h)
 
     def explain(self, *, sparse: bool) -> ExplainedBatch:
-        """Explain the steps as sums, and start a new batch."""
+        """Explain the waiting steps as sums of impulses, and start a new batch."""
         m, layout, copies = self._m, self._layout, self.copies
         copies.contacts.check(self._d)
         n, h = len(self.steps), np.array(self._h)
@@ -159,7 +159,7 @@ class WaitingSteps:
 
 
 def _filled(rows: dict[int, Any], count: int, shape: tuple[int, ...]) -> Any:
-    """Return the arrays of some rows as one array that is zero elsewhere."""
+    """Return an array of `count` rows: the given rows at their indices, zero elsewhere."""
     full = np.zeros((count, *shape))
     for row, values in rows.items():
         full[row] = values
@@ -167,7 +167,7 @@ def _filled(rows: dict[int, Any], count: int, shape: tuple[int, ...]) -> Any:
 
 
 def _of_steps(rows: Any, numbers: Any, stages: int) -> Any:
-    """Return the rows of each step's first evaluation, with the step's index."""
+    """Return the rows of each step's first evaluation, numbered by step."""
     first = rows[rows["row"] % stages == 0] if stages > 1 else rows
     found = np.array(first, POINT)
     found["row"] = numbers[first["row"] // stages] if len(first) else 0

@@ -35,7 +35,7 @@ impulses are more precise."""
 
 
 class PairTable:
-    """The geom pairs seen so far, with their friction coefficients, by index."""
+    """The geom pairs met so far, with their friction coefficients, by index."""
 
     def __init__(self) -> None:
         self._known: dict[bytes, int] = {}
@@ -64,7 +64,7 @@ _MIXED = np.array([2 * (0x9E3779B97F4A7C15 * k % 2**63) + 1 for k in range(1, 8)
 
 
 class Groups(NamedTuple):
-    """Forces of constraints, grouped by evaluation and cause."""
+    """Constraint forces summed by cause, in each evaluation."""
 
     rows: Any
     """Index of each group's evaluation, shape (g,)."""
@@ -82,7 +82,7 @@ class Groups(NamedTuple):
 
 
 class Constrained(NamedTuple):
-    """Forces of all constraints in the given evaluations."""
+    """All constraint forces in a batch of evaluations, with the contact points."""
 
     groups: Groups | None
     points: Any
@@ -91,7 +91,7 @@ class Constrained(NamedTuple):
 def constrained(
     copies: Any, pairs: PairTable, joint_of: Any, nv: int, *, sparse: bool
 ) -> Constrained:
-    """Return the forces of constraints in all copied evaluations.
+    """Return all constraint forces in a batch of copied evaluations.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def constrained(
 
 
 class _OfContacts(NamedTuple):
-    """The constraint rows of contacts, and their weights."""
+    """The Jacobian rows of contacts, and the shares of push and friction in them."""
 
     rows: Any
     pushes: Any
@@ -164,7 +164,7 @@ class _OfContacts(NamedTuple):
 def _points(
     copies: Any, pairs: PairTable, ncon: Any, base: Any, types: Any, forces: Any
 ) -> tuple[Any, _OfContacts]:
-    """Return the contacts with their forces, and each row's shares of push and friction."""
+    """Return the contact points, and each Jacobian row's shares of push and friction."""
     empty = np.empty(0, np.int64)
     none = _OfContacts(empty, np.empty(0), np.empty(0), empty, empty)
     if not ncon.any():
@@ -205,7 +205,7 @@ def _points(
 
 
 def _dense_sums(copies: Any, nv: int, rows: Any, weights: Any, begins: Any) -> tuple[Any, ...]:
-    """Return the sums of row groups of a dense Jacobian: dofs, values, starts."""
+    """Sum the rows of a dense Jacobian by group: return dofs, values and group starts."""
     if not len(rows):
         return np.empty(0, int), np.empty(0), np.zeros(1, int)
     jacobian = copies.columns("efc_J", np.float64).reshape(-1, nv)
@@ -218,7 +218,7 @@ def _dense_sums(copies: Any, nv: int, rows: Any, weights: Any, begins: Any) -> t
 def _sparse_sums(
     copies: Any, row_of: Any, base: Any, rows: Any, weights: Any, new: Any
 ) -> tuple[Any, ...]:
-    """Return the sums of row groups of a sparse Jacobian: dofs, values, starts.
+    """Sum the rows of a sparse Jacobian by group: return dofs, values and group starts.
 
     The rows of a group have the same columns, with the same bodies; where one has not, its group
     is summed by column.

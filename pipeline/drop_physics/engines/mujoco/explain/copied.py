@@ -1,4 +1,4 @@
-"""MuJoCo's results for the replayed steps, copied during the steps."""
+"""Copies of MuJoCo's forces and matrices, made at each evaluation of a replayed step."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CONTACT = ("dist", "pos", "frame", "friction", "dim", "geom", "efc_address")
 
 
 class MemorySpan:
-    """Arrays of an MjData that are adjacent in memory and copied together.
+    """Arrays of an MjData that are close in memory and are copied together.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def spans_of(arrays: dict[str, Any]) -> list[MemorySpan]:
 
 
 class Contacts:
-    """The memory location of an MjData's contacts: a contiguous array at the start of its arena."""
+    """Reads contacts from MuJoCo's memory, where they start the MjData's arena."""
 
     def __init__(self) -> None:
         self.size = 0
@@ -72,13 +72,13 @@ class Contacts:
         self._at = 0
 
     def copy(self, d: Any, count: int) -> bytes:
-        """Copy all contacts as bytes."""
+        """Copy the first `count` contacts as bytes."""
         if not self.size:
             self._learn(d)
         return view_of(self._at, count * self.size).tobytes()
 
     def check(self, d: Any) -> None:
-        """Raise LookupError if an MjData has contacts, and they are not at that location."""
+        """Raise LookupError if an MjData's contacts do not lie at the start of its arena."""
         if self.size and d.ncon and d.contact.dist.ctypes.data != self._at:
             raise LookupError("contacts are not at the start of the arena")
 
@@ -97,7 +97,7 @@ class Contacts:
 
 
 class Copies:
-    """Copied results of a model's evaluations, in order.
+    """Copies of MuJoCo's results, one for each evaluation, in order.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class Copies:
         return self.count >= self.room or self.bytes > BATCH_BYTES
 
     def copy(self, sparse: bool) -> None:
-        """Copy the results of the last evaluation; `sparse` says whether its Jacobian is sparse."""
+        """Copy MuJoCo's current results; `sparse` says whether its Jacobian is sparse."""
         d, at = self._d, self.count
         for rows, view in self._pairs:
             rows[at] = view
@@ -182,5 +182,5 @@ class Copies:
         return found
 
     def columns(self, name: str, dtype: Any) -> Any:
-        """Return one array of all evaluations, concatenated."""
+        """Return one array that lists all evaluations' values, one after the other."""
         return np.frombuffer(b"".join(self.rows[name]), dtype)

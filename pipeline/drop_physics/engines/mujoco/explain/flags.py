@@ -1,4 +1,4 @@
-"""Flag bits that disable or enable a model's features; their values differ by version."""
+"""Bit values of MuJoCo's disable and enable flags, which differ by version."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import mujoco
 
 
 def _bits(kind: Any, *names: str) -> int:
-    """Return the bits of the flag names that this version has."""
+    """Return the bit of each disable or enable flag that this version has, by name."""
     return sum(int(getattr(kind, name)) for name in names if hasattr(kind, name))
 
 

@@ -1,4 +1,4 @@
-"""The forces of evaluations, except constraint forces: by cause, on each degree of freedom.
+"""Forces other than constraint forces, by cause, on each degree of freedom.
 
 A `Force` is MuJoCo's own result, or a part of it by the formula that is cited.
 """
@@ -18,7 +18,7 @@ TENDON = 3
 
 
 class Force(NamedTuple):
-    """The force of one cause."""
+    """The generalised force of one cause, in each of many evaluations."""
 
     kind: str
     first: int
@@ -32,12 +32,12 @@ class Force(NamedTuple):
 
 
 def term(kind: str, values: Any, first: int = -1, dofs: Any = None) -> Force:
-    """Return the force of a cause that is not a contact pair."""
+    """Make the force of a cause that is not a contact pair."""
     return Force(kind, first, -1, dofs, values)
 
 
 def smooth(m: Any, layout: Layout, held: dict[str, Any], qfrc: Any, xfrc: Any) -> list[Force]:
-    """Return all forces in the given evaluations, except those of constraints.
+    """Return all forces except constraint forces, in each of many evaluations.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def _passive(m: Any, layout: Layout, held: dict[str, Any]) -> list[Force]:
 
 
 class Stretched(NamedTuple):
-    """The spring and damper forces of a tendon."""
+    """The spring and damper forces of one tendon."""
 
     whole: Force
     dofs: Any
@@ -138,7 +138,7 @@ def _tendons(m: Any, held: dict[str, Any]) -> list[Stretched]:
 
 
 def _actuators(m: Any, layout: Layout, held: dict[str, Any]) -> list[Force]:
-    """Return actuator forces, and the reductions by the joints' force ranges."""
+    """Return actuator forces, and as separate causes what joint force limits take from them."""
     found: list[Force] = []
     if not m.nu:
         return found
@@ -161,7 +161,7 @@ def _actuators(m: Any, layout: Layout, held: dict[str, Any]) -> list[Force]:
 
 
 def _pushes(m: Any, layout: Layout, held: dict[str, Any], xfrc: Any) -> list[Force]:
-    """Return the external forces on bodies at their centres of mass (`mj_xfrcAccumulate`)."""
+    """Return the effect of `xfrc_applied`, external forces on bodies (`mj_xfrcAccumulate`)."""
     r, found = len(xfrc), []
     motions = held["cdof"].reshape(r, -1, 6)
     origins = held["subtree_com"].reshape(r, -1, 3)
@@ -188,7 +188,7 @@ def polynomial(coefficients: Any, x: Any) -> Any:
 
 
 def _coefficients(m: Any, name: str) -> Any:
-    """Return linear coefficients, and those of higher powers if this version has them."""
+    """Return polynomial coefficients: linear, and of higher powers if this version has them."""
     higher = getattr(m, f"{name}poly", np.zeros((len(getattr(m, name)), 0)))
     return np.column_stack([getattr(m, name), higher])
 
@@ -211,7 +211,7 @@ def _of_actuators(m: Any, types: tuple[int, ...]) -> list[tuple[int, Any]]:
 
 
 def damping_of(m: Any) -> Any:
-    """Return damping coefficients per degree of freedom, linear first, shape (nv, powers)."""
+    """Return each dof's damping coefficients, linear first, shape (nv, powers)."""
     damping = _coefficients(m, "dof_damping")
     for joint, coefficients in _of_actuators(m, JOINTS):
         damping[m.dof_jntid == joint] += coefficients
@@ -219,7 +219,7 @@ def damping_of(m: Any) -> Any:
 
 
 def _sparse_row(held: dict[str, Any], m: Any, name: str, i: int, numbers: str = "") -> Any:
-    """Return columns and values, shape (r, columns), for a row of a sparse matrix."""
+    """Return column indices and values, shape (r, columns), of a row of a sparse matrix."""
     numbers = numbers or name
     values = held[numbers]
     counts, starts, columns = (
@@ -245,7 +245,7 @@ def _sparse_row(held: dict[str, Any], m: Any, name: str, i: int, numbers: str = 
 
 
 def _less(values: Any, dofs: Any, part: Any) -> Any:
-    """Return values minus a part that acts on some degrees of freedom."""
+    """Subtract from values on all degrees of freedom a part that acts on some."""
     values = values.copy()
     values[:, dofs] -= part
     return values

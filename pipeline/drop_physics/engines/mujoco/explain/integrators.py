@@ -1,4 +1,4 @@
-"""Terms of MuJoCo's integrators beside the forces of a state, and the solver's residual.
+"""Impulses that MuJoCo's integrators add to those of the forces, and the solver's residual.
 
 Each integrator solves for the acceleration a = (u' - u)/h:
 
@@ -52,7 +52,7 @@ def added(
     change: Any,
     version: tuple[int, ...],
 ) -> Force:
-    """Return the impulse that an integrator adds to those of the forces.
+    """Return the impulse by which an integrator's step differs from h times the forces.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def averaged(values: Any) -> Any:
 
 
 def added_by_stages(layout: Layout, held: dict[str, Any]) -> list[Force]:
-    """Return what RK4 adds to the mean of its stages' forces, as forces, shape (n, nv).
+    """Return RK4's deviation from the mean of its stages' forces, as a force, shape (n, nv).
 
     u' - u = h sum of b_i a_i, and M_i a_i = forces + the solver's residual. So with the mass matrix
     of the first stage, M_1 (u' - u) is h sum of b_i (forces + solver + (M_1 - M_i) a_i).
@@ -113,7 +113,7 @@ def added_by_stages(layout: Layout, held: dict[str, Any]) -> list[Force]:
 def strays_by_stages(
     m: Any, rates: Any, h: Any, before: Any, after: Any, version: tuple[int, ...]
 ) -> Any:
-    """Return how far RK4's poses are from where its stages' velocities lead [m, rad], (n,).
+    """Return how far poses are from where RK4's stage velocities lead [m, rad], shape (n,).
 
     `rates` has the shape (n, 4, nv), poses (n, nq). Turns of the stages are first taken back to the
     axes of the first, where that is done (`MUNTHE_KAAS`).
@@ -150,7 +150,7 @@ def _turn(vectors: Any) -> Any:
 
 
 def _taken_back(turn: Any, spin: Any) -> Any:
-    """Return the inverse derivative of the exponential map for a rotation vector, shape (n, 3).
+    """Return the inverse derivative of the exponential map at a rotation vector, shape (n, 3).
 
     k + u × k / 2 + (1 - θ/2 cot θ/2)/θ² u × (u × k), with θ = |u| (Munthe-Kaas).
     """
@@ -163,7 +163,7 @@ def _taken_back(turn: Any, spin: Any) -> Any:
 
 
 def _rows(layout: Layout, slopes: Any, dof: int) -> Any:
-    """Return the 6 × 6 block of a free body, shape (n, 6, 6)."""
+    """Return a free body's 6 × 6 block of the slopes, shape (n, 6, 6)."""
     mine = np.flatnonzero((layout.d_rows >= dof) & (layout.d_rows < dof + 6))
     block = np.zeros((len(slopes), 6, 6))
     block[:, layout.d_rows[mine] - dof, layout.d_columns[mine] - dof] = slopes[:, mine]
@@ -173,7 +173,7 @@ def _rows(layout: Layout, slopes: Any, dof: int) -> Any:
 def _bias_slope(
     m: Any, layout: Layout, held: dict[str, Any], before: dict[str, Any], at: int, dof: int
 ) -> Any:
-    """Return the derivative of a free body's bias force, shape (n, 6, 6).
+    """Return the velocity derivative of a free body's bias force, shape (n, 6, 6).
 
     With mass m, centre of mass c and inertia I about the joint, all in the body's axes R, it is
     m R (ω × (ω × c)) and ω × I ω. M holds m, -m R c×, and I with the armature.

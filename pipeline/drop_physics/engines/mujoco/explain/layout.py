@@ -1,4 +1,4 @@
-"""Memory layout of a model's matrices, as index arrays that serve many steps at once."""
+"""Index arrays into MuJoCo's packed matrices, to process many steps at once."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ TINY = 1e-15
 
 
 def either(m: Any, d: Any, name: str) -> Any:
-    """Return an array from the model or from the data, depending on the version."""
+    """Return an array that, depending on the version, belongs to MjModel or MjData."""
     return getattr(m, name) if hasattr(m, name) else getattr(d, name)
 
 
 class Symmetric:
-    """The entries of a symmetric matrix of which MuJoCo stores one triangle.
+    """Index arrays for symmetric matrices of which MuJoCo stores one triangle.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Symmetric:
 
 
 class Layout:
-    """Constants of a model that hold during its steps.
+    """Index arrays and constants of a model that its steps do not change.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class Layout:
         return Symmetric(np.array(rows, int), np.array(columns, int), m.nv)
 
     def _slopes(self, m: Any) -> tuple[Any, Symmetric]:
-        """Return the force derivatives that `implicitfast` uses, and their symmetric matrix.
+        """Return where `implicitfast` keeps its velocity derivatives of forces.
 
         It has their lower half, where the mass matrix may have entries. Those of a simple body are
         on the diagonal; of old versions' `qM` only that part is used.

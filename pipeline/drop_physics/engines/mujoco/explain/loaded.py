@@ -1,4 +1,4 @@
-"""Loads a frame's state into an MjData, as if the previous steps had been made.
+"""Restores a recorded state in an MjData, including sleep states that earlier steps left.
 
 A step computes everything anew but for what sleeps: the positions of sleeping bodies are those of
 the step in which they fell asleep, and lists of what is awake come from the end of the step before
@@ -17,7 +17,7 @@ from ..frames import ASLEEP, kind_of
 
 
 def load(m: Any, d: Any, state: Mapping[str, Any]) -> None:
-    """Write parts of a state into an MjData, by name, except for the clock."""
+    """Write state arrays into an MjData, by name, except for the time."""
     asleep = state.get(ASLEEP, ())
     if not len(asleep):
         _write(d, state)

@@ -1,4 +1,4 @@
-"""Outcomes of a replayed step, and the reasons why it may have no sum."""
+"""Outcomes of a replayed step, and reasons why a step may have no explanation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Replays a script's steps from their frames.
+"""Replays a script's steps with the script's MuJoCo, each from its recorded start state.
 
 A step is replayed if it leads to the recorded state to the last bit. Only such a step is explained:
 the sum of one that leads elsewhere would close, too, and say nothing of the script's.
@@ -62,7 +62,7 @@ SPARE = 1 << 16
 
 
 class ReplayedModel:
-    """A model with the script's own values.
+    """A compiled model as loaded from the recording, with the script's edits.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class ReplayedModel:
         self._look()
 
     def _look(self) -> None:
-        """Read the model features on which steps depend."""
+        """Note which features the model uses that change how its steps are replayed."""
         m = self.m
         self.timestep = float(m.opt.timestep)
         self.sparse = bool(mujoco.mj_isSparse(m))
@@ -110,7 +110,7 @@ class ReplayedModel:
         return RK4 if which == 4 else EULER
 
     def _uncovered(self, integrator: int) -> str:
-        """Return the reason why an integrator's steps have no sum; empty if they have one."""
+        """Return why steps of an integrator cannot be explained; empty if they can."""
         m = self.m
         if integrator not in (EULER, RK4, IMPLICIT, IMPLICITFAST):
             return "integrator"
@@ -135,7 +135,7 @@ class ReplayedModel:
 
 
 class ReplayedData:
-    """A simulation (MjData) that is replayed.
+    """A simulation (MjData) whose recorded steps are replayed.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ class ReplayedData:
                 stretch.view[:] = held
 
     def write(self, name: str, indices: Any, values: Any) -> None:
-        """Write elements of a part of the state."""
+        """Write elements of a state array."""
         held = getattr(self.d, name).reshape(-1).view(kind_of(name))
         if indices is None:
             held[:] = values
@@ -186,12 +186,12 @@ class ReplayedData:
             self.is_pushed = bool(held.any())
 
     def load(self, state: dict[str, Any]) -> None:
-        """Set parts of the state, with the clock, as if the previous steps had been made."""
+        """Set the state, including the time, as if the previous steps had been made."""
         (self.d.time,) = state[CLOCK]
         load(self.model.m, self.d, {name: row for name, row in state.items() if name != CLOCK})
 
     def reach(self, asked: StepsAsked, step: int) -> None:
-        """Bring the data to the start state of a step."""
+        """Set the state from which a step starts."""
         if self.reached != asked.first + step:
             self.load(asked.left(step) | asked.given(step))
             given = asked.given(step)
@@ -210,7 +210,7 @@ class ReplayedData:
 
 
 class Replay:
-    """Handles requests and yields answers; holds one simulation at a time."""
+    """Serves requests to replay steps; keeps one simulation at a time."""
 
     def __init__(self) -> None:
         self._loaded = 0
@@ -236,7 +236,7 @@ class Replay:
     # -- requests ---------------------------------------------------------------------------------
 
     def _on_constants(self, _: dict[str, Any], path: str) -> Iterator[bytes]:
-        """Answer with the constants of a model file that the analysis needs."""
+        """Reply with the constants that the analysis needs from a model file."""
         m = mujoco.MjModel.from_binary_path(path)
         yield frames.arrays_bytes("constants", memory.constants_of(m))
         yield TAKEN
@@ -244,7 +244,7 @@ class Replay:
     def _on_simulation(
         self, arrays: dict[str, Any], world: int, version: str | None, path: str, edits: list[Any]
     ) -> Iterator[bytes]:
-        """Begin a simulation of a model file, with earlier edits applied."""
+        """Load a model file, with the script's edits so far, to replay a simulation."""
         if version not in (None, mujoco.__version__):
             raise SystemExit(f"the script ran with mujoco {version}, this is {mujoco.__version__}")
         if self._model is None or path != self._path or self._model.is_edited:
@@ -257,7 +257,7 @@ class Replay:
         yield from ()
 
     def _on_steps(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
-        """Replay the steps of a chunk."""
+        """Replay and explain the steps of a chunk."""
         state, asked = self._data, StepsAsked(arrays, **head)
         assert state is not None
         cores = asked.cores(state.core)
@@ -278,7 +278,7 @@ class Replay:
         yield TAKEN
 
     def _on_states(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
-        """Replay steps from their own frames; answer with the resulting states."""
+        """Replay steps from their recorded starts; reply with the resulting states."""
         state, asked = self._data, StepsAsked(arrays, **head)
         assert state is not None
         m, d = state.model.m, state.d
@@ -308,14 +308,14 @@ class Replay:
     # -- callbacks --------------------------------------------------------------------------------
 
     def _set_callbacks(self, which: frozenset[int]) -> None:
-        """Install callbacks that repeat the recorded effects."""
+        """Install callbacks that repeat what the script's callbacks returned or wrote."""
         for number in which ^ self._set:
             answer = (lambda *_, number=number: self._answer(number)) if number in which else None
             getattr(mujoco, f"set_mjcb_{CALLBACKS[number]}")(answer)
         self._set = which
 
     def _answer(self, which: int) -> Any:
-        """Repeat the recorded effect of a callback of the script."""
+        """Repeat what one of the script's callbacks returned or wrote in this call."""
         state = self._now
         if state is None:
             return 0.0
@@ -336,7 +336,7 @@ class Replay:
     def _step(
         self, state: ReplayedData, asked: StepsAsked, step: int, core: bytes
     ) -> Iterator[bytes]:
-        """Replay a step, compare the result, and keep the data for its explanation."""
+        """Replay a step, compare the result with the recording, and copy forces to explain it."""
         model, d = state.model, state.d
         m, time_s = model.m, float(asked.clock_s[step])
         function, answers = int(asked.functions[step]), asked.answers(step, model.m.nv)
@@ -425,7 +425,7 @@ class Replay:
         stages: list[bytes],
         answers: list[Answer],
     ) -> None:
-        """Repeat the evaluations of RK4's stages within a step."""
+        """Evaluate RK4's stages once more, to copy the forces of each."""
         m, other = state.model.m, state.other
         core, user = memory.core_of(other), memory.user_of(other)
         sparse = state.model.sparse
@@ -441,7 +441,7 @@ class Replay:
             batch.evaluated(sparse, state.is_applied, state.is_pushed)
 
     def _finish(self, state: ReplayedData) -> Iterator[bytes]:
-        """Explain the waiting steps, and send them with the outcomes of the steps since."""
+        """Explain the waiting steps, and send them with the outcomes of all steps since."""
         arrays: dict[str, Any] = {}
         said: dict[str, Any] = {}
         if state.statuses:
@@ -462,7 +462,7 @@ class Replay:
         state.first, state.statuses = state.step, []
 
     def _packed(self, state: ReplayedData, answer: Any, statuses: Any) -> dict[str, Any]:
-        """Return an answer's arrays; steps that leave a remainder are not explained."""
+        """Pack explanations and outcomes; steps whose sums leave a remainder are unexplained."""
         summed = answer.summed
         open_ = answer.steps[~(summed.remainder <= CLOSES)] - state.first
         statuses[open_, 0], statuses[open_, 1] = REPLAYED, REASONS.index("remainder")
@@ -481,7 +481,7 @@ class Replay:
         return arrays
 
     def _said(self, model: ReplayedModel) -> dict[str, Any]:
-        """Return the terms, patterns and pairs that were not yet sent."""
+        """Return the force terms, sets of terms and geom pairs that were not sent before."""
         terms, pairs = model.terms, model.pairs
         new = [
             [kind, first, second, dofs.tolist()]
@@ -495,19 +495,19 @@ class Replay:
 
 
 def _goes_on(asked: StepsAsked, step: int) -> bool:
-    """Return whether MuJoCo can continue from the state after a step."""
+    """Return whether positions and velocities after a step are within MuJoCo's limits."""
     moving = (asked.reached(name, step) for name in ("qpos", "qvel"))
     return all(bool((np.abs(rows) <= LARGEST).all()) for rows in moving)
 
 
 class _Elsewhere:
-    """Redirects a callback's writes into another MjData."""
+    """Stands in for an MjData in a callback, and directs writes to another MjData."""
 
     def __init__(self, d: Any) -> None:
         self.d, self.core = d, memory.core_of(d)
 
     def write(self, name: str, indices: Any, values: Any) -> None:
-        """Write elements of a part of the state."""
+        """Write elements of a state array."""
         held = getattr(self.d, name).reshape(-1).view(kind_of(name))
         held[slice(None) if indices is None else indices] = values
 
@@ -516,7 +516,7 @@ _NOTHING = np.empty(0)
 
 
 def by_callback(answers: list[tuple[int, Any]]) -> dict[int, deque[Any]]:
-    """Return each callback's effects, in order."""
+    """Return what each callback returned or wrote, in order of its calls."""
     found: dict[int, deque[Any]] = {}
     for which, answer in answers:
         found.setdefault(which, deque()).append(answer)
@@ -524,7 +524,7 @@ def by_callback(answers: list[tuple[int, Any]]) -> dict[int, deque[Any]]:
 
 
 def take(m: Any, state: ReplayedData, which: int) -> None:
-    """Make a step as the script did."""
+    """Make one step with the MuJoCo function that the script called."""
     d = state.d
     if which == 0:
         mujoco.mj_step(m, d)
@@ -538,7 +538,7 @@ def take(m: Any, state: ReplayedData, which: int) -> None:
 def take_stale(
     state: ReplayedData, before: tuple[float, bytes, bytes], posed: dict[str, Any], which: int
 ) -> None:
-    """Make the second half of a step from one state, with positions of another state."""
+    """Make a step's second half with derived positions that belong to an older state."""
     m, d = state.model.m, state.d
     state.restore(before)
     for name, row in posed.items():
@@ -549,7 +549,7 @@ def take_stale(
 
 
 def _finish_step(m: Any, d: Any, which: int) -> None:
-    """Make the second half of a step."""
+    """Make the second half of a step, after positions were computed."""
     if which == 4:
         mujoco.mj_RungeKutta(m, d, 4)
     else:
@@ -557,14 +557,14 @@ def _finish_step(m: Any, d: Any, which: int) -> None:
 
 
 def _equal(reached: memory.StateMemory, core: bytes) -> bool:
-    """Return whether a step reached the recorded core state, ignoring gaps between its parts."""
+    """Return whether a step led to the recorded state bit for bit, ignoring padding bytes."""
     if reached.view.tobytes() == core:
         return True
     return all(part.view.tobytes() == core[part.begin : part.end] for part in reached.parts)
 
 
 def _has_warned(before: bytes, now: memoryview) -> bool:
-    """Return whether a warning upon which MuJoCo resets itself became more frequent.
+    """Return whether MuJoCo gave a warning with which it resets the simulation.
 
     If MuJoCo has reset itself before, the counter stays, but the time goes back.
     """

@@ -1,4 +1,4 @@
-"""Sums up a batch of steps: terms, their impulses, and the remainder."""
+"""Writes each step of a batch as a sum of named impulses and a remainder."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ of this."""
 
 
 class Named(NamedTuple):
-    """A term with its index."""
+    """A force term with its index in the model's table."""
 
     number: int
     dofs: Any
@@ -28,7 +28,7 @@ class Named(NamedTuple):
 
 
 class TermTable:
-    """The terms of a model so far, by index."""
+    """The force terms of a model that have occurred so far, with indices."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[str, int, int], Named] = {}
@@ -42,7 +42,7 @@ class TermTable:
         self.patterns_told = 0
 
     def of(self, kind: str, first: int, second: int, dofs: Any) -> Named:
-        """Return the term for a cause, extended to these degrees of freedom."""
+        """Return the indexed term of a cause, extended to the given degrees of freedom."""
         key = kind, first, second
         known = self._known.get(key)
         if known is not None:
@@ -54,7 +54,7 @@ class TermTable:
         return known
 
     def pattern(self, numbers: Any) -> int:
-        """Return the index of a list of terms."""
+        """Return the index of a set of terms; equal sets share an index."""
         key = numbers.tobytes()
         found = self._patterns.get(key)
         if found is None:
@@ -64,7 +64,7 @@ class TermTable:
 
 
 class TermSums(NamedTuple):
-    """A batch of steps as sums."""
+    """The sums of a batch of steps: which terms act in each step, and their impulses."""
 
     patterns: Any
     """Index of each step's list of terms, shape (n,)."""
@@ -79,7 +79,7 @@ class TermSums(NamedTuple):
 
 
 class _Block(NamedTuple):
-    """A term's impulses in some steps."""
+    """The impulses of one term in the steps in which it acts."""
 
     number: int
     steps: Any
@@ -95,7 +95,7 @@ def summed(
     added: list[Force],
     after: Any,
 ) -> TermSums:
-    """Return each step as a sum of impulses.
+    """Return each step's momentum change as a sum of impulses and a remainder.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def _block(terms: TermTable, force: Force, dofs: Any, acting: Any, nv: int) -> I
 
 
 class _Flat(NamedTuple):
-    """Constraint groups with the indices of their terms."""
+    """Constraint impulses of all steps in one array, with the index of each one's term."""
 
     numbers: Any
     """Index of each group's term, shape (g,)."""
@@ -175,7 +175,7 @@ class _Flat(NamedTuple):
 
 
 def _flat(terms: TermTable, groups: Groups, impulses: Any, acting: Any) -> _Flat | None:
-    """Return groups with the indices of their terms, and their non-zero impulses.
+    """Look up the terms of constraint forces, and return their non-zero impulses.
 
     None if no impulse acts.
     """
@@ -205,7 +205,7 @@ def _flat(terms: TermTable, groups: Groups, impulses: Any, acting: Any) -> _Flat
 def _laid_out(
     terms: TermTable, n: int, blocks: list[_Block], flat: _Flat | None, remainder: Any, largest: Any
 ) -> TermSums:
-    """Sort values by step, and within a step by term index."""
+    """Sort impulses by step, and within a step by term index."""
     numbers = [block.number for block in blocks]
     if flat is not None:
         numbers += np.unique(flat.numbers).tolist()

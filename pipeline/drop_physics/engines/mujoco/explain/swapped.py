@@ -1,4 +1,4 @@
-"""Makes single steps with this MuJoCo from states of another run, with swapped model fields."""
+"""Makes steps with this MuJoCo from another run's states, with swapped model fields."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ _NOTHING = np.empty(0)
 
 
 def main() -> None:
-    """Answer requests until there are no more."""
+    """Serve requests until the input ends."""
     answer(Swaps())
 
 
 class SwappedModel(ReplayedModel):
-    """A model with changed values in some fields, until `restore` is called."""
+    """A model whose fields can be overwritten, and restored with `restore`."""
 
     def __init__(self, number: int, path: str) -> None:
         super().__init__(number, path)
         self._before: dict[str, Any] = {}
 
     def edit(self, name: str, indices: Any, values: Any) -> None:
-        """Change elements of a field."""
+        """Change elements of a field as the script did."""
         self.put(name, indices, values)
 
     def put(self, name: str, indices: Any, values: Any) -> None:
@@ -73,23 +73,23 @@ class SwappedModel(ReplayedModel):
 
 
 def owner_of(m: Any, name: str) -> tuple[Any, str]:
-    """Return the object that owns a field, and its name there: `opt.timestep`, `geom_size`."""
+    """Return the object that has a field (`opt.timestep`, `geom_size`), and its attribute name."""
     first, _, last = name.rpartition(".")
     return (getattr(m, first) if first else m), last
 
 
 class Swaps(Replay):
-    """Handles requests for steps with swapped fields; holds one model at a time."""
+    """Serves requests for steps with swapped fields; keeps one model at a time."""
 
     _swapped: SwappedModel | None = None
 
     def _on_version(self, _: dict[str, Any]) -> Iterator[bytes]:
-        """Answer with the version of this MuJoCo."""
+        """Reply with the version of this MuJoCo."""
         yield frames.arrays_bytes("version", {}, version=mujoco.__version__)
         yield TAKEN
 
     def _on_fields(self, _: dict[str, Any], path: str) -> Iterator[bytes]:
-        """Answer with all fields of a model file, and the features of this version."""
+        """Reply with all fields of a model file, and the features that this version can disable."""
         m, found = mujoco.MjModel.from_binary_path(path), dict[str, Any]()
         for name in dir(m):
             value = None if name.startswith("_") else getattr(m, name)
@@ -107,7 +107,7 @@ class Swaps(Replay):
     def _on_put(
         self, arrays: dict[str, Any], path: str, edits: list[Any], off: list[str]
     ) -> Iterator[bytes]:
-        """Load a model file, change elements of its fields, and disable features."""
+        """Load a model file, overwrite elements of its fields, and disable features."""
         model = self._swapped
         if model is None or self._path != path:
             self._data = self._model = self._swapped = None
@@ -121,7 +121,7 @@ class Swaps(Replay):
         yield from ()
 
     def _on_stages(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
-        """Make steps from their own frames; answer with the results of their stages."""
+        """Make steps from recorded starts; reply with the results of their computation stages."""
         asked = StepsAsked(arrays, **head)
         rows: dict[str, list[Any]] = {}
         for step in range(asked.begin, asked.end):
@@ -132,7 +132,7 @@ class Swaps(Replay):
         yield TAKEN
 
     def _on_swapped(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
-        """Make steps from their own frames; answer with the resulting states."""
+        """Make steps from recorded starts; reply with the states after them."""
         asked = StepsAsked(arrays, **head)
         rows: dict[str, list[Any]] = {}
         for step in range(asked.begin, asked.end):
@@ -144,7 +144,7 @@ class Swaps(Replay):
         yield TAKEN
 
     def _on_rolled(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
-        """Continue from the first step with changed velocities; answer with the last positions."""
+        """Repeat the run once for each velocity change; reply with the last positions."""
         nudges, asked, state = arrays.pop("nudges"), StepsAsked(arrays, **head), self._data
         assert state is not None
         ends = []
@@ -162,7 +162,7 @@ class Swaps(Replay):
         yield TAKEN
 
     def _on_trail(self, arrays: dict[str, Any], **head: Any) -> Iterator[bytes]:
-        """Continue from the first step; answer with positions and velocities after every step."""
+        """Repeat the run from its first step; reply with all positions and velocities."""
         asked, state = StepsAsked(arrays, **head), self._data
         assert state is not None
         rows: dict[str, list[Any]] = {"qpos": [], "qvel": []}
@@ -178,7 +178,7 @@ class Swaps(Replay):
         yield TAKEN
 
     def _cross(self, asked: StepsAsked, step: int) -> Any:
-        """Make a step from its own frame; return the data."""
+        """Make a step from its recorded start; return the MjData."""
         state = self._data
         assert state is not None
         for edit in asked.edits.get(step, ()):
@@ -201,7 +201,7 @@ class Swaps(Replay):
         self._now = None
 
     def _computed(self) -> dict[str, Any]:
-        """Return the results of each stage of the last step."""
+        """Return what each stage of the last step computed: positions, contacts and forces."""
         assert self._data is not None
         d = self._data.d
         contact = d.contact

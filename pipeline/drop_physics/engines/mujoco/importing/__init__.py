@@ -1,1 +1,1 @@
-"""Imports states that another program saved, and compares them with MuJoCo's own steps."""
+"""Imports states that another simulator saved, and compares them with MuJoCo's own steps."""

@@ -1,4 +1,4 @@
-"""Reads arrays from files of other programs: npz and hdf5.
+"""Reads the arrays of npz and hdf5 files that other programs saved.
 
 An hdf5 file has the layout of robomimic and LIBERO: demonstrations at `data/demo_N`, each with
 `states` and, as an attribute, `model_file`.
@@ -29,7 +29,7 @@ DIGITS = re.compile(r"\d+")
 
 @dataclass(frozen=True, eq=False)
 class Archive:
-    """The arrays of a file."""
+    """The arrays of an npz or hdf5 file."""
 
     path: Path
     arrays: dict[str, NDArray[Any]]
@@ -43,7 +43,7 @@ class Archive:
 
 
 def archive_of(path: Path, world: int | None) -> Archive:
-    """Return the arrays of a file; of several demonstrations only one, by default the first.
+    """Return the arrays of a file; of several demonstrations, the given or the first.
 
     Raises
     ------

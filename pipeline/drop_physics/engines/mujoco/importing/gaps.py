@@ -1,4 +1,4 @@
-"""Finds the force terms by which another engine's steps differ from MuJoCo's.
+"""Finds the force terms that explain how another engine's steps differ from MuJoCo's.
 
 A term is named where the gap of velocities lies in what it can do: along its own force, or in the
 rows of the contacts of two bodies. What a force does is measured, by steps with a small one more,
@@ -53,7 +53,7 @@ class GapTerm(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """How well a term explains the gap of a step."""
+    """How well one force term explains the velocity difference of a step."""
 
     left: float
     """The share of the gap's energy that remains."""
@@ -63,7 +63,7 @@ class Fit(NamedTuple):
 
 @dataclass(frozen=True)
 class Gap:
-    """The steps that differ by one force term."""
+    """A force term that explains differences, and the steps in which it does."""
 
     kind: str
     """The term's kind: `contacts`, `limit`, `equality`, `friction loss`, `tendon`, `actuator`,
@@ -83,7 +83,7 @@ class Gap:
 
 
 class _Looked(NamedTuple):
-    """An examined step."""
+    """One examined step: each term's fit, and the unexplained remainder."""
 
     number: int
     apart: float
@@ -95,7 +95,7 @@ EVERYTHING, POSITIONS = GapTerm("everything"), GapTerm("positions")
 
 
 class Gaps:
-    """Collects the force terms by which another engine's steps differ from MuJoCo's.
+    """Collects steps that differ from MuJoCo's, and the force terms that explain why.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ class Gaps:
         return len(self._looked)
 
     def add(self, step: ImportedStep) -> None:
-        """Examine a step if it differs from MuJoCo's."""
+        """Examine a step in which the other engine's velocities differ from MuJoCo's."""
         if step.near:
             self._before = step
             return
@@ -137,7 +137,7 @@ class Gaps:
             self._looked.append(_Looked(step.number, apart, fits, touching))
 
     def in_order(self) -> list[Gap]:
-        """Return the gaps by term, the most frequent first."""
+        """Return the explaining terms with their steps, the most frequent term first."""
         left, found = [*self._looked], dict[GapTerm, list[_Looked]]()
         while left:
             term = _named_by_most(left, self._cleared)
@@ -160,7 +160,7 @@ class Gaps:
         return smooth | _constraints(self._m, d).keys()
 
     def _fits(self, step: ImportedStep) -> dict[GapTerm, Fit]:
-        """Return how well each term explains the gap of a step."""
+        """Return how well each term explains a step's velocity difference."""
         m, d = self._m, self._of.evaluated(step)
         if step.moved:
             return {POSITIONS: Fit(0.0, np.nan)}
@@ -173,7 +173,7 @@ class Gaps:
         gap = root @ step.gap
 
         def left(rest: Float64) -> float:
-            """Return the remaining share of the gap's energy; rounding counts as nothing."""
+            """Return the share of the difference's energy that stays unexplained."""
             rates = np.abs(np.linalg.solve(root, rest))
             return float(rest @ rest) / float(gap @ gap) if (rates > step.allowed).any() else 0.0
 
@@ -205,7 +205,7 @@ class Gaps:
         return found
 
     def _answer(self, step: ImportedStep, force: float, *, constrained: bool) -> Float64:
-        """Return the velocity change after a step caused by each force, shape (nv, nv)."""
+        """Return the velocity change in a step per unit of force on each dof, shape (nv, nv)."""
         m, flags = self._m, int(self._m.opt.disableflags)
         if not constrained:
             m.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
@@ -218,19 +218,19 @@ class Gaps:
 
 
 def _at_the_end(force: Float64, before: Float64, step: ImportedStep) -> Float64:
-    """Return the damper forces at the end of a step, where MuJoCo's integrators evaluate them."""
+    """Return damper forces at a step's end velocity, where MuJoCo's integrators take them."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = force * (step.rates / before)
     return np.where(np.isfinite(ends), ends, 0.0)
 
 
 def _good(looked: _Looked) -> set[GapTerm]:
-    """Return the terms that explain a step's gap."""
+    """Return the terms that explain a step's velocity difference."""
     return {term for term, fit in looked.fits.items() if fit.left <= LEFT}
 
 
 def _named_by_most(left: list[_Looked], cleared: Set[GapTerm]) -> GapTerm | None:
-    """Return the term that explains most steps; on a tie, the most uniform one.
+    """Return the term that explains the most steps; of similar ones, the most plausible.
 
     A term that also acts in steps without a gap is chosen only if there is no other.
     """
@@ -254,7 +254,7 @@ def _named_by_most(left: list[_Looked], cleared: Set[GapTerm]) -> GapTerm | None
 
 
 def _is_meant(term: GapTerm, its: list[_Looked], left: int) -> bool:
-    """Return whether a term that explains some of the steps does so not by chance."""
+    """Return whether a term explains enough steps not to do so by chance."""
     factor, share = _factor(term, its)
     if np.isfinite(factor):  # along one force: any push on one joint may look like it
         return (len(its) >= FEWEST and share >= AGREE) or len(its) >= HALF * left
@@ -262,7 +262,7 @@ def _is_meant(term: GapTerm, its: list[_Looked], left: int) -> bool:
 
 
 def _factor(term: GapTerm, its: list[_Looked]) -> tuple[float, float]:
-    """Return the most frequent factor of a term, and its share of the steps."""
+    """Return the median ratio of the other engine's term to MuJoCo's, and how many steps agree."""
     factors = np.array([each.fits[term].factor for each in its if term in each.fits])
     if not len(factors) or not np.isfinite(factors).all():
         return np.nan, 0.0

@@ -1,4 +1,4 @@
-"""Finds why states grow without bound: the force term by which steps amplify a deviation.
+"""Finds the force term that makes the states of an unstable run grow without bound.
 
 The derivative of a step by its state has an eigenvalue above 1 where a small difference grows. Its
 mode says in which joint, and the change of each term's force along it says by which: the one that
@@ -39,7 +39,7 @@ MOST_DOFS = 100
 
 
 class GrowingStates(NamedTuple):
-    """Why the states grow from a certain state on."""
+    """The cause of unbounded growth from a certain state on."""
 
     state: int
     term: GapTerm
@@ -64,7 +64,7 @@ class GrowingStates(NamedTuple):
 
 
 def growth_of(steps: ImportedSteps, last: Sequence[ImportedStep]) -> GrowingStates | None:
-    """Return why the states grow in the last steps of a run; None if they do not."""
+    """Return why states grow in the last steps of a run; None if they do not grow."""
     m = steps.m
     if not last or not 0 < m.nv <= MOST_DOFS:
         return None
@@ -90,7 +90,7 @@ def growth_of(steps: ImportedSteps, last: Sequence[ImportedStep]) -> GrowingStat
 
 
 def _mode(steps: ImportedSteps, step: ImportedStep) -> GrowingStates | None:
-    """Return the mode that a step amplifies most; None if it hardly grows."""
+    """Return the deviation that a step amplifies most; None if no step amplifies much."""
     m, d = steps.m, steps.evaluated(step)
     slope = _slope(steps, step)
     if not np.isfinite(slope).all():
@@ -165,7 +165,7 @@ def _slope(steps: ImportedSteps, step: ImportedStep) -> Float64:
 
 
 def _forces(m: Any, d: Any) -> Iterator[tuple[GapTerm, Float64]]:  # noqa: ANN401
-    """Yield the force terms and their forces, shape (nv,)."""
+    """Yield each force term's name and generalised force, shape (nv,)."""
     yield from forces_of(m, d)
     yield GapTerm("Coriolis and gyroscopic forces"), -np.array(d.qfrc_bias)
     pairs: dict[GapTerm, Float64] = {}

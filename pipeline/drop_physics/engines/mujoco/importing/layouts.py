@@ -1,4 +1,4 @@
-"""Finds a simulation's states among a file's arrays, by common names or by `--map`."""
+"""Finds `qpos`, `qvel` … among a file's arrays, by common names or by `--map`."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ TOLERATED = 0.02
 
 @dataclass(frozen=True, eq=False)
 class FoundStates:
-    """The states of one world."""
+    """The states of one of a file's parallel worlds."""
 
     states: ImportedStates
     names: Mapping[str, str]
@@ -61,7 +61,7 @@ class FoundStates:
 
 
 def asked_names(maps: Sequence[str], archive: Archive) -> dict[str, str]:
-    """Return the names from `--map`: keys of the file, by part of the state.
+    """Parse `--map` options: return the file's array names, by state array.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def states_in(
     maps: Mapping[str, str],
     world: int | None,
 ) -> FoundStates:
-    """Return the states of one world of a file.
+    """Return the states of one of a file's parallel worlds.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def states_in(
 
 
 def _names(archive: Archive) -> dict[str, str]:
-    """Return the file's keys by common name."""
+    """Return the file's array names, by the common name that each stands for."""
     found: dict[str, str] = {}
     by_name: dict[str, str] = {}
     for key in archive.arrays:
@@ -180,7 +180,7 @@ def _divided(
     *,
     is_physics: bool,
 ) -> dict[str, NDArray[Any]]:
-    """Split whole states into their parts, according to their number of columns."""
+    """Split concatenated states into `qpos`, `qvel` …, by their number of columns."""
     width = states.shape[-1] if states.ndim else 0
     moving = [("qpos", m.nq), ("qvel", m.nv)]
     act, mocap = [("act", m.na)], [("mocap_pos", 3 * m.nmocap), ("mocap_quat", 4 * m.nmocap)]
@@ -210,7 +210,7 @@ def _divided(
 
 
 def _shaped(what: str, held: NDArray[Any], m: Any, archive: Archive) -> NDArray[Any]:  # noqa: ANN401
-    """Return an array as worlds × steps × numbers, checked to fit the model."""
+    """Return an array in the shape worlds × steps × numbers, checked against the model."""
     if what == "time":
         held = held[..., 0] if held.ndim > 1 and held.shape[-1] == 1 else held
         return held.reshape(-1, held.shape[-1]) if held.ndim else held.reshape(1, 1)
@@ -234,7 +234,7 @@ def _shaped(what: str, held: NDArray[Any], m: Any, archive: Archive) -> NDArray[
 
 
 def _chosen(arrays: Mapping[str, NDArray[Any]]) -> int:
-    """Return the index of the first world with non-finite numbers, of the outlier, or 0."""
+    """Return the world to import: the first with non-finite numbers, an outlier, or 0."""
     bad = ~(_is_number(arrays["qpos"]) & _is_number(arrays["qvel"])).all(axis=1)
     if bad.any():
         return int(np.argmax(bad))
@@ -333,7 +333,7 @@ def _found(
 
 
 def _no_number(parts: Mapping[str, NDArray[Any]], at: int, m: Any) -> Message:  # noqa: ANN401
-    """Describe the first number of a state that is not finite."""
+    """Describe the first non-finite number of a state."""
     for what, adr in (("qvel", m.jnt_dofadr), ("qpos", m.jnt_qposadr)):
         bad = np.flatnonzero(~(np.abs(parts[what][at]) <= LARGEST))
         if len(bad):
@@ -355,7 +355,7 @@ def _bad_input(
     count: int,
     m: Any,  # noqa: ANN401
 ) -> tuple[int, Message] | None:
-    """Return the number of states before a non-finite input, and its description; or None."""
+    """Return the number of states before a non-finite input, with its description."""
     found: list[tuple[int, Message]] = []
     for what in (*INPUTS, "act"):
         held = parts.get(what, np.zeros((1, 0)))[:count]
@@ -377,7 +377,7 @@ def _bad_input(
 
 
 def _rounding(parts: Mapping[str, NDArray[Any]]) -> float:
-    """Return the largest relative rounding error of the type in which the numbers were computed.
+    """Return the relative rounding error of the least precise type among the arrays.
 
     A file may hold single precision as doubles, which then have no more digits.
     """
@@ -394,7 +394,7 @@ def _rounding(parts: Mapping[str, NDArray[Any]]) -> float:
 
 
 def _missing(parts: Mapping[str, Any], m: Any, archive: Archive) -> list[Message]:  # noqa: ANN401
-    """Describe the missing parts of the file, and the consequences."""
+    """Describe which state arrays the file lacks, and the consequences."""
     notes = []
     if m.nu and "ctrl" not in parts:
         notes.append(

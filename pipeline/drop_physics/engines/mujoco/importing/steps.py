@@ -1,4 +1,4 @@
-"""Recorded states of another program, and MuJoCo's own step from each of them.
+"""Compares recorded states of another program with MuJoCo's step from each of them.
 
 A step is near if MuJoCo leads to the recorded state within the tolerance of the numbers: the spread
 of steps from states nudged by one rounding of the stored type. If no controls were recorded, a step
@@ -54,7 +54,7 @@ ALIGNED = 64
 
 @dataclass(frozen=True, eq=False)
 class ImportedStates:
-    """The n recorded states of one simulation."""
+    """Recorded states of one simulation, n in all."""
 
     parts: Mapping[str, NDArray[Any]]
     """Parts of the state by MuJoCo's name, shape (n, width) each; inputs act in the step that
@@ -72,7 +72,7 @@ class ImportedStates:
 
 
 class ImportedStep(NamedTuple):
-    """A step from one recorded state to the next."""
+    """MuJoCo's step from a recorded state, compared with the next recorded state."""
 
     number: int
     near: bool
@@ -119,7 +119,7 @@ def loaded(path: Path | None, text: str | None = None) -> Any:  # noqa: ANN401 -
 
 
 class ImportedSteps:
-    """MuJoCo's own steps from recorded states.
+    """MuJoCo's steps from all recorded states, one at a time.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ class ImportedSteps:
             yield self._step(number)
 
     def goes_on(self) -> bool:
-        """Return whether MuJoCo can continue after its step from the last state.
+        """Return whether MuJoCo's step from the last state leads to a valid state.
 
         Its controls are those of the step before.
         """
@@ -197,7 +197,7 @@ class ImportedSteps:
         return step
 
     def _tried(self, number: int, ctrl: Float64) -> ImportedStep:
-        """Return a step made with the given controls."""
+        """Make a step with the given controls, and compare the result."""
         self._load(self.d, number)
         self.d.ctrl[:] = ctrl
         mujoco.mj_step(self.m, self.d)
@@ -222,7 +222,7 @@ class ImportedSteps:
         )
 
     def _asked(self, number: int) -> Float64:
-        """Return the controls that lead closest to the next state, by least squares, (nu,)."""
+        """Estimate unrecorded controls: those that lead closest to the next state, shape (nu,)."""
         m, o = self.m, self._other
         names = [name for name in self._judged if name != "qpos"]
         target = np.concatenate([self._row(name, number + 1) for name in names]).astype(np.float64)
@@ -254,7 +254,7 @@ class ImportedSteps:
         return ctrl
 
     def _inverse(self, number: int) -> Float64:
-        """Return the controls for a step by inverse dynamics, shape (nu,)."""
+        """Estimate unrecorded controls of a step by inverse dynamics, shape (nu,)."""
         m, o, flags = self.m, self._other, int(self.m.opt.enableflags)
         if m.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
             return self._held
@@ -296,7 +296,7 @@ class ImportedSteps:
             d.qacc_warmstart[:] = self._chain
 
     def _gaps(self, number: int) -> tuple[list[Float64], list[Float64]]:
-        """Return the differences between recorded parts and MuJoCo's, and their rounding."""
+        """Return the differences of recorded and computed state arrays, and allowed rounding."""
         gaps, floors = [], []
         for name in self._judged:
             before, after = (self._row(name, at).astype(np.float64) for at in (number, number + 1))
@@ -311,7 +311,7 @@ class ImportedSteps:
         ctrl: Float64,
         floors: list[Float64],
     ) -> list[Float64]:
-        """Return the rounding allowed for a step: the spread of states changed by one rounding."""
+        """Return the tolerance of a step: how far one rounding of the start state moves its end."""
         m, d, o = self.m, self.d, self._other
         spreads = [np.zeros_like(floor) for floor in floors]
         for which in range(NUDGES):
@@ -333,7 +333,7 @@ class ImportedSteps:
         ]
 
     def _aligned(self) -> int:
-        """Return 1 if a step's controls are stored in the row of its end state, else 0."""
+        """Return 1 if the file stores a step's controls with its end state, else 0."""
         last = len(self.states) - 1
         if len(self.states.parts["ctrl"]) <= last:
             return 0
@@ -352,7 +352,7 @@ class ImportedSteps:
 
 
 def _within(gaps: list[Float64], allowed: list[Float64]) -> list[bool]:
-    """Return whether each part differs by at most rounding."""
+    """Return whether all differences are within the tolerances."""
     both = zip(gaps, allowed, strict=True)
     return [bool((np.abs(gap) <= most).all()) for gap, most in both]
 

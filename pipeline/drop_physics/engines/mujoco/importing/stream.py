@@ -1,4 +1,4 @@
-"""Sends imported states in the stream format of a watched script, so that they can be recorded."""
+"""Sends imported states as if a recorded script had produced them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ FIRST, IMPORTED = CAUSES.index("first"), CAUSES.index("imported")
 def stream_of(
     steps: ImportedSteps, tell: Callable[[ImportedStep], None], *, stepped: bool
 ) -> Iterator[bytes]:
-    """Yield the stream that a script's process would send for these states.
+    """Yield imported states as messages, in the format of a script's process.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def _model(m: Any) -> Iterator[bytes]:  # noqa: ANN401 - an MjModel
 
 
 def _inputs(steps: ImportedSteps, step: ImportedStep, sent: dict[str, bytes]) -> Iterator[bytes]:
-    """Yield the inputs of a step that differ from the previous ones."""
+    """Yield the inputs of a step that differ from those last sent."""
     parts = b""
     count = 0
     for name in USER:
@@ -114,6 +114,6 @@ def _inputs(steps: ImportedSteps, step: ImportedStep, sent: dict[str, bytes]) ->
 
 
 def _written(cause: int, parts: Any, time_s: float) -> bytes:  # noqa: ANN401
-    """Return a whole state as a frame."""
+    """Pack a whole state as a message."""
     frames = [part_bytes(part.number, b"\xff" * part.size, part.view) for part in parts]
     return WRITTEN_HEAD.pack(WRITTEN, cause, len(frames), 0, 0, 0, time_s) + b"".join(frames)

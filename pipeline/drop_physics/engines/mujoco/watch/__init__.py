@@ -1,4 +1,4 @@
-"""The part of `drop record` that runs in a MuJoCo script's own interpreter, and watches its steps.
+"""Watches a MuJoCo script from within its own interpreter, and sends its steps to `drop record`.
 
 It needs Python 3.9 or later, numpy, and the script's own mujoco (3.3 or later). Functions of mujoco
 are replaced by ones that call them (`hooks`); writes of the script without a call are found by
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def begin(
     host: ScriptWatch, operations: Sequence[Mapping[str, Any]], variation: dict[str, Any] | None
 ) -> None:
-    """Watch MuJoCo as soon as it is imported; like MuJoCo, this needs numpy."""
+    """Start watching MuJoCo as soon as the script imports it."""
     watches: list[MujocoWatch] = []
 
     def install(module: ModuleType) -> None:

@@ -1,4 +1,4 @@
-"""A watched script's model and state (MjModel, MjData), compared with the values last sent."""
+"""Compares a script's MjModel and MjData with the values last sent, and sends what changed."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ FRAME = struct.Struct("<cI" + STEP_HEAD.format[1:])
 
 
 class WatchedModel:
-    """A model whose memory is compared with the values last sent.
+    """A script's MjModel, compared with the values last sent to find edits.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class WatchedModel:
         self._tell(m)
 
     def _tell(self, m: Any) -> None:
-        """Send the model: digest, constants for the analysis, and its bytes if it is new."""
+        """Send the model: its digest, the constants for the analysis, and its bytes if new."""
         binary = np.empty(self.watch.mujoco.mj_sizeModel(m), np.uint8)
         self.watch.mujoco.mj_saveModel(m, None, binary)
         digest = hashlib.sha256(binary.data).hexdigest()
@@ -92,7 +92,7 @@ class WatchedModel:
             send(arrays_bytes("binary", {"bytes": piece}, digest=digest, at=at))
 
     def tell_edits(self, world: int, site: int) -> None:
-        """Send edits of the model made in place."""
+        """Send what the script changed in the model since the last comparison."""
         for (saved, view), begin in zip(self.pairs, self._begins):
             if saved == view:
                 continue
@@ -115,15 +115,15 @@ class WatchedModel:
 
 
 class SensorExtremes:
-    """The first, last, least and greatest value of each sensor number.
+    """The first, last, least and greatest reading of each sensor, tendon and actuator.
 
-    So are those of the lengths of tendons, and of the lengths and forces of actuators, which come
-    after them. They are in memory that the recorder shares: no crash loses any.
+    Tendons have a length, actuators a length and a force; they come after the sensors. All are in
+    memory that the recorder shares: no crash loses any.
     """
 
     @staticmethod
     def of(watch: MujocoWatch, d: Any) -> SensorExtremes | None:
-        """Return the extremes for an MjData; None without any of them, or without room."""
+        """Make the record of extremes for an MjData; None without readings, or without memory."""
         numbers = d.sensordata, d.ten_length, d.actuator_length, d.actuator_force
         read = [each for each in numbers if each.size]
         size = EXTREMES * sum(each.size for each in read)
@@ -145,7 +145,7 @@ class SensorExtremes:
         """Where they begin among the answers, and how many numbers there are of each."""
 
     def add(self) -> None:
-        """Update with the readings after a step."""
+        """Update the extremes with the readings after a step."""
         for kept, now in self._parts:
             if self._is_first:
                 kept[:] = now
@@ -156,7 +156,7 @@ class SensorExtremes:
 
 
 class WatchedData:
-    """A state (MjData) whose steps are sent.
+    """A script's MjData, whose steps and writes are sent.
 
     Parameters
     ----------
@@ -214,11 +214,11 @@ class WatchedData:
 
     @property
     def is_written(self) -> bool:
-        """True if the state, apart from the time, differs from the values last sent."""
+        """True if the script changed the state, apart from the time, since the last message."""
         return any(stretch.saved != stretch.view for stretch in self._stretches)
 
     def before(self, d: Any, site: int) -> None:
-        """Send the writes to the state or the model since the last step."""
+        """Send what the script wrote into state and model since the last step."""
         for saved, view in self.model.pairs:
             if saved != view:
                 self.model.tell_edits(self.number, site)
@@ -228,13 +228,13 @@ class WatchedData:
             self.tell_written(d, site, MEMORY)
 
     def elapse(self, d: Any) -> None:
-        """Update the time after a step of a run that sends nothing."""
+        """Note the simulated time after a step of a trial run, which sends no steps."""
         time = d.time
         self.elapsed_s += max(time - self.time, 0.0)
         self.time = time
 
     def tell_written(self, d: Any, site: int, cause: int, argument: int = 0) -> None:
-        """Send the parts of the state that changed without a step."""
+        """Send state arrays that changed otherwise than by a step."""
         count, parts = 0, b""
         for stretch in self._stretches:
             if stretch.saved != stretch.view:
@@ -245,7 +245,7 @@ class WatchedData:
         self.watch.send(head + parts)
 
     def pose(self, d: Any, site: int, cause: int, complete: bool) -> None:
-        """Send writes before a function recomputes derived data, and note the state used."""
+        """Send the script's writes before derived data are recomputed, and note the state used."""
         if not self.elapsed_s:
             self._count_idle()
         if self.is_written:
@@ -254,13 +254,13 @@ class WatchedData:
             self._posed = bytes(self.core.view), bytes(self.user.view)
 
     def read(self, d: Any, site: int, cause: int) -> None:
-        """Send writes before a function reads derived data that belong to other positions."""
+        """Send the script's writes before a function reads derived data that are out of date."""
         for qpos in self.core.parts[:1]:
             if self.core.saved[qpos.begin : qpos.end] != qpos.view:
                 self.tell_written(d, site, cause)
 
     def _count_idle(self) -> None:
-        """Report, once, that derived data are recomputed repeatedly while nothing moves.
+        """Report once that a loop recomputes derived data while no state changes.
 
         A script that moves something after the first call is not waiting for a step.
         """
@@ -272,7 +272,7 @@ class WatchedData:
             self.watch.send(note_bytes("idle", world=self.number))
 
     def set_by(self, d: Any, site: int, cause: int, argument: int) -> None:
-        """Send the effect of a function that sets the state, even if it changed nothing."""
+        """Send the state that a function set (a reset, say), even if nothing changed."""
         if self.is_written or d.time != self.time:
             self.tell_written(d, site, cause, argument)
         else:
@@ -281,11 +281,11 @@ class WatchedData:
         self._posed = None
 
     def drawn(self, site: int, cause: int, digest: int) -> None:
-        """Send the digest of an image of the state."""
+        """Send the digest of an image that shows the state."""
         self.watch.send(DONE_HEAD.pack(DONE, cause, 0, self.number, site, digest))
 
     def staleness(self, everything: bool) -> int:
-        """Send the older state if a step uses data computed from one; return a flag.
+        """Send the state behind a step's derived data if it is older than the step's own.
 
         With `everything`, the step takes from the state only the part to which it adds.
         """
@@ -353,11 +353,11 @@ class WatchedData:
     # -- what callbacks do within a step ----------------------------------------------------------
 
     def begin_calling(self) -> None:
-        """Start a step in which the engine may call the script's callbacks."""
+        """Start noting what callbacks return or write during a step."""
         self._calling[:] = self.user.saved
 
     def called(self, which: int, answer: float | None) -> None:
-        """Note a callback's effect: its return value, or its writes."""
+        """Note what a callback returned or wrote."""
         head = bytes((which,))
         if answer is not None:
             self.answers.append(head + struct.pack("<d", answer))

@@ -1,4 +1,4 @@
-"""Wraps the functions of mujoco that make steps or change states.
+"""Replaces functions of mujoco that step or set a state by wrappers that report the calls.
 
 The script sees no difference: numbers are MuJoCo's own, to the last bit. Other functions that step
 a model (`uncaught`) are named, and a window is answered by `viewer`.
@@ -57,7 +57,7 @@ WARNS_TO_STDERR = (3, 9)
 
 
 class MujocoWatch(EngineWatch):
-    """Watches a script's use of mujoco.
+    """Watches how a script uses mujoco: its models, states, steps and writes.
 
     Parameters
     ----------
@@ -114,20 +114,20 @@ class MujocoWatch(EngineWatch):
         self._warned: set[str] = set()
 
     def become(self, trial: dict[str, Any]) -> None:
-        """Continue as a trial run, in a new fork."""
+        """Continue this process, a new fork, as a trial run with other changes."""
         self._changes.become(trial["interventions"], trial["variation"] or {})
 
     def can_become(self, trial: dict[str, Any]) -> bool:
-        """Return whether a trial differs only after models are loaded."""
+        """Return whether a trial run differs from this one only after models are loaded."""
         return not any(each.get("at_load") for each in trial["interventions"])
 
     def possible(self, rows: Sequence[dict[str, Any]]) -> list[Change]:
-        """Return the single changes from table rows that are possible in an observed run."""
+        """Return the single changes that could be tried, from the rows of a table."""
         seen = self._changes.seen.values()
         return [change for each in seen for change in possible(self.mujoco, rows, each)]
 
     def observed(self) -> ObservedData | None:
-        """Return the last stepped state, in the form that expectations read."""
+        """Return the state last stepped, for checking an expectation."""
         if self.latest is None:
             return None
         m, d = self.latest
@@ -138,7 +138,7 @@ class MujocoWatch(EngineWatch):
         return self._observed
 
     def install(self, module: ModuleType) -> None:
-        """Wrap functions of mujoco, in place."""
+        """Replace functions of mujoco by wrappers."""
         again = self.mujoco is not None
         self.mujoco = module
         makers = [(name, _stepping) for name in STEPS]
@@ -191,7 +191,7 @@ class MujocoWatch(EngineWatch):
                     self.host.steppers.append((owner, name, hook))
 
     def replace_static(self, owner: Any, name: str, made: Callable[[Any], Any]) -> None:
-        """Replace a static method of a mujoco class by the result of `made`."""
+        """Replace a static method of a mujoco class by the wrapper that `made` returns."""
         original = getattr(owner, name)
         setattr(owner, name, staticmethod(made(original)))
         self.host.on_removal(partial(setattr, owner, name, staticmethod(original)))
@@ -199,27 +199,27 @@ class MujocoWatch(EngineWatch):
     # -- what is sent -----------------------------------------------------------------------------
 
     def send(self, payload: bytes) -> None:
-        """Send a payload; the caller holds the lock."""
+        """Send packed data; the caller holds the lock."""
         self.pipe.write(frame(MUJOCO, payload))
 
     def tell(self, what: str, **values: Any) -> None:
-        """Send a message."""
+        """Send a JSON message."""
         with self.host.lock:
             self.send(note_bytes(what, **values))
 
     def tell_episode(self, **what: Any) -> None:
-        """Report the beginning or end of an episode in the simulation numbered `world`."""
+        """Report that an environment's episode begins or ends, in simulation `world`."""
         self.tell("episode", **what)
 
     def tell_uncaught(self, name: str, place: Any) -> None:
-        """Report something that steps models without being recorded."""
+        """Report a function that steps models in a way that cannot be recorded."""
         file, line = (
             ("", 0) if place is None else self.host.sites.place(self.host.sites.outside(place))
         )
         self.tell("uncaught", name=name, file=file, line=line)
 
     def site_of(self, place: Any) -> int:
-        """Return the index of the script's line from which a call comes, given its frame.
+        """Return the index of the script's line that made a call, given the caller's frame.
 
         A call within an installed library belongs to the line that called the library.
         """
@@ -240,7 +240,7 @@ class MujocoWatch(EngineWatch):
     # -- states -----------------------------------------------------------------------------------
 
     def seen(self, m: Any, d: Any, place: Any) -> tuple[WatchedData | None, int]:
-        """Return the watch of a state, and the site's index; None if it cannot be followed.
+        """Return the `WatchedData` of an MjData, and the call site; None if it cannot be followed.
 
         The caller holds the turn.
         """
@@ -253,7 +253,7 @@ class MujocoWatch(EngineWatch):
             return None, 0
 
     def state_of(self, m: Any, d: Any, site: int) -> WatchedData | None:
-        """Return the watch of a state, created if needed; None if `d` is not an MjData."""
+        """Return the `WatchedData` of an MjData, created if new; None if `d` is no MjData."""
         module = self.mujoco
         if not isinstance(m, module.MjModel) or not isinstance(d, module.MjData):
             return None
@@ -274,14 +274,14 @@ class MujocoWatch(EngineWatch):
         return state
 
     def _forget(self) -> None:
-        """Forget models and states that the script has released."""
+        """Drop models and states that the script has released."""
         for table in (self.data, self.models):
             gone = [key for key, held in table.items() if held.ref() is None]
             for key in gone:
                 del table[key]
 
     def lose(self, state: WatchedData | None, error: Exception) -> None:
-        """Stop following a state."""
+        """Stop following a simulation after an error, and report that."""
         number, text = None if state is None else state.number, f"{type(error).__name__}: {error}"
         if state is not None:
             state.lost = True
@@ -292,7 +292,7 @@ class MujocoWatch(EngineWatch):
     # -- callbacks --------------------------------------------------------------------------------
 
     def begin_calling(self, state: WatchedData) -> WatchedData | None:
-        """Start noting callbacks within a step; return the state of an outer step."""
+        """Start noting callbacks during a step; return the simulation of an outer step."""
         outer = self.stepping.get(get_ident())
         state.begin_calling()
         self.stepping[get_ident()] = state
@@ -361,7 +361,7 @@ class MujocoWatch(EngineWatch):
 
 
 def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
-    """Return a wrapper that makes steps one by one, and sends each."""
+    """Wrap a step function so that n steps are made and sent one by one."""
     host, states, callbacks, sites = watch.host, watch.data, watch.callbacks, watch.sites
     lock, pipe, now = host.lock, host.pipe, watch.stepping
     acquire, release, kept, frame = lock.acquire, lock.release, lock.kept, _getframe
@@ -441,7 +441,7 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
 
 
 def _arguments(args: Any, kwargs: Any, takes_steps: bool) -> Any:
-    """Return model, state, number of steps and further arguments of a step function's call.
+    """Return model, data, number of steps and further arguments of a step function's call.
 
     None if it cannot be called with these.
     """
@@ -458,7 +458,7 @@ def _arguments(args: Any, kwargs: Any, takes_steps: bool) -> Any:
 
 
 def _resetting(watch: MujocoWatch, name: str, original: Any) -> Any:
-    """Return a wrapper for a function that sets the state, which sends the changes."""
+    """Wrap a function that sets the state, such as `mj_resetData`, so that its effect is sent."""
     host, cause = watch.host, CAUSES.index(name)
     of_model, of_data = WHICH.get(name, (0, 1))
 
@@ -482,7 +482,7 @@ def _resetting(watch: MujocoWatch, name: str, original: Any) -> Any:
 
 
 def _posing(watch: MujocoWatch, name: str, original: Any) -> Any:
-    """Return a wrapper for a function that computes or reads data, which sends earlier writes."""
+    """Wrap a function that uses the current state, so that the script's writes are sent before."""
     host, cause, reads = watch.host, CAUSES.index(name), name in READS
     complete, callbacks, now = name in COMPLETE, watch.callbacks, watch.stepping
 
@@ -511,7 +511,7 @@ def _posing(watch: MujocoWatch, name: str, original: Any) -> Any:
 
 
 def _calling(watch: MujocoWatch, which: int, callback: Any) -> Any:
-    """Return a wrapper for a script's callback, which notes its effect within a step."""
+    """Wrap a script's callback so that its return value or writes during a step are noted."""
     now = watch.stepping
 
     def call(*args: Any) -> Any:

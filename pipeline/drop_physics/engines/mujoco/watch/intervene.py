@@ -1,4 +1,4 @@
-"""Changes in a MuJoCo script's run: a step uses changed values in the model or the state.
+"""Makes trial changes in a MuJoCo script's run: to model, inputs or state, at each call.
 
 The model holds the changes only while a function of MuJoCo runs: so they are recorded and replayed,
 and the script reads, and edits, its own values. The changes arrive as data; the words of MuJoCo are
@@ -56,7 +56,7 @@ LOADS = ("from_xml_path", "from_xml_string", "from_binary_path")
 
 
 class ModelChanges:
-    """How a run differs from the script's own.
+    """The changes by which a trial run differs from the script's own run.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class ModelChanges:
         self.become(operations, variation)
 
     def become(self, operations: Sequence[Operation], variation: Mapping[str, Any]) -> None:
-        """Switch to other changes from now on, before any has been applied."""
+        """Switch to other changes; allowed only before any has taken effect."""
         self.finer = int(variation.get("finer", 1))
         self._nudge = float(variation.get("nudge", 0.0))
         self._draw = random.Random(variation.get("seed", 0)).uniform
@@ -100,20 +100,20 @@ class ModelChanges:
 
     @property
     def any(self) -> bool:
-        """True if anything is changed."""
+        """True if this run differs from the script's own in anything."""
         return bool(self._operations) or self.finer > 1 or self._nudge > 0
 
     def fire(self, number: int) -> None:
-        """Report that an operation had an effect."""
+        """Report that a change has taken effect."""
         if number >= 0:
             self._tell(number)
 
     def of(self, do: str) -> Iterator[tuple[int, Operation]]:
-        """Yield the operations of one kind, with their indices."""
+        """Yield the changes of one kind, such as `write`, with their indices."""
         return ((number, each) for number, each in self._operations if each["do"] == do)
 
     def on(self, m: Any) -> list[tuple[int, Operation]]:
-        """Return the operations on a model and its states, with their indices."""
+        """Return the changes to a model and its states, with their indices."""
         found: list[tuple[int, Operation]] = []
         for number, each in self._operations:
             mine: Sequence[Operation] = [each]
@@ -123,7 +123,7 @@ class ModelChanges:
         return found
 
     def seen_of(self, m: Any, d: Any) -> SeenInputs | None:
-        """Return the observations of a model's states, shared by models with the same elements."""
+        """Return the contacts and inputs seen in a model's run; equal models share them."""
         if not any(self.of("see")):
             return None
         return self.seen.setdefault(tuple(sizes(m)), SeenInputs(m, d))
@@ -131,7 +131,7 @@ class ModelChanges:
     # -- in place of mujoco's functions -----------------------------------------------------------
 
     def around(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        """Return the wrapper of a watched function."""
+        """Return a wrapper that applies the changes while one mujoco function runs."""
         self._calls[name] = call
         return self._stepping(name, call) if name in STEPS else self._other(name, call)
 
@@ -198,19 +198,19 @@ class ModelChanges:
         return self._watch.host.standing(call, changed)
 
     def _stop(self, *, steps: bool) -> None:
-        """Pause here, if trials are forked before this call."""
+        """Pause before a step at which trial runs are to be forked off."""
         if self._watch.host.forks is not None:
             self._watch.host.forks.stop(steps=steps)
 
     def _pose(self, m: Any, data: ChangedData) -> None:
-        """Recompute derived data before a function that uses them as they are."""
+        """Recompute derived data for a function that reads them without recomputing."""
         for number, _ in self.of("pose"):
             if not data.is_posed:
                 self.fire(number)
                 self._calls["mj_step1"](m, data.ref())
 
     def _site(self) -> list[Any] | None:
-        """Return the script's calling line, if any operation depends on it."""
+        """Return the script's calling line, if any change applies to one line only."""
         if not self._sited:
             return None
         sites = self._watch.host.sites
@@ -218,7 +218,7 @@ class ModelChanges:
         return [file, line]
 
     def _of(self, args: Any, kwargs: Any) -> tuple[Any, ChangedModel, ChangedData] | None:
-        """Return a call's MjModel, and the changes of model and state; None without one."""
+        """Return a call's MjModel, with the changes to it and its MjData; None without one."""
         module, given = self._watch.mujoco, (*args, *kwargs.values())
         m = next((each for each in given if isinstance(each, module.MjModel)), None)
         d = next((each for each in given if isinstance(each, module.MjData)), None)
@@ -232,7 +232,7 @@ class ModelChanges:
         return m, model, data
 
     def displace(self, m: Any, d: Any) -> None:
-        """Displace all joints before their first step."""
+        """Displace the joint positions of a simulation slightly, before its first step."""
         most = self._nudge
         if not most:
             return
@@ -250,7 +250,7 @@ class ModelChanges:
     # -- as a model is loaded ---------------------------------------------------------------------
 
     def install(self, module: Any) -> None:
-        """Change models as they are loaded, if an operation requires it."""
+        """Change models as they are loaded, if a change requires it."""
         for number, each in self.of("arena"):
             for name in LOADS:
                 self._watch.replace_static(module.MjModel, name, self._loading(number, each))
@@ -271,7 +271,7 @@ class ModelChanges:
 
 
 class ChangedModel:
-    """A model whose contents are changed while a function of MuJoCo runs.
+    """A model that has changed contents only while a function of MuJoCo runs.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ class ChangedModel:
         """The last derivation: its inputs, and the derived arrays."""
 
     def enter(self, m: Any, site: list[Any] | None) -> None:
-        """Write the changes into the model, for a call from a site."""
+        """Write the trial changes into the model before a call from a script line."""
         with self._lock:
             self._inside += 1
             if self._inside > 1:
@@ -324,7 +324,7 @@ class ChangedModel:
                 self._derive(m)
 
     def _undo(self, m: Any, number: int, name: str, *, of_site: bool) -> None:
-        """Undo the script's writes since the last call, if they come from the site."""
+        """Undo what the script wrote into a field since the last call, if that line wrote it."""
         held = np.array(field_of(m, name))
         known = self._known.setdefault(name, held)
         if np.array_equal(held, known):
@@ -336,14 +336,14 @@ class ChangedModel:
             self._known[name] = held
 
     def leave(self, m: Any) -> None:
-        """Restore the script's own values in the model after a function of MuJoCo."""
+        """Restore the script's own values in the model after the call."""
         with self._lock:
             self._inside -= 1
             while self._kept and not self._inside:
                 set_field(m, *self._kept.pop())
 
     def _derive(self, m: Any) -> None:
-        """Recompute derived quantities from the current masses."""
+        """Recompute the model's derived fields, for the masses it now has."""
         key = b"".join(getattr(m, name).tobytes() for name in SOURCES)
         if self._derived is None or self._derived[0] != key:
             before = {name: getattr(m, name).copy() for name in DERIVED if hasattr(m, name)}
@@ -364,7 +364,7 @@ class ChangedModel:
 
 
 class ChangedData:
-    """A state that is changed before or after steps, or in which a write is undone.
+    """A simulation's state, into which trial changes are written around steps.
 
     The script's own inputs are back after the step.
 
@@ -410,12 +410,12 @@ class ChangedData:
 
     @property
     def is_posed(self) -> bool:
-        """True if derived data belong to the current positions."""
+        """True if derived data, such as body poses, were computed from the current positions."""
         d = self.ref()
         return d is not None and self._posed == d.qpos.tobytes()
 
     def before(self, site: list[Any] | None) -> None:
-        """Write the changes before a step, for a call from a site."""
+        """Write the trial changes into state and inputs before a step from a script line."""
         m, d, fire = self._model(), self.ref(), self._changes.fire
         if m is None or d is None:
             return
@@ -444,7 +444,7 @@ class ChangedData:
             self._give(number, getattr(d, each["part"]).reshape(-1), each["ids"], each["how"])
 
     def _give(self, number: int, part: Any, its: Sequence[int], how: Sequence[Any]) -> None:
-        """Replace an input of a step: by the first, the previous or a recorded one, or a result."""
+        """Replace an input in a step by its first, previous or recorded value, or change it."""
         own = part[its].copy()
         if how[0] == "held":
             new = self._input.setdefault(number, own)
@@ -466,7 +466,7 @@ class ChangedData:
             self._changes.fire(number)
 
     def _begin(self, m: Any, d: Any) -> None:
-        """Write the changes at the start of an episode."""
+        """Write changes to the start state at the start of an episode."""
         for number, each in self._of("lift"):
             for body in ids_of(self._watch.mujoco, m, "body", each):
                 joint = m.body_jntadr[body]
@@ -490,7 +490,7 @@ class ChangedData:
                 break
 
     def _hold(self, m: Any, d: Any, qpos: Any, ctrl: Any) -> None:
-        """Command actuators of written joints to their positions, or keep the new commands."""
+        """Command servos to the positions to which the script set their joints."""
         moved = d.qpos != qpos
         for actuator in range(m.nu):
             joint = m.actuator_trnid[actuator, 0]
@@ -504,13 +504,13 @@ class ChangedData:
                     self._changes.fire(number)
 
     def keep(self) -> None:
-        """Save actuator commands before a function sets the state, to restore them."""
+        """Save positions and actuator commands before a function sets the state."""
         d = self.ref()
         if d is not None and self._gives:
             self._last = d.qpos.copy(), d.ctrl.copy()
 
     def after(self, name: str) -> None:
-        """Save the result of a step, or of a function that sets the state."""
+        """Save the state after a step or reset, to tell the script's later writes from it."""
         d = self.ref()
         if d is None:
             return
@@ -540,7 +540,7 @@ class ChangedData:
 
 
 def _number_of(m: Any, name: str) -> Any:
-    """Return an integer field of a model from its memory; None if it is not found."""
+    """Return an integer field of a model, such as an option; None if it is not found."""
     from mujoco.introspect import structs
 
     address: Any = getattr(m, "_address", None)

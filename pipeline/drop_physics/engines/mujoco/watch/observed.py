@@ -1,4 +1,4 @@
-"""A model and a state of a MuJoCo script, in the form that expectations read."""
+"""Reads numbers from a running MuJoCo script's model and state, to check an expectation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ UP = 8
 
 
 class ObservedData(Observed):
-    """An observed state of a simulation.
+    """A running simulation, from which expectations read times, positions and forces.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class ObservedData(Observed):
         return float(self._owner.time)
 
     def reader(self, kind: str, *names: Any) -> Callable[[], Any]:
-        """Return a function that reads the current value of a number or a vector."""
+        """Return a function that reads a quantity's current value, a number or a vector."""
         d, m = self._owner, self._model
         if kind in AXES:
             row, axis = d.xpos[self._number("body", *names)], AXES.index(kind)
@@ -75,18 +75,18 @@ class ObservedData(Observed):
         return self._force(m, d, [self._number("body", name) for name in names])
 
     def positions(self) -> list[float]:
-        """Return the positions of three points of each body [m]."""
+        """Return the positions of three points on each body, which also show its rotation [m]."""
         centre, turned = self._owner.xipos, self._owner.xmat.reshape(-1, 3, 3)
         arms = (centre + self._radius * turned[:, :, axis] for axis in (0, 2))
         numbers: list[float] = np.concatenate([centre, *arms], axis=1).reshape(-1).tolist()
         return numbers
 
     def bodies(self) -> list[str]:
-        """Return the names of the bodies of `positions`."""
+        """Return the names of the bodies, in the order of `positions`."""
         return self._body_names
 
     def astray(self) -> dict[str, float]:
-        """Return the distance of servo-driven joints or tendons from `ctrl`."""
+        """Return how far servo-driven joints or tendons are from their commands in `ctrl`."""
         d, found = self._owner, {}
         for number, name, gain, spring, damper in self._servos:
             asked = gain * d.ctrl[number]
@@ -97,7 +97,7 @@ class ObservedData(Observed):
         return found
 
     def is_finite(self) -> bool:
-        """Return whether the state is finite, and the engine has not reset it."""
+        """Return whether the state is finite and MuJoCo has not reset it for being unstable."""
         d, warnings = self._owner, self._module.mjtWarning
         warned = any(d.warning[int(getattr(warnings, name))].number for name in UNSTABLE)
         return not warned and bool(np.isfinite(d.qpos).all() and np.isfinite(d.qvel).all())
@@ -117,7 +117,7 @@ class ObservedData(Observed):
         return self._names[kind][name]
 
     def _force(self, m: Any, d: Any, bodies: list[int]) -> Callable[[], float]:
-        """Return a function that reads the force between two bodies, or by one on all others."""
+        """Return a function that reads the contact force between two bodies, or on one."""
         one, others = bodies[0], bodies[1:]
         of, wrench = m.geom_bodyid, np.zeros(6)
 

@@ -1,4 +1,4 @@
-"""Sends digests of the images that a script's mujoco renders, with the state that they show."""
+"""Sends digests of the images that a script renders with mujoco, to compare two runs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SIGNED = 1 << 31
 
 
 def install(watch: MujocoWatch, renderer: Any) -> None:
-    """Wrap the methods of mujoco's renderer so that they send digests.
+    """Wrap the methods of mujoco's renderer so that they send a digest of each image.
 
     Parameters
     ----------

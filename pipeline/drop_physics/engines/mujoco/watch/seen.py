@@ -1,4 +1,4 @@
-"""What the causal search observes in a MuJoCo script's run."""
+"""Notes which contacts and inputs occur in a run, to try only changes that can matter."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "qpos", "qvel")
 
 
 class SeenInputs:
-    """Contacts and inputs observed in a run, for the causal search.
+    """Which geoms touched in a run, and which inputs the script wrote.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class SeenInputs:
         self._left: dict[tuple[int, str], Any] = {}
 
     def before(self, d: Any) -> None:
-        """Note the writes before a step; poses and velocities only after the first step."""
+        """Note what the script has written before a step."""
         for part, written in self.written.items():
             now, left = getattr(d, part), self._left.get((id(d), part))
             if left is None:
@@ -39,7 +39,7 @@ class SeenInputs:
             written.update(np.flatnonzero(now != left).tolist())
 
     def after(self, d: Any) -> None:
-        """Note the state after a step."""
+        """Note contacts and inputs after a step."""
         for part in self.written:
             self._left[id(d), part] = getattr(d, part).copy()
         self.pairs.update(map(tuple, np.sort(d.contact.geom[: d.ncon], axis=1).tolist()))

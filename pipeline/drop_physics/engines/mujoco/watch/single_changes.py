@@ -1,4 +1,4 @@
-"""The possible single changes of a MuJoCo script's run, and the operations that make them.
+"""Lists the single changes that could be tried on a MuJoCo run, and how to make each.
 
 The rows arrive as data (`interventions`). Their elements are found in the model by number, since
 many have no name.
@@ -72,7 +72,7 @@ Written = tuple[str, Any, Sequence[int]]
 
 
 def possible(module: Any, rows: Sequence[Mapping[str, Any]], seen: SeenInputs) -> list[Change]:
-    """Return the changes from table rows that have an effect in a run.
+    """Return the single changes that could be tried and would have an effect in this run.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def possible(module: Any, rows: Sequence[Mapping[str, Any]], seen: SeenInputs) -
 
 
 def _ordered(op: str, ids: Sequence[int]) -> Iterator[Group]:
-    """Yield the elements to reorder: all, or each pair; for long lists, adjacent pairs only."""
+    """Yield groups to reorder: all elements, or each pair; in long lists only neighbours."""
     if op == "reversed":
         if len(ids) > 2:
             yield ids, False
@@ -132,7 +132,7 @@ def _ordered(op: str, ids: Sequence[int]) -> Iterator[Group]:
 
 
 def _supports(m: Any, change: Change, ids: Sequence[Any]) -> Iterator[Group]:
-    """Yield elements, and separately those that hold a robot from outside.
+    """Separate elements that hold a robot's base from outside; yield the others, then these.
 
     These are the joints of its base that no actuator drives: what brakes them stands in no robot.
     """
@@ -157,7 +157,7 @@ def _driven(m: Any) -> list[int]:
 
 
 def trial_of(change: Change) -> dict[str, Any]:
-    """Return how a run with a change differs: its interventions and its variation."""
+    """Return the operations and run variation by which a trial run makes a change."""
     if change.change == "option.timestep":
         return {"interventions": [], "variation": {"finer": int(change.how[1])}}
     operation = {"engine": ENGINE, "do": "single", "change": asdict(change)}
@@ -175,7 +175,7 @@ def _body_of(m: Any, kind: str, which: Any) -> int:
 
 
 def name_of(module: Any, m: Any, kind: str, which: Any) -> str:
-    """Return the name of an element; an unnamed one is named after its owner.
+    """Return an element's name; an unnamed element is named after the body or joint that owns it.
 
     The only element of its kind in a body has the body's name, unless another has that.
     """
@@ -199,7 +199,7 @@ def name_of(module: Any, m: Any, kind: str, which: Any) -> str:
 
 
 def _elements(m: Any, change: Change, seen: SeenInputs) -> tuple[str, Sequence[Any]] | None:
-    """Return type and indices of a change's possible elements; None for a whole run."""
+    """Return type and indices of the elements that a change may apply to; None for a whole run."""
     name, _, part = change.change.partition(".")
     if name == "input":
         return OF_INPUTS[part], _owners(m, part, sorted(seen.written[part]))
@@ -225,7 +225,7 @@ def _elements(m: Any, change: Change, seen: SeenInputs) -> tuple[str, Sequence[A
 
 
 def _owners(m: Any, part: str, flat: Sequence[int]) -> list[int]:
-    """Return the elements to which the numbers of an input belong."""
+    """Return the elements (joints, actuators …) to which an input array's numbers belong."""
     if part in ("qfrc_applied", "qvel"):
         flat = m.dof_jntid[flat].tolist()
     elif part == "qpos":
@@ -238,7 +238,7 @@ def _owners(m: Any, part: str, flat: Sequence[int]) -> list[int]:
 
 
 def _numbers(module: Any, m: Any, part: str, ids: Sequence[int]) -> list[int]:
-    """Return the indices of the numbers of an input that belong to elements."""
+    """Return the indices of an input array's numbers that belong to the given elements."""
     if part in ("qfrc_applied", "qvel"):
         return [int(dof) for dof in rows_of(module, m, "dof", "joint", ids)]
     if part == "qpos":
@@ -253,7 +253,7 @@ def _numbers(module: Any, m: Any, part: str, ids: Sequence[int]) -> list[int]:
 
 
 def _does(module: Any, seen: SeenInputs, change: Change) -> bool:
-    """Return whether a change has any effect."""
+    """Return whether a change would have any effect, given what occurred in the run."""
     m = seen.model
     operations = [*operations_of(module, m, change)]
     for each in operations:
@@ -273,7 +273,7 @@ def _does(module: Any, seen: SeenInputs, change: Change) -> bool:
 
 
 def operations_of(module: Any, m: Any, change: Change) -> Iterator[Operation]:
-    """Yield the operations that make a change to a model with the same element order."""
+    """Yield the operations that make a change, with elements given by index in this model."""
     if [*change.model] != sizes(m):
         return
     name, _, part = change.change.partition(".")
@@ -316,7 +316,7 @@ def operations_of(module: Any, m: Any, change: Change) -> Iterator[Operation]:
 
 
 def _written(module: Any, m: Any, change: Change) -> Iterator[Written]:
-    """Yield the fields of elements, and their new values."""
+    """Yield the model fields that a change sets, with indices and new values."""
     name, ids, how = change.change, [*change.ids], change.how
     if name == "body_mass":
         yield from ((field, how, ids) for field in (name, "body_inertia"))
@@ -345,7 +345,7 @@ def _written(module: Any, m: Any, change: Change) -> Iterator[Written]:
 
 
 def _servo(m: Any, name: str, ids: Sequence[int], how: Any) -> Iterator[Written]:
-    """Yield the gains of servos: a position servo's kp is a gain and a bias, its kv a bias.
+    """Yield the writes that set a servo's gains: `kp` is a gain and a bias, `kv` a bias.
 
     For a velocity servo, kv is the gain, too.
     """

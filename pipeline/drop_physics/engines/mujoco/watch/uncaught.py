@@ -1,4 +1,4 @@
-"""Reports functions that step a model without being recorded."""
+"""Reports when a script uses functions whose steps cannot be recorded."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CALLED = {
 
 
 def install(watch: MujocoWatch, names: tuple[str, ...], module: ModuleType) -> None:
-    """Wrap functions of a module so that they report their use."""
+    """Wrap functions whose steps cannot be recorded, so that their use is reported."""
     for name in names:
         owner: Any = module
         *classes, attribute = name.split(".")

@@ -1,4 +1,4 @@
-"""Creates MuJoCo's models and states in unfilled memory, to save real memory.
+"""Creates MjModel and MjData in memory that is not filled with a test pattern, to save memory.
 
 A watched script's process fills new memory with a fixed value (glibc's `MALLOC_PERTURB_`), so that
 values read before they are set are the same in each run. MuJoCo allocates the arena of a state at
@@ -36,7 +36,7 @@ LOADS = {"MjModel": ("from_xml_string", "from_xml_path", "from_binary_path")}
 
 
 def install(module: ModuleType, on_removal: Callable[[Callable[[], None]], None]) -> None:
-    """Wrap the functions that create models and states, so that memory is not filled."""
+    """Make MjModel and MjData be created in unfilled memory."""
     fill = os.environ.get(VARIABLE, "")
     allocator = getattr(ctypes.PyDLL(None), "mallopt", None)
     if not fill.isdecimal() or allocator is None:

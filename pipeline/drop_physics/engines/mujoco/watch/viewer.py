@@ -1,4 +1,4 @@
-"""Stands in for the passive viewer of an unattended script: `launch_passive` without a window."""
+"""Replaces `launch_passive` by a viewer without a window, for scripts that run unattended."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MOST_GEOMS = 10_000
 
 
 class QuietViewer:
-    """A stand-in for the handle of a passive viewer, without a window.
+    """A passive viewer's handle without a window.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class QuietViewer:
             setattr(self, name, _nothing)
 
     def is_running(self) -> bool:
-        """Return whether the window is open; each query takes time on the script's clock."""
+        """Return whether the window counts as open; each call advances the script's clock."""
         if self._open and self._watch.host.on:
             with self._watch.host.lock:
                 self._watch.host.check()
@@ -59,12 +59,12 @@ class QuietViewer:
         return self._open
 
     def close(self) -> None:
-        """Close the stand-in for the viewer window."""
+        """Count the window as closed."""
         self._open = False
 
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:
-        """Do nothing: there is no viewer thread to hold back."""
+        """Return a context that locks nothing, since no viewer thread runs."""
         yield
 
     def __enter__(self) -> QuietViewer:
@@ -79,7 +79,7 @@ def _nothing(*_: Any, **__: Any) -> None:
 
 
 def install_viewer(watch: MujocoWatch, module: ModuleType) -> None:
-    """Replace passive viewers by stand-ins without a window."""
+    """Replace mujoco's passive viewer by one without a window."""
     original: Callable[..., Any] = module.launch_passive
 
     def launch_passive(model: Any, data: Any, **_: Any) -> QuietViewer:

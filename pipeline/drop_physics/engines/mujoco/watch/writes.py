@@ -1,4 +1,4 @@
-"""What an operation writes into a compiled model: fields, elements and new values."""
+"""Converts an operation into writes to a compiled model: field, indices and new values."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ BY_JOINT = (0, 1)
 
 
 def writes_of(module: Any, m: Any, operation: Operation) -> Iterator[Write]:
-    """Yield what an operation writes into a model."""
+    """Yield the writes by which an operation changes a model: field, indices, new values."""
     do, (field, _, column) = operation["do"], operation.get("field", "").partition("[")
     if field and not has_field(m, field):
         return  # of another version
@@ -70,7 +70,7 @@ def writes_of(module: Any, m: Any, operation: Operation) -> Iterator[Write]:
 
 
 def _becoming(module: Any, operation: Operation) -> Callable[[Any], Any]:
-    """Return a function to elements' new values: an operator on numbers, sizes or flags."""
+    """Return the function that computes an element's new values from its old ones."""
     name, given = operation["how"]
     if name == "size":
         return lambda held: held * (given / (np.linalg.norm(held) or 1.0))
@@ -86,7 +86,7 @@ def _becoming(module: Any, operation: Operation) -> Callable[[Any], Any]:
 
 
 def rows_of(module: Any, m: Any, kind: str, of: str, ids: Sequence[int]) -> Any:
-    """Return the elements of a type that belong to given objects."""
+    """Return the indices of elements of one type that belong to given objects, such as bodies."""
     if kind == "actuator" and of == "joint":
         by_joint = np.isin(m.actuator_trntype, BY_JOINT)
         return np.flatnonzero(by_joint & np.isin(m.actuator_trnid[:, 0], ids))
@@ -115,7 +115,7 @@ def _bodies_of_equality(module: Any, m: Any, number: int) -> Iterator[int]:
 
 
 def ids_of(module: Any, m: Any, kind: str, operation: Operation) -> Sequence[int]:
-    """Return the indices of an operation's objects, given as indices or names."""
+    """Return the indices of the objects that an operation names, by index or by name."""
     ids: Sequence[int] | None = operation.get("ids")
     return named(module, m, kind, operation["names"]) if ids is None else ids
 
@@ -142,7 +142,7 @@ def sizes(m: Any) -> list[int]:
 
 
 def _geoms(module: Any, m: Any, names: Sequence[str]) -> list[int]:
-    """Return the geoms that an operation makes collide with anything; by default all of them."""
+    """Return the geoms that an operation makes able to collide; by default all."""
     mine = rows_of(module, m, "geom", "body", named(module, m, "body", names))
     solid = mine[(m.geom_contype[mine] | m.geom_conaffinity[mine]) != 0]
     return [int(each) for each in (solid if len(solid) else mine)]
@@ -151,7 +151,7 @@ def _geoms(module: Any, m: Any, names: Sequence[str]) -> list[int]:
 def _sides(
     module: Any, m: Any, first: Sequence[str], second: Sequence[str] | None
 ) -> list[tuple[list[int], list[int]]]:
-    """Return the geoms of bodies, and those of other bodies, or of the bodies' parents."""
+    """Return the geoms of named bodies, and those of the bodies with which contacts change."""
     if second is not None:
         return [(_geoms(module, m, first), _geoms(module, m, second))]
     parents = {int(m.body_parentid[each]) for each in named(module, m, "body", first)}
@@ -165,7 +165,7 @@ def _free_bits(types: Any, affinities: Any) -> list[int]:
 
 
 def _meeting(m: Any, first: Sequence[int], second: Sequence[int]) -> Iterator[Write]:
-    """Yield writes that make geoms collide with the others, and with nothing else."""
+    """Yield writes that enable collisions between two groups of geoms, and no others."""
     types, affinities = m.geom_contype.copy(), m.geom_conaffinity.copy()
     free = _free_bits(types, affinities)
     if free:
@@ -175,7 +175,7 @@ def _meeting(m: Any, first: Sequence[int], second: Sequence[int]) -> Iterator[Wr
 
 
 def _parting(m: Any, sides: Sequence[tuple[Sequence[int], Sequence[int]]]) -> Iterator[Write]:
-    """Yield writes that stop collisions between the geoms of two sides.
+    """Yield writes that stop collisions between two groups of geoms.
 
     Each combination of the first side's bits gets a new bit, which former partners answer.
     """
@@ -196,7 +196,7 @@ def _parting(m: Any, sides: Sequence[tuple[Sequence[int], Sequence[int]]]) -> It
 
 
 def _bits(m: Any, types: Any, affinities: Any) -> Iterator[Write]:
-    """Yield writes of the collision bits of all geoms, and of bodies, whose bits combine these."""
+    """Yield writes of the collision bits of all geoms and, combined, of bodies."""
     for name, bits in (("contype", types), ("conaffinity", affinities)):
         of_bodies = np.zeros_like(getattr(m, f"body_{name}"))
         np.bitwise_or.at(of_bodies, m.geom_bodyid, bits)
@@ -217,7 +217,7 @@ def has_field(m: Any, name: str) -> bool:
 
 
 def field_of(m: Any, name: str) -> Any:
-    """Return the value of a field of a model, or of its options."""
+    """Return the value of a model field, including those of `opt`."""
     return getattr(m.opt, name[4:]) if name.startswith("opt.") else getattr(m, name)
 
 
