@@ -11,7 +11,8 @@
     cause    one of these codes must be among the first two findings; its message and advice hold
              all `words` (patterns) and `numbers` (value, tolerance), it is about `joint`.
              A pattern is sought in "MESSAGE ADVICE [LEVEL]"; what is proposed begins "to try: ".
-             A script whose cause is empty is right as it is, and is to be left in peace.
+             A script whose cause is empty is right as it is, and is to be left in peace: a note
+             at most.
     true     codes that may be said beside it
     false    codes, or "code: pattern" of the same text, that must not be said
     fix      whether the script shows the cure: `python NAME.py fix`
@@ -89,7 +90,8 @@ class Verdict:
     false: list[str]
     """Codes of false findings."""
     noise: list[str]
-    """Codes among the first findings that the truth does not mention."""
+    """Codes among the first findings that the truth does not mention; for a script without a fault
+    also those of findings graver than a note."""
     unjudged: list[str]
     """All reported codes that the truth does not mention."""
 
@@ -165,10 +167,12 @@ def judged(truth: Truth, findings: list[Finding]) -> Verdict:
     right = (finding for finding in findings[:FIRST] if _called(finding) & set(truth.cause))
     unjudged = [not _called(finding) & truth.codes for finding in findings]
     codes = [finding["code"] for finding in findings]
+    noise = [code for code, is_so in zip(codes[:FIRST], unjudged, strict=False) if is_so]
+    grave = [each["code"] for each in findings if not truth.cause and each["level"] != "note"]
     return Verdict(
         found=any(not lacking(truth, each) for each in right) if truth.cause else None,
         false=[finding["code"] for finding in findings if _is_false(truth, finding)],
-        noise=[code for code, is_so in zip(codes[:FIRST], unjudged, strict=False) if is_so],
+        noise=[*dict.fromkeys(noise + grave)],
         unjudged=sorted({code for code, is_so in zip(codes, unjudged, strict=True) if is_so}),
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +111,9 @@ def test_a_false_statement_and_noise_are_counted() -> None:
     assert judged(RIGHT, [said("off-target")]) == Verdict(None, [], ["off-target"], ["off-target"])
     assert not judged(RIGHT, [said("off-target")]).in_peace
     assert not judged(RIGHT, [said("slides")]).in_peace
+    known = replace(RIGHT, true=["reading"])
+    assert judged(known, [said("reading", level="note")]).in_peace
+    assert not judged(known, [said("reading")]).in_peace
 
 
 BEST = {"a": Verdict(True, [], [], []), "b": Verdict(None, [], [], [])}

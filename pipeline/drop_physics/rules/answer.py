@@ -129,7 +129,7 @@ class Finding:
     )
     """The account row that reports the same fact about the same subject."""
     kind: Hashable = field(default=None, repr=False, compare=False, metadata={"json": False})
-    """The row that reports it: its rule, and its place among the rows of that."""
+    """The sentence that reports it: its rule, and the first row that has the sentence."""
     verdict: str | None = None
     """The best result among its trials, if `drop why` was run on this recording."""
     tried: tuple[Mapping[str, Any], ...] = ()

@@ -55,10 +55,10 @@ def default_motor(joints: JointColumns) -> Match | None:
     contacts = np.abs(joints.term("contacts"))
     gravity = steps.terms.get("gravity", np.zeros((len(on), steps.law.tree.size)))
     weight = np.linalg.norm(gravity[:, : steps.law.tree.first_rate], axis=1)
-    lever_m = joints.of_joints(lambda joint: length_m(joints.body, joint) / 2)
-    wheel = default.all() & (np.abs(joints.term("gravity")) < NO_TERM * contacts)
-    wheel &= contacts > ROLLS * weight[:, None] * lever_m
-    carried = steps.law.tree.fixed or bool(np.any(steps.terms.get("constraints", 0)))
+    whole = weight[:, None] * joints.of_joints(lambda joint: length_m(joints.body, joint) / 2)
+    wheel = default.all() & (np.abs(joints.term("gravity")) < NO_TERM * whole)
+    wheel &= (contacts > ROLLS * whole) & (joints.term("constraints") == 0)
+    carried = steps.law.tree.fixed or _hangs(joints)
     asks = {name: carried | wheel | (name in ("applied", "constraints")) for name in CAUSES}
     acting, motor = acting * np.abs(sign), joints.term("motors")
     sums = {
@@ -181,3 +181,10 @@ default_motor.rows(
         site="called",
     ),
 )
+
+
+def _hangs(joints: JointColumns) -> bool:
+    """Return whether constraints hold the base up; those between its own links do not."""
+    pulls = np.abs(joints.steps.terms.get("constraints", np.zeros((1, 1))))
+    along = pulls[:, 3 : joints.steps.law.tree.first_rate]
+    return bool(along.max(initial=0.0) > NO_TERM * pulls.max(initial=0.0))

@@ -28,6 +28,7 @@ from drop_physics.rules.thresholds import (
     RATIO,
     SINKS_M,
     STANDARD_M_S2,
+    THROWN_M,
 )
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
@@ -85,7 +86,10 @@ def _(
     lasts = took >= GROWS_STEPS
     # What comes fast goes deeper; without a cause, only what is no physics any more is said.
     least = DEEP_LASTING if lasts else DEEP_IMPACT
-    stays = last >= scene.ends[subject.number]
+    stays, ends = last >= scene.ends[subject.number], took < IMPACT_STEPS
+    # What a constraint holds inside, a call asked for.
+    over = share > OVER_HALF and not constraints
+    level = "broken" if stays and over else "note" if ends and not over else None
     engine = [*scene.inputs.of(Act.SET_ENGINE)]
     soft_n_m = [
         float(np.nan_to_num(each.reported["contact_stiffness"]).max())
@@ -100,14 +104,13 @@ def _(
         "least": least,
         "sinks": SINKS_M / thin_m,  # as a call made it
         "half": max(least, OVER_HALF),
-        # What a constraint holds inside, a call asked for.
-        "level": "broken" if stays and share > OVER_HALF and not constraints else None,
+        "level": level,
         "moves": carried > (last - first) / 2,
         # A joint's is `overwritten`.
         "posed": any(use.body in both for use in scene.inputs.of(Act.SET_POSE)),
         "lasts": lasts,
         "grows": lasts and size > 2 * began,
-        "ends": took < IMPACT_STEPS,
+        "ends": ends,
         "slop": max([0.0, *slops_m]),
         "stiffness": max([0.0, *soft_n_m]),
         "ratio": strained_by(scene.seen, both),
@@ -283,10 +286,11 @@ def _(
     away: list[float],
 ) -> Noted:
     scale_m, itself = min(size_m(subject), size_m(partner)), subject is partner
-    thrown = size**2 / (2 * STANDARD_M_S2) > scale_m
+    height_m = size**2 / (2 * STANDARD_M_S2)
+    thrown, lifted = height_m > scale_m, height_m >= THROWN_M
     return {
         "itself": itself,
-        "level": "model" if itself else "broken" if thrown else "asked",
+        "level": "model" if itself else "broken" if thrown else "asked" if lifted else "note",
         "came": scene.placing.came(subject.number, step),
         "one": part_named(subject, links[0]),
         "two": part_named(partner, links[1]),

@@ -14,7 +14,14 @@ from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, Sized, body_rule, joint_rule
 from drop_physics.rules.tables import BodyColumns, JointColumns
-from drop_physics.rules.thresholds import BACK, EACH_STEP, KEPT, TELEPORTED_M_S, TURNS_RAD_S
+from drop_physics.rules.thresholds import (
+    BACK,
+    EACH_STEP,
+    KEPT,
+    MINOR,
+    TELEPORTED_M_S,
+    TURNS_RAD_S,
+)
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
 
@@ -65,9 +72,12 @@ def _(restored: bool) -> Noted:
     return {"function": (Act.RESTORE if restored else Act.SET_JOINT).function}
 
 
-# A target that was given once, before a reset to anywhere else, is meant.
+# A target that was given once, before a reset to anywhere else, is meant; and one that is replaced
+# before it drives the joint far does no harm.
 reset_leaves.rows(
-    SayingRow(when=lambda back: back),
+    SayingRow(
+        when=lambda back, size, target, position: back and size > MINOR * abs(target - position)
+    ),
     SayingRow(level="note"),
     like=SayingRow(
         says=Message(

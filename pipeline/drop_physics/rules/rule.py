@@ -233,10 +233,12 @@ class Rule:
         if noted is None:
             return None
         case.values |= noted
-        place = next((k for k, row in enumerate(self.told) if self._holds(row, case, scene)), None)
-        said = None if place is None else self.told[place].said(case, scene)
-        if said is None:
+        row = next((row for row in self.told if self._holds(row, case, scene)), None)
+        said = None if row is None else row.said(case, scene)
+        if row is None or said is None:
             return None
+        # Rows of one sentence, which differ in their causes, are of one kind.
+        place = next(k for k, each in enumerate(self.told) if each.says is row.says)
         kind = self.matches.__name__, place, noted.get("kind")
         return replace(self.finding_of(said, scene, case), kind=kind)
 

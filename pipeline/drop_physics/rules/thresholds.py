@@ -304,8 +304,8 @@ SLOWED = 10
 """Least factor by which it would be faster without what takes its drive. Unit: 1. Needed by:
 mujoco: a finger whose rotor has as much inertia as itself."""
 MINOR = 0.1
-"""Share of the gravest finding below which one that is no mistake is folded away. Unit: share.
-Needed by: of 51 findings beside the true cause 26 moved the outcome by less."""
+"""Share of the gravest finding, or of a way, below which one that is no mistake is minor. Unit:
+share. Needed by: of 51 findings beside the true cause 26 moved the outcome by less."""
 PUSHES_STEPS = 10
 """Least number of steps in which a force acts for each time that it was written. Unit: 1. Needed
 by: mujoco: push_stays; right_push writes it before each step."""

@@ -295,7 +295,9 @@ def far(bodies: BodyColumns) -> Match | None:
     thick_m = bodies.of_each(_thick_m)
     meets = [bodies.scene.touching(bodies.body, bodies.step + later) for later in (0, 1)]
     far = (thick_m > 0) & (thick_m < ENDLESS_M) & (way_m > thick_m) & np.isfinite(way_m)
-    return Match(far & np.any(meets, axis=0), way_m, {"step": step_s, "thick": thick_m})
+    pulled = bodies.terms.get("constraints", np.zeros((len(way_m), 1))).any(axis=1)
+    numbers = {"step": step_s, "thick": thick_m, "pulled": pulled}
+    return Match(far & np.any(meets, axis=0), way_m, numbers)
 
 
 @far.notes
@@ -304,7 +306,9 @@ def _(step: float) -> Noted:
 
 
 far.rows(
-    SayingRow(
+    SayingRow(when=lambda pulled: pulled, level="note"),  # a call asked for what pulls it
+    SayingRow(),
+    like=SayingRow(
         says=Message(
             "{body} moves {size:.3g} m in a step of {step_s} s, and is {thick:.3g} m thick: it "
             "can pass through others, or overlap them before contact acts"
@@ -312,7 +316,7 @@ far.rows(
         cure=Remedy("timestep", value=FINER),
         effect="size",
         normal="thick",
-    )
+    ),
 )
 
 
