@@ -36,10 +36,12 @@ from drop_physics.trace.events import (
     Site,
 )
 from drop_physics.trace.poses import inertial_frames, links_of, tree_of, within
-from drop_physics.trace.states import BASE
+from drop_physics.trace.states import BASE, Joints
 
 POSES_TOGETHER, IMAGES_TOGETHER, LINES_TOGETHER = 1 << 16, 32, 1024
 """Rows that are buffered before they are written as chunks: poses, images and log lines."""
+PUT_TOGETHER = 1024
+"""States of a body that calls have set, whose poses are computed at once."""
 MOST_TRAILS, TRAIL_PER_S, TRAIL_M = 6, 20, 1e-3
 """Most bodies whose path is drawn; points of a path per second, and least distance between them."""
 DEEPEST = 64
@@ -69,6 +71,8 @@ class Drawing:
         self._first_m: Float64 | None = None
         self._bases: dict[int, Float64] = {}
         """States of bases that are not sampled, by body id."""
+        self._put: dict[int, list[Put]] = {}
+        """States that calls have set and that are not drawn yet, by body id."""
         self._trees: dict[int, Tree] = {}
         self._masses: dict[int, Mapping[str, Float64]] = {}
         self._gravity: dict[int, Float64] = {}
@@ -101,6 +105,7 @@ class Drawing:
 
     def flush(self) -> Iterator[Chunk]:
         """Yield all buffered rows."""
+        yield from self._draw_put()
         yield from self._clear()
         for gathered in (self._log, self._poses, self._trails, self._curves, self._images):
             yield from gathered.flush()
@@ -129,12 +134,14 @@ class Drawing:
         """Yield what the viewer shows for an event, except for samples, calls and images."""
         match event:
             case Appearance():
+                yield from self._draw_put()
                 yield from self.on_appearance(event)
             case Put():
                 yield from self.on_put(event)
             case Raised():
                 yield from self.on_raised(event)
             case Dynamics(_, body, reported):
+                yield from self._draw_put()
                 self._masses[body.number] = reported
                 self._trees[body.number] = tree_of(body.joints, inertial_frames(reported))
             case Settings(_, client, values):
@@ -189,16 +196,39 @@ class Drawing:
                 self._placed.pop(part_path(body, link), None)
 
     def on_put(self, put: Put) -> Iterator[Chunk]:
-        """Yield the poses of a body that a call has placed."""
-        self._bases[put.body.number] = put.base
-        if put.body.number in self._trees:
-            parts = links_of(self._trees[put.body.number], put.base[None], put.joints)
-            yield from self._place(writer.times_of(put.at), poses_in_tree(put.body, parts))
+        """Hold a state that a call has set, and yield the poses of many together."""
+        number = put.body.number
+        self._bases[number] = put.base
+        if number in self._trees:
+            self._put.setdefault(number, []).append(put)
+            if len(self._put[number]) >= PUT_TOGETHER:
+                yield from self._draw_put()
+
+    def _draw_put(self) -> Iterator[Chunk]:
+        """Yield the poses of the bodies that calls have placed since they were last drawn."""
+        held, self._put = self._put, {}
+        for number, puts in held.items():
+            at = Times(
+                np.array([put.at.step for put in puts]),
+                np.array([put.at.time_s for put in puts]),
+                np.array([put.at.call for put in puts]),
+            )
+            joints = Joints(
+                at.steps,
+                at.times_s,
+                np.array([put.position for put in puts]),
+                np.array([put.velocity for put in puts]),
+                np.array([put.effort for put in puts]),
+            )
+            bases = np.array([put.base for put in puts])
+            parts = links_of(self._trees[number], bases, joints)
+            yield from self._place(at, poses_in_tree(puts[0].body, parts))
 
     # -- samples ----------------------------------------------------------------------------------
 
     def on_samples(self, seen: Samples) -> Iterator[Chunk]:
         """Yield poses and curves, at most `SHOWN_PER_S` per second, and the last."""
+        yield from self._draw_put()
         yield from self._clear()
         per_s = SHOWN_PER_S * (SLOWER if self._of_drop else 1)
         due = np.floor(seen.times_s * per_s + 1e-9).astype(np.int64)

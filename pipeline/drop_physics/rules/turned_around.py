@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.explain.causes import TENDON_LIMIT
+from drop_physics.explain.steps import Steps
 from drop_physics.fields import alternatives
 from drop_physics.messages import Message
 from drop_physics.physics.dynamics import mass_matrix
@@ -54,9 +57,10 @@ def turned_around(joints: JointColumns) -> Match:
     where, size = nowhere.copy(), np.zeros(nowhere.shape)
     named = np.full(nowhere.shape, "", dtype=object)
     numbers = {name: np.full(nowhere.shape, np.nan) for name in NUMBERS}
+    examined = functools.cache(lambda: _examined(steps))  # once for all joints of the body
     for k in np.flatnonzero((grown | turned).any(axis=0)).tolist():
         rows = np.flatnonzero(grown[:, k])
-        its = _servos(joints, k) if len(rows) else None
+        its = _servos(joints, k, examined) if len(rows) else None
         if its is not None and its[0].alone(its[1]).grows:
             named[rows, k] = turner = _turner(joints, rows, first + k)
             acts = np.isin(turner, [_by(joints, k), "joint damping"])
@@ -121,7 +125,21 @@ def _by(joints: JointColumns, k: int) -> str:
     return f"actuator {its[0].name}" if len(its) == 1 else ""
 
 
-def _servos(joints: JointColumns, k: int) -> tuple[Servos, int] | None:
+Examined = tuple[NDArray[np.intp], Float64]
+"""The steps at whose start the inertia is examined, and the inverse mass matrices there."""
+
+
+def _examined(steps: Steps) -> Examined:
+    """Return some steps of a chunk, and the inverse mass matrices of their poses."""
+    rows = np.unique(np.linspace(0, len(steps) - 1, POSES).astype(int))
+    rows = rows[np.isfinite(steps.before.position_m[rows]).all(axis=1)]
+    inverse = np.linalg.inv(mass_matrix(kinematics(steps.law.tree, steps.before.at(rows))))
+    return rows, np.asarray(inverse)
+
+
+def _servos(
+    joints: JointColumns, k: int, examined: Callable[[], Examined]
+) -> tuple[Servos, int] | None:
     """Return a body's joints as spring-damper systems, and the index of one joint among them.
 
     The pose is that of the chunk's in which this one has the least inertia. None of a spherical
@@ -142,9 +160,7 @@ def _servos(joints: JointColumns, k: int) -> tuple[Servos, int] | None:
             if (actuator.acts_on, actuator.target) == ("joint", joint.name):
                 of_actuators[at] += actuator.kv * actuator.gear**2 * (actuator.kind in SERVOS)
                 stiffness[at] += actuator.kp * actuator.gear**2 * (actuator.kind == "position")
-    rows = np.unique(np.linspace(0, len(steps) - 1, POSES).astype(int))
-    rows = rows[np.isfinite(steps.before.position_m[rows]).all(axis=1)]
-    inverse = np.linalg.inv(mass_matrix(kinematics(steps.law.tree, steps.before.at(rows))))
+    rows, inverse = examined()
     least = int(np.argmax(inverse[:, first + k, first + k]))
     held = np.flatnonzero((stiffness + ends + begins > 0) | (np.arange(size) == first + k))
     servos = Servos(

@@ -447,12 +447,6 @@ class Put:
     counts: bool
     """Whether the next step starts from this state; False before the very first sample."""
 
-    @property
-    def joints(self) -> Joints:
-        """The joint states as a sample."""
-        rows = (each[None] for each in (self.position, self.velocity, self.effort))
-        return Joints(np.array([self.at.step]), np.array([self.at.time_s]), *rows)
-
 
 @dataclass(frozen=True)
 class Image:
