@@ -26,6 +26,13 @@ ENDED = {
     "run": Message("the run ended"),
 }
 """Descriptions of how an episode can end."""
+OF_SEVERAL = {
+    "terminated": Message("terminated"),
+    "truncated": Message("truncated"),
+    "reset": Message("ended by a reset"),
+    "run": Message("ended with the run"),
+}
+"""The same after a number of episodes."""
 
 
 def episode_lines(
@@ -35,8 +42,8 @@ def episode_lines(
     if len(rows) < 2 and all(row.length is None for row in rows):
         return  # a run without environments is no episode
     heading, facts = Message("episode"), list[Fact]()
-    told = [row for row in rows if row.number == looked_at] or rows[-1:]
-    if len(rows) > 1 and looked_at is None:
+    told = [row for row in rows if row.number == looked_at] or ([] if len(rows) > 1 else rows)
+    if not told:
         facts.append(Fact(heading, _together(rows)))
     else:
         facts += [Fact(heading, line_of(row, len(rows)), "bold") for row in told]
@@ -77,7 +84,9 @@ def line_of(row: EpisodeRow, count: int) -> Message:
     if row.success is not None:
         reached = Message("its goal reached"), Message("its goal not reached")
         parts.append(reached[not row.success])
-    if row.length is not None:
+    if row.length is None:
+        parts.append(counted(row.last_step - row.first_step, "step"))
+    else:
         parts.append(
             Message(
                 "{steps} of its environment, return {reward}",
@@ -134,7 +143,11 @@ def _together(rows: Sequence[EpisodeRow]) -> Message:
     ways = Counter(row.ended for row in rows)
     ended = joined(
         ", ",
-        [Message("{n} {how}", n=ways[how], how=word) for how, word in ENDED.items() if ways[how]],
+        [
+            Message("{n} {how}", n=ways[how], how=word)
+            for how, word in OF_SEVERAL.items()
+            if ways[how]
+        ],
     )
     parts = [Message("{episodes}: {ended}", episodes=counted(len(rows), "episode"), ended=ended)]
     returns = [row.reward for row in rows if row.reward is not None]
