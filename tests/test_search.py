@@ -217,6 +217,25 @@ def test_where_ten_times_is_too_much_its_root_is_tried() -> None:
     assert "*3.16" not in [each.op for each in again.made]  # something makes it true as it is
 
 
+def test_a_factor_between_a_root_and_its_factor_is_tried() -> None:
+    """Commands of a fifth of their size lift the cube if they are five times as large."""
+    heights = {"*10": 0.15, "*3.16": 0.28, "*5.62": 0.5}
+    ctrl = Change("input.ctrl", "*10", ("*", 10.0), (0, 1), ("lift", "turn"))
+    gear = Change("actuator_gear", "*10", ("*", 10.0), (0, 1), ("lift", "turn"))
+    small = {"*10": 0.2, "*3.16": 0.15}  # which only moves it the more, the larger it is
+    runs = Runs(
+        lambda change: (
+            (heights if change.change == "input.ctrl" else small).get(change.op, 0.1)
+            if len(change.ids) == 2
+            else 0.1
+        )
+    )
+    (said,) = ranked(searched(runs, ctrl, gear).tried)
+    assert said.tried.change.op == "*5.62"
+    assert "*1.78" in [each.op for each in runs.made if each.change == "input.ctrl"]
+    assert "*5.62" not in [each.op for each in runs.made if each.change == "actuator_gear"]
+
+
 def test_commands_that_change_places_are_no_commands_one_by_one() -> None:
     swap = Change("input.ctrl", "exchanged", how_of("exchanged"), (0, 1), ("lift", "turn"))
     runs = Runs(lambda _: 0.5)

@@ -1,8 +1,8 @@
 """Search for single changes of a run that would meet an expectation.
 
 A kind of change is tried on all elements at once, then on each of them, then with the least factor
-that suffices; where none makes it true, factors are tried by their roots, too. A change of which a
-part makes it true is not reported.
+that suffices; where none makes it true, factors are tried by their roots, too, and on both sides of
+a root that is nearer than its factor. A change of which a part makes it true is not reported.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ THROWN = 5.0
 counts as throwing it away, which destroys the scene."""
 MOST_MOVERS = 12
 """Most kinds of changes that only move the quantity, and are tried element by element."""
+MOST_PEAKS = 4
+"""Most factors that are tried on both sides of their root."""
 
 
 @dataclass(frozen=True)
@@ -122,11 +124,37 @@ class Search:
             for part in _parts(each.change):
                 queue.put(part, 2)
         self._drain(queue)
-        if not any(each.outcome.holds and not each.change.breaks for each in self.tried):
-            for each in self._factors(self.tried[before:]):  # ten times may be too much
-                root = math.sqrt(each.change.how[1])
-                queue.put(each.change.by(float(f"{root:.3g}")), 2)
-            self._drain(queue)
+        if not self._has_found:
+            factors = self._factors(self.tried[before:])  # ten times may be too much
+            roots = self._powers(factors, 0.5)
+            if not self._has_found:  # the best factor may be on either side of the root
+                peaks = [(root, each) for root, each in roots if self._is_peak(root, each)]
+                peaks.sort(key=lambda pair: -pair[0].outcome.margin)
+                self._powers([each for _, each in peaks[:MOST_PEAKS]], 0.25, 0.75)
+
+    @property
+    def _has_found(self) -> bool:
+        """True if a change meets the expectation that takes nothing away."""
+        return any(each.outcome.holds and not each.change.breaks for each in self.tried)
+
+    def _powers(
+        self, factors: Sequence[TriedChange], *powers: float
+    ) -> list[tuple[TriedChange, TriedChange]]:
+        """Try powers of factors; return each that was tried, with that of the factor itself."""
+        of: dict[Any, TriedChange] = {}
+        for each in factors:
+            for power in powers:
+                change = each.change.by(float(f"{each.change.how[1] ** power:.3g}"))
+                of[change.key] = each
+                self._queue.put(change, 2)
+        before = len(self.tried)
+        self._drain(self._queue)
+        tried = self.tried[before:]
+        return [(each, of[each.change.key]) for each in tried if each.change.key in of]
+
+    def _is_peak(self, root: TriedChange, each: TriedChange) -> bool:
+        """Return whether the root of a factor is nearer than the factor, and than no change."""
+        return root.outcome.margin > max(each.outcome.margin, self.base.margin)
 
     def least_of(self, each: TriedChange) -> float | None:
         """Return the least factor that still meets the expectation; None for other changes."""
