@@ -12,6 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
+import numpy as np
 import pytest
 from conftest import some
 from drop_physics.account.rows import KINDS, AccountRow
@@ -356,6 +358,43 @@ def test_a_base_is_not_said_to_carry_what_gravity_compensation_does(told: Told) 
     <body name="leg" gravcomp="1"><joint name="lift" type="slide" axis="0 0 1" damping="20"/>
     <geom type="sphere" size="0.1" mass="2"/></body></body>"""
     assert not [row for row in told(arm) if row.kind == "held"]
+
+
+SWING = """<body name="upper" pos="0 0 2"><joint name="shoulder" axis="0 1 0"/>
+<geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.02" mass="2"/>{site}
+<body name="lower" pos="0.4 0 0"><joint name="elbow" axis="0.6 0.8 0" damping="0.3"/>
+<geom type="box" size="0.15 0.03 0.02" pos="0.15 0 0" mass="1"/>{site}</body></body>"""
+
+
+def test_what_a_joint_carries_is_what_a_sensor_there_reads(tmp_path: Path, told: Told) -> None:
+    """Of a chain in mid-swing; in the bare run a force and a torque sensor stand at each joint."""
+    row = the(told(SWING.format(site=""), "<option timestep='0.0002'/>"), "held", "shoulder")
+    site = '<site name="{}"/>'
+    model = mujoco.MjModel.from_xml_string(
+        MODEL.format(
+            world=SWING.replace("{site}", site).format("upper", "lower"),
+            more="<option timestep='0.0002'/><sensor>"
+            + "".join(
+                f'<{kind} site="{name}"/>'
+                for name in ("upper", "lower")
+                for kind in ("force", "torque")
+            )
+            + "</sensor>",
+        )
+    )
+    data = mujoco.MjData(model)
+    for _ in range(500):
+        mujoco.mj_step(model, data)
+    read = data.sensordata.reshape(4, 3)
+    (body,) = analyze(tmp_path / "script.rrd").bodies
+    across = [each for j in body.joints for each in (j.reaction_n, j.reaction_n_m)]
+    for link, its, sensed in zip((1, 1, 2, 2), across, read, strict=True):
+        assert its is not None
+        in_site = data.xmat[link].reshape(3, 3).T @ its
+        assert in_site == pytest.approx(sensed, rel=5e-3, abs=1e-2 * np.linalg.norm(sensed))
+    assert row.got == pytest.approx(np.linalg.norm(read[0]), rel=5e-3)
+    assert row.asked == pytest.approx(3 * G)
+    assert row.alike == 1  # the elbow
 
 
 def test_a_connect_is_told_by_its_gap(told: Told) -> None:

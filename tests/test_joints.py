@@ -256,3 +256,27 @@ def test_pieces_come_to_the_same(scene: str, tmp_path: Path) -> None:
             assert other == (
                 pytest.approx(value, rel=1e-9, abs=1e-9) if isinstance(value, float) else value
             )
+
+
+@pytest.mark.parametrize("load_kg", [0, 2])
+def test_a_joint_carries_what_hangs_on_it(load_kg: float, tmp_path: Path) -> None:
+    """At rest its reaction is the weight of the links beyond, and of the box that they carry."""
+    scene = KUKA + "go(300)\nfor _ in range(1500): p.stepSimulation()\n"
+    if load_kg:
+        scene += f"""
+c = p.createMultiBody({load_kg}, p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.03] * 3))
+p.createConstraint(k, 6, c, -1, p.JOINT_FIXED, [0] * 3, [0, 0, 0.1], [0] * 3)
+p.setCollisionFilterGroupMask(c, -1, 0, 0)
+for _ in range(1500): p.stepSimulation()
+"""
+    table = rows(scene, tmp_path / "scene.rrd")
+    run(scene)
+    masses_kg = [p.getDynamicsInfo(0, link)[0] for link in range(7)]
+    for row in table.values():
+        weight_n = (sum(masses_kg[row.index :]) + load_kg) * 9.81
+        assert row.reaction_n == pytest.approx((0, 0, weight_n), rel=1e-3, abs=1e-2 * weight_n)
+        assert row.reaction_n_m is not None
+        axis = p.getLinkState(0, row.index)[5]
+        about = p.rotateVector(axis, p.getJointInfo(0, row.index)[13])
+        along = sum(a * b for a, b in zip(about, row.reaction_n_m, strict=True))
+        assert along == pytest.approx(row.torque, abs=0.05 + 1e-2 * abs(row.torque or 0))

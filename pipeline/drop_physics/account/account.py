@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from drop_physics.account import asked, moved
-from drop_physics.account.carried import Carried
+from drop_physics.account.carried import Carried, across_joints
 from drop_physics.account.constrained import Held
 from drop_physics.account.feedback import GivenControls
 from drop_physics.account.idle import PushedSoft, idle_actuator_rows, unforced_row
@@ -167,11 +167,7 @@ class Account:
             written = self._written[number]
             idle = unforced_row(subject, self._seen, self._gravity[number])
             yield from filter(None, (written.row(subject, subjects, words), idle))
-            if number in self._carried:
-                lines = self._made.get((subject.body.client, subject.body.engine_id), set())
-                line = next(iter(lines)) if len(lines) == 1 else None
-                row = self._carried[number].row(subject, self._gravity[number], line)
-                yield from filter(None, (row,))
+            yield from self._carrying(subject)
         links = self._touches.links
         yield from reading_rows(self._seen, subjects, links, self._filtered, words)
         yield from self._sensed.rows(self._seen, subjects, links, words)
@@ -181,6 +177,18 @@ class Account:
         yield from self._held.rows(subjects, words)
         yield from touching_rows(links, subjects, self._seen, words)
         yield from self._overlaps.rows(subjects, links, words)
+
+    def _carrying(self, subject: MeasuredBody) -> Iterator[AccountRow]:
+        """Yield the rows for what a fixed base carries, and for what joints carry."""
+        body, row = subject.body, None
+        if body.number in self._carried:
+            lines = self._made.get((body.client, body.engine_id), set())
+            line = next(iter(lines)) if len(lines) == 1 else None
+            row = self._carried[body.number].row(subject, self._gravity[body.number], line)
+            yield from filter(None, (row,))
+        efforts = self._joints.efforts(body.number)
+        if efforts is not None and efforts.reactions is not None:
+            yield from across_joints(subject, efforts.reactions, of_base=row is not None)
 
     def _joint_rows(self, subject: MeasuredBody) -> Iterator[AccountRow]:
         number, words = subject.body.number, self._words
@@ -198,7 +206,8 @@ class Account:
         yield from given.rows
         for k, aim in given.aims.items():
             series.target[:, k] = aim.target
-        needs = self._joints.needs_at_target(number)
+        efforts = self._joints.efforts(number)
+        needs = np.full(rates, np.nan) if efforts is None else efforts.needs_at_target
         torqued = series.controlled("torque")
         axes = [*asked.axes_of(subject, words)]
         yield from weaker_rows(subject, axes, series)

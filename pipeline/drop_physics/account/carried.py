@@ -1,23 +1,25 @@
-"""The support of a fixed-base body: the base itself, or the bodies below it."""
+"""Who carries a body: its fixed base, the contacts, and each joint what hangs on it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from drop_physics.account.read import mass_beyond_kg
 from drop_physics.account.rows import AccountRow
 from drop_physics.account.subjects import MeasuredBody
 from drop_physics.arrays import Float64
 from drop_physics.explain.steps import BodySteps
 from drop_physics.messages import Message
-from drop_physics.physics.kinematics import kinematics
-from drop_physics.physics.moving import moved
-from drop_physics.physics.tree import States, Tree
+from drop_physics.physics.kinematics import kinematics, motion
+from drop_physics.physics.reactions import Reactions
+from drop_physics.physics.tree import BASE, States, Tree
 from drop_physics.quantities import quantity
 
-INSTANT_S = 1e-6
-"""Time over which the displacement of the centres of mass gives their velocities."""
+LEAST = 0.03
+"""Salience of what carries a body that stands still."""
 SETTLED = 0.1
 """Share of the weight below which the change of momentum must be for a mean force to be
 meaningful."""
@@ -87,7 +89,7 @@ class Carried:
             got=base_n,
             unit="N",
             step=ledger.last,
-            salience=0.03,
+            salience=LEAST,
             subject=body,
             group=("carried", subject.kind),
         )
@@ -110,10 +112,46 @@ class Carried:
 
 def momentum_n_s(tree: Tree, state: States) -> Float64:
     """Return the momentum of a tree in a single state, shape (3,)."""
-    there = moved(tree, state, state.velocity, np.array([INSTANT_S]), np.inf)
-    ways_m = [
-        tree.masses_kg[link + 1] * (end.position_m(link) - begin.position_m(link))[0]
-        for begin, end in [(kinematics(tree, state), kinematics(tree, there))]
-        for link in range(tree.links)
-    ]
-    return np.asarray(sum(ways_m, start=np.zeros(3)) / INSTANT_S)
+    velocities = motion(kinematics(tree, state), state.velocity).velocities
+    return np.asarray(
+        sum(tree.masses_kg[link + 1] * velocities[link + 1][:, 0] for link in tree.moving)
+        if tree.moving
+        else np.zeros(3)
+    )
+
+
+def across_joints(
+    subject: MeasuredBody, across: Reactions, *, of_base: bool
+) -> Iterator[AccountRow]:
+    """Yield a row for each joint with what it carries in the last step.
+
+    `of_base` says whether a row of the base tells what the joints on it carry.
+    """
+    body, ledger = subject.body, subject.ledger
+    pull = subject.weight_n / subject.mass_kg if subject.mass_kg else 0.0
+    sizes_n = np.linalg.norm(across.force_n, axis=1)
+    for joint, place in zip(body.joints, body.rates, strict=True):
+        if place.start == place.stop or not np.isfinite(sizes_n[joint.link]):
+            continue
+        if of_base and joint.parent == BASE:
+            continue
+        force_n, weight_n = float(sizes_n[joint.link]), mass_beyond_kg(subject, {joint.link}) * pull
+        torque_n_m = float(np.linalg.norm(across.torque_n_m[joint.link]))
+        yield AccountRow(
+            kind="held",
+            joint=joint.name,
+            told=Message(
+                "carries {force} and {torque} at the end; what hangs on it weighs {weight}",
+                force=quantity(force_n, "N"),
+                torque=quantity(torque_n_m, "N m"),
+                weight=quantity(weight_n, "N"),
+            ),
+            asked=weight_n,
+            got=force_n,
+            unit="N",
+            besides=((torque_n_m, "N m"),),
+            step=ledger.last,
+            salience=LEAST * force_n / (float(sizes_n.max()) or 1.0),
+            subject=body,
+            group=("carries", body.number),
+        )

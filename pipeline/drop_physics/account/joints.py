@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from drop_physics.account.series import CONTROLS, Control, JointSeries
-from drop_physics.arrays import Float64
+from drop_physics.arrays import Vector
 from drop_physics.explain.joints import DrivenJoints, PoseEfforts
+from drop_physics.physics.vectors import triple
 from drop_physics.trace.events import Body, Joint
 
 
@@ -45,6 +46,11 @@ class JointRow:
     """Number of steps in which the motor was at its limit."""
     at_stop_steps: int
     """Number of steps in which one of the joint's position limits pushed it."""
+    reaction_n: Vector | None
+    """Force of the link before the joint on the one behind it in the last step, world axes; None if
+    unknown."""
+    reaction_n_m: Vector | None
+    """Torque across the joint, about its axis and across it, in the last step; None if unknown."""
 
     @property
     def unit(self) -> str:
@@ -82,12 +88,9 @@ class JointTable:
         parts = self._parts.get(body)
         return JointSeries.joined(parts) if parts else None
 
-    def needs_at_target(self, body: int) -> Float64:
-        """Return the torques that hold the last pose with each joint at its target, (joint_rates,).
-
-        They are nan where they are undefined [N m] or [N].
-        """
-        return self._efforts[body].needs_at_target
+    def efforts(self, body: int) -> PoseEfforts | None:
+        """Return the efforts at the last sample of a body, by body id; None without joints."""
+        return self._efforts.get(body)
 
     def rows(self, body: int) -> Sequence[JointRow]:
         """Return the joints of a body at its last sample, by body id."""
@@ -103,9 +106,10 @@ class JointTable:
 
 
 def _row_of(
-    series: JointSeries, efforts: PoseEfforts, joint: Joint, k: int, its: slice
+    series: JointSeries, efforts: PoseEfforts, joint: Joint, k: int, place: slice
 ) -> JointRow:
-    """Return the row of a joint rate, by its index; `its` are the rates of the joint."""
+    """Return the row of a joint rate, by its index; `place` are the rates of the joint."""
+    its = efforts.reactions
     control = CONTROLS[int(series.control[-1, k])]
     position, turns = control in ("position", "pd"), control == "velocity"
     asked = series.target if position else series.asked_rate
@@ -115,7 +119,7 @@ def _row_of(
     return JointRow(
         name=joint.name,
         index=joint.link,
-        axis=k - its.start if its.stop - its.start > 1 else None,
+        axis=k - place.start if place.stop - place.start > 1 else None,
         kind=joint.kind,
         control=control,
         target=_known(target),
@@ -127,6 +131,8 @@ def _row_of(
         needs_at_target=_known(float(efforts.needs_at_target[k])) if position else None,
         at_force_limit_steps=int(series.at_limit[:, k].sum()) if known else 0,
         at_stop_steps=int(series.at_stop[:, k].sum()),
+        reaction_n=None if its is None else triple(its.force_n[joint.link]),
+        reaction_n_m=None if its is None else triple(its.torque_n_m[joint.link]),
     )
 
 

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
+from drop_physics.explain.carrying import reactions_of
 from drop_physics.explain.commands import Commanded
 from drop_physics.explain.needs import PoseSupport, holding
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.steps import BodySteps
+from drop_physics.physics.reactions import Reactions
 from drop_physics.physics.tree import Tree
 from drop_physics.trace.events import Body, Site
 from drop_physics.trace.history import Seen
@@ -59,7 +61,7 @@ class JointTelemetry:
 
 @dataclass(frozen=True, eq=False)
 class PoseEfforts:
-    """Torques that hold the joints of a body at the end of a chunk; shape (joint_rates,) each."""
+    """Efforts at a body's joints at the end of a chunk; shape (joint_rates,) each."""
 
     needs: Float64
     """Torque required to hold the last pose [N m] or [N]; nan if undefined."""
@@ -72,6 +74,8 @@ class PoseEfforts:
     holding a pose on it against the motion, or of holding the last one. It is nan where that is not
     known, and at rest.
     """
+    reactions: Reactions | None
+    """Forces and torques across the joints in the last step; None if unknown."""
 
 
 @dataclass(eq=False)
@@ -157,7 +161,8 @@ class DrivenJoints:
             shares = np.arange(WAY_POSES)[:, None] / WAY_POSES
             ways = against * held.along(now + shares * (positions - now))
             on_the_way = np.maximum(np.max(ways, axis=0), np.abs(needs_at_target))
-        return PoseEfforts(needs, needs_at_target, on_the_way)
+        reactions = reactions_of(driven.steps, row)
+        return PoseEfforts(needs, needs_at_target, on_the_way, reactions)
 
 
 def target_of(driven: JointTelemetry) -> Float64:
