@@ -83,7 +83,7 @@ class Account:
         """The strongest gravity that acted on each body, shape (3,)."""
         self._broken: dict[int, int] = {}
         """The first non-finite sample of each body."""
-        self._held, self._overlaps = Held(seen), Overlaps(seen)
+        self._held, self._overlaps = Held(seen, times), Overlaps(seen)
         self._sensed, self._pushed = Sensed(seen), PushedSoft()
         self._filtered: dict[frozenset[int], str] = {}
         """The script line that may have disabled contacts of two bodies, or of one, by body ids."""
@@ -112,7 +112,7 @@ class Account:
                 made = self._made.setdefault((call.client, int(call.result)), set())
                 made.add(call.site.place)
         self._sensed.add(explained, points)
-        self._held.add(explained)
+        self._held.add(explained, points)
         self._overlaps.add(explained)
         self._pushed.add(explained)
 

@@ -7,44 +7,23 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from drop_physics.account.gap import EXACT, Gap, Side, apart, frames, turned_by, with_gap, with_gaps
+from drop_physics.account.pinned import HeldConstraint
 from drop_physics.account.rows import AccountRow
 from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.words import RowWords
 from drop_physics.arrays import Flags, Float64, Int64
+from drop_physics.explain.contact_points import Points
 from drop_physics.explain.joined import FIXED, GEAR, POINT, UPRIGHT, ConstraintVersion
 from drop_physics.explain.recording import NOBODY, ExplainedPiece
+from drop_physics.explain.times import StepTimes
 from drop_physics.messages import Message
-from drop_physics.physics.rotations import matrix
 from drop_physics.quantities import number, quantity
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import TENDON, Equality
 from drop_physics.trace.history import Seen
 from drop_physics.trace.writes import written_by
-
-EXACT = 0.1
-"""Share of a body's size to which the gap of a constraint is compared: its target distance is 0,
-which gives no scale."""
-
-
-@dataclass(eq=False)
-class Gap:
-    """How far a constraint is from what it demands, after each step; grows chunk by chunk."""
-
-    most: float = 0.0
-    step: int = -1
-    """The sample at which it is largest."""
-    end: float = 0.0
-    """The gap after the last step in which the constraint is active."""
-
-    def add(self, off: Float64, samples: Int64, active: Flags) -> None:
-        """Add the gap after the steps to some samples, shape (n,)."""
-        off = np.where(active & np.isfinite(off), np.abs(off), 0.0)
-        at = int(np.argmax(off))
-        if off[at] > self.most:
-            self.most, self.step = float(off[at]), int(samples[at])
-        if active.any():
-            self.end = float(off[np.flatnonzero(active)[-1]])
 
 
 @dataclass(eq=False)
@@ -63,27 +42,11 @@ class HeldEquality:
     """Whether the equality is active in the last step."""
 
 
-@dataclass(eq=False)
-class HeldConstraint:
-    """A constraint that brings two points together; grows chunk by chunk."""
-
-    last: ConstraintVersion
-    gap: Gap = field(default_factory=Gap)
-    """The distance between the constraint's ends after a step [m]."""
-    turned: Gap = field(default_factory=Gap)
-    """The angle between their orientations [rad], if it holds these, too."""
-    pull_n: float = 0.0
-    """Force of the constraint at the largest distance."""
-    most_n: float = 0.0
-    limit_n: float = np.inf
-    """Maximum force of the constraint, at the largest distance."""
-
-
 class Held:
     """The constraints of a recording; grows chunk by chunk."""
 
-    def __init__(self, seen: Seen) -> None:
-        self._seen = seen
+    def __init__(self, seen: Seen, times: Mapping[int, StepTimes]) -> None:
+        self._seen, self._times = seen, times
         self._held: dict[tuple[int, int], HeldConstraint] = {}
         """Constraints, by client and number of calls before the constraint was created."""
         self._gears: dict[tuple[int, int], ConstraintVersion] = {}
@@ -93,23 +56,28 @@ class Held:
         }
         """Whether each equality is active, by client and index."""
 
-    def add(self, explained: ExplainedPiece) -> None:
+    def add(self, explained: ExplainedPiece, points: Points) -> None:
         """Add a chunk."""
         for told, steps, forces in explained.constraints.in_steps():
             which = np.searchsorted([each.at.step for each in told], steps, side="left") - 1
-            for index in np.unique(which[which >= 0]).tolist():
-                version, rows = told[index], np.flatnonzero(which == index)
+            for made in dict.fromkeys(each.made.at.call for each in told):
+                its = [each.made.at.call == made for each in told]
+                rows = np.flatnonzero((which >= 0) & np.array(its)[which])
+                version = told[which[rows[0]]] if len(rows) else None
+                if version is None or version.kind not in (FIXED, POINT):
+                    continue
                 client = next(
                     self._seen.bodies[each].client for each in version.bodies if each != NOBODY
                 )
-                if version.kind in (FIXED, POINT):
-                    self._add(client, version, explained, steps[rows], forces[rows, :3])
+                held = self._held.setdefault((client, made), HeldConstraint(version))
+                parts = steps[rows], forces[rows, :3]
+                held.add(told, which[rows], *parts, explained, points, self._times[client])
         for client in {body.client for body in self._seen.bodies.values()}:
             for version in explained.constraints.of_client(client):
                 if version.kind == GEAR:
                     self._gears[client, version.made.at.call] = version
-        for held in self._equalities:
-            self._look(held, explained)
+        for equality in self._equalities:
+            self._look(equality, explained)
 
     def _look(self, held: HeldEquality, explained: ExplainedPiece) -> None:
         """Add a chunk to an equality: its active steps, and how far its sides are apart."""
@@ -127,7 +95,7 @@ class Held:
             held.gap.add(_off_joints(equality, explained, samples), samples, active)
             return
         sides = [_of_equality(equality, side) for side in (0, 1)]
-        off_m, off_rad = _apart(sides, explained, samples)
+        off_m, off_rad = apart(*frames(sides, explained, samples))
         held.gap.add(off_m, samples, active)
         if equality.orientations:
             held.turned.add(off_rad, samples, active)
@@ -144,54 +112,13 @@ class Held:
                     active[samples > call.at.step] = self._on[key] = written
         return active
 
-    def _add(
-        self,
-        client: int,
-        version: ConstraintVersion,
-        explained: ExplainedPiece,
-        steps: Int64,
-        forces_n: Float64,
-    ) -> None:
-        sides = [
-            Side(*each)
-            for each in zip(
-                version.bodies,
-                version.links,
-                version.pivots_m,
-                version.orientations,
-                strict=True,
-            )
-        ]
-        off_m, off_rad = _apart(sides, explained, steps)
-        if not np.isfinite(off_m).any():
-            return
-        held = self._held.setdefault((client, version.made.at.call), HeldConstraint(version))
-        held.last, active = version, np.ones(len(steps), np.bool_)
-        pull_n = np.linalg.norm(forces_n, axis=1)
-        held.gap.add(off_m, steps, active)
-        if version.kind == FIXED:
-            held.turned.add(off_rad, steps, active)
-        held.most_n = max(held.most_n, float(pull_n.max()))
-        if held.gap.step in steps:
-            at = int(np.searchsorted(steps, held.gap.step))
-            held.pull_n = float(pull_n[at])
-            held.limit_n = version.limit_n_s / self._timestep_s(explained, client, steps[at])
-
-    def _timestep_s(self, explained: ExplainedPiece, client: int, step: int) -> float:
-        """Return the timestep of the step to a sample [s]."""
-        for judged in explained.bodies.values():
-            for steps in judged.intervals:
-                if judged.body.client == client and len(steps):
-                    at = min(int(np.searchsorted(steps.steps, step)), len(steps) - 1)
-                    return float(steps.reported.timestep_s[at])
-        return np.nan
-
     def rows(self, subjects: Mapping[int, MeasuredBody], words: RowWords) -> Iterator[AccountRow]:
         """Yield the rows for constraints, gears and equalities."""
         for held in self._held.values():
             its = [subjects[body] for body in held.last.bodies if body in subjects]
             if its:
-                yield _gap_row(held, its, words)
+                child = [body for body in held.last.bodies if body != NOBODY][-1]
+                yield held.row(its, self._seen.bodies[child], words)
         for gear in self._gears.values():
             row = _gear_row(gear, subjects, words)
             if row is not None:
@@ -209,19 +136,6 @@ def _switched(call: Call, number: int) -> bool | None:
     return bool(written.values[mine[-1]]) if len(mine) else None
 
 
-@dataclass(frozen=True)
-class Side:
-    """A frame on one of the links that a constraint holds together."""
-
-    body: int
-    """Id of the body; NOBODY for a frame of the world."""
-    link: int
-    place_m: tuple[float, ...]
-    """Its origin from the link's centre of mass, in the axes of its inertia, or in the world."""
-    orientation: tuple[float, ...]
-    """Its axes in those: a quaternion x, y, z, w."""
-
-
 def _of_equality(equality: Equality, side: int) -> Side:
     body = (equality.body_a, equality.body_b)[side]
     return Side(
@@ -230,28 +144,6 @@ def _of_equality(equality: Equality, side: int) -> Side:
         equality.anchors_m[side] if equality.anchors_m else (np.nan,) * 3,
         equality.orientations[side] if equality.orientations else UPRIGHT,
     )
-
-
-def _apart(
-    sides: Sequence[Side], explained: ExplainedPiece, samples: Int64
-) -> tuple[Float64, Float64]:
-    """Return the distance and the angle between two frames at samples [m] and [rad], (n,) each.
-
-    With R the rotation between them it is |(R₃₂ - R₂₃, R₁₃ - R₃₁, R₂₁ - R₁₂)| = 2 sin φ and
-    tr R - 1 = 2 cos φ.
-    """
-    places_m, frames = [], []
-    for side in sides:
-        place_m, axes = np.zeros((len(samples), 3)), np.tile(np.eye(3), (len(samples), 1, 1))
-        if side.body != NOBODY:
-            place_m, axes = explained.placed(side.body, side.link, samples)
-        places_m.append(place_m + axes @ np.array(side.place_m))
-        frames.append(axes @ matrix(side.orientation))
-    turned = np.swapaxes(frames[0], 1, 2) @ frames[1]
-    skewed = turned - np.swapaxes(turned, 1, 2)
-    sine = np.linalg.norm(skewed[:, [2, 0, 1], [1, 2, 0]], axis=1)
-    angle = np.arctan2(sine, np.trace(turned, axis1=1, axis2=2) - 1)
-    return np.linalg.norm(places_m[0] - places_m[1], axis=1), np.asarray(angle)
 
 
 def _off_joints(equality: Equality, explained: ExplainedPiece, samples: Int64) -> Float64:
@@ -305,7 +197,7 @@ def _equality_row(
             time=words.time(lighter, held.gap.step),
             end=quantity(held.gap.end, ""),
         )
-        row = _with_gap(row, held.gap, "rad", 1.0)
+        row = with_gap(row, held.gap, "rad", 1.0)
     else:
         size_m = min(each.size_m for each in its)
         gap = Message(
@@ -314,8 +206,8 @@ def _equality_row(
             time=words.time(lighter, held.gap.step),
             end=quantity(held.gap.end, "m"),
         )
-        gap = gap + _turned(held.turned, held.gap.most / size_m, lighter, words)
-        row = _with_gaps(row, held.gap, held.turned, size_m)
+        gap = gap + turned_by(held.turned, held.gap.most / size_m, lighter, words)
+        row = with_gaps(row, held.gap, held.turned, size_m)
     return replace(row, told=told + gap + _activity(held))
 
 
@@ -343,38 +235,6 @@ def _activity(held: HeldEquality) -> Message:
     return Message(
         "; active in {active:,} of {steps:,} steps", active=held.active, steps=held.steps
     )
-
-
-def _turned(gap: Gap, beside: float, subject: MeasuredBody, words: RowWords) -> Message:
-    """Describe the angle between two orientations; nothing if it is small beside a share."""
-    if gap.most <= 0.1 * beside:
-        return Message("")
-    return Message(
-        "; turned by {angle}° at {time} ({end}° at the end)",
-        angle=number(float(np.degrees(gap.most))),
-        time=words.time(subject, gap.step),
-        end=number(float(np.degrees(gap.end))),
-    )
-
-
-def _with_gap(row: AccountRow, gap: Gap, unit: str, size: float) -> AccountRow:
-    """Return a row with a gap; `size` is that to which it is compared."""
-    return replace(
-        row,
-        asked=0.0,
-        got=gap.most,
-        gap=gap.most,
-        unit=unit,
-        step=gap.step,
-        salience=gap.most / size / EXACT,
-    )
-
-
-def _with_gaps(row: AccountRow, gap: Gap, turned: Gap, size_m: float) -> AccountRow:
-    """Return a row with the larger of a distance and an angle, and the other besides."""
-    if turned.most > gap.most / size_m:
-        return replace(_with_gap(row, turned, "rad", 1.0), besides=((gap.most, "m"),))
-    return replace(_with_gap(row, gap, "m", size_m), besides=((turned.most, "rad"),))
 
 
 def _tendons_row(
@@ -415,35 +275,6 @@ def _tendons_row(
         besides=((most, ""),),
         salience=abs(most) / (abs(asked) + 0.1) / EXACT,
     )
-
-
-def _gap_row(held: HeldConstraint, its: list[MeasuredBody], words: RowWords) -> AccountRow:
-    lighter = min(its, key=lambda each: each.weight_n)
-    size_m = min(each.size_m for each in its)
-    names = [
-        str(words.names.link(body, link))
-        for body, link in zip(held.last.bodies, held.last.links, strict=True)
-    ]
-    told = Message(
-        "its ends are {gap} apart at {time} ({end} at the end), where it pulls with {pull} of "
-        "{limit}; at most with {most}, {weights} times the weight of {lighter}",
-        gap=quantity(held.gap.most, "m"),
-        time=words.time(lighter, held.gap.step),
-        end=quantity(held.gap.end, "m"),
-        pull=quantity(held.pull_n, "N"),
-        limit=quantity(held.limit_n, "N"),
-        most=quantity(held.most_n, "N"),
-        weights=number(held.most_n / lighter.weight_n),
-        lighter=words.names.body(lighter.body.number),
-    )
-    row = AccountRow(
-        kind="asked",
-        constraint=" – ".join(names),
-        told=told + _turned(held.turned, held.gap.most / size_m, lighter, words),
-        at_limit=held.pull_n >= 0.999 * held.limit_n,
-        subject=lighter.body,
-    )
-    return _with_gaps(row, held.gap, held.turned, size_m)
 
 
 def _gear_row(

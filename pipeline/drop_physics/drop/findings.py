@@ -47,7 +47,7 @@ def drop_rule(code: str, level: Level) -> Callable[[Says], Rule]:
     """Return a decorator that turns a function of a fall into a rule for a drop."""
 
     def made(says: Says) -> Rule:
-        RULES.append(Rule(code, level, "inputs", says))
+        RULES.append(Rule(code, level, "inputs", says, proof="call"))
         return RULES[-1]
 
     return made

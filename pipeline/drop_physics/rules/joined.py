@@ -3,79 +3,68 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drop_physics.arrays import Flags
-from drop_physics.explain.joined import ConstraintVersion
+from drop_physics.account.pinned import SOON, HeldConstraint
+from drop_physics.account.rows import AccountRow
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Scene
+from drop_physics.rules.answer import Scene, Span
 from drop_physics.rules.arguments import number, site_of
-from drop_physics.rules.body_properties import strained_by
-from drop_physics.rules.constraint_columns import ConstraintColumns
+from drop_physics.rules.body_properties import size_m, strained_by
 from drop_physics.rules.held_off import to_spare
-from drop_physics.rules.rows import Noted, Remedy, SayingRow
-from drop_physics.rules.rule import Match, constraint_rule
+from drop_physics.rules.rows import Case, Noted, Remedy, SayingRow
+from drop_physics.rules.rule import row_rule
 from drop_physics.rules.thresholds import (
     APART,
     APART_RAD,
     CLOSES,
-    CLOSES_STEPS,
     PULLED_BACK,
     RATIO,
     STILL_M_S,
 )
 from drop_physics.trace.events import Body
 
-Float64 = NDArray[np.float64]
-
-FULL = 1 - 1e-6
 NO_GAP_M = 1e-6
 
 
-def _other(scene: Scene, subject: Body, held: ConstraintVersion) -> dict[str, object]:
+def _other(scene: Scene, subject: Body, held: HeldConstraint) -> dict[str, object]:
     """Return label and name of the other body of a constraint; the label is None for the world."""
-    parent = held.bodies[0]
+    parent = held.last.bodies[0]
     is_world = parent < 0 or parent == subject.number
     label = None if is_world else scene.body(parent).label
     return {"other": label, "parent": label or Message("the world")}
 
 
-@constraint_rule("constraint-apart", "asked")
-def constraint_apart(joined: ConstraintColumns) -> Match | None:
+def _part_m(scene: Scene, held: HeldConstraint) -> float:
+    """Return the size of the smaller part: the diagonal of its bounding box, or its body's size."""
+    sizes: list[float] = []
+    for place, link in zip(held.last.bodies, held.last.links, strict=True):
+        if place >= 0:
+            body = scene.body(place)
+            box = np.array(body.bounds_m[6 * (link + 1) : 6 * (link + 2)])
+            diagonal = float(np.linalg.norm(box[3:] - box[:3])) if len(box) == 6 else 0.0
+            sizes.append(diagonal or size_m(body))
+    return min(sizes)
+
+
+@row_rule("constraint-apart", "asked")
+def constraint_apart(row: AccountRow) -> bool:
     """A constraint pulls or turns together bodies that were apart when it began."""
-    soon = joined.step < joined.began + CLOSES_STEPS
-    if not soon.any() or joined.last.moved >= joined.began:
-        return None
-    rows = np.flatnonzero(soon)
-    (gap_m, angle_rad), after = joined.apart_at_first(), joined.apart_after(rows)
-    n = len(rows)
-    firsts = {"gap": np.full(n, gap_m), "angle": np.full(n, angle_rad)}
-    numbers = {"part": np.full(n, joined.part_m), "held": np.full(n, joined.last, object)}
-    most = {"closed": -after[0], "turned": -after[1]}
-    return Match(rows, np.zeros(n), numbers, most=most, firsts=firsts, keys=joined.keys[rows])
-
-
-@constraint_apart.counts
-def _(gap: Float64, part: Float64, closed: Float64, angle: Float64, turned: Float64) -> Float64:
-    pulled = (gap > APART * part) & (-closed < CLOSES * gap)
-    swings = (angle > APART_RAD) & (-turned < CLOSES * angle)
-    return np.where(pulled, gap / part, np.where(swings, angle, 0.0))
+    return row.cause == "constraint"
 
 
 @constraint_apart.notes
-def _(
-    scene: Scene,
-    subject: Body,
-    held: ConstraintVersion,
-    gap: float,
-    angle: float,
-    closed: float,
-    part: float,
-) -> Noted:
-    pulled = gap > APART * part and -closed < CLOSES * gap
-    share = gap / part if pulled else angle
-    made = {"pulled": pulled, "share": share, "made": site_of(held.made)}
-    return {**_other(scene, subject, held), **made}
+def _(scene: Scene, worst: Case, subject: Body, held: HeldConstraint) -> Noted | None:
+    gap, angle, part = held.first_gap_m, held.first_angle_rad, _part_m(scene, held)
+    pulled = gap > APART * part and held.least_gap_m < CLOSES * gap
+    swings = angle > APART_RAD and held.least_angle_rad < CLOSES * angle
+    if held.last.moved >= held.began or not (pulled or swings):
+        return None
+    last = min(held.last_step, held.began + SOON - 1)
+    worst.span = Span(held.began, last, last - held.began + 1)
+    told = {"gap": gap, "angle": angle, "share": gap / part if pulled else angle}
+    return {"pulled": pulled, "made": site_of(held.last.made), **told} | _other(
+        scene, subject, held
+    )
 
 
 constraint_apart.rows(
@@ -101,68 +90,50 @@ constraint_apart.rows(
 )
 
 
-@constraint_rule("weak-constraint", "asked")
-def weak_constraint(joined: ConstraintColumns) -> Match:
+@row_rule("weak-constraint", "asked")
+def weak_constraint(row: AccountRow) -> bool:
     """A constraint does not close: it is at its limit, or the solver uses all its iterations."""
-    n, held = len(joined.step), joined.last
-    limit_n = joined.of_held(lambda held: held.limit_n_s) / joined.timestep_s
-    at_limit = np.abs(joined.forces_n).max(axis=1) >= limit_n * FULL
-    rows = np.arange(max(n - CLOSES_STEPS - 1, 0), n)
-    points_m = joined.tail("points", joined.points_m(rows), CLOSES_STEPS + 1)
-    strained = joined.tail("at limit", at_limit[rows], CLOSES_STEPS)
-    gap_m = np.linalg.norm(points_m[:, 0] - points_m[:, 1], axis=1)
-    moved_m = np.linalg.norm(points_m[-1] - points_m[0], axis=1)
+    return row.cause == "constraint"
+
+
+@weak_constraint.notes
+def _(scene: Scene, subject: Body, held: HeldConstraint) -> Noted | None:
+    gaps_m, ends_m, part = held.gaps_m, held.ends_m, _part_m(scene, held)
+    timestep_s = scene.times[subject.client].of_steps(np.array([held.last_step]))[0][0]
     # A spring swings, and what is being pulled back needs time.
-    still = (moved_m < STILL_M_S * CLOSES_STEPS * joined.timestep_s[-1]).any()
-    dragged = joined.step[-1] - held.moved <= CLOSES_STEPS
-    stays = gap_m[-1] >= gap_m[0] * PULLED_BACK and gap_m[-1] > NO_GAP_M
-    stays &= len(gap_m) > CLOSES_STEPS and (still or dragged)
-    leans = joined.tail("touches", np.isin(joined.step, _touched(joined))[rows], CLOSES_STEPS + 1)
-    lasts = {"gap": gap_m[-1], "limit": limit_n[-1], "weight": _weight_n(joined)}
-    lasts |= {"part": joined.part_m, "strained": strained.all()}
+    moved_m = np.linalg.norm(ends_m[-1] - ends_m[0], axis=1)
+    still = (moved_m < STILL_M_S * SOON * timestep_s).any()
+    dragged = held.last_step - held.last.moved <= SOON
+    stays = gaps_m[-1] >= gaps_m[0] * PULLED_BACK and gaps_m[-1] > NO_GAP_M
+    if not (stays and len(gaps_m) > SOON and (still or dragged)):
+        return None
     # What is dragged may lag with any force, and what it leans on may hold it off.
-    lasts |= {"stays": stays, "hangs": not (dragged or leans.any())}
-    numbers = {name: np.full(n, last) for name, last in lasts.items()}
-    numbers["held"] = np.full(n, held, object)
-    since = joined.step > joined.of_held(lambda held: held.limited_since)
-    step = joined.step.astype(np.float64)
-    most = {"swings": np.full(n, _swings_m_s(joined))}
-    return Match(np.ones(n, np.bool_), step, numbers, sums={"full": at_limit & since}, most=most)
-
-
-def _touched(joined: ConstraintColumns) -> NDArray[np.int64]:
-    """Return the steps in which a contact of one of its bodies may keep the constraint open."""
-    pairs, numbers = joined.scene.pairs, [body.number for body in joined.bodies]
-    return np.asarray(pairs.step[np.isin(pairs.body, numbers).any(axis=1)])
-
-
-def _weight_n(joined: ConstraintColumns) -> float:
-    """Return the held weight along its main axis; 0 if other supports share it."""
-    scene, moving = joined.scene, [body for body in joined.bodies if body.base_moves]
-    if len(moving) != 1 or not scene.constraints.is_only_one_on(moving[0].number):
-        return 0.0
-    weights_n = [
-        np.abs(steps.law.tree.masses_kg.sum() * steps.reported.gravity_m_s2[-1]).max()
-        for _, steps in scene.intervals(moving[0].number)
-    ]
-    return float(weights_n[-1]) if weights_n else 0.0
-
-
-def _swings_m_s(joined: ConstraintColumns) -> float:
-    """Return the speed at which the held body turns or moves across gravity, which adds load."""
-    fastest = [0.0]
-    for body in joined.bodies:
-        for _, steps in joined.scene.intervals(body.number) if body.base_moves else ():
-            if steps.law.tree.fixed:  # as long as it has no mass
-                continue
-            acts = steps.steps >= joined.began
-            velocity, g = steps.after.velocity[acts], steps.reported.gravity_m_s2[acts]
-            down = g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-300)
-            along = np.sum(velocity[:, 3:6] * down, axis=1, keepdims=True)
-            turns = np.delete(velocity, np.s_[3:6], axis=1) * joined.part_m
-            across = np.hstack((turns, velocity[:, 3:6] - along * down))
-            fastest.append(float(np.abs(across).max(initial=0)))
-    return float(np.nanmax(fastest))
+    hangs, strained = not (dragged or held.leans.any()), bool(held.strained.all())
+    ratio, weight, limit = _ratio(scene, subject.client), held.weight_n, held.last_limit_n
+    if not strained and not (hangs and ratio >= RATIO and gaps_m[-1] > APART * part):
+        return None
+    call = held.last.limited
+    limited = Message(
+        "that is at its limit of {limit:.3g} N along an axis in {count:,} steps",
+        limit=limit,
+        count=held.full,
+    )
+    heavy = weight > limit
+    return _other(scene, subject, held) | {
+        "gap": float(gaps_m[-1]),
+        "part": part,
+        "strained": strained,
+        "weight": weight,
+        "swings": max(held.across_m_s, held.turns_rad_s * part),
+        "ratio": ratio,
+        "why": limited,
+        "limited": limited,
+        "heavy": heavy,
+        "given": 0.0 if call is None else number(call, "maxForce"),
+        "enough": float(to_spare(weight)) if heavy else None,
+        "proposed": not hangs,
+        "made": site_of(call or held.last.made),
+    }
 
 
 def _ratio(scene: Scene, client: int) -> float:
@@ -171,46 +142,6 @@ def _ratio(scene: Scene, client: int) -> float:
     numbers = {number for each in held for number in each.bodies if number >= 0}
     still = all(each.moved == each.made.at.step for each in held)
     return strained_by(scene.seen, [scene.body(each) for each in numbers]) if still else 0.0
-
-
-@weak_constraint.counts
-def _(stays: Flags, gap: Float64, part: Float64) -> Float64:
-    return np.where(stays, gap / part, 0.0)
-
-
-@weak_constraint.notes
-def _(
-    scene: Scene,
-    subject: Body,
-    held: ConstraintVersion,
-    gap: float,
-    part: float,
-    limit: float,
-    full: int,
-    weight: float,
-    hangs: bool,
-    strained: bool,
-) -> Noted | None:
-    ratio = _ratio(scene, subject.client)
-    if not strained and not (hangs and ratio >= RATIO and gap > APART * part):
-        return None
-    given = 0.0 if held.limited is None else number(held.limited, "maxForce")
-    limited = Message(
-        "that is at its limit of {limit:.3g} N along an axis in {count:,} steps",
-        limit=limit,
-        count=full,
-    )
-    return {
-        **_other(scene, subject, held),
-        "ratio": ratio,
-        "why": limited,
-        "limited": limited,
-        "heavy": weight > limit,
-        "given": given,
-        "enough": float(to_spare(weight)) if weight > limit else None,
-        "proposed": not hangs,
-        "made": site_of(held.limited or held.made),
-    }
 
 
 MORE = SayingRow(

@@ -15,7 +15,7 @@ from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
 
 
-@row_rule("no-contact", "model", engines=ANY)
+@row_rule("no-contact", "model", engines=ANY, proof="call")
 def no_contact(row: AccountRow) -> bool:
     """Shapes that did not overlap at first get into each other, and no contact is possible."""
     return "shapes" in row.noted

@@ -10,7 +10,7 @@
 
 Chunks, runs of consecutive steps, the worst row, how often, in which steps, which joints of which
 body and which line of the script belong to the mechanism here. Tables are of joints, of actuators,
-of constraints, of pairs of bodies that touch, and of bodies (`tables`). A rule on the account
+of pairs of bodies that touch, and of bodies (`tables`). A rule on the account
 returns whether it is about a row. A rule of what calls set yields its cases, once, at the end, and
 has rows likewise:
 
@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from drop_physics.account.rows import AccountRow
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.physics.vectors import distinct_rows, groups
-from drop_physics.rules.answer import Finding, Level, Scene, and_more
+from drop_physics.rules.answer import Finding, Level, Proof, Scene, and_more
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.by_name import called
 from drop_physics.rules.engines import BULLETS, engine_of
@@ -196,6 +196,8 @@ class Rule:
     """The argument of `changeDynamics` whose call is the cause."""
     engines: tuple[str, ...] = BULLETS
     """The engines to which the rule applies: only their recordings are examined."""
+    proof: Proof = "sum"
+    """What proves the findings: the sum, or what calls and files request."""
     proposes: bool = False
     """Whether the rule's advice is only a proposal: its message states an observation,
     not a cause."""
@@ -262,7 +264,7 @@ class Rule:
             message=filled(said.message, values, about),
             advice=filled(advice, values, about) if advice else None,
             proposed=proposed,
-            proof="none" if proposed else "call" if self.table in OF_CALLS else "sum",
+            proof="none" if proposed else self.proof,
             cure=cure,
             body=None if self.subject == 0 else said.body,
             joint=said.joint,
@@ -276,9 +278,6 @@ class Rule:
 
 PARTS = "joints", "targets", "actuators"
 """Tables whose columns are parts of a body: only the worst part of each body is reported."""
-OF_CALLS = "inputs", "account"
-"""Tables of what calls and files request, or what no force tells: their findings need no proof by
-the sum."""
 RULES: list[Rule] = []
 """All rules on tables, in the order in which their modules are imported."""
 
@@ -300,7 +299,7 @@ def _maker(
     return made
 
 
-input_rule = partial(_maker, "inputs")
+input_rule = partial(_maker, "inputs", proof="call")
 """Decorator for a rule on all inputs: the function yields findings."""
 joint_rule = partial(_maker, "joints")
 """Decorator for a rule on joints, whose function returns a match: the worst joint of each robot is
@@ -310,8 +309,6 @@ actuator_rule = partial(_maker, "actuators")
 target_rule = partial(_maker, "targets")
 """Decorator for a rule on the targets of position motors: the worst target of each robot is
 reported."""
-constraint_rule = partial(_maker, "constraints")
-"""Decorator for a rule on constraints, whose function returns a match."""
 row_rule = partial(_maker, "account")
 """Decorator for a rule on the account, whose function returns whether the rule is about a row."""
 pair_rule = partial(_maker, "pairs")
@@ -439,7 +436,7 @@ class Rules:
                 finding = self._finding(rule, worst, among, joints)
                 if finding is not None:
                     yield replace(finding, episodes=self._episodes(place, mine.keys))
-        for rule in [each for each in self._rules if each.table in OF_CALLS]:
+        for rule in [each for each in self._rules if each.table in TABLES[:2]]:
             for case in (
                 rule.matches(self.scene.inputs)
                 if rule.table == "inputs"
@@ -463,7 +460,7 @@ class Rules:
             actuator = body.actuators[keys[1]]
             joint = actuator.target if actuator.acts_on == "joint" else None
             about = {"actuator": actuator, "name": actuator.name, "joint": joint}
-        elif len(subject) > 1 and rule.table != "constraints":
+        elif len(subject) > 1:
             partner = self.scene.body(keys[1])
             about = {"partner": partner, "other": partner.label}
         if rule.argument is not None:

@@ -17,7 +17,6 @@ from drop_physics.explain.steps import BodySteps, StepBatch, Steps
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.rules.answer import Column, Scene
-from drop_physics.rules.constraint_columns import constraint_columns
 from drop_physics.rules.joint import units_of
 from drop_physics.rules.target_columns import target_columns
 from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD
@@ -33,7 +32,6 @@ TableName = Literal[
     "joints",
     "targets",
     "actuators",
-    "constraints",
     "pairs",
     "sides",
     "bodies",
@@ -69,8 +67,6 @@ def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
         )
     elif name == "targets":
         yield from target_columns(scene)
-    elif name == "constraints":
-        yield from constraint_columns(scene)
     elif name == "bodies":
         yield from (BodyColumns(scene, *batch) for batch in scene.batches if len(batch[0].whole))
     elif name == "sides" and touching:
