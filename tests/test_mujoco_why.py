@@ -10,10 +10,7 @@ import pytest
 
 mujoco = pytest.importorskip("mujoco")
 
-from drop_physics.engines.mujoco.interventions import (  # noqa: E402
-    INTERVENTIONS,
-    left_out,
-)
+from drop_physics.engines.mujoco.interventions import INTERVENTIONS  # noqa: E402
 from drop_physics.engines.mujoco.watch.intervene import ModelChanges  # noqa: E402
 from drop_physics.errors import ScenarioError  # noqa: E402
 from drop_physics.stages.rerun.asked import cures_of  # noqa: E402
@@ -347,7 +344,33 @@ def test_every_intervention_has_a_name_and_a_call() -> None:
     silent = {name for name, row in INTERVENTIONS.rows.items() if not row.words}
     factors = {f"{name}:factor" for name in ("gravity", "friction", "mass")}
     assert silent == {"iterations", "nudge", "seed", "parameter", *factors}
-    assert left_out("ctrl", "a.py", 3, "key") is None
+
+
+@pytest.mark.long
+def test_each_statement_of_a_script_that_sets_something_is_left_out(tmp_path: Path) -> None:
+    """The push moves the box, friction of a body in the air does nothing, to the bit."""
+    script = tmp_path / "script.py"
+    scene = "<mujoco><worldbody><body name='box'><freejoint/><geom size='.1'/></body></worldbody>"
+    script.write_text(
+        f"""import mujoco
+m = mujoco.MjModel.from_xml_string("{scene}</mujoco>")
+d = mujoco.MjData(m)
+m.geom_friction[:] = 0.3
+for step in range(50):
+    d.xfrc_applied[1, 0] = 5
+    mujoco.mj_step(m, d)
+"""
+    )
+    found = why(str(script), out=tmp_path, ablate=True, jobs=1)
+    assert [(each.call, each.site) for each in found.no_effect] == [
+        ("without m.geom_friction[:] = 0.3", "script.py:4")
+    ]
+    (first, *_) = found.hangs_on
+    assert first.intervention.call == "without d.xfrc_applied[1, 0] = 5"
+    assert first.intervention.site == "script.py:6"
+    mass = 4 / 3 * 3.141592653589793 * 0.1**3 * 1000
+    assert first.moved is not None
+    assert first.moved.value == pytest.approx(5 / mass * 0.002**2 * 50 * 51 / 2, rel=1e-3)
 
 
 @pytest.mark.long

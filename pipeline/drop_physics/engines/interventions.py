@@ -201,9 +201,6 @@ class Interventions:
         What `parameter` sets, by name; if it is a choice, the names by their numbers.
     set_parameter
         Returns a run with a parameter of some name and value.
-    left_out
-        Returns a run without the call of a function in a line of a file, or without one of its
-        arguments; None if that cannot be.
     sees
         The operations of a run that is seen by the causal search.
     trial_of
@@ -226,7 +223,6 @@ class Interventions:
         rows: Iterable[ChangeRow],
         parameters: dict[str, Sequence[str]],
         set_parameter: Callable[[str, float], ChangedRun],
-        left_out: Callable[[str, str, int, str | None], ChangedRun | None],
         sees: Sequence[Operation],
         trial_of: Callable[[Change], dict[str, Any]],
         words_of: Callable[[Change], str],
@@ -243,7 +239,7 @@ class Interventions:
         self.follows = follows
         self.sees = sees
         """The operations of a run in which it is seen what they would change."""
-        self.parameters, self.left_out = parameters, left_out
+        self.parameters = parameters
         self._set_parameter = set_parameter
 
     def row_of(self, cure: Cure) -> ChangeRow | None:

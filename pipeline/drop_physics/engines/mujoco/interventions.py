@@ -190,18 +190,6 @@ def _written(function: str) -> str:
     return f"mujoco.{function}(…)" if function.startswith("mj_") else f"model.{function}"
 
 
-def left_out(function: str, file: str, line: int, argument: str | None) -> ChangedRun | None:
-    """Return a run that omits what the script sets at a line; None if only one argument goes."""
-    if argument is not None:
-        return None
-    how = {"do": "keep", "field": function}
-    if function in PARTS:
-        how = {"do": "leave", "part": function}
-    elif function.startswith("mj_"):
-        how = {"do": "skip", "function": function}
-    return ChangedRun([{"engine": ENGINE, "site": [file, line], **how}])
-
-
 def _set_parameter(name: str, value: float) -> ChangedRun:
     return ChangedRun([_write(f"opt.{name}", ("=", value))])
 
@@ -296,8 +284,13 @@ def _without(_: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
     """Omit the script's call or write that a finding is about."""
     file, _, line = (scope.site or "").rpartition(":")  # type: ignore[assignment]
     if file and line.isdecimal():
-        run = left_out(str(cure.given["function"]), file, int(line), None)
-        yield from [] if run is None else run.operations
+        function = str(cure.given["function"])
+        how = {"do": "keep", "field": function}
+        if function in PARTS:
+            how = {"do": "leave", "part": function}
+        elif function.startswith("mj_"):
+            how = {"do": "skip", "function": function}
+        yield {"site": [file, int(line)], **how}
 
 
 # -- the rows -------------------------------------------------------------------------------------
@@ -751,7 +744,6 @@ INTERVENTIONS = Interventions(
     ROWS,
     OPTIONS,
     _set_parameter,
-    left_out,
     SEES,
     trial_of,
     _words_of,

@@ -114,12 +114,6 @@ def _shown(name: str, operator: str, value: float) -> str:
     return f"{name}*{value:.3g}" if value > 1 else f"{name}/{1 / value:.3g}"
 
 
-def left_out(function: str, file: str, line: int, argument: str | None) -> ChangedRun:
-    """Return a run without a call, or without one of its arguments."""
-    left = [] if argument is None else [argument]
-    return ChangedRun([{**_leave([function], *left), "site": [file, line]}])
-
-
 def _set_parameter(name: str, value: float) -> ChangedRun:
     return ChangedRun(below={"engine": {name: value}})
 
@@ -807,5 +801,5 @@ def _words_of(change: Change) -> str:
 
 
 INTERVENTIONS = Interventions(
-    ROWS, dict.fromkeys(PARAMETERS, ()), _set_parameter, left_out, SEES, trial_of, _words_of, played
+    ROWS, dict.fromkeys(PARAMETERS, ()), _set_parameter, SEES, trial_of, _words_of, played
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -12,12 +11,12 @@ import numpy as np
 
 from drop_physics.engines.cures import ROWS, trial_of, words_of
 from drop_physics.engines.interventions import FACTOR, Interventions
+from drop_physics.engines.source import SOURCE, place_of
 from drop_physics.experiments.interventions import Intervention
+from drop_physics.messages import Message
 from drop_physics.stages.rerun.single import SINGLE, named
-from drop_physics.trace.acts import FILTERS, PUSHES, Act
 from drop_physics.trace.cures import ChangedRun, Cure, Scope
 from drop_physics.trace.events import located
-from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 if TYPE_CHECKING:
     from drop_physics.engines.watching.single_changes import Change
@@ -26,25 +25,8 @@ if TYPE_CHECKING:
 
 READING = "reading"
 """Code of the findings about a number that the script reads; no run can test these."""
-SETTERS = (
-    *PUSHES,
-    *FILTERS,
-    Act.COMMAND,
-    Act.CHANGE_CONSTRAINT,
-    Act.SET_PROPERTY,
-    Act.SET_GRAVITY,
-    Act.SET_TIMESTEP,
-    Act.SET_ENGINE,
-    Act.SET_REAL_TIME,
-    Act.SET_VELOCITY,
-)
-"""Kinds of calls that `--ablate` leaves out."""
-NEEDED = re.compile(
-    r"^(body\w*|object\w*|link\w*|joint\w*|controlMode|physicsClientId|flags|"
-    r"userConstraint\w*|\w*Obj|grav[XYZ]|timeStep|mass)$"
-)
-"""Arguments that a call requires, or that identify its target."""
-ARGUMENT = re.compile(r"(?:^|, )(\w+)=")
+WITHOUT = ("left-out", "default")
+"""Operators that leave out a call or a statement, or an argument of a call."""
 
 
 @dataclass
@@ -129,23 +111,20 @@ class Proposals:
         return found
 
     def left_out(self) -> list[Candidate]:
-        """Return setter calls, and their optional arguments, each to be left out in one trial."""
-        found: dict[tuple[str, str, int, str | None], Candidate] = {}
-        for piece in self._seen.pieces():
-            for call in piece.calls.of(*(SETTERS if self._seen.engine == PYBULLET else Act)):
-                names = ARGUMENT.findall(call.site.form)
-                for argument in (None, *(each for each in names if not NEEDED.match(each))):
-                    key = call.function, call.file, call.line, argument
-                    if key not in found:
-                        found[key] = self._without(*key)
-        return [each for each in found.values() if each.run is not None]
+        """Return what lines set, by calls, their arguments, and statements, each to be left out."""
+        changes = (
+            each for each in self._possible() if each.op in WITHOUT and each.site is not None
+        )
+        return [_changed(each, Cure("without", call=self._without(each))) for each in changes]
 
-    def _without(self, function: str, file: str, line: int, argument: str | None) -> Candidate:
-        form = "" if argument is None else "argument"
-        cure = Cure("without", form=form, given={"function": function, "argument": argument})
-        cure = replace(cure, call=self._cures.call_of(cure))
-        intervention = Intervention(cure, site=located(file, line))
-        return Candidate(intervention, self._cures.left_out(function, file, line, argument))
+    def _without(self, change: Change) -> str:
+        """Describe what a change leaves out, without its line."""
+        if change.engine == SOURCE:
+            return Message("without {was}", was=place_of(change)[1])
+        function, _, argument = change.change.partition(".")
+        form = "argument" if argument else ""
+        given = {"function": function, "argument": argument}
+        return self._cures.call_of(Cure("without", form=form, given=given))
 
     def whole(self, cure: Cure) -> Candidate:
         """Return a cure applied to the whole run, where some values become factors."""
@@ -160,21 +139,14 @@ class Proposals:
     def _single(self, cure: Cure, findings: list[int], *, words: bool) -> Candidate:
         """Return the candidate for a single change requested by its text."""
         change = named(cure.call, self._possible())
-        operand, site = change.how[1], change.site
+        operand = change.how[1]
         asked = Cure(
             cure.call,
             ", ".join(change.target) or None,
             operand if isinstance(operand, int | float) else None,
             words_of(change) if words else cure.call,
         )
-        trial = trial_of(change)
-        run = ChangedRun(
-            [*trial.get("interventions", ())],
-            trial.get("variation") or {},
-            [*trial.get("edits", ())],
-        )
-        place = None if site is None else located(*site)
-        return Candidate(Intervention(asked, site=place), run, findings)
+        return replace(_changed(change, asked), findings=findings)
 
     def _candidate(self, cure: Cure, finding: Finding) -> Candidate:
         labels = {body.label: body for body in self._seen.bodies.values()}
@@ -216,3 +188,14 @@ class Proposals:
                         found |= {(n, link) for n in bodies for link in np.unique(links).tolist()}
             self._commanded = frozenset(found)
         return self._commanded
+
+
+def _changed(change: Change, cure: Cure) -> Candidate:
+    """Return the candidate for a single change, named by a cure."""
+    trial, site = trial_of(change), change.site
+    run = ChangedRun(
+        [*trial.get("interventions", ())],
+        trial.get("variation") or {},
+        [*trial.get("edits", ())],
+    )
+    return Candidate(Intervention(cure, site=None if site is None else located(*site)), run)
