@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from drop_physics.engines import source
 from drop_physics.engines.interventions import FACTOR, ChangeRow, Interventions
 from drop_physics.engines.mujoco.interventions import INTERVENTIONS as MUJOCO
 from drop_physics.engines.pybullet.interventions import INTERVENTIONS as BULLET
-from drop_physics.trace.cures import Cure
+from drop_physics.trace.cures import ChangedRun, Cure
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ FACTORS = {
 }
 """Names of the rows whose number is a factor, or a size, if applied to the whole run."""
 RUN = "run"
-"""The operator of a change that is an intervention; its operand is a dict of program fields."""
+"""The operator of a change that is an intervention; its operand is the changed run."""
 PARAMETERS = BULLET.parameters | MUJOCO.parameters
 """Engine parameters that `parameter` sets, for all engines."""
 
@@ -39,13 +39,15 @@ def cures_of(engine: str) -> Interventions:
     return TABLES[engine.partition(" ")[0]]
 
 
-def trial_of(change: Change) -> dict[str, Any]:
-    """Return how a run with a single change differs, as fields of its program."""
+def trial_of(change: Change) -> ChangedRun:
+    """Return the run with a single change."""
     if change.how[0] == RUN:
-        return {**change.how[1]}
+        run: ChangedRun = change.how[1]
+        return run
     if change.engine == source.SOURCE:
-        return {"edits": source.edits_of(change)}
-    return TABLES[change.engine].trial_of(change)
+        return ChangedRun(edits=source.edits_of(change), longer=source.repeats(change))
+    made = TABLES[change.engine].trial_of(change)
+    return ChangedRun(made["interventions"], made["variation"])
 
 
 def words_of(change: Change) -> str:

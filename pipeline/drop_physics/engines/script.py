@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import mmap
 import os
 import re
@@ -15,7 +16,7 @@ import time
 from abc import ABC, abstractmethod
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from drop_physics.engines.watching.edits import Edit
 from drop_physics.engines.whole_episodes import Episodes
 from drop_physics.errors import DropError
 from drop_physics.messages import Message
+from drop_physics.trace.cures import ChangedRun
 from drop_physics.trace.events import Ending, Event, located
 from drop_physics.workers import CPU_USED_UP, how_it_ended, under_load, users_environment
 
@@ -129,6 +131,21 @@ class Program:
     """Evaluator that runs in its process: `file` and `name` of a class, and its `arguments`."""
     episodes: Episodes = "all"
     """The episodes of its environments that are recorded step by step."""
+
+    def changed_by(self, run: ChangedRun) -> Program:
+        """Return the program of a changed run."""
+        variation, seed, steps = {**run.below}, self.seed, self.steps
+        if "draws" in variation:
+            draws = variation.pop("draws")
+            seed = (seed or 0) + 1 if draws is None else draws
+        return replace(
+            self,
+            variation=variation or None,
+            interventions=run.operations,
+            edits=run.edits,
+            seed=seed,
+            steps=None if steps is None else math.ceil(steps * run.longer),
+        )
 
 
 def _seeded(seed: int | None) -> dict[str, str]:

@@ -73,7 +73,9 @@ class ChangedRun:
     """Changes inside the engine that the script cannot see: arguments of a `Variation`, and
     `draws`, a seed that replaces the script's own."""
     edits: list[Any] = field(default_factory=list)
-    """Replaced parts of the script's text, in the format of `watching.edits`."""
+    """Replaced parts of the user's texts, in the format of `watching.edits`."""
+    longer: float = 1.0
+    """Number of times as many steps that the run may make."""
 
     @property
     def finer(self) -> int:
@@ -86,7 +88,8 @@ class ChangedRun:
         if self.finer > 1 and other.finer > 1:
             below["finer"] = self.finer * other.finer
         operations = [*self.operations, *other.operations]
-        return ChangedRun(operations, below, [*self.edits, *other.edits])
+        edits = [*self.edits, *other.edits]
+        return ChangedRun(operations, below, edits, self.longer * other.longer)
 
 
 def whole_number(value: float) -> float:

@@ -100,17 +100,7 @@ class RunChanged(ABC, Generic[T]):
         """Return the program to run for a candidate that the engine supports."""
         run = self.run_of(number)
         assert run is not None
-        variation, seed = dict(run.below), self.program.seed
-        if "draws" in variation:
-            draws = variation.pop("draws")
-            seed = (seed or 0) + 1 if draws is None else draws
-        return replace(
-            self.program,
-            variation=variation or None,
-            interventions=run.operations,
-            edits=run.edits,
-            seed=seed,
-        )
+        return self.program.changed_by(run)
 
     def path_of(self, number: int) -> Path:
         """Return the path of a run's recording."""

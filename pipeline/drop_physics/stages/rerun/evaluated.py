@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from drop_physics.engines.cures import trial_of
 from drop_physics.engines.interventions import Operation
 from drop_physics.engines.script import Program
-from drop_physics.engines.source import SOURCE, repeats
+from drop_physics.engines.source import SOURCE
 from drop_physics.engines.watching.expression import Expression
 from drop_physics.engines.watching.single_changes import Change
 from drop_physics.experiments.motion import motion_of
@@ -22,7 +22,7 @@ from drop_physics.experiments.search import ChangeOutcome
 from drop_physics.stages.rerun.reruns import Reruns
 from drop_physics.stages.rerun.runs import RunsUnderWay
 from drop_physics.sweeping.engines import in_threads
-from drop_physics.trace.cures import NUDGE
+from drop_physics.trace.cures import NUDGE, ChangedRun
 
 if TYPE_CHECKING:
     from drop_physics.engines.fork_server import Fork
@@ -116,9 +116,12 @@ class EvaluatedRuns:
     """Number of runs made so far."""
     runs: RunsUnderWay = field(default_factory=RunsUnderWay)
 
-    def answered(self, **changed: object) -> tuple[Answer | None, str]:
+    def answered(
+        self, run: ChangedRun, evaluator: Mapping[str, Any] | None = None
+    ) -> tuple[Answer | None, str]:
         """Run with a change; return the evaluated expectation, and how the run ended."""
-        program = replace(self.program, **changed)  # type: ignore[arg-type]
+        program = self.program.changed_by(run)
+        program = program if evaluator is None else replace(program, evaluator=evaluator)
         with self._begun(program) as process:
             self.runs.under_way.add(process)
             for _ in process.events():
@@ -136,24 +139,17 @@ class EvaluatedRuns:
         """Return the outcome of a run with a change; None if no time is left."""
         if time.time() > self.until:
             return None
-        return self._outcome(**self._trial_of(change))
+        return self._outcome(trial_of(change))
 
     def nudged(self, number: int, change: Change | None = None) -> ChangeOutcome | None:
         """Return the outcome of a slightly nudged run, optionally with a change."""
         if time.time() > self.until:
             return None
-        trial = {} if change is None else self._trial_of(change)
-        nudge = {"nudge": NUDGE, "seed": number}
-        return self._outcome(**{**trial, "variation": {**(trial.get("variation") or {}), **nudge}})
+        nudge = ChangedRun(below={"nudge": NUDGE, "seed": number})
+        return self._outcome(nudge if change is None else trial_of(change) + nudge)
 
-    def _trial_of(self, change: Change) -> dict[str, Any]:
-        trial, steps = trial_of(change), self.program.steps
-        if change.engine == SOURCE and steps is not None:
-            trial["steps"] = math.ceil(steps * repeats(change))
-        return {**trial, "variation": trial.get("variation") or None}
-
-    def _outcome(self, **changed: object) -> ChangeOutcome:
-        answer, ended = self.answered(**changed)
+    def _outcome(self, run: ChangedRun) -> ChangeOutcome:
+        answer, ended = self.answered(run)
         if answer is None:
             return NOT_MADE
         return outcome_of(answer, ended_well=ended in self.ends)
@@ -184,7 +180,8 @@ class EvaluatedRuns:
         drawn
             Whether what is only for looking is recorded, too.
         """
-        program = replace(self.program, streams=True, evaluator=None, **self._trial_of(change))
+        program = self.program.changed_by(trial_of(change))
+        program = replace(program, streams=True, evaluator=None)
         with self._begun(program) as process:
             self.runs.varied(process, path, own, name, drawn=drawn)
 
@@ -255,15 +252,14 @@ class EvaluatedRuns:
             if not reruns.parts:
                 return told
             trials = replace(self, program=program, reruns=reruns, made=0)
-            own, same = trials.answered(), trials.answered(interventions=[*played])
+            recorded = ChangedRun([*played])
+            own, same = map(trials.answered, (ChangedRun(), recorded))
             if own != same or own[0] is None or own[0]["holds"]:
                 changes = ()
             for n, change in enumerate(changes):
                 if not _may_begin_later(change) or time.time() > self.until:
                     continue
-                trial = self._trial_of(change)
-                trial["interventions"] = [*played, *trial.get("interventions", ())]
-                answer, ended = trials.answered(**trial)
+                answer, ended = trials.answered(recorded + trial_of(change))
                 too_late = (answer, ended) == same  # to act
                 if answer is not None and ended in self.ends and not too_late:
                     told[n] = outcome_of(answer, ended_well=True).holds

@@ -12,6 +12,7 @@ import numpy as np
 from drop_physics.engines.cures import ROWS, trial_of, words_of
 from drop_physics.engines.interventions import FACTOR, Interventions
 from drop_physics.engines.source import SOURCE, place_of
+from drop_physics.errors import ScenarioError
 from drop_physics.experiments.interventions import Intervention
 from drop_physics.messages import Message
 from drop_physics.stages.rerun.single import SINGLE, named
@@ -126,6 +127,24 @@ class Proposals:
         given = {"function": function, "argument": argument}
         return self._cures.call_of(Cure("without", form=form, given=given))
 
+    def required(self, cure: Cure, option: str) -> ChangedRun:
+        """Return the run with a cure on all of it.
+
+        Raises
+        ------
+        ScenarioError
+            If the engine does not have it.
+        """
+        run = self.whole(cure).run
+        if run is None:
+            raise ScenarioError(
+                "{option} {name} is no option of {engine}, which steps the script",
+                option=option,
+                name=cure.call,
+                engine=self._seen.engine,
+            )
+        return run
+
     def whole(self, cure: Cure) -> Candidate:
         """Return a cure applied to the whole run, where some values become factors."""
         if cure.name == SINGLE:
@@ -192,10 +211,5 @@ class Proposals:
 
 def _changed(change: Change, cure: Cure) -> Candidate:
     """Return the candidate for a single change, named by a cure."""
-    trial, site = trial_of(change), change.site
-    run = ChangedRun(
-        [*trial.get("interventions", ())],
-        trial.get("variation") or {},
-        [*trial.get("edits", ())],
-    )
-    return Candidate(Intervention(cure, site=None if site is None else located(*site)), run)
+    site = None if change.site is None else located(*change.site)
+    return Candidate(Intervention(cure, site=site), trial_of(change))

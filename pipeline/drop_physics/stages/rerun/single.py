@@ -21,6 +21,7 @@ from drop_physics.stages.rerun.again import Again
 from drop_physics.stages.rerun.evaluated import Answer, EvaluatedRuns, evaluator_of
 from drop_physics.stages.rerun.reruns import Reruns
 from drop_physics.stages.rerun.source_texts import SourceText, source_texts
+from drop_physics.trace.cures import ChangedRun
 
 TEXT = re.compile(
     r"(?P<change>\S+) (?P<op>[-=*/+^~]\S*|[a-z]+(?:-[a-z]+)?)"
@@ -73,7 +74,8 @@ def seen_changes(trials: EvaluatedRuns, engine: str) -> SeenChanges:
     rows = {name: each.tried for name, each in TABLES.items()}
     arguments = {**evaluator["arguments"], "rows": rows}
     seen, ended = trials.answered(
-        interventions=TABLES[engine].sees, evaluator={**evaluator, "arguments": arguments}
+        ChangedRun([{**each} for each in TABLES[engine].sees]),
+        {**evaluator, "arguments": arguments},
     )
     if seen is None or seen["changes"] is None:
         raise DropError(

@@ -188,13 +188,8 @@ def candidates_of(
     found = []
     for cure in asked:
         candidate, name = proposals.whole(cure), cure.given.get("name")
-        if candidate.run is None and not usual:
-            raise ScenarioError(
-                "{option} {name} is no option of {engine}, which steps the script",
-                option=option,
-                name=cure.call,
-                engine=engine,
-            )
+        if not usual:
+            proposals.required(cure, option)
         has_it = usual and engine != PYBULLET and name and settings.get(name) == cure.value
         if candidate.run is not None and not has_it:
             found.append(candidate)

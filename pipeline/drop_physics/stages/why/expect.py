@@ -398,21 +398,12 @@ def _asked_for(cures: Sequence[Cure], base: Recording, changes: Sequence[Change]
         If there is none such.
     """
     proposals = Proposals(base.seen, [], cures_of(base.seen.engine))
-    found = []
-    for cure in cures:
-        if cure.name == SINGLE:
-            found.append(named(cure.call, changes))
-            continue
-        run = proposals.whole(cure).run
-        if run is None:
-            raise ScenarioError(
-                "--try {name} is no option of {engine}, which steps the script",
-                name=cure.call,
-                engine=base.seen.engine,
-            )
-        fields = {"interventions": run.operations, "variation": run.below}
-        found.append(Change(cure.call, "", (RUN, fields)))
-    return found
+    return [
+        named(cure.call, changes)
+        if cure.name == SINGLE
+        else Change(cure.call, "", (RUN, proposals.required(cure, "--try")))
+        for cure in cures
+    ]
 
 
 def _row_of(row: RowExpectation | None, rows: Sequence[AccountRow], change: Change) -> str | None:
