@@ -229,3 +229,32 @@ def test_a_drive_that_is_weaker_than_its_twin_is_told(
     if is_told:
         assert f"in {share:.0%} of the steps" in str(told[0].told)
         assert rows[0] is told[0]
+
+
+WHEELS = """
+import pybullet as p
+p.connect(p.DIRECT)
+wheel = p.createCollisionShape(p.GEOM_SPHERE, radius=0.05)
+cart = p.createMultiBody(
+    5, wheel, -1, [0, 0, 1], linkMasses=[1, 1], linkCollisionShapeIndices=[wheel, wheel],
+    linkVisualShapeIndices=[-1, -1], linkPositions=[[0, 0.2, 0], [0, -0.2, 0]],
+    linkOrientations=[[0, 0, 0, 1]] * 2, linkInertialFramePositions=[[0, 0, 0]] * 2,
+    linkInertialFrameOrientations=[[0, 0, 0, 1]] * 2, linkParentIndices=[0, 0],
+    linkJointTypes=[p.JOINT_REVOLUTE] * 2, linkJointAxis=[[0, 1, 0]] * 2)
+for joint, force in {forces}.items():
+    p.setJointMotorControl2(cart, joint, p.VELOCITY_CONTROL, targetVelocity=1000, force=force)
+for _ in range(100):
+    p.stepSimulation()
+"""
+
+
+@pytest.mark.pybullet
+@pytest.mark.parametrize(("forces", "told"), some([({0: 0.1}, []), ({0: 0.1, 1: 0.4}, [0.1])], 1))
+def test_a_drive_is_not_compared_with_the_motor_that_the_engine_adds(
+    tmp_path: Path, forces: dict[int, float], told: list[float]
+) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(WHEELS.format(forces=forces))
+    recorded = record_script(str(script), out=tmp_path / "run.rrd")
+    rows = [*analyze(recorded.recording).account]
+    assert [row.got for row in rows if "its drive has a limit of" in str(row.told)] == told

@@ -22,6 +22,7 @@ from pathlib import Path
 
 from drop_physics.analysis.results import Analysis
 from drop_physics.report.account import facts_of
+from drop_physics.report.episodes import ended_well
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.record import record_script
 from drop_physics.stages.rerun.single import text_of
@@ -31,7 +32,7 @@ FOLDER = Path(__file__).parent / "controllers"
 SCRIPT = FOLDER / "scripts" / "controllers.py"
 ROWS, OUTCOMES = 2, 3
 """Number of rows of the account, and of search outcomes, that a reader is assumed to look at."""
-BUDGET_S = 1200.0
+BUDGET_S = 600.0
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,12 @@ def rows_of(analysis: Analysis) -> list[str]:
     return [" ".join(str(fact.words) for fact in facts_of(row)) for row in analysis.account]
 
 
+def said_of(analysis: Analysis) -> list[str]:
+    """Return the findings, and the rows of the account if the report shows them."""
+    rows = [] if ended_well(analysis.episodes) else rows_of(analysis)
+    return [each.code for each in analysis.findings] + rows
+
+
 def outcomes_of(case: Case, budget_s: float = BUDGET_S) -> list[str]:
     """Return the outcomes of the search as texts, each including the equivalent changes."""
     with _quiet() as folder:
@@ -137,8 +144,7 @@ def main(chosen: Sequence[str]) -> None:
     print(f"{hits} of {len(wanted)} named")
     for robot in () if chosen else dict.fromkeys(each.robot for each in known.values()):
         analysis = analyzed(robot)
-        said = [each.code for each in analysis.findings] + rows_of(analysis)
-        print(f"{robot:24} {said or 'its end, and no more'}", flush=True)
+        print(f"{robot:24} {said_of(analysis) or 'its end, and no more'}", flush=True)
 
 
 if __name__ == "__main__":

@@ -72,9 +72,13 @@ def _row(
 
 
 def _limit(series: JointSeries, axis: Axis) -> float:
-    """Return the largest limit of a joint's drive; nan if it has none."""
+    """Return the largest limit of a joint's drive; nan if it has none.
+
+    That of the engine's own motor, which no call has set, says nothing.
+    """
     limit = series.limit[:, axis.joint_rate]
-    known = limit[np.isfinite(limit) & (limit > 0)]
+    own = series.controlled("default", "unknown", "off")[:, axis.joint_rate]
+    known = limit[np.isfinite(limit) & (limit > 0) & ~own]
     return float(known.max()) if len(known) else np.nan
 
 
