@@ -227,7 +227,7 @@ class EvaluatedRuns:
         commands replace those of the script, so that no controller answers to what is changed. None
         where that is not known: of a change that has to begin with the run or does nothing that
         late, and of all changes if the run without a change is not the same to the bit with the
-        recorded commands.
+        recorded commands. The runs are short, and are made even if the time is up.
 
         Parameters
         ----------
@@ -246,7 +246,7 @@ class EvaluatedRuns:
         program = replace(
             self.program,
             steps=last + 1,
-            evaluator=evaluator_of(asked["arguments"]["text"], of_running=True),
+            evaluator=evaluator_of(**{**asked["arguments"], "of_running": True}),
         )
         with Reruns(program, self.reruns.again, at=first) as reruns:
             if not reruns.parts:
@@ -257,7 +257,7 @@ class EvaluatedRuns:
             if own != same or own[0] is None or own[0]["holds"]:
                 changes = ()
             for n, change in enumerate(changes):
-                if not _may_begin_later(change) or time.time() > self.until:
+                if not _may_begin_later(change):
                     continue
                 answer, ended = trials.answered(recorded + trial_of(change))
                 too_late = (answer, ended) == same  # to act
