@@ -30,6 +30,7 @@ from drop_physics.physics.tree import States
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.body_properties import AskedOfBodies
 from drop_physics.rules.inputs import Inputs
+from drop_physics.rules.kept import KeptRows
 from drop_physics.rules.placing import Placing
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import BODY_NAMES, Call
@@ -215,8 +216,7 @@ class Scene:
     """Targets of the position motors of each body, by body id."""
     going: dict[tuple[int, int], TargetColumns] = field(init=False, default_factory=dict)
     """The table of the target in effect, by body and rate."""
-    carried: dict[tuple[str, int], NDArray[Any]] = field(init=False, default_factory=dict)
-    """Values that columns keep from chunk to chunk, by column name and body id."""
+    kept: KeptRows = field(init=False, default_factory=KeptRows)
     _explained: ExplainedPiece = field(init=False)
     _ends: dict[int, dict[int, tuple[int, States]]] = field(init=False, default_factory=dict)
     """The last step of each body before the latest chunk, and the state after it: by body id, then

@@ -214,7 +214,8 @@ def reset_clears(actuators: ActuatorColumns) -> Match:
     """
     scene, given, before = actuators.scene, actuators.given, actuators.before.copy()
     cleared, written = np.zeros(given.shape, np.bool_), dict[int, dict[int, float]]()
-    began = scene.carried.get(("began", actuators.number), given[0])
+    kept = scene.kept.first_controls
+    began = kept.get(actuators.number, given[0])
     resets = {call.at.step for call in scene.piece.calls.of(Act.RESET_STATE)}
     for call in scene.piece.calls.of(Act.SET_CONTROL, Act.RESET_STATE) if resets else ():
         if call.client != actuators.client or call.at.step not in resets:
@@ -230,7 +231,7 @@ def reset_clears(actuators: ActuatorColumns) -> Match:
             before[rows, k] = wrote.get(actuator.number, before[rows, k])
             cleared[rows, k] = began[k] != 0 or actuator.number in wrote
         began = given[row] if there else began
-    scene.carried["began", actuators.number] = began
+    kept[actuators.number] = began
     cleared &= (before != 0) & (given == 0)
     return Match(given == 0, np.ones(given.shape), firsts={"was": before * cleared}, begins=cleared)
 

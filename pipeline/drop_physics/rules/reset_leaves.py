@@ -33,14 +33,14 @@ def left_targets(joints: JointColumns, anew: Collection[int] = ()) -> Match:
     """
     steps, before, told = joints.steps, joints.before, joints.asked.told
     step = np.broadcast_to(joints.step[:, None], before.shape).astype(np.float64)
-    came = joints.previous("reset-leaves after", joints.after)
+    kept = joints.scene.kept
+    _, came = joints.latest(kept.joints, np.ones(before.shape, np.bool_), joints.after)
     puts = (steps.put & ~np.isin(joints.step - 1, [*anew]))[:, None]
     puts = puts & (np.abs(before - came) > joints.at_target)
     episodes = puts | np.isnan(came)
-    put = joints.latest("reset-leaves put", episodes, step)
-    anew = told > joints.previous("reset-leaves began", put)
-    position = joints.latest("reset-leaves position", episodes, before)
-    back = np.abs(before - joints.previous("reset-leaves home", position)) < BACK
+    put, began = joints.latest(kept.put_steps, episodes, step)
+    position, home = joints.latest(kept.put_joints, episodes, before)
+    anew, back = told > began, np.abs(before - home) < BACK
     where = (told < put - 1) & (joints.limit > 0) & np.isfinite(joints.target)
     restored = joints.scene.placing.restored(joints.body.number, joints.step)
     return Match(

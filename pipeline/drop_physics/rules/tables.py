@@ -127,26 +127,21 @@ class JointColumns:
         (matrix,) = mass_matrix(kinematics(steps.law.tree, steps.before.at(np.array([-1]))))
         return np.broadcast_to(np.diag(matrix)[steps.law.tree.first_rate :], self.target.shape)
 
-    def latest(self, name: str, events: Flags, values: Float64) -> Float64:
-        """Return each row's value at the latest event up to it, even from an earlier chunk.
+    def latest(
+        self, kept: dict[int, Float64], events: Flags, values: Float64
+    ) -> tuple[Float64, Float64]:
+        """Return the values at the latest event up to each row, and up to the row before it.
 
-        All arrays have the shape (n, joint_rates); nan before the first event. `name` tells apart
-        the values that are kept.
+        All arrays have the shape (n, joint_rates); nan before the first event. `kept` has the last
+        row of earlier chunks.
         """
-        key = name, self.driven.body.number
-        before = self.scene.carried.get(key, np.full(values.shape[1], np.nan))
+        number = self.driven.body.number
+        before = kept.get(number, np.full(values.shape[1], np.nan))
         rows = np.where(events, np.arange(len(values))[:, None], -1)
         rows = np.maximum.accumulate(rows, axis=0)
         found = np.where(rows < 0, before, np.take_along_axis(values, rows.clip(0), axis=0))
-        self.scene.carried[key] = found[-1]
-        return found
-
-    def previous(self, name: str, values: Float64) -> Float64:
-        """Return the value one row before each row, even in an earlier chunk; nan if none."""
-        key = name, self.driven.body.number
-        before = self.scene.carried.get(key, np.full(values.shape[1], np.nan))
-        self.scene.carried[key] = values[-1]
-        return np.vstack([before, values[:-1]])
+        kept[number] = found[-1]
+        return found, np.vstack([before, found[:-1]])
 
     def came(self, column: Column) -> Float64:
         """Return states of the body after the previous step; nan if there is none."""
@@ -174,11 +169,11 @@ class ActuatorColumns:
             ]
         )
         """The control of each actuator before clamping; nan if unknown."""
-        key = "given", self.number
-        earlier = scene.carried.get(key, np.zeros(len(self.actuators)))
+        kept = scene.kept.controls
+        earlier = kept.get(self.number, np.zeros(len(self.actuators)))
         self.before = np.vstack([earlier, self.given[:-1]])
         """The control in the previous step; 0 before the first."""
-        scene.carried[key] = self.given[-1]
+        kept[self.number] = self.given[-1]
         ranges = [actuator.ctrl_range or (-np.inf, np.inf) for actuator in self.actuators]
         self.lower, self.upper = np.broadcast_to(
             np.array(ranges).T[:, None], (2, *self.given.shape)
@@ -243,18 +238,19 @@ class BodyColumns:
         bodies = self.batch.bodies
         return np.repeat([value(body) for body in bodies], [len(body) for body in bodies], axis=0)
 
-    def greatest(self, name: str, values: Float64) -> Float64:
-        """Return each row's running maximum of its body, including earlier chunks.
+    def greatest(self, values: Float64) -> Float64:
+        """Return the running maximum of the rates of each body, even of earlier chunks.
 
-        Both have the shape (n, k). `name` tells apart the values that are kept.
+        Both have the shape (n, rates).
         """
-        found, name = np.empty_like(values), f"{name} of {values.shape[1]}"
+        found, kept = np.empty_like(values), self.scene.kept.rates
         for body in self.batch.bodies:
             if len(mine := values[body.rows]):
-                before = self.scene.carried.get((name, body.body.number), mine[0])
-                mine = np.maximum(np.maximum.accumulate(mine, axis=0), before)
-                found[body.rows] = mine
-                self.scene.carried[name, body.body.number] = mine[-1]
+                before = kept.get(body.body.number, mine[0])
+                mine = np.maximum.accumulate(mine, axis=0)
+                if before.shape == mine[0].shape:
+                    mine = np.maximum(mine, before)
+                found[body.rows], kept[body.body.number] = mine, mine[-1]
         return found
 
     @property

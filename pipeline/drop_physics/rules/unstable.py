@@ -65,7 +65,7 @@ def unstable(bodies: BodyColumns) -> Match | None:
         return None
     before, after = bodies.before.velocity, bodies.after.velocity
     size = np.minimum(np.abs(before), np.abs(after))
-    greatest = bodies.greatest("rates", np.abs(after))
+    greatest = bodies.greatest(np.abs(after))
     turns = (before * after < 0) & (size > np.maximum(RINGS_SHARE * greatest, RINGS_LEAST))
     turns &= _own(bodies) & ~bodies.put[:, None]
     if not turns.any():
