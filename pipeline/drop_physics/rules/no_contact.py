@@ -56,12 +56,12 @@ def _(
     }
     if cause == "both-static" and one.number not in asked and two.number not in asked:
         return None
-    bits = {
-        f"{name}_{of}": bit
-        for of, shape in zip(("one", "two"), solids, strict=True)
-        for name, bit in zip(("type", "with"), shape.bits or (0, 0), strict=True)
-    }
-    return bits | {
+    (type_one, with_one), (type_two, with_two) = (shape.bits or (0, 0) for shape in solids)
+    return {
+        "type_one": type_one,
+        "with_one": with_one,
+        "type_two": type_two,
+        "with_two": with_two,
         "one": part_named(one, link_one),
         "two": part_named(two, link_two),
         "links": [one.links[link_one + 1], two.links[link_two + 1]],

@@ -211,6 +211,7 @@ def _(
         )
     return {
         "says": says,
+        "kind": joint is None,
         "axis": "xyz"[row % 3],
         "joint": joint,
         "more": and_more(among),

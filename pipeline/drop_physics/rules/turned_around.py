@@ -19,11 +19,9 @@ from drop_physics.messages import Message
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.servo import Servos
-from drop_physics.rules.answer import Cure
-from drop_physics.rules.by_name import called
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import actuators_on, link_of
-from drop_physics.rules.rows import Noted, SayingRow, Worst
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, joint_rule
 from drop_physics.rules.tables import JointColumns
 from drop_physics.rules.thresholds import CROSSINGS, DOUBLES, GROWN, RINGS_STEPS
@@ -226,7 +224,6 @@ def _growth(before: Float64, tops: Float64, drives: Flags, ends: Flags) -> Float
 
 @turned_around.notes
 def _(
-    worst: Worst,
     unit: str,
     turner: str,
     lasts: float,
@@ -237,14 +234,35 @@ def _(
     inertia: float,
     timestep: float,
     most: float,
+    gain: float,
     springs: float,
+    least_timestep: float,
+    armature: float,
+    implicit: float,
     broken: bool,
 ) -> Noted:
-    often = Message("every {n:.0f} steps", n=lasts) if lasts > 1 else Message("with every step")
-    h = timestep
-    return called(_by_law if np.isfinite(inertia) else _by_script, worst) | {
+    h, kind = timestep, turner.partition(" ")[0]
+    by_law, is_damper = bool(np.isfinite(inertia)), kind != "actuator" and not springs
+    limit = gain if is_damper else gain / gear**2
+    ways: list[str] = [Message("a timestep below {n:g} ms", n=_within(least_timestep * 1e3))]
+    if np.isfinite(limit):
+        name = "damping" if is_damper else "kp" if springs else "kv"
+        ways.insert(0, Message("{name} below {n:g}", name=name, n=_within(limit)))
+    if np.isfinite(armature):
+        least = f"{-_within(-armature):g} {_unit(unit)}"
+        ways.append(Message("armature above {least}", least=least))
+    if implicit:
+        ways.append(Message('integrator="implicitfast"'))
+    return {
+        "by_law": by_law,
+        "by": kind,
+        "springs": by_law and bool(springs),
+        "either": by_law and bool(np.isnan(most)),
+        "limit": limit,
+        "rotor": -_within(-armature),
+        "ways": alternatives(ways) if by_law else "",
         "term": cause_in_words(turner),
-        "often": often,
+        "often": Message("every {n:.0f} steps", n=lasts) if lasts > 1 else EACH_STEP,
         "rate": f"{fastest:.3g} {unit}/s",
         "geared": Message(" at a gear of {gear:g}", gear=gear) if gear != 1 else "",
         "squared": "gear² " if gear != 1 else "",
@@ -261,87 +279,80 @@ def _(
     }
 
 
-turned_around.rows(SayingRow(effect="size", unit="1"))
-
-
-def _by_script(turner: str, lasts: float, joint: str) -> Noted:
-    """Describe a reversing joint whose control law is unknown."""
-    says = Message(
+EACH_STEP = Message("with every step")
+BY_SCRIPT = SayingRow(
+    says=Message(
         "{joint} turns around {often}, {size:.3g} times as fast each time, up to {rate}, by {term}"
     )
-    advice = Message(
-        "smaller gains, most of all that of the rate, a shorter timestep, or armature=… of the "
-        "<joint>"
-    )
-    if turner.startswith("tendon "):
-        says = Message(
+)
+ARMATURE = Remedy("armature", "joint")
+HOLDS_IT = SayingRow(advice=Message("each of these holds it: {ways}"))
+turned_around.rows(
+    SayingRow(
+        when=lambda by_law, by: not by_law and by == "tendon",
+        says=Message(
             "{joint} turns around {often}, {size:.3g} times as fast each time, up to {rate}, "
             "by the spring and damper of {term}"
-        )
-        advice = Message(
+        ),
+        advice=Message(
             'a smaller damping of the tendon, a shorter timestep, or integrator="implicitfast"'
-        )
-    elif lasts > 1:
-        advice = Message(
+        ),
+        cure=ARMATURE,
+    ),
+    SayingRow(
+        when=lambda by_law, lasts: not by_law and lasts > 1,
+        advice=Message(
             "a gain of the rate that brakes, smaller gains, or forces that are given anew in each "
             "step"
-        )
-    return {"says": says, "advice": advice, "cure": Cure("armature", joint)}
-
-
-def _by_law(
-    joint: str,
-    turner: str,
-    unit: str,
-    gain: float,
-    gear: float,
-    springs: float,
-    most: float,
-    least_timestep: float,
-    armature: float,
-    implicit: float,
-) -> Noted:
-    """Describe a reversing joint whose control law is known, with the resulting limits."""
-    limit, name = gain / gear**2, "kp" if springs else "kv"
-    cure = Cure("gains", joint, limit, form=f"{name}-below")
-    if springs:
-        says = Message(
+        ),
+        cure=ARMATURE,
+    ).like(BY_SCRIPT),
+    SayingRow(
+        when=lambda by_law: not by_law,
+        advice=Message(
+            "smaller gains, most of all that of the rate, a shorter timestep, or armature=… of the "
+            "<joint>"
+        ),
+        cure=ARMATURE,
+    ).like(BY_SCRIPT),
+    SayingRow(
+        when=lambda springs: springs,
+        says=Message(
             "{joint} turns around with every step and grows, by {term}: kp = {kp:.3g}{geared} on "
             "an inertia of {inertia} in steps of {h:.3g} ms has kp {squared}h²/I = "
             "{ratio:.3g}, and above {greatest:.3g} it grows"
-        )
-    elif turner.startswith("actuator "):
-        says = Message(
+        ),
+        cure=Remedy("gains", "joint", "limit", form="kp-below"),
+    ).like(HOLDS_IT),
+    SayingRow(
+        when=lambda by, either: by == "actuator" and either,
+        says=Message(
+            "{joint} turns around with every step and grows, by {term}: on an inertia of "
+            "{inertia} in steps of {h:.3g} ms{geared} either gain alone makes it grow, "
+            "kp = {kp:.3g} with kp {squared}h²/I = {ratio:.3g} and kv = {kv:.3g} with "
+            "kv {squared}h/I = {share:.3g}"
+        ),
+        cure=Remedy("armature", "joint", "rotor"),
+    ).like(HOLDS_IT),
+    SayingRow(
+        when=lambda by: by == "actuator",
+        says=Message(
             "{joint} turns around with every step and grows, by {term}: kv = {kv:.3g}{geared} on "
             "an inertia of {inertia} in steps of {h:.3g} ms has kv {squared}h/I = "
             "{share:.3g}, and above {greatest:.3g} it grows"
-        )
-        if np.isnan(most):
-            says = Message(
-                "{joint} turns around with every step and grows, by {term}: on an inertia of "
-                "{inertia} in steps of {h:.3g} ms{geared} either gain alone makes it grow, "
-                "kp = {kp:.3g} with kp {squared}h²/I = {ratio:.3g} and kv = {kv:.3g} with "
-                "kv {squared}h/I = {share:.3g}"
-            )
-            cure = Cure("armature", joint, -_within(-armature))
-    else:
-        says = Message(
+        ),
+        cure=Remedy("gains", "joint", "limit", form="kv-below"),
+    ).like(HOLDS_IT),
+    SayingRow(
+        says=Message(
             "the rate of {joint} grows with every step, by its damping: damping = {damping:.3g} on "
             "an inertia of {inertia} in steps of {h:.3g} ms has damping h/I = {share:.3g}, "
             "and above 2.79 steps of Runge and Kutta grow, which take it at their beginning"
-        )
-        limit, name = gain, "damping"
-        cure = Cure("damping", joint, limit, form="below")
-    ways = [Message("a timestep below {n:g} ms", n=_within(least_timestep * 1e3))]
-    if np.isfinite(limit):
-        ways.insert(0, Message("{name} below {n:g}", name=name, n=_within(limit)))
-    if np.isfinite(armature):
-        least = f"{-_within(-armature):g} {_unit(unit)}"
-        ways.append(Message("armature above {least}", least=least))
-    if implicit:
-        ways.append(Message('integrator="implicitfast"'))
-    advice = Message("each of these holds it: {ways}", ways=alternatives(ways))
-    return {"says": says, "advice": advice, "cure": cure}
+        ),
+        cure=Remedy("damping", "joint", "limit", form="below"),
+    ).like(HOLDS_IT),
+    like=SayingRow(effect="size", unit="1"),
+)
 
 
 def _unit(unit: str) -> str:

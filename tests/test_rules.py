@@ -1,0 +1,79 @@
+"""Verification: each name that a rule's functions, rows and cures ask for is a declared one.
+
+Columns, notes and rows meet by name, which no type checker sees. A misspelt name would be found
+only where a script makes the row speak.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import sys
+from collections.abc import Iterator
+from functools import cache
+from string import Formatter
+from types import ModuleType
+
+import pytest
+from drop_physics.messages import Message
+from drop_physics.rules import every, rows, rule
+from drop_physics.rules.by_name import parameters
+from drop_physics.rules.rows import Case, Remedy, Worst
+from drop_physics.rules.rule import Rule, RunsOfBodies
+
+ROOMS = "drop_physics.rules", "drop_physics.account"
+MECHANISM = {"runs", "noted", "worst", "scene", "call", "why"}
+"""Names that are no numbers of a case."""
+
+
+@cache
+def given(module: ModuleType) -> set[object]:
+    """Return the names that a module gives to numbers: keys, listed names, fields of classes."""
+    found: set[object] = set()
+    for node in ast.walk(ast.parse(inspect.getsource(module))):
+        match node:
+            case ast.Dict(keys=names) | ast.Tuple(elts=names):
+                found |= {each.value for each in names if isinstance(each, ast.Constant)}
+            case ast.Subscript(slice=ast.Constant(value=name)):
+                found.add(name)
+            case ast.AnnAssign(target=ast.Name(id=name)) | ast.keyword(arg=str(name)):
+                found.add(name)
+    return found
+
+
+def declared(one: Rule) -> set[object]:
+    """Return the names that a rule may ask for: its own, its table's and the mechanism's."""
+    module = sys.modules[one.matches.__module__]
+    modules = {module, rule, rows}
+    for each in vars(module).values():
+        if getattr(each, "__module__", "").startswith(ROOMS):
+            modules.add(sys.modules[each.__module__])
+    if one.table == "account":  # whose rows note numbers for their findings
+        modules |= {each for name, each in sys.modules.items() if name.startswith(ROOMS[1])}
+    names = set[object]().union(*map(given, modules))
+    members = {name for kind in (Case, Worst, RunsOfBodies) for name in dir(kind)}
+    return names | members | {f"until_{name}" for name in names} | MECHANISM
+
+
+def asked(one: Rule) -> Iterator[str]:
+    """Yield the names that a rule's functions, sentences and cures ask for."""
+    functions = [one.sizes, one.noting, *(row.when for row in one.told if row.when)]
+    yield from (name for function in functions for name in parameters(function))
+    for row in one.told:
+        for text in (row.says, row.why, row.advice, row.unit):
+            template = text.template if isinstance(text, Message) else text or ""
+            yield from (name for _, name, _, _ in Formatter().parse(template) if name)
+        told = row.effect, row.share, row.normal, row.least, row.site, *_of(row.cure)
+        yield from (name for name in told if isinstance(name, str))
+
+
+def _of(cure: Remedy | None) -> list[object]:
+    if cure is None:
+        return []
+    numbers = [cure.given] if isinstance(cure.given, str) else [*cure.given.values()]
+    return [cure.target, cure.value, *numbers, *cure.bodies]
+
+
+@pytest.mark.parametrize("one", every.RULES, ids=lambda one: one.matches.__name__)
+def test_each_name_of_a_rule_is_declared(one: Rule) -> None:
+    assert {*asked(one)} <= declared(one)
