@@ -1,1 +1,1 @@
-"""The account: requests to each body, their outcome, and the terms of the sum that explain it."""
+"""The account lists what was requested, what resulted, and which impulses explain the gap."""

@@ -1,4 +1,4 @@
-"""The account of a recording: rows built from the states of all steps and the terms of the sum."""
+"""The account of a recording: a list of requests, their results, and the impulses between them."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from drop_physics.trace.history import Seen
 
 
 class Account:
-    """Collects a recording chunk by chunk, and summarizes it in rows.
+    """Collects a recording chunk by chunk, and lists its requests and results as rows.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class Account:
         joints: Mapping[int, Sequence[JointTelemetry]],
         points: Points,
     ) -> None:
-        """Add a chunk, with the telemetry of its joints by body id and its contact points."""
+        """Add a chunk of explained steps, with its joints (by body id) and contact points."""
         normals = explained.piece.contacts["normal"]
         for number, judged in explained.bodies.items():
             for steps in judged.intervals:
@@ -117,7 +117,7 @@ class Account:
         self._pushed.add(explained)
 
     def rows(self, totals: Mapping[int, Totals]) -> list[AccountRow]:
-        """Return all rows in no order; `totals` are those of the explanation."""
+        """Return all rows, unsorted; `totals` are the explanation's totals by body."""
         subjects = {
             number: subject_of(self._seen.bodies[number], ledger, self._gravity[number])
             for number, ledger in self._ledgers.items()
@@ -126,7 +126,7 @@ class Account:
             return [*map(self._placed, self._rows(subjects, totals))]
 
     def ranked(self, rows: Iterable[AccountRow], about: str | None = None) -> list[AccountRow]:
-        """Sort rows by salience; those about a body or a joint named `about` come first."""
+        """Sort rows by salience, but rows about the body or joint named `about` come first."""
         read = {
             target.body
             for reading in self._seen.readings
@@ -136,7 +136,7 @@ class Account:
         return ranked(rows, read if len(read) < len(self._ledgers) else set(), about)
 
     def _placed(self, row: AccountRow) -> AccountRow:
-        """Return a row with its body's label and its step's time added."""
+        """Return a row completed by the label of its body and the time of its step."""
         body = row.subject
         if body is None:
             return row
@@ -283,7 +283,7 @@ class Account:
 
 
 def _not_finite(subject: MeasuredBody, step: int, words: RowWords) -> AccountRow:
-    """Return the row for a body whose state is no longer finite."""
+    """Return the row for a body whose state has become nan or infinite."""
     return AccountRow(
         kind="moved",
         told=Message(

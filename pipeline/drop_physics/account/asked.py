@@ -1,4 +1,4 @@
-"""Rows for joints with a request: a position, a rate, a torque."""
+"""Rows for joints that were commanded: a position, a velocity or a torque, and what resulted."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Axis:
 
 
 def axes_of(subject: MeasuredBody, words: RowWords) -> Iterator[Axis]:
-    """Yield the degrees of freedom of a body's joints."""
+    """Yield the degrees of freedom of all joints of a body."""
     body, first = subject.body, subject.tree.first_rate
     for joint, place in zip(body.joints, body.rates, strict=True):
         for k in range(place.start, place.stop):
@@ -77,7 +77,7 @@ def position_row(
     needs: float,
     stiffness: float | None = None,
 ) -> AccountRow | None:
-    """Return the row for a joint that has position targets, at its most informative moment.
+    """Return the row for a joint with position targets: target, position reached, and causes.
 
     `needs` is the effort that holding its last target takes [N] or [N m], nan if not known;
     `stiffness` that by which the script itself drives it there [N/m] or [N m/rad], None if the
@@ -150,7 +150,7 @@ def position_row(
 def rate_row(
     subject: MeasuredBody, axis: Axis, series: JointSeries, words: RowWords
 ) -> AccountRow | None:
-    """Return the row for a joint with a velocity motor: its rate, and its total path."""
+    """Return the row for a joint with a velocity motor: commanded and reached velocity."""
     k, steps = axis.joint_rate, series.steps
     asked, rate = series.asked_rate[:, k], series.rate[:, k]
     known = np.isfinite(asked)
@@ -207,7 +207,7 @@ def torque_row(
     words: RowWords,
     actuators: Mapping[Actuator, Float64],
 ) -> AccountRow | None:
-    """Return the row for a joint with a given torque: at its start, or where its balance breaks.
+    """Return the row for a joint with a commanded torque: what the torque worked against.
 
     `actuators` has the motors on the joint with their controls, shape (n,) each.
     """
@@ -275,14 +275,14 @@ def torque_row(
 
 
 def given_j(subject: MeasuredBody, axis: Axis, words: RowWords) -> float:
-    """Return the energy that the drives of a joint gave in all explained steps [J]."""
+    """Return the energy that motors and actuators gave a joint in all explained steps [J]."""
     works = subject.ledger.work
     driven = (works[term][:, axis.rate] for term in works if words.drives(term, DRIVES))
     return sum((float(work[work > 0].sum()) for work in driven), start=0.0)
 
 
 def _controls(actuators: Mapping[Actuator, Float64], width: int) -> Message:
-    """Describe the script's controls of a joint's motors, and the effect of range and gear."""
+    """Describe the script's controls for a joint, and what range and gear make of them."""
     told = Message("")
     for actuator, given in actuators.items():
         if not np.isfinite(given).any():
@@ -302,7 +302,7 @@ def _controls(actuators: Mapping[Actuator, Float64], width: int) -> Message:
 def clamped_rows(
     subject: MeasuredBody, controls: Mapping[Actuator, Float64], steps: Int64
 ) -> Iterator[AccountRow]:
-    """Yield a row for each actuator whose control was clamped to its range in some steps."""
+    """Yield a row for each actuator whose control was outside its range in some steps."""
     for actuator, given in controls.items():
         if actuator.ctrl_range is None or not np.isfinite(given).any():
             continue
@@ -337,7 +337,7 @@ def clamped_rows(
 
 
 def _counting(before: Float64, target: Float64, gap: Float64) -> Flags:
-    """Flag the steps whose gap counts, excluding those on the way to a new target.
+    """Flag the steps in which a gap counts: not those on the way to a new target.
 
     After a jump of the target, steps count while the gap is larger than at the jump, and in the
     last part of the hold; with a target that moves all the time, all count from the first step on
@@ -360,7 +360,7 @@ def _counting(before: Float64, target: Float64, gap: Float64) -> Flags:
 
 
 def _worst(gap: Float64, counts: Flags) -> int:
-    """Return the step with the largest gap; if that is a spike, the first typical large gap."""
+    """Return the step with the largest gap or, if that is a spike, the first typical large gap."""
     limit = float(np.percentile(gap[counts], 98))
     large = np.flatnonzero(counts & (gap >= limit * 0.999))
     at = int(large[np.argmax(gap[large])])
@@ -368,7 +368,7 @@ def _worst(gap: Float64, counts: Flags) -> int:
 
 
 def _telling(gap: Float64, counts: Flags, worst: int, last: int) -> int:
-    """Return the moment to report: the end, if the gap there is steady and nearly the largest.
+    """Return the step to report: the end, if the gap there is steady and nearly the largest.
 
     A hold is described by its steady part, not by the bounce that precedes it.
     """
@@ -378,7 +378,7 @@ def _telling(gap: Float64, counts: Flags, worst: int, last: int) -> int:
 
 
 def _axes_in_world(subject: MeasuredBody, axis: Axis) -> tuple[Float64, Float64] | None:
-    """Return a joint's axis at the start and end of a recording, unit vectors in world axes."""
+    """Return a joint's axis at start and end of a recording, as unit vectors in world axes."""
     ledger = subject.ledger
     known = np.flatnonzero(ledger.counts)
     if not len(known):
@@ -390,13 +390,13 @@ def _axes_in_world(subject: MeasuredBody, axis: Axis) -> tuple[Float64, Float64]
 
 
 def _axis_at_end(subject: MeasuredBody, axis: Axis) -> str:
-    """Return the world axis nearest to the axis of a joint at the end."""
+    """Return the world axis nearest to a joint's axis at the end."""
     axes = _axes_in_world(subject, axis)
     return "?" if axes is None else main_axis(axes[1])
 
 
 def turned_axis(subject: MeasuredBody, axis: Axis) -> Message:
-    """Describe the world axes of a joint whose axis turned by over half a radian, else nothing."""
+    """Describe where a joint's axis points at start and end, if it turned; else nothing."""
     axes = _axes_in_world(subject, axis)
     if axes is None:
         return Message("")
@@ -411,5 +411,5 @@ def turned_axis(subject: MeasuredBody, axis: Axis) -> Message:
 
 
 def magnitude(salience: float) -> int:
-    """Return the order of magnitude of a salience, by which similar rows are grouped."""
+    """Return a salience's power of ten, by which similar rows are grouped."""
     return int(np.floor(np.log10(np.clip(np.nan_to_num(salience, nan=1.0), 1e-12, 1e12)) + 0.5))

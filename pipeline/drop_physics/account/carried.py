@@ -33,7 +33,7 @@ FREE = ("site", "body")
 
 @dataclass(eq=False)
 class Carried:
-    """Impulses of contacts on a body with a fixed base; grows chunk by chunk."""
+    """Contact impulses on a fixed-base body, with its first and last momentum."""
 
     impulse_n_s: Float64 = field(default_factory=lambda: np.zeros(3))
     """Impulse of all contacts, world axes [N s]."""
@@ -60,7 +60,7 @@ class Carried:
     def row(
         self, subject: MeasuredBody, gravity_m_s2: Float64, line: str | None
     ) -> AccountRow | None:
-        """Return the row for the load on the base; None if it is unknown.
+        """Return the row for the force on the fixed base; None if the force is unknown.
 
         `line` is that of the call which made the body, None where it is not known.
         The mean force of the base is the change of momentum without gravity's and contacts'; where
@@ -111,7 +111,7 @@ class Carried:
 
 
 def momentum_n_s(tree: Tree, state: States) -> Float64:
-    """Return the momentum of a tree in a single state, shape (3,)."""
+    """Return the linear momentum of a tree in one state, shape (3,)."""
     velocities = motion(kinematics(tree, state), state.velocity).velocities
     return np.asarray(
         sum(tree.masses_kg[link + 1] * velocities[link + 1][:, 0] for link in tree.moving)

@@ -1,4 +1,4 @@
-"""Rows for constraints: of calls, and of a model's equalities, by their gaps and forces."""
+"""Rows for constraints: how far the constrained parts are apart, and with which force."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from drop_physics.trace.writes import written_by
 
 @dataclass(eq=False)
 class HeldEquality:
-    """An equality constraint of a model; grows chunk by chunk."""
+    """A model's equality constraint, with its errors."""
 
     equality: Equality
     gap: Gap = field(default_factory=Gap)
@@ -43,7 +43,7 @@ class HeldEquality:
 
 
 class Held:
-    """The constraints of a recording; grows chunk by chunk."""
+    """The constraints of a recording, with their errors; filled chunk by chunk."""
 
     def __init__(self, seen: Seen, times: Mapping[int, StepTimes]) -> None:
         self._seen, self._times = seen, times
@@ -57,7 +57,7 @@ class Held:
         """Whether each equality is active, by client and index."""
 
     def add(self, explained: ExplainedPiece, points: Points) -> None:
-        """Add a chunk."""
+        """Add a chunk of explained steps."""
         for told, steps, forces in explained.constraints.in_steps():
             which = np.searchsorted([each.at.step for each in told], steps, side="left") - 1
             for made in dict.fromkeys(each.made.at.call for each in told):
@@ -80,7 +80,7 @@ class Held:
             self._look(equality, explained)
 
     def _look(self, held: HeldEquality, explained: ExplainedPiece) -> None:
-        """Add a chunk to an equality: its active steps, and how far its sides are apart."""
+        """Add a chunk to an equality: the steps in which it is active, and its error."""
         equality, first, end = held.equality, explained.piece.first, explained.piece.end
         last = self._seen.samples.get(equality.client, 0)
         samples = np.arange(max(first, 1), min(end, last))
@@ -101,7 +101,7 @@ class Held:
             held.turned.add(off_rad, samples, active)
 
     def _active(self, equality: Equality, explained: ExplainedPiece, samples: Int64) -> Flags:
-        """Flag the steps to samples in which an equality is active, as the script's writes say."""
+        """Flag the given steps in which an equality is active, as the script may switch it."""
         key = equality.client, equality.at.call
         active = np.full(len(samples), self._on[key])
         for call in explained.piece.calls.of(Act.SET_ACTIVE, Act.RESET_STATE):
@@ -113,7 +113,7 @@ class Held:
         return active
 
     def rows(self, subjects: Mapping[int, MeasuredBody], words: RowWords) -> Iterator[AccountRow]:
-        """Yield the rows for constraints, gears and equalities."""
+        """Yield the rows for all constraints, gears and equalities."""
         for held in self._held.values():
             its = [subjects[body] for body in held.last.bodies if body in subjects]
             if its:
@@ -130,7 +130,7 @@ class Held:
 
 
 def _switched(call: Call, number: int) -> bool | None:
-    """Return whether a call enables an equality; None if the call does not name the equality."""
+    """Return whether a call enables an equality; None if the call is about another one."""
     written = written_by(call)
     mine = np.flatnonzero(written.indices == number)
     return bool(written.values[mine[-1]]) if len(mine) else None
@@ -147,7 +147,7 @@ def _of_equality(equality: Equality, side: int) -> Side:
 
 
 def _off_joints(equality: Equality, explained: ExplainedPiece, samples: Int64) -> Float64:
-    """Return how far the first joint is from the position given by the second, shape (n,)."""
+    """Return how far a coupled joint is from the position that the other one gives, (n,)."""
     at = [
         _joint_at(explained, body, link, samples)
         for body, link in ((equality.body_a, equality.link_a), (equality.body_b, equality.link_b))
@@ -169,7 +169,7 @@ def _joint_at(explained: ExplainedPiece, body: int, link: int, samples: Int64) -
 def _equality_row(
     held: HeldEquality, subjects: Mapping[int, MeasuredBody], seen: Seen, words: RowWords
 ) -> AccountRow | None:
-    """Return the row for an equality's gap; None if it is unknown."""
+    """Return the row for an equality's error; None if the error is unknown."""
     equality = held.equality
     sides = ((equality.body_a, equality.link_a), (equality.body_b, equality.link_b))
     bodies = dict.fromkeys(body for body, _ in sides)
@@ -217,7 +217,7 @@ def _names(
     subjects: Mapping[int, MeasuredBody],
     words: RowWords,
 ) -> Iterator[str]:
-    """Yield the names of both joints, tendons or links of an equality."""
+    """Yield the names of the two joints, tendons or links that an equality couples."""
     if equality.tendons:
         yield from equality.tendons
         return
@@ -240,7 +240,7 @@ def _activity(held: HeldEquality) -> Message:
 def _tendons_row(
     row: AccountRow, held: HeldEquality, seen: Seen, subject: MeasuredBody
 ) -> AccountRow | None:
-    """Return the row for the lengths of tendons; None if these are not recorded.
+    """Return the row for coupled tendons' lengths; None if these are not recorded.
 
     The first, last, least and greatest length of each is recorded: of one tendon alone its largest
     gap follows, of two the gap at the end; while the equality is not active neither counts.
@@ -280,7 +280,7 @@ def _tendons_row(
 def _gear_row(
     gear: ConstraintVersion, subjects: Mapping[int, MeasuredBody], words: RowWords
 ) -> AccountRow | None:
-    """Return the row for the motions of a gear's two joints; None if these are unknown."""
+    """Return the row for a gear: the motions of its two joints; None if these are unknown."""
     moved: list[tuple[str, float]] = []
     for body, link in zip(gear.bodies, gear.links, strict=True):
         subject = subjects.get(body)

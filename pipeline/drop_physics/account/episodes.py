@@ -1,4 +1,4 @@
-"""The episodes of a run, one row each: the end, the joints at limits, and the contacts."""
+"""The episodes of a run, one row each: how it ended, joints at their limits, and contacts."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ the share MOSTLY of those steps."""
 
 @dataclass(frozen=True, kw_only=True)
 class AtEnd:
-    """A joint at a limit at the end of an episode, and since some time before."""
+    """A joint that is at a limit when an episode ends, and for how long."""
 
     body: str
     """The label of its body."""
@@ -106,7 +106,7 @@ class EpisodeRow:
 
 @dataclass(eq=False)
 class _Counts:
-    """Running counts for an episode."""
+    """What an episode has counted so far: steps, joints at limits, contacts."""
 
     driven: int = 0
     jointed: int = 0
@@ -120,7 +120,7 @@ class _Counts:
 
 @dataclass(eq=False)
 class _Held:
-    """Whether a joint is at its limit and at its stop, in the steps of the examined episode."""
+    """Whether a joint's drive is at its limit, and the joint at its stop, in each step."""
 
     steps: list[Int64] = field(default_factory=list)
     at_limit: list[Flags] = field(default_factory=list)
@@ -129,7 +129,7 @@ class _Held:
 
 
 class EpisodeTable:
-    """The table of episodes; grows chunk by chunk.
+    """The table of episodes, filled chunk by chunk.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ class EpisodeTable:
         joints: Mapping[int, Sequence[JointTelemetry]],
         pairs: Pairs,
     ) -> None:
-        """Add a chunk, with the telemetry of its joints by body id and its contact points."""
+        """Add a chunk of explained steps, with its joints (by body id) and contact points."""
         for number, parts in joints.items():
             client = self._seen.bodies[number].client
             for driven in parts:
@@ -262,7 +262,7 @@ class EpisodeTable:
         return FirstContact(links=links, step=step, time_s=self._times[episode.client].of(step))
 
     def _at_end(self, episode: Episode) -> Iterator[AtEnd]:
-        """Yield the joints that are at a limit up to the end of the examined episode."""
+        """Yield the joints that are at a limit until the end of the examined episode."""
         times, least = self._times[episode.client], LASTING * (episode.last - episode.first)
         for (number, rate), held in self._held.items():
             body, steps = self._seen.bodies[number], np.concatenate(held.steps)
@@ -285,7 +285,7 @@ class EpisodeTable:
 
 
 def _since(flags: Flags) -> int:
-    """Return the first row from which a flag is mostly set up to the end; otherwise the length."""
+    """Return the first row from which a flag is set in most rows to the end, or the length."""
     n = len(flags)
     after = np.cumsum(flags[::-1])[::-1] >= MOSTLY * np.arange(n, 0, -1)
     found = np.flatnonzero(after & flags)

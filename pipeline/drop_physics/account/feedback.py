@@ -1,4 +1,4 @@
-"""Rows for controls that a script computes from joint states: which joint, delay, and target.
+"""Finds the feedback by which a script computes its controls: joint, delay and target.
 
 A controller of a joint gives u = -K q(t - l) - D v(t - l) + s(t), where s is smooth: its aim. The
 joint of q and v, and the delay (l), are found by least squares: a controller is exact, so the right
@@ -46,7 +46,7 @@ number of distinct controls for that."""
 
 @dataclass(frozen=True)
 class Feedback:
-    """The joint state from which a control is computed."""
+    """The joint whose state a control was computed from, with gains, delay and fit."""
 
     joint: int
     """Index of the joint among those compared."""
@@ -59,7 +59,7 @@ class Feedback:
 
 
 def feedback_of(control: Float64, position: Float64, rate: Float64) -> Feedback | None:
-    """Return the state from which a control is computed; None if no single joint explains it.
+    """Find the joint from whose state a control was computed; None if none explains it.
 
     `control` has the shape (n,), `position` and `rate` the shape (n, joints): the states with which
     the steps of n equally spaced controls begin.
@@ -115,7 +115,7 @@ def _fitted(
 def _of_whole_state(
     control: Float64, position: Float64, rate: Float64, own: int
 ) -> Feedback | None:
-    """Return the same for a control that is computed from the states of all joints.
+    """Find feedback from the states of all joints, where one joint explains too little.
 
     Its gains are not told: those of the joint itself alone say little.
     """
@@ -124,7 +124,7 @@ def _of_whole_state(
 
 
 def _aim(kept: Flags, latest: int, share: float) -> tuple[Float64, Int64]:
-    """Return orthonormal columns that span smooth targets, in the rows of the controls to fit.
+    """Return an orthonormal basis for smoothly varying targets, one row for each control.
 
     These are those from `latest` on, so that they have a state with any delay.
     """
@@ -137,12 +137,12 @@ def _aim(kept: Flags, latest: int, share: float) -> tuple[Float64, Int64]:
 
 
 def _without(aim: Float64, values: Float64) -> Float64:
-    """Return values minus their fit by a smooth target; `aim` has orthonormal columns."""
+    """Return values minus their fit by a smooth target, given by an orthonormal basis."""
     return np.asarray(values - aim @ (aim.T @ values))
 
 
 def _left(y: Float64, q: Float64, v: Float64) -> Float64:
-    """Return the norm of y's residual after a fit of each joint's q and v, shape (joints,)."""
+    """Return how much of y each joint's q and v leave unexplained, as a norm, shape (joints,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         one = q / np.linalg.norm(q, axis=0)
         other = v - one * (one * v).sum(axis=0)
@@ -153,7 +153,7 @@ def _left(y: Float64, q: Float64, v: Float64) -> Float64:
 
 
 def _extreme(control: Float64) -> Flags:
-    """Flag the controls at the maximum or the minimum, if several controls share that value."""
+    """Flag the controls at their maximum or minimum, if several controls share that value."""
     extreme = np.zeros(len(control), np.bool_)
     for bound in (control.max(), control.min()):
         its = control == bound
@@ -164,7 +164,7 @@ def _extreme(control: Float64) -> Flags:
 
 @dataclass(frozen=True)
 class Aim:
-    """The target position to which a control drives a joint."""
+    """The target that a script's controller drives a joint to, inferred from the controls."""
 
     target: Float64
     """Target position in each step, shape (n,) [rad] or [m]."""
@@ -173,7 +173,7 @@ class Aim:
 
 
 class GivenControls:
-    """The controls of a body's actuators.
+    """The controls that a script computed for a body's actuators, and their feedback.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ class GivenControls:
         at bounds."""
 
     def stiffness(self, rate: int) -> float | None:
-        """Return the stiffness with which a joint is driven to its target; None if unknown."""
+        """Return the stiffness with which the script's controller holds a joint, or None."""
         return self.aims[rate].stiffness if rate in self.aims else None
 
     def _rows(self, controls: Mapping[Actuator, Float64]) -> Iterator[AccountRow]:
@@ -238,7 +238,7 @@ class GivenControls:
                 self.aims[own] = self._aim(actuator, own, control, found, at)
 
     def _limit(self, controls: Mapping[Actuator, Float64]) -> None:
-        """Record the motors at their limit whose control is at an end of its range."""
+        """Note the motors whose control is at an end of its range, so that force is limited."""
         series = self._series
         for actuator, given in controls.items():
             own = self._subject.body.rate_of(actuator)
@@ -249,7 +249,7 @@ class GivenControls:
     def _aim(
         self, actuator: Actuator, own: int, control: Float64, found: Feedback, at: Int64
     ) -> Aim:
-        """Return the target q + (u + D v) / K; between updates and at bounds, interpolated."""
+        """Return the controller's target, (control + damping × rate) / stiffness + position."""
         q, v = self._series.before[at, own], self._series.rate[at - 1, own]
         target = q + (control + found.damping * v) / found.stiffness
         kept = ~_extreme(control)
@@ -258,7 +258,7 @@ class GivenControls:
         return Aim(np.round(held, 6), found.stiffness * actuator.gear * actuator.kp)
 
     def _bounded(self, actuator: Actuator, own: int, control: Float64) -> AccountRow | None:
-        """Return the row for a control that is often at the same bounds, within its range."""
+        """Return the row for a control that the script itself limits to narrower bounds."""
         bound = float(control.max())
         low, high = actuator.ctrl_range or (-np.inf, np.inf)
         share = float((np.abs(control) == bound).mean())
@@ -286,7 +286,7 @@ class GivenControls:
         at: Int64,
         period: int,
     ) -> AccountRow | None:
-        """Return the row for a control that follows another joint, is delayed, or drives away."""
+        """Return the row for a controller that uses another joint, is late, or drives away."""
         names, body = self._words.names, self._subject.body
         steps = self._series.steps[at[:1]]
         late_s = found.late * period * float(self._words.timesteps_s(self._subject, steps)[0])
@@ -337,7 +337,7 @@ class GivenControls:
 
 
 def _updates(controls: Mapping[Actuator, Float64]) -> tuple[Int64, int] | None:
-    """Return the rows before which controls are updated, and the steps between two updates."""
+    """Return the rows before which the script changes its controls, and the usual interval."""
     if not controls:
         return None
     given = np.stack([*controls.values()], axis=1)

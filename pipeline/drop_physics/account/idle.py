@@ -1,4 +1,4 @@
-"""Rows for causes without effect: pushed soft bodies, bodies and actuators without force."""
+"""Rows for what had no effect: pushes on soft bodies, bodies and actuators without a force."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ SLOW = 0.01
 
 
 class PushedSoft:
-    """The forces and torques of calls on soft bodies; grows chunk by chunk."""
+    """Forces that calls applied to soft bodies, which PyBullet ignores; filled chunk by chunk."""
 
     def __init__(self) -> None:
         self._most: dict[int, tuple[Push, int]] = {}
         """The strongest push on each body, and the number of pushes, by body id."""
 
     def add(self, explained: ExplainedPiece) -> None:
-        """Add a chunk."""
+        """Add a chunk of explained steps."""
         for push in explained.piece.calls.pushes():
             if push.body.soft:
                 most, calls = self._most.get(push.body.number, (push, 0))
@@ -40,7 +40,7 @@ class PushedSoft:
                 self._most[push.body.number] = push if stronger else most, calls + 1
 
     def rows(self) -> Iterator[AccountRow]:
-        """Yield a row for each soft body that calls push without effect."""
+        """Yield a row for each soft body on which applied forces have no effect."""
         for push, calls in self._most.values():
             unit = "N m" if push.torque else "N"
             most = float(np.linalg.norm(push.vector))
@@ -63,7 +63,7 @@ class PushedSoft:
 
 
 def unforced_row(subject: MeasuredBody, seen: Seen, gravity_m_s2: Float64) -> AccountRow | None:
-    """Return the row for a free body on which no force acts, ever or at its end; None otherwise.
+    """Return the row for a free body on which no force acts, ever or at the end, else None.
 
     The end is the last tenth of its steps; a body that stands still there has no such row.
     """
@@ -105,7 +105,7 @@ def unforced_row(subject: MeasuredBody, seen: Seen, gravity_m_s2: Float64) -> Ac
 
 
 def _acts(impulses: Mapping[Term, Float64], window: slice, rates: int) -> bool:
-    """Return whether a force acts on any of a body's first rates in a window."""
+    """Return whether a force acts on any of a body's first `rates` rates in a window of steps."""
     forces = (each for term, each in impulses.items() if term.cause not in NO_FORCES)
     return any(each[window, :rates].any() for each in forces)
 
@@ -124,7 +124,7 @@ def _damping_of_base(body: Body, seen: Seen) -> Message:
 def idle_actuator_rows(
     subject: MeasuredBody, seen: Seen, controls: Mapping[Actuator, Float64]
 ) -> Iterator[AccountRow]:
-    """Yield a row for each actuator that has a control but never exerted a force.
+    """Yield a row for each actuator that was commanded but never exerted a force.
 
     A servo that stands at its target has none to give.
     """

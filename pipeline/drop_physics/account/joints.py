@@ -1,4 +1,4 @@
-"""The joints of a recording: their states in all steps, and the table of their last ones."""
+"""The table of joints: their states in all steps, and a row each for the last step."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class JointRow:
 
 
 class JointTable:
-    """The joints of a recording, or of an episode; grows chunk by chunk."""
+    """The joints of a recording or an episode, filled chunk by chunk."""
 
     def __init__(self) -> None:
         self._bodies: dict[int, Body] = {}
@@ -73,7 +73,7 @@ class JointTable:
         self._efforts: dict[int, PoseEfforts] = {}
 
     def add(self, joints: DrivenJoints) -> None:
-        """Add the latest chunk."""
+        """Add the joints of a chunk."""
         for number, found in joints.latest.items():
             parts = self._parts.setdefault(number, [])
             for driven in found:

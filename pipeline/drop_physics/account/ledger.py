@@ -1,4 +1,4 @@
-"""The ledger of a body: impulse and work of each term over a recording, binned by step.
+"""The ledger of a body: impulse and work of each term over time, in bins of steps.
 
 A bin is one step while the recording is short; when the bins no longer fit, pairs are merged. So
 memory does not grow with a recording, and any window has its mean forces.
@@ -35,14 +35,14 @@ OTHERS = Term(DRAG, "others")
 
 
 def bins_for(freedoms: int) -> int:
-    """Return the number of bins of each ledger, from the degrees of freedom of all bodies."""
+    """Return the number of bins for each body's ledger, so that memory stays bounded."""
     most = NUMBERS // max(1, 2 * TERMS * freedoms)
     return max(64, min(MOST_BINS, 1 << max(0, most.bit_length() - 1)))
 
 
 @dataclass(eq=False)
 class Ledger:
-    """Impulse and work by term of one body; rows are bins of `width` steps, starting at `first`."""
+    """Impulse and work of each term on one body; row i sums up `width` steps from `first` on."""
 
     tree: Tree
     first: int
@@ -80,7 +80,7 @@ class Ledger:
         )
 
     def add(self, steps: BodySteps, impulses: Impulses) -> None:
-        """Add the explained steps among the given ones.
+        """Add steps and the impulses of each term; unexplained steps are skipped.
 
         `impulses` are those of all by term, shape (n, size) each.
         """
@@ -108,7 +108,7 @@ class Ledger:
                 np.add.at(kept[term], at, values)
 
     def _widen(self) -> None:
-        """Halve the resolution by merging pairs of bins."""
+        """Merge pairs of bins, to halve the resolution."""
         half, rest = self.bins // 2, self.bins - self.bins // 2
 
         def summed(values: Float64) -> Float64:
@@ -127,18 +127,18 @@ class Ledger:
         self.width *= 2
 
     def window(self, first: int, last: int) -> slice:
-        """Return the bins that contain the steps to the samples from `first` to `last`."""
+        """Return the bins that contain the steps from sample `first` to sample `last`."""
         low = max(0, (first - self.first) // self.width)
         return slice(low, max(low, (last - self.first) // self.width) + 1)
 
     def covers(self, window: slice, share: float = 1.0) -> bool:
-        """Return whether at least this share of a window's steps is explained."""
+        """Return whether at least the given share of a window's steps is explained."""
         steps = self.last - self.first + 1
         low, high = window.start * self.width, min(window.stop * self.width, steps)
         return low < high and bool(self.counts[window].sum() >= share * (high - low))
 
     def forces(self, rate: int, window: slice, sign: float = 1.0) -> dict[Term, float]:
-        """Return the mean force of each term on a rate over a window [N] or [N m], times `sign`.
+        """Return each term's mean force along a rate over a window [N] or [N m], times `sign`.
 
         Inertial forces are included: the rate's own inertia, and the drag of other rates'
         acceleration through the mass matrix. Empty where steps of the window are not explained.
@@ -162,7 +162,7 @@ class Ledger:
         return {term: force for term, force in found.items() if force}
 
     def works(self, rates: Sequence[int], window: slice) -> dict[Term, Float64]:
-        """Return the work of each term on given rates in the bins of a window [J].
+        """Return each term's work along the given rates in each bin of a window [J].
 
         The inertia that couples them to all other rates is included. Empty where steps of the
         window are not explained.
@@ -175,7 +175,7 @@ class Ledger:
         return {term: values for term, values in found.items() if values.any()}
 
     def mean_kinetic_j(self, rates: Sequence[int], window: slice) -> float:
-        """Return the kinetic energy of the mean motion along given rates over a window [J]."""
+        """Return the kinetic energy of a window's mean motion along the given rates [J]."""
         seconds = float(self.seconds[window].sum())
         if not seconds:
             return 0.0
@@ -184,7 +184,7 @@ class Ledger:
         return float(0.5 * mean @ block @ mean)
 
     def _gained_j(self, rates: Sequence[int], window: slice) -> Float64:
-        """Return the gain of kinetic energy of the given rates alone in the bins of a window [J].
+        """Return the gain of kinetic energy along the given rates in each bin of a window [J].
 
         With u the rates after a bin, and M their block of the mass matrix there, it is
         ½ u·M u - ½ (u - Δu)·M (u - Δu).
@@ -213,7 +213,7 @@ class Ledger:
 
 
 def given_and_taken(works: Mapping[Term, Float64]) -> tuple[dict[Term, float], dict[Term, float]]:
-    """Return the terms that gave energy and those that took it [J]; alternating terms are in both.
+    """Split works into energy given and energy taken [J]; terms of either sign are in both.
 
     A term whose net work is below a tenth of its gross work has both: its net would hide it.
     """

@@ -1,4 +1,4 @@
-"""Rows for motion without a command, and for bodies that were pushed and did not move."""
+"""Rows for motion that nothing commanded, and for bodies that were pushed but did not move."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ FALL = 5.0
 def joint_row(
     subject: MeasuredBody, axis: Axis, series: JointSeries, words: RowWords
 ) -> AccountRow | None:
-    """Return the row for a joint without any request for a position, a rate or a torque."""
+    """Return the row for a joint that was not commanded: how it moved, and why."""
     k, ledger = axis.joint_rate, subject.ledger
     after = series.after[:, k]
     start = float(series.before[0, k])
@@ -108,7 +108,7 @@ def joint_row(
 
 
 def _mimicked(subject: MeasuredBody, axis: Axis) -> Message:
-    """Describe the joint that the body's file makes a joint follow, or nothing."""
+    """Describe which joint a joint should follow by its file (`mimic`), or nothing."""
     for each in subject.body.asked.mimics:
         if each.joint == axis.joint.name:
             return Message(
@@ -120,7 +120,7 @@ def _mimicked(subject: MeasuredBody, axis: Axis) -> Message:
 
 
 def _undamped(subject: MeasuredBody, axis: Axis) -> Message:
-    """Describe a joint's damping that the file sets and no step shows, or nothing."""
+    """Describe a joint damping that its file states but the engine does not apply, or nothing."""
     works = subject.ledger.work.get(Term("joint damping"))
     if works is not None and works[:, axis.rate].any():
         return Message("")
@@ -135,7 +135,7 @@ def _undamped(subject: MeasuredBody, axis: Axis) -> Message:
 
 
 def _reached(subject: MeasuredBody, axis: Axis) -> Message:
-    """Describe the force from calls on a joint at first and at last, if it changes."""
+    """Describe the first and last force that calls applied along a joint, if it changed."""
     ledger = subject.ledger
     if APPLIED not in ledger.impulse:
         return Message("")
@@ -155,7 +155,7 @@ def _reached(subject: MeasuredBody, axis: Axis) -> Message:
 
 @dataclass(frozen=True)
 class _Pushed:
-    """One degree of freedom that is pushed by a force."""
+    """A degree of freedom on which a force acts although it hardly moves."""
 
     rate: int
     """Index of the rate in the generalised velocity."""
@@ -170,7 +170,7 @@ class _Pushed:
 def _held(
     subject: MeasuredBody, pushed: _Pushed, way: float, step: int, words: RowWords
 ) -> AccountRow | None:
-    """Return the row for a degree of freedom that is pushed and hardly moves; None if it moves."""
+    """Return the row for what holds a degree of freedom that is pushed; None if it moves."""
     ledger = subject.ledger
     given = ledger.impulse[APPLIED][:, pushed.rate]
     acting = np.flatnonzero(given)
@@ -211,7 +211,7 @@ def base_rows(
     written: WrittenStates,
     words: RowWords,
 ) -> Iterator[AccountRow]:
-    """Yield rows for the path of a free base, with the terms that drove it, and for its rotation.
+    """Yield rows for the path and the rotation of a floating base, with the terms behind them.
 
     `written` are its states that the script wrote.
     """
@@ -262,7 +262,7 @@ def _way(
     written: WrittenStates,
     words: RowWords,
 ) -> AccountRow:
-    """Return the row for a path, described and explained along some of the world's axes."""
+    """Return the row for a base's path, along the world axes given in `axes`."""
     ledger, step, main = subject.ledger, track.farthest_step, way * axes
     window = ledger.window(ledger.first, step)
     rates = [3 + int(k) for k in np.flatnonzero(axes)]
@@ -298,7 +298,7 @@ def _way(
 def _from_start(
     ledger: Ledger, rates: Sequence[int], window: slice, written: WrittenStates, step: int
 ) -> Message:
-    """Describe the source of a motion that no force explains, up to a step; else nothing."""
+    """Describe the initial or written velocity that a motion comes from, or nothing."""
     gave, took = given_and_taken(ledger.works(rates, window))
     moving_j = max(ledger.mean_kinetic_j(rates, window), -sum(took.values(), start=0.0))
     if not ledger.covers(window) or sum(gave.values()) >= LITTLE * moving_j:
@@ -309,7 +309,7 @@ def _from_start(
 
 
 def _along_axes(way: Float64, far: float) -> str:
-    """Return the components of a path along the world axes that are not small."""
+    """Return the components of a path along the world's axes, without small ones."""
     large = [k for k in range(3) if abs(way[k]) > 0.1 * far]
     return ", ".join(f"{'xyz'[k]} {quantity(float(way[k]), 'm', '+')}" for k in large)
 
@@ -350,7 +350,7 @@ def _turn(
 
 
 def _pressed_beside(subject: MeasuredBody, window: slice, words: RowWords) -> Message:
-    """Describe the arm of the contact on a single-link body as it began to rotate, or nothing.
+    """Describe how far off centre a contact force was as a body began to rotate, or nothing.
 
     The arm of a force F about the centre of mass is T / F, with T the moment that it has about it.
     """
@@ -384,14 +384,14 @@ def _pressed_beside(subject: MeasuredBody, window: slice, words: RowWords) -> Me
 def _works(
     subject: MeasuredBody, gave: Mapping[Term, float], took: Mapping[Term, float], words: RowWords
 ) -> tuple[RowTerm, ...]:
-    """Return the causes that gave and took energy as terms, omitting small ones."""
+    """Convert the energies that causes gave and took to terms of a row, without small ones."""
     most = max(map(abs, (*gave.values(), *took.values())), default=0.0)
     sides = (words.terms(subject, side, "J", beside=most)[:3] for side in (gave, took))
     return tuple(term for side in sides for term in side)
 
 
 def _most(gave: Mapping[Term, float]) -> str | None:
-    """Return the cause that gave most energy."""
+    """Return the cause that gave the most energy."""
     return max(gave, key=lambda term: gave[term]).cause if gave else None
 
 

@@ -1,4 +1,4 @@
-"""The names of bodies, links and terms in an account."""
+"""Names of bodies, links and terms, as the account's rows say them."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Names:
         return body.links[link + 1]
 
     def partner(self, number: int, term: Term) -> str:
-        """Return the name of the other side of a body's contact."""
+        """Return the name of the other body in a contact."""
         assert term.other is not None
         assert term.other_link is not None
         name = self.link(term.other, term.other_link)
@@ -68,7 +68,7 @@ class Names:
         return f"{self.body(term.other)}.{name}"
 
     def rate(self, body: Body, joint_rate: int) -> str:
-        """Return the name of a joint's rate, with the axis if the joint has three.
+        """Return the name of a joint's degree of freedom: the joint, with an axis if it has three.
 
         Its rates are about the principal axes of the link's inertia; the name has that of the
         link's own axes which is nearest.
@@ -85,7 +85,7 @@ class Names:
         return self.body(body.number)
 
     def term(self, body: Body, term: Term, first_rate: int) -> str:
-        """Return the name of a body's term, with its partner."""
+        """Return the name of a term, with the body that exerts it, if any."""
         if term.cause in (CONTACT, FRICTION):
             assert term.link is not None
             own, other = self.link(body.number, term.link), self.partner(body.number, term)

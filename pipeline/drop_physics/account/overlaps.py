@@ -63,7 +63,7 @@ Place = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class HeldShape:
-    """A shape of a body."""
+    """A collision shape (or visual one) of a body, with its link."""
 
     body: Body
     solid: Solid
@@ -80,7 +80,7 @@ class HeldShape:
 
 @dataclass(eq=False)
 class Overlap:
-    """Two shapes that make no contact, and their overlap; grows chunk by chunk."""
+    """Two overlapping shapes between which no contact is possible; filled chunk by chunk."""
 
     shapes: tuple[HeldShape, HeldShape]
     cause: str
@@ -109,7 +109,7 @@ class Overlap:
         return frozenset(shape.place for shape in self.shapes)
 
     def add(self, samples: Int64, depth_m: Float64, every: int) -> None:
-        """Add the overlap at samples, each of which stands for a number of steps."""
+        """Add the overlap depth at samples, each standing for `every` steps."""
         if self.at_first is None:
             self.at_first = bool(depth_m[0] > LEAST_M)
         deep = np.flatnonzero(depth_m > LEAST_M)
@@ -123,7 +123,7 @@ class Overlap:
         self.count += len(deep) * every
 
     def is_pressed(self, touched: Mapping[PairKey, TouchedLinks]) -> bool:
-        """Return whether a contact between the links, or anywhere between the bodies, pushed.
+        """Return whether the same links or bodies were in contact elsewhere.
 
         Anywhere if shapes have groups of their own: others of the same bodies may touch.
         """
@@ -139,7 +139,7 @@ class Overlap:
 
 
 class Overlaps:
-    """Overlaps of shapes that make no contact; grows chunk by chunk."""
+    """All overlaps between shapes that make no contact; filled chunk by chunk."""
 
     def __init__(self, seen: Seen) -> None:
         self._seen = seen
@@ -155,7 +155,7 @@ class Overlaps:
         """Collision groups and masks that calls gave links."""
 
     def add(self, explained: ExplainedPiece) -> None:
-        """Add a chunk."""
+        """Add a chunk of explained steps."""
         self._switch(explained.piece.calls)
         last = max(self._seen.samples.values(), default=0)
         first, end = max(explained.piece.first, 1), min(explained.piece.end, last)
@@ -217,7 +217,7 @@ class Overlaps:
             )
 
     def _excluded(self) -> Iterator[Overlap]:
-        """Yield the pairs of shapes that could collide but make no contact, with the reason."""
+        """Yield pairs of shapes whose contacts are disabled, with the reason."""
         clients = {body.client for body in self._seen.bodies.values()}
         off = {client for client in clients if is_off(self._seen, client, NO_CONTACT)}
         apart = {
@@ -234,7 +234,7 @@ class Overlaps:
                     yield Overlap((one, other), cause)
 
     def _switch(self, calls: Log) -> None:
-        """Follow the calls that disable or enable contacts, of two links or of one with all."""
+        """Note calls that disable or enable contacts of links."""
         for call in calls.of(*FILTERS):
             given = {name: int(value[0]) for name, value in call.values.items() if value}
             came = [calls.body_at(call, given[name]) for name in PAIR if name in given]
@@ -268,7 +268,7 @@ class Overlaps:
 
 
 def _shapes(seen: Seen) -> Iterator[HeldShape]:
-    """Yield the shapes of all bodies: visual ones only of what has no others, and floors."""
+    """Yield the shapes of all bodies; visual ones only where there are no collision shapes."""
     puts = Counter(put.body.number for put in seen.puts)
     for body in seen.bodies.values():
         shapes = [*body.collisions]
@@ -288,7 +288,7 @@ def _shapes(seen: Seen) -> Iterator[HeldShape]:
 
 
 def _may_meet(one: HeldShape, other: HeldShape) -> bool:
-    """Return whether two shapes are parts that move against each other."""
+    """Return whether two shapes belong to parts that can move relative to each other."""
     (a, link_a), (b, link_b) = ((each.body, each.solid.collision.link) for each in (one, other))
     if a is b and _root(a, link_a) == _root(a, link_b):
         return False
@@ -296,7 +296,7 @@ def _may_meet(one: HeldShape, other: HeldShape) -> bool:
 
 
 def _cause(one: HeldShape, other: HeldShape, *, excluded: bool, no_contacts: bool) -> str | None:
-    """Return the reason why two shapes make no contact, a key of `WHY`; None if they can.
+    """Return why two shapes make no contact, as a key of `WHY`; None if they can.
 
     One that is only seen is the first.
     """
@@ -331,7 +331,7 @@ def _cause(one: HeldShape, other: HeldShape, *, excluded: bool, no_contacts: boo
 
 
 def _is_child(one: HeldShape, other: HeldShape) -> bool:
-    """Return whether one of two links of a body is the child of the other, and rotates on it.
+    """Return whether one link is the child of another and rotates on it.
 
     A link that slides on its parent may be made to slide into it, as a telescope's tubes are.
     """
@@ -347,7 +347,7 @@ def _is_child(one: HeldShape, other: HeldShape) -> bool:
 
 
 def _counts_static(link: int, body: Body) -> bool:
-    """Return whether a link is fixed, directly or through others, to link 0 of a massless base."""
+    """Return whether a link is rigidly connected to a base that cannot move."""
     if body.base_moves or link == 0 or link not in body.moving:
         return False
     root = _root(body, link)
@@ -355,7 +355,7 @@ def _counts_static(link: int, body: Body) -> bool:
 
 
 def _root(body: Body, link: int) -> int:
-    """Return the first link of a chain of fixed joints that contains a link."""
+    """Return the link from which a chain of fixed joints leads to the given link."""
     while link > BASE and not body.joints[link].widths[1]:
         link = body.joints[link].parent
     return link

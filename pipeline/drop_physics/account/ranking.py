@@ -1,4 +1,4 @@
-"""The order of an account's rows: one measure for all kinds, with similar rows merged."""
+"""Sorts an account's rows by one measure, salience, and merges similar rows."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def is_about(row: AccountRow, about: str | None) -> bool:
 
 
 def _raised(rows: Sequence[AccountRow]) -> Iterator[AccountRow]:
-    """Yield rows, raising those of joints by their share in driving a moving body."""
+    """Yield rows; joints that drive a moving robot gain salience by their share."""
     moves: dict[str | None, float] = {}
     gave_j: dict[str | None, float] = {}
     for row in rows:

@@ -1,4 +1,4 @@
-"""Rows for the script's readings of contacts and joints, compared with the sum's values."""
+"""Rows for what the script read about contacts and joint forces, compared with actual values."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def reading_rows(
 
 
 class Sensed:
-    """Distances of contacts from the sites of touch sensors; grows chunk by chunk."""
+    """How close contacts come to the sites of touch sensors; filled chunk by chunk."""
 
     def __init__(self, seen: Seen) -> None:
         self._sensors = [
@@ -200,7 +200,7 @@ def _count(points: float) -> Message:
 def _pressing(
     reading: Reading, pairs: Mapping[PairKey, TouchedLinks], filtered: Mapping[frozenset[int], str]
 ) -> Message:
-    """Return the force of all contacts between the bodies of a reading."""
+    """Return the total contact force between the bodies that a script line reads about."""
     its = [
         touched
         for key, touched in pairs.items()
@@ -220,7 +220,7 @@ def _pressing(
 
 
 def _meant(target: Target, key: PairKey) -> bool:
-    """Return whether two touching links are those that a reading is about."""
+    """Return whether a pair of links in contact is one that a script line reads about."""
     sides = ((key[0], key[2]), (key[1], key[3]))
     for one, other in (sides, sides[::-1]):
         here = one[0] == target.body and target.link in (None, one[1])
@@ -248,7 +248,7 @@ def _reaction(answers: Mapping[str, Answer]) -> Message:
 
 
 def _balance(reading: Reading, subject: MeasuredBody, words: RowWords) -> Message | None:
-    """Describe the inverse-dynamics effort that least balances gravity; None without one.
+    """Describe by how much an inverse-dynamics result misses gravity's share; None without one.
 
     Without velocities and accelerations it is the opposite of what gravity gives the joint.
     """
@@ -277,7 +277,7 @@ def _balance(reading: Reading, subject: MeasuredBody, words: RowWords) -> Messag
 
 
 def _beyond(subject: MeasuredBody, link: int) -> Message:
-    """Describe the weight that is carried by a joint."""
+    """Describe the mass that a joint carries."""
     mass_kg = mass_beyond_kg(subject, {link})
     pull = subject.weight_n / subject.mass_kg if subject.mass_kg else 0.0
     return Message(

@@ -1,4 +1,4 @@
-"""The rows of an account: a request, drive, motion or hold, with the terms that explain it."""
+"""The rows of an account: what was requested, what resulted, and the terms between them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ readings; and what could have acted and did not."""
 
 @dataclass(frozen=True, kw_only=True)
 class RowTerm:
-    """A term of the sum, in a row."""
+    """A term of a row: a cause, with its force or energy."""
 
     cause: str
     """The cause: `gravity`, `motors`, `contact`, `friction`, `drag` …"""
@@ -41,7 +41,7 @@ class RowTerm:
 
 @dataclass(frozen=True, kw_only=True)
 class AccountRow:
-    """One line of the account."""
+    """One line of the account: a request or motion, its result, and the explaining terms."""
 
     kind: Kind
     """`asked`, `given`, `moved`, `turned`, `held`, `set`, `press`, `slips`, `energy`, `reads` or
@@ -108,7 +108,7 @@ class AccountRow:
 
     @property
     def who(self) -> str:
-        """The name of the row's subject."""
+        """The name of the body, joint or pair that the row is about."""
         if self.pair is not None:
             return " × ".join(self.pair)
         if self.site is not None:
@@ -120,14 +120,14 @@ class AccountRow:
 
     @property
     def numbers(self) -> tuple[tuple[float, str], ...]:
-        """The values of the row, with their units."""
+        """The quantities that the row states, with units."""
         pushed = self.asked if self.kind == "held" else None
         told = [(value, self.unit or "") for value in (self.got, self.gap, pushed)]
         return tuple((value, unit) for value, unit in (*told, *self.besides) if value)
 
     @property
     def towards(self) -> tuple[RowTerm, ...]:
-        """The terms that act towards the target, or that gave energy."""
+        """The terms that act in the direction of the target, or that gave energy."""
         return tuple(each for each in self.terms if each.towards)
 
     @property

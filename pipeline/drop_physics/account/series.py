@@ -1,4 +1,4 @@
-"""The states and commands of joints over all steps of a recording, as columns."""
+"""Joint states and commands over all steps of a recording, as arrays."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ the recording may have set that motor."""
 
 @dataclass(frozen=True, eq=False)
 class JointSeries:
-    """The joints of a body over n steps; arrays have the shape (n, joint_rates) except `steps`."""
+    """Joint states and commands of a body over n steps; arrays (n, joint_rates)."""
 
     steps: Int64
     """The sample after each step, shape (n,)."""
@@ -44,7 +44,7 @@ class JointSeries:
 
     @staticmethod
     def of(driven: JointTelemetry) -> JointSeries:
-        """Return the columns for a chunk."""
+        """Return the arrays for one chunk."""
         asked = driven.asked
         turns = (asked.mode == VELOCITY) & (asked.impulse > 0) & (asked.pd != 1)
         return JointSeries(
@@ -74,12 +74,12 @@ class JointSeries:
         return len(self.steps)
 
     def controlled(self, *by: Control) -> Flags:
-        """Flag the steps in which joints have one of these controls, shape (n, joint_rates)."""
+        """Flag steps in which a joint is controlled in a given way, shape (n, joint_rates)."""
         return np.isin(self.control, [CONTROLS.index(each) for each in by])
 
 
 def _control(asked: Commanded, *, known: bool) -> Int64:
-    """Return what controls each joint, shape (n, joint_rates).
+    """Return how each joint is controlled: motor, torque, free …, shape (n, joint_rates).
 
     `known` says whether all calls that set a motor are recorded.
     """
@@ -96,7 +96,7 @@ def _control(asked: Commanded, *, known: bool) -> Int64:
 
 @dataclass(eq=False)
 class BaseTrack:
-    """Displacement and rotation of a free base; grows chunk by chunk."""
+    """Displacement and rotation of a floating base; filled chunk by chunk."""
 
     start_m: Float64
     """First position of the base [m], shape (3,)."""

@@ -1,4 +1,4 @@
-"""Shapes that contradict a body's motion: wheels off their axles, masses outside shapes."""
+"""Finds shapes that do not fit a body's motion: wheels off their axles, masses outside."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OFF = 0.01
 
 
 def off_axle(subject: MeasuredBody, joint: Joint) -> Message:
-    """Describe the distance of a link's round shape from its axle of rotation, or nothing."""
+    """Describe how far a wheel's centre is from its axis of rotation, or nothing."""
     if joint.kind != "revolute":
         return Message("")
     axis, place = np.array(joint.axis), subject.tree.centres_m[joint.link]
@@ -44,7 +44,7 @@ def off_axle(subject: MeasuredBody, joint: Joint) -> Message:
 
 
 def mass_outside(subject: MeasuredBody) -> Message:
-    """Describe how far a single-link body's centre of mass is outside its shapes, or nothing."""
+    """Describe how far a centre of mass lies outside all shapes of its body, or nothing."""
     shapes = subject.body.collisions
     if subject.tree.links or not shapes or any(shape.kind in UNBOUNDED for shape in shapes):
         return Message("")
@@ -62,7 +62,7 @@ def _axes(shape: Collision) -> Float64:
 
 
 def _box(shape: Collision) -> tuple[Float64, Float64]:
-    """Return the corners of a shape's bounding box, from the centre of mass, in its axes [m]."""
+    """Return the corners of a shape's bounding box, relative to the centre of mass [m]."""
     centre, axes = np.array(shape.position_m), _axes(shape)
     if shape.hull_m:
         corners = centre + np.reshape(shape.hull_m, (-1, 3)) @ axes.T

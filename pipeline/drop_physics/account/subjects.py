@@ -1,4 +1,4 @@
-"""Scales for the rows: size and weight of a body, and a key for equal bodies."""
+"""Sizes and weights to which rows are compared, and a key for bodies that are alike."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LEAST_M = 0.1
 
 @dataclass(frozen=True, eq=False)
 class MeasuredBody:
-    """A body with the scales of its rows."""
+    """A body with its size, weight and other scales that rows are compared with."""
 
     body: Body
     ledger: Ledger
@@ -34,12 +34,12 @@ class MeasuredBody:
     weight_n: float
 
     def lasts(self, seen: Seen) -> bool:
-        """Return whether its last steps here are those of the run, as the last readings are."""
+        """Return whether the steps seen here reach the end of the run."""
         return self.ledger.last >= seen.samples.get(self.body.client, 1) - 1
 
     @property
     def kind(self) -> Hashable:
-        """A key that is equal for equal bodies."""
+        """A key that is equal for bodies that are alike."""
         return len(self.body.links), round(self.mass_kg, 9), round(self.size_m, 9)
 
     @property
@@ -49,7 +49,7 @@ class MeasuredBody:
 
 
 def subject_of(body: Body, ledger: Ledger, gravity_m_s2: Float64) -> MeasuredBody:
-    """Return a body with its scales; `gravity_m_s2` has the shape (3,)."""
+    """Measure a body; `gravity_m_s2` has the shape (3,)."""
     tree = ledger.tree
     mass_kg = float(tree.masses_kg[1 if tree.fixed else 0 :].sum())
     pull = float(np.linalg.norm(gravity_m_s2)) or STANDARD_GRAVITY_M_S2
@@ -57,7 +57,7 @@ def subject_of(body: Body, ledger: Ledger, gravity_m_s2: Float64) -> MeasuredBod
 
 
 def turning_rad_s(subject: MeasuredBody, *, before: bool = False) -> float:
-    """Return the mean rotation rate of a free base in the last tenth of its steps [rad/s].
+    """Return a floating base's mean rotation rate in the last tenth of its steps [rad/s].
 
     With `before`, in the tenth before that one.
     """

@@ -1,4 +1,4 @@
-"""The terms of a body's sum by partner: links in contact, and the components of servos."""
+"""Divides the impulses on a body by partner: the links in contact, the parts of a servo."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ summed."""
 
 @dataclass(frozen=True)
 class Term:
-    """A cause that acts on a body, with its partner if there is one."""
+    """A cause of impulses on a body, with the partner that exerts it, if any."""
 
     cause: str
     """A cause in the sum, or one of the components above."""
@@ -55,7 +55,7 @@ Impulses = dict[Term, Float64]
 def impulses_by_term(
     steps: BodySteps, normals: Float64, servos: Mapping[str, tuple[int, float]]
 ) -> Impulses:
-    """Return the impulses on a body in its steps: contacts by partner, servos by component.
+    """Return impulses by term: contacts by partner, servos by stiffness and damping.
 
     `normals` are those of the contact points of the chunk, shape (points, 3). `servos` has, for
     each actuator that is a position servo, the rate that it drives and its damping
@@ -79,7 +79,7 @@ def impulses_by_term(
 
 
 def servos_of(body: Body) -> dict[str, tuple[int, float]]:
-    """Return the rate and the damping of each position servo, by term name."""
+    """Return joint rate and damping of each position servo, by actuator name."""
     return {
         f"actuator {each.name}": (rate, each.kv * each.gear**2)
         for each in body.actuators
@@ -90,7 +90,7 @@ def servos_of(body: Body) -> dict[str, tuple[int, float]]:
 def _servo(
     steps: BodySteps, cause: str, impulse: Float64, joint_rate: int, damping: float
 ) -> Impulses:
-    """Split the impulse of a servo into kp × gap and kv × rate."""
+    """Split a servo's impulse into kp × gap and kv × velocity."""
     rate = steps.law.tree.first_rate + joint_rate
     damped = np.zeros_like(impulse)
     damped[:, rate] = -damping * steps.before.velocity[:, rate] * steps.reported.timestep_s
@@ -100,7 +100,7 @@ def _servo(
 
 
 def _applied(steps: BodySteps, impulse: Float64) -> Impulses:
-    """Return the impulses applied by calls, separating commanded joint torques from pushes."""
+    """Split the impulses that calls applied into joint torques and pushes."""
     commanded = np.zeros_like(impulse)
     first = steps.law.tree.first_rate
     commanded[:, first:] = steps.reported.commanded * steps.reported.timestep_s[:, None]
@@ -111,7 +111,7 @@ def _applied(steps: BodySteps, impulse: Float64) -> Impulses:
 
 
 def _pulls(steps: BodySteps, impulse: Float64) -> Impulses:
-    """Return the impulses of constraints by what exerts them, separating gears."""
+    """Split the impulses of constraints by partner, with gears separate."""
     found = {
         Term(HELD, pull.name, other=pull.other, other_link=pull.other_link): part
         for pull, part in steps.pulls.items()
@@ -124,7 +124,7 @@ def _pulls(steps: BodySteps, impulse: Float64) -> Impulses:
 
 
 def _contacts(steps: BodySteps, normals: Float64, impulse: Float64) -> Impulses:
-    """Return the impulses of contacts by partner, separating normal forces from friction."""
+    """Split the impulses of contacts by partner, into normal forces and friction."""
     contacts, sides = steps.reported.contacts, steps.sides
     if not len(contacts) or len(contacts) != len(sides.other_body):
         return {Term("contacts"): impulse}

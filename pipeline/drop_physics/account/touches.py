@@ -1,4 +1,4 @@
-"""The links and bodies that touched: forces, slip and overlap, and the table of each body's."""
+"""The table of contacts: which bodies touched, with which force, slip and overlap."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PairKey = tuple[int, int, int, int]
 
 @dataclass(frozen=True, kw_only=True)
 class Touch:
-    """A body's contact with another body."""
+    """A contact between two bodies, as seen from one of them."""
 
     other: str
     """Label of the other body, in JSON `with`."""
@@ -59,7 +59,7 @@ class Touch:
 
 @dataclass(frozen=True, eq=False)
 class _Sums:
-    """Sums over the steps of a chunk for each pair; arrays have the shape (pairs,)."""
+    """Contact quantities of each pair, summed over a chunk; arrays have the shape (pairs,)."""
 
     first_step: Int64
     last_step: Int64
@@ -108,7 +108,7 @@ class _Sums:
 
 @dataclass(eq=False)
 class Touched:
-    """Two links, or two bodies, that touched; grows chunk by chunk."""
+    """Totals of two links, or two bodies, that touched; filled chunk by chunk."""
 
     first_step: int
     """The sample after the first step with a contact point."""
@@ -135,7 +135,7 @@ class Touched:
         return max(self.coefficients[1], 0.0)
 
     def add(self, sums: _Sums, row: int) -> None:
-        """Add the sums of the pair in a chunk."""
+        """Add a chunk's sums, found at the given row."""
         low, high = self.coefficients
         self.coefficients = min(low, float(sums.lowest[row])), max(high, float(sums.highest[row]))
         self.last_step = int(sums.last_step[row])
@@ -165,7 +165,7 @@ class TouchedLinks(Touched):
 
 @dataclass(frozen=True)
 class _Need:
-    """The step of a pair that requires most friction to balance all other forces on one body."""
+    """The step in which a pair needs the most friction to hold one body."""
 
     needed_n: float
     available_n: float
@@ -186,13 +186,13 @@ class _TouchedBodies(Touched):
     """Whether the forces of all steps are known; False if some are only those of a last substep."""
 
     def need(self, side: int, need: _Need) -> None:
-        """Update the step that requires most friction, if a step of this chunk requires more."""
+        """Keep the step that needs the most friction, if a step of this chunk needs more."""
         most = self.needs[side]
         if most is None or _digits(need.needed_n) >= _digits(most.needed_n):
             self.needs[side] = need
 
     def touch(self, other: str, side: int, *, itself: bool) -> Touch:
-        """Return the contact as seen from one of the bodies; `other` is the label of the other."""
+        """Return the table row for one of the two bodies; `other` is the other's label."""
         low, high = self.coefficients
         need, sign = self.needs[side], -1.0 if side else 1.0
         energy_j = float(self.energy_j.sum() if itself else self.energy_j[side])
@@ -213,7 +213,7 @@ class _TouchedBodies(Touched):
 
 
 class TouchTable:
-    """The touching pairs of a recording, or of an episode; grows chunk by chunk."""
+    """The pairs that touched in a recording or an episode, filled chunk by chunk."""
 
     def __init__(self, seen: Seen) -> None:
         self._seen = seen
@@ -260,7 +260,7 @@ class TouchTable:
             touched.normals_n.append(pairs.normal_n[its[pairs.acts[its]]])
 
     def rows(self, body: int) -> Sequence[Touch]:
-        """Return the touching pairs of a body, by body id."""
+        """Return the contacts of a body, by its id."""
         found = {}
         for key, touched in self._bodies.items():
             if body in key and touched.steps:
@@ -272,7 +272,7 @@ class TouchTable:
 
 
 def _hidden(explained: ExplainedPiece, pairs: Pairs) -> Flags:
-    """Flag the pairs for which only the forces of a last substep are known, shape (m,)."""
+    """Flag the pairs whose forces are only known for the last substep, shape (m,)."""
     hidden = np.zeros(len(pairs.starts), np.bool_)
     if any(batch.whole.substeps > 1 for batch, _ in explained.batches):
         for side in (0, 1):
@@ -283,7 +283,7 @@ def _hidden(explained: ExplainedPiece, pairs: Pairs) -> Flags:
 
 @dataclass(frozen=True, eq=False)
 class _Needs:
-    """The step of each pair that requires most friction to balance all other forces on one side.
+    """The steps that need the most friction, for each pair of bodies.
 
     Arrays have the shape (pairs,).
     """
@@ -294,7 +294,7 @@ class _Needs:
     normal_n: Float64
 
     def at(self, row: int) -> _Need | None:
-        """Return the step of a pair; None if unknown."""
+        """Return a pair's step that needs the most friction; None if unknown."""
         needed_n = float(self.needed_n[row])
         if needed_n < 0:
             return None
@@ -302,7 +302,7 @@ class _Needs:
 
     @staticmethod
     def of(explained: ExplainedPiece, pairs: Pairs, side: int) -> _Needs:
-        """Return the steps that require most friction, for the bodies on one side of each pair."""
+        """Find each pair's step that needs the most friction to hold the body on one side."""
         needed = np.full(len(pairs.starts), -1.0)
         known = pairs.one_line & pairs.explained[:, side] & (pairs.normal_n > PRESSED)
         rows, sign = np.flatnonzero(known), -1.0 if side else 1.0
@@ -321,5 +321,5 @@ class _Needs:
 
 
 def _digits(value: float | Float64) -> Float64:
-    """Return a number that is equal for values that agree to three digits."""
+    """Round a number to three significant digits."""
     return np.floor(1e3 * np.log(np.maximum(value, PRESSED)))

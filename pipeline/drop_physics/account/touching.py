@@ -1,4 +1,4 @@
-"""Rows for links that touch: pressing, slipping, and spinning without end."""
+"""Rows for links that touch: pressing, sliding, and spinning without end."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def _turning_row(
     seen: Seen,
     words: RowWords,
 ) -> AccountRow | None:
-    """Return the row for a single-link body that spins forever on something fixed."""
+    """Return the row for a body that spins forever on its support, without torsional friction."""
     number, ledger = subject.body.number, subject.ledger
     late = ledger.last - max(1, (ledger.last - ledger.first) // 10)
     keys = [key for key in links if number in key[:2] and links[key].last_step > late]
@@ -99,7 +99,7 @@ def _turning_row(
 def _feet_of(
     links: Mapping[PairKey, TouchedLinks], subjects: Mapping[int, MeasuredBody]
 ) -> dict[int, list[PairKey]]:
-    """Return the pairs of links by which each robot that stands on something fixed rubs there."""
+    """Return the contacts of each standing robot with its ground: pairs of links that slide."""
     found: dict[int, list[PairKey]] = {}
     for key, touched in links.items():
         its = [number for number in {*key[:2]} if number in subjects]
@@ -109,7 +109,7 @@ def _feet_of(
 
 
 def _stands(subject: MeasuredBody) -> bool:
-    """Return whether nothing but contacts holds a robot: its base is free, or slides undriven."""
+    """Return whether a robot rests on contacts alone, with nothing else that holds it."""
     body, driven = subject.body, {each.target for each in subject.body.actuators}
     first = next(iter(body.joints), None)
     slides = first is not None and first.kind == "prismatic" and first.name not in driven
@@ -119,7 +119,7 @@ def _stands(subject: MeasuredBody) -> bool:
 def _slipping_row(
     subject: MeasuredBody, feet: Mapping[PairKey, TouchedLinks], words: RowWords
 ) -> AccountRow | None:
-    """Return the row for a robot whose feet slip, ranked by the odds that friction is at its limit.
+    """Return the row for a robot whose feet slip.
 
     A step counts once for each foot on the ground.
     """
@@ -168,7 +168,7 @@ def _resists_turning(key: PairKey, seen: Seen) -> bool:
 def _rows(
     key: PairKey, touched: TouchedLinks, its: list[MeasuredBody], seen: Seen, words: RowWords
 ) -> Iterator[AccountRow]:
-    """Yield the rows for two links: the force with which they press, and how far they slid."""
+    """Yield the rows for a pair of links: their normal force, and how far they slid."""
     pair = (str(words.names.link(key[0], key[2])), str(words.names.link(key[1], key[3])))
     weight_n = min(subject.weight_n for subject in its)
     size_m = min(subject.size_m for subject in its)

@@ -1,4 +1,4 @@
-"""Rows for actuators on tendons, sites and ball joints: control, length, force and moment arms."""
+"""Rows for actuators that drive tendons, sites or ball joints: control, length, force, arms."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MOST_ARMS = 2
 def transmission_rows(
     subject: MeasuredBody, seen: Seen, actuators: Sequence[ActuatorRow]
 ) -> Iterator[AccountRow]:
-    """Yield a row for each actuator that acts on no single joint rate, at the end of a run.
+    """Yield a row for each actuator that does not drive just one degree of freedom.
 
     `actuators` are the rows of the body's actuators, in their order.
     """
@@ -61,7 +61,7 @@ def transmission_rows(
 
 
 def _force(row: ActuatorRow) -> Message:
-    """Describe the force of an actuator, and the joints on which it acts; nothing if unknown."""
+    """Describe an actuator's force and the joints that it moves; nothing if unknown."""
     if row.force is None:
         return Message("")
     arms = sorted(row.moments.items(), key=lambda each: -abs(each[1]))[:MOST_ARMS]

@@ -1,4 +1,4 @@
-"""Rows for drives that are weaker than those of the same joint on another side of a robot."""
+"""Rows for drives that are weaker than the same joint's drive on the robot's other side."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SAME = 1e-6
 def weaker_rows(
     subject: MeasuredBody, axes: list[Axis], series: JointSeries
 ) -> Iterator[AccountRow]:
-    """Yield a row for each joint at a lower limit than its twin has.
+    """Yield a row for each joint with a lower force limit than its mirror-image joint.
 
     Twins are joints of one kind at the same depth of the tree, with the same range to either side,
     that carry the same masses: left and right, the legs of a quadruped.
@@ -72,7 +72,7 @@ def _row(
 
 
 def _limit(series: JointSeries, axis: Axis) -> float:
-    """Return the largest limit of a joint's drive; nan if it has none.
+    """Return the largest force limit of a joint's drive; nan if it has none.
 
     That of the engine's own motor, which no call has set, says nothing.
     """
@@ -83,7 +83,7 @@ def _limit(series: JointSeries, axis: Axis) -> float:
 
 
 def _place(subject: MeasuredBody, joint: Joint) -> Hashable:
-    """Return a key of a joint that is the same for its twins."""
+    """Return a key that is equal for corresponding joints of a robot's limbs."""
     body, masses_kg = subject.body, subject.tree.masses_kg
     parents = [each.parent for each in body.joints]
     depth, link = 0, joint.link

@@ -1,4 +1,4 @@
-"""Controls that a script computes from the positions and rates of all joints, and their delay.
+"""Finds linear feedback from all joints' states in a script's controls, and its delay.
 
 A linear controller gives u = K x(t - l) + c, where x is the state of all joints. Its delay (l) is
 found by least squares: the right one leaves nothing but rounding, all others leave much more. Where
@@ -25,7 +25,7 @@ ENTERS = 1e-3
 
 @dataclass(frozen=True)
 class StateLaw:
-    """The state from which a control is computed."""
+    """A linear feedback law: the joints whose states a control was computed from, and the delay."""
 
     late: int
     """Delay of the state, in controls."""
@@ -33,14 +33,14 @@ class StateLaw:
     """Contribution of each joint to the control, as a share of its size, shape (joints,)."""
 
     def follows(self, own: int) -> int:
-        """Return the joint that the control follows: `own` if that enters, else the main one."""
+        """Return the joint that a control mainly follows: its own if that enters the law."""
         return own if self.shares[own] > ENTERS else int(np.argmax(self.shares))
 
 
 def state_law_of(
     control: Float64, position: Float64, rate: Float64, kept: Flags, latest: int
 ) -> StateLaw | None:
-    """Return the linear law of the joints' states that gives a control; None if there is none.
+    """Fit a control by a linear law of the joints' states; None if no law fits.
 
     Parameters
     ----------

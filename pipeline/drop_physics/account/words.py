@@ -1,4 +1,4 @@
-"""Formatting of times, windows and terms in the rows."""
+"""Formats times, windows and terms for the account's rows."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LEAST_SHARE = 0.05
 
 
 class RowWords:
-    """Data of a recording that the wording of rows needs."""
+    """What the wording of rows needs to know of a recording: names, times, script lines."""
 
     def __init__(self, names: Names, times: Mapping[int, StepTimes]) -> None:
         self.names, self._times = names, times
@@ -35,7 +35,7 @@ class RowWords:
         return self._times[body.client].of(step)
 
     def time(self, subject: MeasuredBody, step: int) -> Message:
-        """Format the time of a sample."""
+        """Format the time of a sample for a reader."""
         return Message("{time} s", time=number(self.seconds(subject.body, step)))
 
     def timesteps_s(self, subject: MeasuredBody, steps: Int64) -> Float64:
@@ -43,16 +43,16 @@ class RowWords:
         return self._times[subject.body.client].of_steps(steps)[0]
 
     def around(self, subject: MeasuredBody, step: int, steps: int) -> slice:
-        """Return the bins around a sample of a recording of `steps` steps: 1 % on either side."""
+        """Return the window of ledger bins within 1 % of the recording around a sample."""
         half = max(2, steps // 100)
         return subject.ledger.window(step - half, step + half)
 
     def drives(self, term: Term, drives: Collection[str]) -> bool:
-        """Return whether a term comes from the joint's command."""
+        """Return whether a term comes from a joint's own command, such as a motor."""
         return term.cause in drives or term.cause.startswith("actuator ")
 
     def opposing(self, forces: Mapping[Term, float]) -> object:
-        """Return the strongest term against the motion, as a key for grouping similar rows."""
+        """Return the strongest term against a motion, as a key to group similar rows."""
         against = {t: f for t, f in forces.items() if f < 0 and t != OWN}
         if not against:
             return None
@@ -67,7 +67,7 @@ class RowWords:
         drives: Collection[str] = (),
         beside: float = 0.0,
     ) -> tuple[RowTerm, ...]:
-        """Return the terms of a row, drives first, then by size; without the rate's own inertia.
+        """Return the terms that a row lists: drives first, then the largest others.
 
         Terms that are small beside the largest, or beside a value that they stand next to, are left
         out.
@@ -102,7 +102,7 @@ class RowWords:
 
 
 def answered_range(answer: Answer) -> Message:
-    """Describe the minimum and maximum of a return value; empty if both are equal."""
+    """Format the least and greatest value that a script read; empty if they are equal."""
     if answer.greatest - answer.least <= 1e-3 * max(abs(answer.greatest), abs(answer.least)):
         return Message("")
     return Message(

@@ -1,4 +1,4 @@
-"""Rows for states that the script wrote between steps, and for energy given and taken."""
+"""Rows for states that the script set between steps, and for energy given and taken."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ TURNOVER = 0.02
 
 @dataclass(eq=False)
 class WrittenStates:
-    """The states of a body that calls wrote between steps; grows chunk by chunk."""
+    """The states of a body that calls set between steps; filled chunk by chunk."""
 
     steps: int = 0
     """Number of steps of the body."""
@@ -53,7 +53,7 @@ class WrittenStates:
     _last: States | None = None
 
     def add(self, steps: BodySteps, points: Points) -> None:
-        """Add steps of the body; `points` are all contact points of these steps."""
+        """Add explained steps of the body; `points` are all contact points in them."""
         before, after = steps.before, steps.after
         put = np.flatnonzero(steps.put)
         if len(put):
@@ -70,7 +70,7 @@ class WrittenStates:
         self._last = after.at(np.array([len(steps) - 1]))
 
     def _meet(self, number: int, points: Points, steps: Int64) -> None:
-        """Update the deepest overlap of a body, by its id, at the start of the steps to samples."""
+        """Update the deepest overlap with another body (by id) at the start of steps."""
         its = (points.body == number).sum(axis=1) == 1
         rows = np.flatnonzero(its & np.isin(points.step, steps))
         if len(rows) and -points.distance_m[rows].min() > self.deepest_m:
@@ -80,7 +80,7 @@ class WrittenStates:
             self.into = int(points.body[row, other]), int(points.link[row, other])
 
     def _jump(self, step: int, end: States, begin: States) -> None:
-        """Add the change made by calls between a step and the next one, which leads to a sample."""
+        """Add how far calls moved the body between a step and the next one."""
         self.written += 1
         self.first_step = step if self.first_step is None else self.first_step
         self.last_step = step
@@ -91,7 +91,7 @@ class WrittenStates:
     def row(
         self, subject: MeasuredBody, subjects: Mapping[int, MeasuredBody], words: RowWords
     ) -> AccountRow | None:
-        """Return the row for a body with written states; None if the writes changed nothing."""
+        """Return the row for a body that calls have moved; None if no call changed anything."""
         way = self.way / subject.size_m
         if not self.written or (way <= 0.01 and self.velocity <= 0.01):
             return None
@@ -142,7 +142,7 @@ def energy_row(
     end_j: float,
     words: RowWords,
 ) -> AccountRow | None:
-    """Return the row for the sources and sinks of a body's energy; contacts by partner."""
+    """Return the row that says where a body's energy came from and went to."""
     values = {Term(cause): value for cause, value in by_cause_j.items() if value}
     for cause, parts in (("contacts", (CONTACT, FRICTION)), (HELD, (HELD,))):
         apart = {

@@ -1,1 +1,1 @@
-"""Explain recordings: each body as a tree of links, each step as a sum of named impulses."""
+"""Explains recordings: every body as a tree of links, every step as a sum of named impulses."""

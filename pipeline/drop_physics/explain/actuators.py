@@ -1,4 +1,4 @@
-"""The actuators of a recording: control, force, and number of steps at a limit."""
+"""Summarizes the actuators of a recording: control, force, and number of steps at a limit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ AT_LIMIT = 1 - 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class ActuatorRow:
-    """The state of an actuator at the last sample."""
+    """An actuator at the last sample, with counts over the whole recording."""
 
     name: str
     """The name in the model."""
@@ -68,14 +68,14 @@ class _Sums:
 
 
 class ActuatorTable:
-    """The table of actuators; grows chunk by chunk."""
+    """The table of all actuators, filled chunk by chunk."""
 
     def __init__(self) -> None:
         self._sums: dict[tuple[int, int], _Sums] = {}
         """Sums by body id and actuator index."""
 
     def add(self, explained: ExplainedPiece) -> None:
-        """Add a chunk."""
+        """Add a chunk of explained steps."""
         for judged in explained.bodies.values():
             for steps in judged.intervals if judged.body.actuators else ():
                 for actuator in judged.body.actuators:
@@ -92,7 +92,7 @@ class ActuatorTable:
         return [self._row(body, actuator, read) for actuator in body.actuators]
 
     def sends(self, body: Body) -> bool:
-        """Return whether a position actuator of a body ever had a control other than 0."""
+        """Return whether a position servo of a body ever had a command other than 0."""
         places = (actuator.number for actuator in body.actuators if actuator.kind == "position")
         return any(self._sums[body.number, place].most for place in places)
 
@@ -141,7 +141,7 @@ class ActuatorTable:
 
 
 def _moments(body: Body, exerted: Float64, force: float) -> dict[str, float]:
-    """Return the moment arms of a force that exerts something on joints, by joint name.
+    """Return the moment arm of an actuator about each joint that it moves, by joint name.
 
     A joint with three rates has that with the largest arm.
     """
@@ -156,7 +156,7 @@ def _moments(body: Body, exerted: Float64, force: float) -> dict[str, float]:
 
 
 def _force(actuator: Actuator, steps: BodySteps, name: str) -> Float64 | None:
-    """Return the force of an actuator in each step, shape (n,); None unless it drives one joint."""
+    """Return an actuator's force in each step, shape (n,); None if it moves several joints."""
     place = steps.body.rate_of(actuator)
     if place is None or not actuator.gear or not steps.covered:
         return None

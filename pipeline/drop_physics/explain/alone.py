@@ -1,4 +1,4 @@
-"""Explain steps of a rigid body without joints by its own law, where the sum does not apply.
+"""Explains single rigid bodies by a law of their own, where the sum for trees does not apply.
 
 A btRigidBody follows another law than a tree, and with several substeps PyBullet reports the
 contacts of the last one only. Flight is then checked against the law of free fall, and contact
@@ -35,7 +35,7 @@ def motion_of(states: States) -> Motion:
 
 
 def law_of(config: BodyConfig, timestep_s: float, gravity_m_s2: Float64) -> Law | None:
-    """Return the law of free flight of a body without links; None where there is none.
+    """Return the free-flight integration rule for a body without links; None if none applies.
 
     `gravity_m_s2` has the shape (3,).
     """
@@ -63,7 +63,7 @@ def explained(
     *,
     exact: bool,
 ) -> Int8:
-    """Return the segment of each step under the law of a single body, shape (n,).
+    """Classify each step by the single-body law: flight, contact … or unexplained, (n,).
 
     The numbers are those of `segments`. `exact`: whether the machine rounds each operation once.
     """
@@ -93,14 +93,14 @@ def explained(
 
 
 def _rolling(contacts: Forces, steps: int) -> Flags:
-    """Flag the steps in which contact may have exerted a torque that the engine does not report."""
+    """Flag steps in which rolling friction may have exerted an unreported torque."""
     rolls = np.zeros(steps, np.bool_)
     rolls[contacts.step[contacts.rolling]] = True
     return rolls
 
 
 def _pushes(applied: Forces, before: Motion) -> Pushes | None:
-    """Return forces and torques of calls about the centre of mass; None if there are none."""
+    """Return the forces and torques that calls applied, about the centre of mass; None if none."""
     if not len(applied):
         return None
     n, step = len(before), applied.step

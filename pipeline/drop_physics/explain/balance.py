@@ -1,4 +1,4 @@
-"""The balance of a step with contact: the law's step plus the impulse of each contact point.
+"""Checks contact steps of a single body: free-flight rule plus the impulse of each contact point.
 
 An engine that works with impulses makes the law's step first, and then adds the impulses:
 
@@ -38,7 +38,7 @@ body was 80 times as fast.
 
 @dataclass(frozen=True)
 class Pushes(Rowed):
-    """Forces and torques applied by a script to a body in the steps to samples, in world axes."""
+    """Forces and torques that the script applied to a body, step by step, in world axes."""
 
     force_n: Float64
     """Sum of its forces, shape (samples, 3)."""
@@ -50,13 +50,13 @@ class Pushes(Rowed):
 
     @property
     def acted(self) -> Flags:
-        """True if any force or torque was applied in the step, shape (samples,)."""
+        """Flag the steps in which the script applied any force or torque, shape (samples,)."""
         return np.asarray((self.force_scale_n != 0) | (self.torque_scale_n_m != 0))
 
 
 @dataclass(frozen=True)
 class Balance:
-    """The effect of contact on one body; each sample's row describes the step that led to it.
+    """The effect of contacts on one body, step by step; row i describes the step to sample i.
 
     No step led to the first sample: its row is zeros. Vectors are in world axes, (samples, 3).
     """
@@ -85,13 +85,13 @@ class Balance:
     """The same for the spin."""
 
     def closes(self, motion: Motion) -> Flags:
-        """Flag the samples whose velocities follow from law and impulses."""
+        """Flag the samples whose velocities follow from the free-flight rule and impulses."""
         angular = largest(motion.spin_rad_s - self.spin_rad_s)
         most = CLOSES * self.spin_scale_rad_s + self._rounding(self.tried_rad_s)
         return np.asarray(self.closes_linear(motion) & (angular <= most))
 
     def closes_linear(self, motion: Motion) -> Flags:
-        """Flag the samples whose linear velocity follows from law and impulses; spin is ignored."""
+        """Flag the samples whose linear velocity follows from rule and impulses; ignore spin."""
         linear = largest(motion.velocity_m_s - self.velocity_m_s)
         most = CLOSES * self.velocity_scale_m_s + self._rounding(self.tried_m_s)
         return np.asarray(linear <= most)
@@ -109,7 +109,7 @@ def balance_of(
     *,
     before: Motion | None = None,
 ) -> Balance:
-    """Return the balance of every step.
+    """Return the balance of every step: what contacts added to the free-flight motion.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def balance_of(
 
 
 def _impulses(touches: Touches, before: Motion, step_s: float) -> tuple[Float64, Float64, Float64]:
-    """Return the contact impulse of each step, its moment, and the sum of magnitudes.
+    """Return contact impulse, its moment about the centre, and the sum of magnitudes, per step.
 
     The first two have the shape (samples, 3); the last has the sums of the magnitudes of the
     summands of both, shape (samples, 2).
@@ -176,7 +176,7 @@ def _impulses(touches: Touches, before: Motion, step_s: float) -> tuple[Float64,
 
 
 def _spun(law: Law, before: Motion, turned_n_m_s: Float64) -> Float64:
-    """Return the change of spin due to angular impulses [rad/s], world axes, (samples, 3)."""
+    """Return the spin change that angular impulses cause [rad/s], world axes, (samples, 3)."""
     own = law.turned_by(rotate_inverse(before.orientation, turned_n_m_s), before)
     return rotate(before.orientation, own)
 
@@ -184,7 +184,7 @@ def _spun(law: Law, before: Motion, turned_n_m_s: Float64) -> Float64:
 def _tried(
     law: Law, before: Motion, motion: Motion, touches: Touches
 ) -> tuple[Flags, Float64, Float64]:
-    """Flag samples with contact points; bound the changes that the solver may have tried, (n,).
+    """Flag samples with contact points, and bound the rounding that the solver may have left, (n,).
 
     The solver adds impulses and takes them back. Their rounding stays, even in a velocity that ends
     at 0. An impulse changes the velocity of its point by v at most: enough to stop it, and to move

@@ -1,4 +1,4 @@
-"""Each body as a tree of links over the steps, with the settings that calls change."""
+"""Collects what is known of each body: its tree of links, and settings that calls change."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class BodyConfig:
 
 @dataclass(eq=False)
 class Record:
-    """The events of one body, in chronological order."""
+    """Everything recorded about one body except samples, in chronological order."""
 
     body: Body
     came: list[Appearance] = field(default_factory=list)
@@ -75,7 +75,7 @@ class Record:
     """The step of each of these calls."""
 
     def give(self, given: Given) -> None:
-        """Add a call that set properties, if any of them matters."""
+        """Add a call that set properties of the body, if they matter for its motion."""
         if KEPT & given.values.keys():
             self.given.append(given)
             self.given_steps.append(given.at.step)
@@ -99,7 +99,7 @@ class Record:
         return np.array([self.puts[one].base for one in used.tolist()]).reshape(-1, 13)[rows]
 
     def coefficients(self, name: str) -> tuple[Int64, Float64]:
-        """Return the steps of the m reports of a coefficient, and its values, shape (m, links + 1).
+        """Return the m reports of a coefficient, such as friction: steps, values (m, links + 1).
 
         Values are nan if the engine reports none.
         """
@@ -116,7 +116,7 @@ class Record:
         return self.puts[at[0] : at[1]]
 
     def lives(self, steps: Int64) -> Int64:
-        """Return the index of the body's life at each sample, from 0, since ids are reused.
+        """Return how often the id was reused before each sample: 0 for the first body.
 
         A sample at the step at which a body appeared is its own, unless the sample was taken
         before.
@@ -128,14 +128,14 @@ class Record:
 
 
 class Records(dict[int, Record]):
-    """The events of each rigid body, by body id."""
+    """What is recorded about each rigid body, by body id."""
 
     def __init__(self, records: Mapping[int, Record] | None = None) -> None:
         super().__init__(records or {})
         self._tables: dict[str, tuple[Float64, dict[int, tuple[Int64, Float64]]]] = {}
 
     def coefficients(self, name: str, steps: Int64, bodies: Int64, links: Int64) -> Float64:
-        """Return a coefficient of links at the start of the steps to samples, shape (n,).
+        """Return a coefficient, such as friction, of links at the start of steps, shape (n,).
 
         It is nan where the engine reports none, and for bodies without a record.
         """
@@ -149,13 +149,13 @@ class Records(dict[int, Record]):
         return found
 
     def any(self, name: str) -> bool:
-        """Return whether any link was ever reported with a nonzero coefficient."""
+        """Return whether any link ever had a nonzero value of a coefficient."""
         latest, changing = self._table(name)
         tables = latest, *(numbers for _, numbers in changing.values())
         return any(np.nan_to_num(table).any() for table in tables)
 
     def _table(self, name: str) -> tuple[Float64, dict[int, tuple[Int64, Float64]]]:
-        """Return the last reports by body and link, and all reports for bodies that changed.
+        """Return each link's last reported coefficient, and all reports of bodies with changes.
 
         The last row of the former stands for bodies without a record.
         """
@@ -180,7 +180,7 @@ def _step_of(put: Put) -> int:
 
 
 def records_of(seen: Seen) -> Records:
-    """Return the events of each rigid body."""
+    """Collect what is recorded about each rigid body."""
     records = Records(
         {number: Record(body) for number, body in sorted(seen.bodies.items()) if not body.soft}
     )
@@ -197,7 +197,7 @@ def records_of(seen: Seen) -> Records:
 
 
 class BodyConfigs:
-    """The configurations of one body, each for a range of steps.
+    """The configurations of one body, each valid for a range of steps.
 
     `laws` holds the trees of all bodies by their content: equal bodies share one, so that their
     steps can be one batch.
@@ -222,7 +222,7 @@ class BodyConfigs:
         self._made: tuple[tuple[int, ...], BodyConfig] | None = None
 
     def of(self, began: Int64) -> Iterator[tuple[slice, BodyConfig]]:
-        """Yield ranges of steps with the same configuration, in order.
+        """Yield ranges of steps that have the same configuration, in order.
 
         `began` has, for each step, the number of steps before it, shape (n,). A step has the
         properties that were set before it began. Equal successive configurations are one object.
@@ -242,7 +242,7 @@ class BodyConfigs:
             yield slice(rows[k], end), self._config(keys[k])
 
     def _at(self, began: int) -> tuple[int, ...]:
-        """Return the indices of settings, dynamics, calls and life that apply to a step."""
+        """Return the indices of the settings, dynamics, calls and lifetime valid for a step."""
         settings, dynamics, given, life = (
             bisect_right(changed, began)
             for changed in (self._settings, self._dynamics, self._record.given_steps, self._came)
@@ -306,7 +306,7 @@ def _damping(calls: Sequence[Given]) -> tuple[float | None, float | None]:
 
 
 def _kind(engine: Mapping[str, float | Sequence[float]]) -> tuple[int, bool]:
-    """Return the settings that decide whether the sum applies: substeps and cone friction."""
+    """Return the engine settings that decide whether impulses can be summed up."""
     cone = _number(engine.get("set_enableConeFriction", 1.0)) != 0
     return substeps_of(engine), cone
 
@@ -322,7 +322,7 @@ def law_of(
     calls: Sequence[Given],
     step_law: StepLaw | None,
 ) -> DampedTree:
-    """Return a body's tree of links, with the properties that calls have set.
+    """Return a body as a tree of links, with the properties that calls have set.
 
     PyBullet ignores a negative damping or velocity limit, and a lower limit above the upper one
     (`pybullet_changeDynamicsInfo`). Joint damping and limits apply to the link that a call reached,
@@ -367,7 +367,7 @@ def law_of(
 
 
 def _armature(reported: Mapping[str, Float64]) -> Float64 | None:
-    """Return the reported armature of the joints; None if there is none, or it is 0 for all."""
+    """Return the joints' armature as reported; None if it is 0 for all."""
     found = reported.get("armature")
     return None if found is None or not found.any() else found
 
@@ -396,7 +396,7 @@ def configs_of(
     other: Law | None,
     step_law: StepLaw | None,
 ) -> dict[int, BodyConfigs]:
-    """Return the configurations of each body, by body id; equal bodies share their law."""
+    """Return the configurations of each body, by body id; equal bodies share one tree."""
     laws: dict[Hashable, DampedTree] = {}
     return {
         number: BodyConfigs(record, settings[record.body.client], other, step_law, laws)

@@ -1,4 +1,4 @@
-"""The states of one body in a chunk: samples, and states that calls set between two samples."""
+"""Lists the states of one body in a chunk: samples, and states that calls set in between."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class BodyHistory(Rowed):
 
     @staticmethod
     def of_base(base: Float64, steps: Int64) -> BodyHistory:
-        """Return samples of a base without joints, shape (n, 13)."""
+        """Convert samples of a base to a history of a body without joints, shape (n, 13)."""
         n, nothing = len(steps), np.empty((len(steps), 0))
         return BodyHistory(
             base,
@@ -66,7 +66,7 @@ class BodyHistory(Rowed):
 def history_of(
     record: Record, bases: Rows | None, joints: Joints | None, last: BodyHistory | None
 ) -> BodyHistory | None:
-    """Return the states of a body in a chunk; None if it has no sample in it.
+    """Return the states of a body in a chunk; None if the chunk has no sample of the body.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def _samples(record: Record, bases: Rows | None, joints: Joints | None) -> BodyH
 
 
 def put_states(puts: Sequence[Put], like: BodyHistory) -> BodyHistory:
-    """Return the states that calls set; `like` provides the number of joint efforts."""
+    """Return the states that calls set; `like` tells how many joint efforts a state has."""
     n = len(puts)
     return BodyHistory(
         base=np.array([put.base for put in puts]),

@@ -1,4 +1,4 @@
-"""The display names of causes."""
+"""Names causes for readers: `gravity`, `joint friction` …, in the reader's language."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ NAMED_CAUSES = {
 
 
 def cause_in_words(cause: str) -> Message:
-    """Return the display name of a cause."""
+    """Return the name of a cause as a reader sees it."""
     kind, _, name = cause.partition(" ")
     if cause in CAUSES:
         return CAUSES[cause]

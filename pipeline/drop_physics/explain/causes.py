@@ -1,4 +1,4 @@
-"""Totals of one body over a recording: samples explained, energy and momentum by cause."""
+"""Sums up one body over a recording: explained samples, energy and momentum by cause."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ TENDON_LIMIT = "tendon limit "
 
 
 def family(cause: str) -> str:
-    """Return the group of a cause: `motors` for an actuator, `tendon` for a tendon, else itself."""
+    """Return the group that a cause is summed up in: `motors`, `tendon`, else the cause itself."""
     kind, _, name = cause.partition(" ")
     return {"actuator": "motors", "tendon": "tendon"}.get(kind, cause) if name else cause
 
 
 @dataclass
 class UnexplainedSamples:
-    """The samples that are unexplained for a given reason."""
+    """Number and times of the samples that are unexplained for one reason."""
 
     samples: int = 0
     first_step: int = -1
@@ -60,7 +60,7 @@ def _no_momentum() -> dict[str, Float64]:
 
 @dataclass
 class Totals:
-    """Totals of one body over a whole recording; grows chunk by chunk."""
+    """Energy and momentum of one body over a whole recording, by cause; filled chunk by chunk."""
 
     body: Body
     samples: int = 0
@@ -99,7 +99,7 @@ class Totals:
         return self.samples - int(self.segments[UNEXPLAINED])
 
     def add(self, judged: SampleStatus) -> None:
-        """Add a chunk."""
+        """Add a chunk of explained steps."""
         self.samples += len(judged.steps)
         self.segments += np.bincount(judged.segment, minlength=len(SEGMENTS))
         kept = judged.unexplained[judged.explained]
@@ -117,7 +117,7 @@ class Totals:
             self._add(steps)
 
     def _jump_to(self, steps: BodySteps) -> None:
-        """Add the change between two intervals, due to calls, or to a new body with that id."""
+        """Add the change between two chunks that calls made, or a new body under the same id."""
         begin, last = _End.first(steps), self._last
         if last is not None and last.same(begin):
             return
@@ -150,7 +150,7 @@ class Totals:
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """The start or the end of an interval."""
+    """State, energy and momentum at the start or the end of a chunk's steps."""
 
     law: DampedTree
     state: States

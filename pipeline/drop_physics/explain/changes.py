@@ -1,4 +1,4 @@
-"""Changes of a body's energy and momentum: by cause within steps, and by calls between steps."""
+"""Computes a body's changes of energy and momentum: by cause in steps, and by calls in between."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from drop_physics.physics.tree import BASE, States
 
 @dataclass(frozen=True, eq=False)
 class Transitions:
-    """Transitions between m + 1 successive states: n are steps, in the others calls set a state."""
+    """The m transitions between m + 1 states: n are steps, the others are changes by calls."""
 
     real: Flags
     """Whether a transition is a step, shape (m,)."""
@@ -31,11 +31,11 @@ class Transitions:
 
     @property
     def gravity_then(self) -> Float64:
-        """Gravity in each transition, shape (m, 3); between steps it is the previous step's."""
+        """Gravity in each transition, shape (m, 3); for a call that of the step before."""
         return np.asarray(self.gravity_m_s2[np.maximum(np.cumsum(self.real) - 1, 0)])
 
     def spread(self, values: Float64) -> Float64:
-        """Scatter values of steps, shape (n, …), to all transitions, with 0 in the others."""
+        """Copy values of steps, shape (n, …), into an array of all transitions; 0 for calls."""
         out = np.zeros((len(self.real), *values.shape[1:]))
         out[self.real] = values
         return out
@@ -43,7 +43,7 @@ class Transitions:
 
 @dataclass(frozen=True, eq=False)
 class Changes:
-    """Changes of energy and momentum in n steps and between them."""
+    """Changes of energy and momentum in n steps, and by calls before each of them."""
 
     energy_j: Mapping[str, Float64]
     """Changes of kinetic and potential energy by cause, shape (n,) each."""
@@ -73,7 +73,7 @@ def changes_of(
     added: Summed | None,
     parts: Sequence[tuple[slice, slice]],
 ) -> list[Changes]:
-    """Return the changes of energy and momentum in each part of the transitions.
+    """Return the changes of energy and momentum in each step, by cause, and by calls.
 
     Without a sum, all changes are the remainder's. `parts` has the transitions and the steps of
     each part; the transition from one part to the next is left out.
@@ -150,7 +150,7 @@ def _potential(kin: Kinematics, gravity_m_s2: Float64) -> Float64:
 
 
 def _weighed(law: DampedTree, states: States, steps: Transitions, starts: Int64) -> Float64:
-    """Return the change of potential energy when gravity is set before each step [J], shape (n,).
+    """Return the change of potential energy when gravity is changed before a step [J], (n,).
 
     `starts`: the first step of each part, before which gravity is not known.
     """

@@ -1,4 +1,4 @@
-"""The joint commands in effect: motors, which persist; torques, for one step; and PD_CONTROL.
+"""Works out which joint commands are in effect in each step: motors, torques, PD control.
 
 PyBullet stores a motor's limit as an impulse, force × the timestep at the call, whatever the
 timestep is later. Each revolute and prismatic joint begins with a velocity motor that may exert
@@ -39,7 +39,7 @@ TIMESTEP_S = 1 / 240
 
 @dataclass(frozen=True, eq=False)
 class Commanded(Rowed):
-    """The commands in effect for the joints over n steps; shape (n, joint_rates) each."""
+    """The joint commands in effect in n steps; shape (n, joint_rates) each."""
 
     mode: Float64
     """Mode of the motor: DEFAULT, VELOCITY, POSITION."""
@@ -72,7 +72,7 @@ class Commanded(Rowed):
     pd_force: Float64
 
     def motors(self, tree: Tree, reported: Float64) -> Float64:
-        """Return the reported efforts of the motors; 0 for motors that are off, (n, joint_rates).
+        """Return the efforts that motors exerted, shape (n, joint_rates); 0 if switched off.
 
         PyBullet keeps reporting the last effort of a motor that was switched off.
         """
@@ -82,7 +82,7 @@ class Commanded(Rowed):
         return np.where((self.force == 0) & (np.repeat(counts, counts) == 1), 0.0, reported)
 
     def servos(self, law: DampedTree, before: States) -> Float64:
-        """Return the efforts of PD_CONTROL, shape (n, joint_rates)."""
+        """Return the efforts of PyBullet's PD_CONTROL, shape (n, joint_rates)."""
         tree = law.tree
         efforts = np.zeros((len(before), tree.joint_rates))
         for rates, place in zip(tree.rates, tree.coordinates, strict=True):
@@ -107,7 +107,7 @@ BEGAN_AT, TORQUE_AT, PD_AT = map(NAMES.index, ("began", "torque_since", "pd"))
 
 @dataclass(eq=False)
 class _JointCommands:
-    """The commands of one joint of a body; for PD_CONTROL, of one joint of an engine's body id."""
+    """The commands to one joint, in order."""
 
     now: Float64
     """The commands at the end of the chunk, shape (NAMES, width of the joint)."""
@@ -122,12 +122,12 @@ class _JointCommands:
     """Calls of TORQUE_CONTROL: their indices and steps, shape (m,), and efforts, (m, width)."""
 
     def begin(self, first: int) -> None:
-        """Drop the torques that no step to sample `first` or later needs."""
+        """Forget the torques of steps before sample `first`."""
         self.steps = None
         self.torques = [torque for torque in self.torques if torque[1][-1] + 1 >= first]
 
     def take(self) -> None:
-        """Sort the calls of a chunk, and fill in the columns that each call left unchanged."""
+        """Sort a chunk's calls, and complete each by what earlier calls had set."""
         if not self.calls:
             return
         moments, columns = (
@@ -142,7 +142,7 @@ class _JointCommands:
         self.now = self.columns[-1].copy()
 
     def at(self, ends: Int64, which: slice) -> Float64:
-        """Return the given columns for the steps to samples, shape (columns, n or 1, width)."""
+        """Return settings in effect in the given steps, shape (columns, n or 1, width)."""
         if self.steps is None:
             return self.now[which, None]
         rows = np.searchsorted(self.steps, ends - 1, side="right") - 1
@@ -150,7 +150,7 @@ class _JointCommands:
 
 
 def _fill(steps: Int64, modes: Float64, columns: Float64) -> None:
-    """Fill in the columns that each call left unchanged; the first row precedes all calls."""
+    """Complete each call by what earlier calls had set; row 0 is the state before all calls."""
     number = np.arange(len(modes))
     sets = np.isin(modes, (BEFORE, LOADED, VELOCITY, POSITION))
     at = np.flatnonzero(sets)
@@ -175,7 +175,7 @@ def _fill(steps: Int64, modes: Float64, columns: Float64) -> None:
 
 
 class MotorCommands:
-    """The commands of the joints of all bodies; calls are added chunk by chunk."""
+    """The commands to all joints of all bodies, filled chunk by chunk."""
 
     def __init__(self, seen: Seen) -> None:
         self._came = [appearance for appearance in seen.appearances if appearance.came]
@@ -190,7 +190,7 @@ class MotorCommands:
         """Commands of PD_CONTROL, by client, the engine's id and link."""
 
     def take(self, piece: Piece) -> None:
-        """Add the calls of a chunk."""
+        """Add the calls in a chunk."""
         joints = [*self._joints.values(), *self._servos.values()]
         for joint in joints:
             joint.begin(piece.first)
@@ -216,7 +216,7 @@ class MotorCommands:
             joint.take()
 
     def asked(self, body: Body, ends: Int64) -> Commanded:
-        """Return the commands in effect in the steps to samples of the chunk, shape (n,)."""
+        """Return the commands in effect in the chunk's steps that lead to samples, shape (n,)."""
         fresh, key = _fresh(_widths(body)), (body.client, body.engine_id)
         found = np.empty((len(NAMES), len(ends), fresh.shape[1]))
         found[:] = fresh[:, None]
@@ -230,7 +230,7 @@ class MotorCommands:
         return Commanded(*found)
 
     def torques(self, body: Body, tree: Tree, ends: Int64) -> Float64:
-        """Return the sum of TORQUE_CONTROL's efforts in the steps to samples, (n, joint_rates)."""
+        """Return the torques commanded for joints in the given steps, shape (n, joint_rates)."""
         efforts = np.zeros((len(ends), tree.joint_rates))
         for link, rates in enumerate(tree.rates):
             joint = self._joints.get((body.number, link))
@@ -274,7 +274,7 @@ class MotorCommands:
             joint.calls.append((moments[:, servo], columns[servo]))
 
     def _timesteps_at(self, piece: Piece) -> dict[int, tuple[Int64, Float64]]:
-        """Return the calls that changed the timestep, and the timesteps around them [s], by client.
+        """Return the timesteps in effect before and after each call that sets it [s], by client.
 
         A call sets the timestep, and so does a new simulation under the client number of an earlier
         one, which the engine's report shows.
@@ -316,7 +316,7 @@ def _timestep_s(report: Settings) -> float:
 
 
 def _columns(command: Command, steps: Int64, width: int, timestep_s: Float64) -> Float64:
-    """Return the columns that calls set for a joint, shape (n, NAMES, width); the rest is nan."""
+    """Return what calls set for a joint, shape (n, NAMES, width); nan for what they leave."""
     mode, single = command.values["controlMode"], width == 1
     position, torque = mode == POSITION, mode == TORQUE
     force, target, rate = (
@@ -358,7 +358,7 @@ def _columns(command: Command, steps: Int64, width: int, timestep_s: Float64) ->
 
 @cache
 def _fresh(widths: tuple[int, ...]) -> Float64:
-    """Return the commands of a newly loaded body, shape (NAMES, rates)."""
+    """Return the commands to a newly loaded body: its default motors, shape (NAMES, rates)."""
     motor = (DEFAULT, np.nan, 0.0, 0.0, 1.0, np.nan, np.nan, np.nan, np.nan, 0.0, 0.0)
     fresh = np.full((len(NAMES), sum(widths)), np.nan)
     fresh[: len(motor)] = np.array(motor)[:, None]

@@ -1,4 +1,4 @@
-"""The contact points of a chunk with both of their sides, and sums over each pair of bodies."""
+"""Contact points of a chunk, seen from both bodies, and sums over each pair of bodies."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class Points:
 
     @cached_property
     def parting_m_s(self) -> Float64:
-        """Speed of separation along the normal at the end of the step, shape (k,)."""
+        """Separation speed along the normal at the end of the step, shape (k,)."""
         return _along(self.ended_m_s[:, 0] - self.ended_m_s[:, 1], self.normal)
 
     @cached_property
@@ -106,7 +106,7 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class PairGroups:
-    """Rows grouped by a key: g groups, sorted by key, with the rows in their original order."""
+    """Array rows grouped by a key, such as a pair of bodies; g groups, sorted by key."""
 
     order: Int64
     """The row indices, one group after the other."""
@@ -142,11 +142,11 @@ class PairGroups:
         return np.asarray(np.maximum.reduceat(values[self.order], self.starts))
 
     def first_of_most(self, values: Float64) -> Int64:
-        """Return the first row in each group that has its maximum value, shape (g,)."""
+        """Return the first row of each group at which its maximum occurs, shape (g,)."""
         return self._of_most(values, np.minimum, len(self.order))
 
     def last_of_most(self, values: Float64) -> Int64:
-        """Return the last row in each group that has its maximum value, shape (g,)."""
+        """Return the last row of each group at which its maximum occurs, shape (g,)."""
         return self._of_most(values, np.maximum, -1)
 
     def _of_most(self, values: Float64, which: np.ufunc, never: int) -> Int64:
@@ -157,7 +157,7 @@ class PairGroups:
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """The contact points of body pairs, summed per step; m rows, ordered by step and pair."""
+    """The contacts of body pairs, summed over contact points; m rows, one per step and pair."""
 
     points: Points
     starts: Int64
@@ -165,7 +165,7 @@ class Pairs:
 
     @cached_property
     def step(self) -> Int64:
-        """The sample after each row's step, shape (m,)."""
+        """The sample that each row's step leads to, shape (m,)."""
         return self.points.step[self.starts]
 
     @cached_property
@@ -201,12 +201,12 @@ class Pairs:
 
     @cached_property
     def rubbed_n(self) -> Float64:
-        """Sum of the sizes of the points' friction forces, shape (m,)."""
+        """Sum of the magnitudes of the points' friction forces, shape (m,)."""
         return self.summed(lengths(self.points.tangential_n))
 
     @cached_property
     def acts(self) -> Flags:
-        """Flag the rows in which a force acts, shape (m,)."""
+        """Flag the rows in which a contact force acts, shape (m,)."""
         return self.normal_n > PRESSED
 
     @cached_property
@@ -216,7 +216,7 @@ class Pairs:
 
     @cached_property
     def pressed_n(self) -> Float64:
-        """Vector sum of the normal forces, shape (m, 3); 0 in a grip from two sides."""
+        """Vector sum of the normal forces, shape (m, 3); 0 if they cancel, as in a grip."""
         return self.summed(self.points.normal * self.points.normal_n[:, None])
 
     @cached_property
@@ -231,7 +231,7 @@ class Pairs:
 
     @cached_property
     def line(self) -> Float64:
-        """The normal at the point with the largest normal force, shape (m, 3)."""
+        """The normal of the point with the largest normal force, shape (m, 3)."""
         if not len(self.starts):
             return np.zeros((0, 3))
         greatest = self.most(self.points.normal_n)[self.row]
@@ -241,7 +241,7 @@ class Pairs:
 
     @cached_property
     def one_line(self) -> Flags:
-        """Flag the rows in which the normals of all loaded points are parallel, shape (m,)."""
+        """Flag the rows in which all loaded points have parallel normals, shape (m,)."""
         cosine = np.abs(_along(self.points.normal, self.line[self.row]))
         alike = np.where(self.points.normal_n > 0, cosine, 1.0) >= COMMON
         return np.asarray(-self.most(-alike.astype(float)) > 0)
@@ -253,22 +253,22 @@ class Pairs:
 
     @cached_property
     def began_slip_m_s(self) -> Float64:
-        """Slip speed at the start of the step, weighted by normal force."""
+        """Slip speed at the start of the step, averaged by normal force, shape (m,)."""
         return self._weighted(lengths(self.points.slipped_m_s))
 
     @cached_property
     def approach_m_s(self) -> Float64:
-        """Speed of approach along the normals at the start of the step, weighted by force."""
+        """Approach speed at the start of the step, averaged by normal force, shape (m,)."""
         return self._weighted(self.points.approach_m_s)
 
     @cached_property
     def parting_m_s(self) -> Float64:
-        """Speed of separation along the normals at the end of the step, weighted by force."""
+        """Separation speed at the end of the step, averaged by normal force, shape (m,)."""
         return self._weighted(self.points.parting_m_s)
 
     @cached_property
     def gap_m(self) -> Float64:
-        """Gap between the sides at the start of the step, weighted by normal force."""
+        """Gap between the bodies at the start of the step, averaged by normal force, shape (m,)."""
         return self._weighted(np.maximum(self.points.distance_m, 0.0))
 
     @cached_property
@@ -288,12 +288,12 @@ class Pairs:
 
     @cached_property
     def carried_m_s(self) -> Float64:
-        """The mean of `Points.carried_m_s`, weighted by normal force."""
+        """Mean of `Points.carried_m_s`, weighted by normal force."""
         return self._weighted(self.points.carried_m_s)
 
     @cached_property
     def held_n_m(self) -> Float64:
-        """Maximum moment of friction about the centre of contact, per side, shape (m, 2)."""
+        """Largest moment that friction can exert about the contact's centre, shape (m, 2)."""
         points = self.points
         arms_m = np.cross(points.at_m - self.centre_m[self.row], points.normal[:, None])
         return self.summed(
@@ -357,7 +357,7 @@ class Pairs:
 
 
 class LinkPairs(Pairs):
-    """The contact points of link pairs, summed per step; m rows, ordered by step and pair."""
+    """The contacts of link pairs, summed over contact points; m rows, one per step and pair."""
 
     @cached_property
     def link(self) -> Int64:
@@ -378,7 +378,7 @@ def pairs_of(explained: ExplainedPiece) -> Pairs:
 
 
 def _firsts(keys: Int64) -> Int64:
-    """Return the rows that differ from those before them; `keys` has the shape (n, k)."""
+    """Return the index of the first row of each run of equal rows; `keys` has the shape (n, k)."""
     new = np.ones(len(keys), np.bool_)
     new[1:] = (keys[1:] != keys[:-1]).any(axis=1)
     return np.flatnonzero(new)
@@ -439,14 +439,14 @@ def _points(explained: ExplainedPiece) -> Points:
 
 
 def _by_side(table: Rows, what: str, unit: str, swapped: Flags) -> NDArray[Any]:
-    """Return a column for both sides of each point, with the body of the lower id first."""
+    """Return a column for both sides of each point; side 0 is the body with the lower id."""
     both = np.stack([table[f"{what}_{side}{unit}"] for side in "ab"], axis=1)
     both[swapped] = both[swapped, ::-1]
     return both
 
 
 class _Sides:
-    """Velocities of both sides of k contact points; arrays have the shapes (k, 2, …)."""
+    """Velocities at k contact points, for the material of either body; shapes (k, 2, …)."""
 
     def __init__(self, ends: Int64, bodies: Int64, at_m: Float64) -> None:
         self._ends, self._bodies = ends, bodies
@@ -458,7 +458,7 @@ class _Sides:
         self.moves = np.zeros((count, 2), np.bool_)
 
     def move(self, explained: ExplainedPiece, places: Int64, swapped: Flags) -> None:
-        """Compute the velocities; `places` maps the engine's points to rows of this table."""
+        """Compute the velocities from explained steps; `places` gives the rows of engine points."""
         for batch, verdict in explained.batches:
             if len(batch.whole.sides.step) and batch.whole.law.tree.size:
                 self._take(batch.whole, verdict.why < 0, places, swapped)
@@ -516,7 +516,7 @@ class _Sides:
 
 
 def _base_at(explained: ExplainedPiece, number: int, ends: Int64) -> Float64:
-    """Return the state of a massless base at samples, shape (n, 13): a belt's is recorded."""
+    """Return the states of a massless base, shape (n, 13), as recorded, for conveyor belts."""
     base = explained.records[number].base_at(ends)
     history = explained.histories.get(number)
     if history is not None:

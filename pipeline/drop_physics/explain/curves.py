@@ -36,7 +36,7 @@ class Curves:
 
     @staticmethod
     def of(parts: Sequence[Curves], names: Iterable[str]) -> Curves:
-        """Concatenate consecutive parts; a column missing from a part is 0 there."""
+        """Concatenate consecutive curves; a name missing from one of them is 0 there."""
         columns = {
             name: np.concatenate(
                 [part.columns.get(name, np.zeros(len(part.steps))) for part in parts]
@@ -47,7 +47,7 @@ class Curves:
 
 
 class CurveTable:
-    """The curves of all bodies; grows chunk by chunk. Long ones are thinned to every k-th step."""
+    """The curves of all bodies, filled chunk by chunk; long curves keep every k-th step."""
 
     def __init__(self, seen: Seen, times: Mapping[int, StepTimes]) -> None:
         self._times = {

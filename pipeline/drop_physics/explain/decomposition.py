@@ -1,4 +1,4 @@
-"""Decompose the error of a flight through the air into its causes.
+"""Splits the position error of a body in flight into its causes.
 
     simulated - free fall = timestep + damping + interaction + rounding
 
@@ -65,7 +65,7 @@ def decompose(
     first: int = 0,
     path: Path | None = None,
 ) -> Decomposition:
-    """Decompose simulated minus free-fall position, sample by sample.
+    """Split simulated minus exact free-fall position into four terms, at each sample.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def decompose(
 def error_and_terms(
     start: Motion, position_m: Float64, law: Law, *, steps: int
 ) -> tuple[Vector, VectorTerms | None]:
-    """Return the error of a flight after given steps, and its terms [m].
+    """Return the position error of a flight after the given steps, and its four terms [m].
 
     Parameters
     ----------

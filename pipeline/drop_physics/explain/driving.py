@@ -1,4 +1,4 @@
-"""The controls of actuators, converted to commands for the joints that they drive."""
+"""Converts actuator controls to commands for the joints that the actuators drive."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ command."""
 
 
 def control_of(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float64:
-    """Return the control of an actuator in the steps to samples, shape (n,); nan if unknown."""
+    """Return an actuator's control in the given steps, shape (n,); nan if it is unknown."""
     steps, values = piece.controls.get(body.client, (np.empty(0, np.int64), np.empty((0, 0))))
     given = np.full(len(ends), np.nan)
     if actuator.number >= values.shape[1]:
@@ -27,7 +27,7 @@ def control_of(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Flo
 
 
 def control_changed_at(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float64:
-    """Return the step at which an actuator's control last changed, shape (n,); nan if unknown.
+    """Return the step in which an actuator's control last changed, shape (n,); nan if unknown.
 
     If that was before the chunk, it is the step at which any actuator's control last changed.
     """
@@ -48,7 +48,7 @@ def clamped(actuator: Actuator, given: Float64) -> Float64:
 
 
 def at_bound(actuator: Actuator, given: Float64) -> Flags:
-    """Flag the steps with a control at an end of its range, or outside it, shape (n,)."""
+    """Flag the steps with a control at or beyond an end of its range, shape (n,)."""
     low, high = actuator.ctrl_range or (-np.inf, np.inf)
     return np.asarray((given <= low) | (given >= high))
 

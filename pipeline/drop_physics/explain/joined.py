@@ -1,4 +1,4 @@
-"""Constraints between bodies, as set by calls, and the forces that they exert."""
+"""Constraints between bodies that calls have set, and the forces that they exert."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Poses = Callable[[int, Int64], tuple[Tree, States]]
 
 @dataclass(frozen=True)
 class ConstraintVersion:
-    """A constraint as defined by calls, from a given moment on."""
+    """A constraint as a call has set it, valid until the next call."""
 
     at: At
     kind: int
@@ -59,7 +59,7 @@ class ConstraintVersion:
 
 
 class Pull(NamedTuple):
-    """The name of what holds a body: an equality, or the other body."""
+    """The name of what a constraint connects a body to: another body, or an equality."""
 
     name: str
     other: int | None = None
@@ -68,7 +68,7 @@ class Pull(NamedTuple):
 
 
 class ConstraintEffect(NamedTuple):
-    """The effect of constraints on one body over n steps."""
+    """The forces of all constraints on one body over n steps."""
 
     forces: Forces
     geared: Float64 | None
@@ -80,7 +80,7 @@ class ConstraintEffect(NamedTuple):
 
 
 class Constraints:
-    """The constraints of a recording; calls are added chunk by chunk."""
+    """All constraints of a recording, filled chunk by chunk."""
 
     def __init__(self, law: StepLaw | None) -> None:
         self._law = law
@@ -91,7 +91,7 @@ class Constraints:
         """Current timestep of each client [s]."""
 
     def begin(self, forces: Mapping[tuple[int, int], tuple[Int64, Float64]]) -> None:
-        """Set the forces of a chunk, and drop versions that later steps do not need."""
+        """Start a chunk with its constraint forces; forget versions that no longer apply."""
         self._forces = forces
         self._versions = {key: versions[-1:] for key, versions in self._versions.items()}
 
@@ -142,7 +142,7 @@ class Constraints:
             versions.append(replace(held, at=call.at))
 
     def set_timestep(self, call: Call) -> None:
-        """Process a call that may set the timestep, which converts impulse limits to newtons."""
+        """Note a call that may set the timestep, which limits in newtons depend on."""
         if call.timestep_s is None:
             return
         self._timesteps_s[call.client] = call.timestep_s
@@ -155,7 +155,7 @@ class Constraints:
         return self._timesteps_s.get(client, TIMESTEP_S)
 
     def in_steps(self) -> Iterator[tuple[list[ConstraintVersion], Int64, Float64]]:
-        """Yield the versions of each constraint in the latest chunk, with its steps and forces."""
+        """Yield each version of a constraint in the latest chunk, with its steps and forces."""
         for key, (steps, forces) in self._forces.items():
             if key in self._versions and len(steps):
                 yield self._versions[key], steps, forces
@@ -170,7 +170,7 @@ class Constraints:
         return len([*islice(holds, 2)]) == 1
 
     def gears(self, body: int) -> bool:
-        """Return whether a gear acts on a body, or did so in the latest chunk."""
+        """Return whether a gear constraint acts on a body in the latest chunk, or acted before."""
         held = (version for versions in self._versions.values() for version in versions)
         return any(each.kind == GEAR and body in each.bodies for each in held)
 
@@ -186,7 +186,7 @@ class Constraints:
     def on(
         self, body: int, tree: Tree, ends: Int64, before: States, timestep_s: Float64, poses: Poses
     ) -> ConstraintEffect:
-        """Return the effect of constraints on a body in the steps to samples `ends`, shape (n,)."""
+        """Return the effect of all constraints on a body in the steps to samples `ends`, (n,)."""
         acting, geared, unknown = Forces(), None, np.zeros(len(ends), np.bool_)
         by_partner: dict[Pull, Forces] = {}
         if self._law is None:
@@ -240,7 +240,7 @@ class Constraints:
 
 
 def _is_geared(tree: Tree, link: int) -> bool:
-    """Return whether a link has a joint with one degree of freedom, on which a gear may act."""
+    """Return whether a link's joint has one degree of freedom, which a gear needs."""
     return 0 <= link < tree.links and RATES[tree.joints[link]] == 1
 
 

@@ -1,4 +1,4 @@
-"""The joints in the steps of a chunk: commands, positions, torques, and static torques of poses."""
+"""Joints over the steps of a chunk: commands, positions, torques, and torques that hold a pose."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class PoseEfforts:
 
 @dataclass(eq=False)
 class _Pace:
-    """The highest rates of a body so far, and how long it has been at rest; shape (size,) each."""
+    """The highest rates of a body so far, and how long each rate has been near 0; (size,) each."""
 
     greatest: Float64
     """The highest rate so far of each entry of u."""
@@ -89,7 +89,7 @@ class _Pace:
 
 
 class DrivenJoints:
-    """The joints of all bodies in the latest chunk."""
+    """The joints of all bodies, with their commands, in the latest chunk."""
 
     def __init__(self, seen: Seen) -> None:
         self._seen = seen
@@ -102,7 +102,7 @@ class DrivenJoints:
         """Efforts at the end of the last chunk that has the body, by body id."""
 
     def add(self, explained: ExplainedPiece) -> None:
-        """Add a chunk."""
+        """Add a chunk of explained steps."""
         self._sites = explained.piece.calls.sites
         self._explained, self.latest = explained, {}
         for number, judged in explained.bodies.items():
@@ -122,11 +122,11 @@ class DrivenJoints:
         self._explained, self.latest = None, {}
 
     def site(self, number: float) -> Site | None:
-        """Return the call site with this id, as used in `Commanded`."""
+        """Return the script line of a command, by the id that `Commanded` refers to."""
         return None if np.isnan(number) else self._sites.get(int(number))
 
     def holding(self, driven: JointTelemetry, row: int) -> PoseSupport:
-        """Return the forces that support a body's pose after a step of the latest chunk."""
+        """Return the forces that hold a body's pose after a step of the latest chunk."""
         assert self._explained is not None
         return holding(
             self._explained,
@@ -145,7 +145,7 @@ class DrivenJoints:
         return _driven(body, steps, pace)
 
     def _efforts(self, driven: JointTelemetry) -> PoseEfforts:
-        """Return the efforts at the end of the latest chunk."""
+        """Return the torques that would hold the pose at the end of the latest chunk."""
         row = len(driven.steps) - 1
         tree = driven.steps.law.tree
         held, target = self.holding(driven, row), target_of(driven)[row]
@@ -166,7 +166,7 @@ class DrivenJoints:
 
 
 def target_of(driven: JointTelemetry) -> Float64:
-    """Return the position targets, shape (n, joint_rates); nan where there is none."""
+    """Return the joints' position targets, shape (n, joint_rates); nan for joints without one."""
     asked = driven.asked
     motor = np.where((asked.mode == POSITION) & (asked.impulse > 0), asked.target, np.nan)
     return np.where(asked.pd == 1, asked.pd_target, motor)
@@ -211,7 +211,7 @@ def _driven(body: Body, steps: BodySteps, pace: _Pace) -> JointTelemetry:
 
 
 def _coordinates(tree: Tree) -> list[int | None]:
-    """Return the position coordinate of each joint rate; None if it has none."""
+    """Return the index of each joint rate's position; None for rates of spherical joints."""
     found: list[int | None] = []
     for rates, at in zip(tree.rates, tree.coordinates, strict=True):
         width = rates.stop - rates.start
@@ -220,7 +220,7 @@ def _coordinates(tree: Tree) -> list[int | None]:
 
 
 def _resting(rates: Float64, pace: _Pace) -> Flags:
-    """Flag the entries of u that are at rest after each step, shape (n, size)."""
+    """Flag the velocities that have been near 0 for a while after each step, shape (n, size)."""
     greatest = np.maximum(np.maximum.accumulate(rates, axis=0), pace.greatest)
     slow = rates < np.clip(REST_SHARE * greatest, NEVER_MOVED, REST)
     number = np.arange(1, len(rates) + 1)[:, None]

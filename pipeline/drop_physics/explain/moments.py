@@ -1,4 +1,4 @@
-"""Choose the windows of a long run to explain first, from the states of all its steps."""
+"""Chooses which parts of a long run to explain first, from a quick look at all states."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def end_of(episode: Episode, times: StepTimes) -> Window:
 
 
 def moments_of(seen: Seen, steps: Mapping[int, int]) -> list[Window]:
-    """Return the windows of each simulation: its start and end, and the steps of its extremes.
+    """Return the step ranges to explain first: start, end, and the most violent steps.
 
     These are the largest velocity, the largest change of one in a step, and the first state that a
     call sets on the way; `steps` has the number of steps of each simulation.
@@ -57,7 +57,7 @@ def moments_of(seen: Seen, steps: Mapping[int, int]) -> list[Window]:
 
 
 class _Extremes:
-    """The largest velocity of a simulation, and the largest change of a velocity."""
+    """Where a simulation's largest velocity and largest velocity change occurred."""
 
     def __init__(self) -> None:
         self._fastest = self._hardest = -1.0

@@ -1,4 +1,4 @@
-"""Static motor torques that hold a body in its pose.
+"""Computes the motor torques that would hold a body in its present pose.
 
 It balances gravity, forces that calls apply, and what the body carries by constraints or contacts.
 What the pose does not need is left out: a table or a stop that the body leans on. If a load has
@@ -38,7 +38,7 @@ ACTS = 1e-9
 
 @dataclass(eq=False)
 class Load:
-    """Connected movable bodies that are carried by another body."""
+    """A group of connected movable bodies that a robot or other body carries."""
 
     bodies: set[int]
     anchored: bool = False
@@ -52,7 +52,7 @@ class Load:
 
 @dataclass(frozen=True, eq=False)
 class PoseSupport:
-    """The forces that hold a body in its pose after a step; shape (joint_rates,) unless noted."""
+    """The static torques that hold a pose, by cause; shape (joint_rates,) unless noted."""
 
     needs: Float64
     """Static torques [N] or [N m]; nan where undetermined."""
@@ -69,14 +69,14 @@ class PoseSupport:
     """Total mass and centre of mass of each load, by index in `_loads`."""
 
     def from_one_side(self, body: int, joint_rate: int) -> Load | None:
-        """Return a body's load if only links moved by the joint, and fixed bodies, support it."""
+        """Return the load that contains a body, if only links beyond this joint carry it."""
         tree = self._steps.law.tree
         moved = _beyond(tree, tree.first_rate + joint_rate)
         its = (load for load in self._loads if body in load.bodies and load.links <= moved)
         return next(its, None)
 
     def weighs(self, joint_rate: int) -> float:
-        """Return the torque that carries the weight on a joint in this pose.
+        """Return the torque that a joint needs to carry the weight beyond it, in this pose.
 
         It includes the weight of what touches the links that the joint moves; nan if something else
         bears a part of that weight, whether it is at rest or trembles.
@@ -96,11 +96,11 @@ class PoseSupport:
         return -float(acting[tree.first_rate + joint_rate])
 
     def at(self, positions: Float64) -> Float64:
-        """Return the static torques at other joint positions, shape (joint_coordinates,)."""
+        """Return the holding torques at other joint positions, shape (joint_coordinates,)."""
         return np.asarray(self.along(positions[None])[0])
 
     def along(self, positions: Float64) -> Float64:
-        """Return the static torques in several poses, with joined loads, and an unmoved base.
+        """Return the holding torques in several poses, with the loads attached.
 
         `positions` have the shape (n, joint_coordinates), the torques (n, joint_rates).
         """
@@ -136,7 +136,7 @@ def holding(
     number: int,
     resting: bool,
 ) -> PoseSupport:
-    """Return the forces that support a body's pose after a step.
+    """Return the torques that hold a body's pose after a step, by cause.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def holding(
 
 
 def _passive(steps: Steps, row: int) -> Float64:
-    """Return the impulses of causes that depend on the pose alone, such as springs."""
+    """Return the impulses of causes that depend on the pose only, such as springs."""
     found = [
         term[row]
         for name, term in steps.terms.items()
@@ -207,7 +207,7 @@ def _alone(
     *,
     resting: bool,
 ) -> Flags:
-    """Flag the rates that carry their loads without other support, shape (size,)."""
+    """Flag the rates that carry their loads without help from others, shape (size,)."""
     sizes = [np.abs(each).max(initial=0.0) for each in (constraints, *contacts.values())]
     least = ACTS * max(float(max(sizes)), 1e-300)
     alone, pulled = np.ones(tree.size, np.bool_), np.abs(constraints) > least
@@ -229,7 +229,7 @@ def _still(state: States) -> States:
 
 
 def _touching(steps: Steps, row: int) -> tuple[Float64, Int64]:
-    """Return the generalised force and the other body of each contact point of a step."""
+    """Return the generalised force of each contact point in a step, and the other body."""
     contacts, sides = steps.reported.contacts, steps.sides
     first, end = np.searchsorted(contacts.step, (row, row + 1))
     kin = kinematics(steps.law.tree, steps.before.at(np.array([row])))
@@ -240,7 +240,7 @@ def _touching(steps: Steps, row: int) -> tuple[Float64, Int64]:
 def _loads(
     explained: ExplainedPiece, bodies: Mapping[int, Body], number: int, sample: int
 ) -> tuple[list[Load], bool]:
-    """Return the loads of a body, and whether a fixed body touches it."""
+    """Return the loads that a body carries, and whether it touches a fixed body."""
     edges, fixed = _edges(explained, sample), False
     groups: dict[int, Load] = {}
     for (a, link_a), (b, link_b), kind in edges:
@@ -270,7 +270,7 @@ def _loads(
 
 
 def _edges(explained: ExplainedPiece, sample: int) -> Iterable[tuple[Place, Place, int | None]]:
-    """Return the pairs that touch or are joined in the step to a sample, and constraint kinds."""
+    """Return the pairs of links that touch or are joined by a constraint in a step."""
     here = between(explained.piece.contacts, sample, sample + 1)
     force = np.abs(here["normal_force_n"])
     names = ["body_a", "link_a", "body_b", "link_b"]
@@ -290,7 +290,7 @@ def _moves(bodies: Mapping[int, Body], number: int, link: int) -> bool:
 
 
 def _beyond(tree: Tree, rate: int) -> set[int]:
-    """Return the links that a rate moves, which are all links for a rate of the base."""
+    """Return the links that move with a rate; all links for a rate of the base."""
     if rate < tree.first_rate:
         return {BASE, *range(tree.links)}
     joint = next(one for one, at in enumerate(tree.rates) if at.start <= rate < at.stop)
@@ -298,7 +298,7 @@ def _beyond(tree: Tree, rate: int) -> set[int]:
 
 
 def _rows_moved(tree: Tree, links: Iterable[int]) -> Flags:
-    """Flag the rates that move any of the links, shape (size,)."""
+    """Flag the rates that move any of the given links, shape (size,)."""
     rows = np.zeros(tree.size, np.bool_)
     for link in links:
         rows[: tree.first_rate] = True
@@ -316,7 +316,7 @@ def _pulled(kin: Kinematics, link: int, force: Float64, point_m: Float64) -> Flo
 def _masses(
     explained: ExplainedPiece, loads: Iterable[Load], sample: int
 ) -> dict[int, tuple[float, Float64]]:
-    """Return the mass and centre of mass of each load for which they are known, by load index."""
+    """Return the mass and centre of mass of each load, where known, by load index."""
     found = {}
     for number, load in enumerate(loads):
         mass, moment = 0.0, np.zeros(3)

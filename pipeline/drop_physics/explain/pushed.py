@@ -1,4 +1,4 @@
-"""Forces and torques applied to a body by calls, each for one step."""
+"""Forces and torques that calls apply to a body, each acting for one step."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def pushed(
     *,
     refreshed: Int64,
 ) -> Forces:
-    """Return the forces applied to a body by calls in its steps.
+    """Return the forces that calls applied to a body in each step.
 
     PyBullet takes the pose of a link that it computed last (`PhysicsServerCommandProcessor.cpp`
     12609, `m_cachedWorldTransform`). It is the current one for the base; for a link that of one
@@ -86,7 +86,7 @@ def pushed(
 
 
 def _numbers(rows: Int64, link: Int64) -> Int64:
-    """Count the earlier pushes on links in the step of each push; `rows` ascend."""
+    """Count the pushes on links that precede each push in its step; `rows` ascend."""
     before = np.cumsum(link != BASE) - (link != BASE)
     return np.asarray(before - before[np.searchsorted(rows, rows)])
 
@@ -94,7 +94,7 @@ def _numbers(rows: Int64, link: Int64) -> Int64:
 def _poses(
     active: Sequence[Push], record: Record, history: BodyHistory, begins: Int64, late: Flags
 ) -> BodyHistory:
-    """Return the states at which the pushes act.
+    """Return the states of the body at which each push acts.
 
     This is the state of the body at the call, or the one before the step.
     """

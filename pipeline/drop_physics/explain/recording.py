@@ -1,4 +1,4 @@
-"""Explain every body of a recording, chunk by chunk."""
+"""Explains every body of a PyBullet recording, chunk by chunk."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ NOBODY = -1
 
 @dataclass(frozen=True, eq=False)
 class ExplainedPiece:
-    """A chunk of a recording with its explanation."""
+    """A chunk of a recording, with the explanation of its steps."""
 
     piece: Piece
     bodies: Mapping[int, SampleStatus]
@@ -72,7 +72,7 @@ class ExplainedPiece:
     def steps_at(
         self, bodies: Int64, steps: Int64
     ) -> Iterator[tuple[StepBatch, StepVerdicts, Rows, Rows]]:
-        """Find the steps that led to given samples of given bodies; both arguments have shape (n,).
+        """Find the steps that led to given samples of given bodies; both have shape (n,).
 
         Yields each batch that has any of them, its verdicts, the indices of these samples in the
         arguments, and the rows of their steps in the batch.
@@ -87,7 +87,7 @@ class ExplainedPiece:
     def placed(
         self, number: int, link: int, samples: Int64, *, after: bool = True
     ) -> tuple[Float64, Float64]:
-        """Return a link's position at samples [m], and its axes; shapes (n, 3) and (n, 3, 3).
+        """Return a link's position and axes at samples [m]; shapes (n, 3) and (n, 3, 3).
 
         Without `after`, at the start of the steps that lead to the samples. A body that no step
         moves is where calls put it; unknown values are nan.
@@ -106,12 +106,12 @@ class ExplainedPiece:
 
     @cached_property
     def _places(self) -> list[Int64]:
-        """Search keys of the rows of each batch, ascending: body and step in one number."""
+        """Sorted keys by which the row of a body and step is found in each batch."""
         return [batch.body * STEPS + batch.whole.steps for batch, _ in self.batches]
 
 
 class Explanation:
-    """Explains a recording; `totals` grow as `pieces` yields.
+    """Explains a recording from states and reported forces; `totals` grow chunk by chunk.
 
     A property that was set before the recording began and that the engine does not report is
     assumed to have its default; a step that this does not explain is marked accordingly. `other` is
@@ -135,7 +135,7 @@ class Explanation:
         """Energy, momentum and counts of each body so far, by body id."""
 
     def pieces(self, steps: int = 0) -> Iterator[ExplainedPiece]:
-        """Yield each chunk of the recording once; `steps` sets its length if nonzero."""
+        """Yield each chunk explained, once; `steps` sets the length of a chunk if nonzero."""
         substeps = max((substeps_of(each.values) for each in self.seen.settings), default=1)
         steps = steps or self.seen.piece_steps(MOST_STEPS, NUMBERS // substeps)
         # Unlike a loop variable, `map` does not keep a piece in memory while the next is read.
@@ -176,7 +176,7 @@ class Explanation:
         )
 
     def prepared(self, piece: Piece) -> Piece:
-        """Process the calls of a chunk; return it with contact forces corrected for substeps."""
+        """Take in the calls of a chunk; return it with contact forces corrected for substeps."""
         self._pushes = self._take_calls(piece)
         return replace(piece, contacts=self._in_substeps(piece.contacts))
 
@@ -187,7 +187,7 @@ class Explanation:
         touching: Touching,
         histories: Mapping[int, tuple[BodyHistory, int]],
     ) -> list[tuple[StepBatch, StepVerdicts]]:
-        """Return the steps of a chunk with their verdicts; equal bodies share a batch."""
+        """Explain the steps of a chunk; bodies of equal structure share a batch."""
         assert self._law is not None  # other engines are explained by `Replayed`
         around = PieceContext(
             law=self._law,
@@ -201,13 +201,13 @@ class Explanation:
         return [(batch, self._verdict(batch, self._law)) for batch in batches_of(intervals, around)]
 
     def _verdict(self, batch: StepBatch, law: StepLaw) -> StepVerdicts:
-        """Return the verdicts on the steps of a batch."""
+        """Return which steps of a batch are explained, and why the others are not."""
         body = batch.bodies[0].body
         soft = any(each.body.client in self._soft for each in batch.bodies)
         return StepVerdicts.of(batch.whole, law, before=body.before, soft_there=soft)
 
     def _in_substeps(self, contacts: StateRows) -> StateRows:
-        """Return contact points with the actual forces of the last substep of their step.
+        """Return contact points with the true forces of each step's last substep.
 
         PyBullet divides the impulses of the last of several substeps by the whole timestep.
         """
@@ -225,7 +225,7 @@ class Explanation:
         return contacts
 
     def _histories(self, piece: Piece) -> dict[int, tuple[BodyHistory, int]]:
-        """Return the states of each body, and how many of them are from the previous chunk."""
+        """Return each body's states, and how many of them belong to the previous chunk."""
         bases, found = by_body(piece.bases), {}
         for number, record in self.records.items():
             last = self._lasts.get(number)
@@ -237,7 +237,7 @@ class Explanation:
     def _poses(
         self, histories: Mapping[int, tuple[BodyHistory, int]], number: int, ends: Int64
     ) -> tuple[Tree, States]:
-        """Return a body as a tree, and its states at the start of the steps to `ends`."""
+        """Return a body as a tree of links, with its states before the steps to `ends`."""
         record = self.records[number]
         _, config = next(self._configs[number].of(ends[:1] - 1))
         tree = config.law.tree
@@ -253,7 +253,7 @@ class Explanation:
     # -- calls ------------------------------------------------------------------------------------
 
     def _take_calls(self, piece: Piece) -> dict[int, list[Push]]:
-        """Process the calls of a chunk; return the pushes that its steps need, by body."""
+        """Take in the calls of a chunk; return the forces that they apply, by body."""
         pushes = {
             number: [each for each in held if each.at.step + 1 >= piece.first]
             for number, held in self._pushes.items()
@@ -270,7 +270,7 @@ class Explanation:
         return pushes
 
     def _join(self, call: Call, calls: Log) -> None:
-        """Process a call that creates or changes a constraint, or sets the timestep."""
+        """Take in a call that creates or changes a constraint, or sets the timestep."""
         if call.act in SETS_TIMESTEP:
             self._constraints.set_timestep(call)
         elif call.act is Act.CHANGE_CONSTRAINT:

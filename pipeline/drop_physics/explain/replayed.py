@@ -1,4 +1,4 @@
-"""Explain a recording from recorded impulses, where the engine replayed each step.
+"""Explains MuJoCo recordings from recorded impulses, where the engine replayed each step.
 
 Each step is still judged: with the mass matrix from our own kinematics, the recorded impulses must
 add up to the change of momentum, and the velocities at the end of the step must lead to its pose.
@@ -69,12 +69,12 @@ SEGMENT_OF = (
 
 
 def cause_name(cause: ImpulseCause) -> str:
-    """Return the name of the term to which a cause belongs."""
+    """Return the name of the term that sums up a cause."""
     return f"{cause.kind} {cause.name}" if cause.kind in NAMED else cause.kind
 
 
 class Replayed(Explanation):
-    """Explains a recording from its recorded impulses."""
+    """Explains a recording from the impulses that it holds."""
 
     def __init__(self, seen: Seen) -> None:
         super().__init__(seen)
@@ -82,7 +82,7 @@ class Replayed(Explanation):
         self._absent = LATER if seen.can_replay else NEVER
 
     def prepared(self, piece: Piece) -> Piece:
-        """Return a chunk unchanged, because the impulses are recorded."""
+        """Return a chunk unchanged: its impulses need no correction."""
         return piece
 
     def batches(
@@ -92,7 +92,7 @@ class Replayed(Explanation):
         touching: Touching,
         histories: Mapping[int, tuple[BodyHistory, int]],  # noqa: ARG002 - some need it
     ) -> list[tuple[StepBatch, StepVerdicts]]:
-        """Return the steps of each interval of a chunk with their verdicts."""
+        """Explain the steps of a chunk, interval by interval."""
         acted = {
             client: _Acted(parts, self.seen.causes, self._absent)
             for client, parts in piece.impulses.items()
@@ -106,7 +106,7 @@ class Replayed(Explanation):
     def _steps(
         self, interval: Interval, piece: Piece, touching: Touching, acted: _Acted | None
     ) -> tuple[StepBatch, StepVerdicts]:
-        """Return the steps of a body under constant settings with their verdicts."""
+        """Explain the steps of one body while its settings are constant."""
         record, history, config = interval.record, interval.states, interval.config
         law, body = config.law, record.body
         tree, real = law.tree, history.stepped[1:].copy()
@@ -172,7 +172,7 @@ class Replayed(Explanation):
 
 
 class _Acted:
-    """The recorded impulses of one simulation in the steps of a chunk."""
+    """The recorded impulses of one simulation in a chunk's steps."""
 
     def __init__(
         self, parts: Sequence[Impulses], causes: Mapping[int, ImpulseCause], absent: int
@@ -199,14 +199,14 @@ class _Acted:
             self._of.setdefault(cause.body, []).append((cause, rows[its], begin[its]))
 
     def status_of(self, ends: Int64) -> Int64:
-        """Return the outcome of replaying the steps to samples, as indices into REPLAYS."""
+        """Return the results of replaying the given steps, as indices into `REPLAYS`."""
         found, at = rows_of(ends, self.steps)
         status = np.full(len(ends), self._absent)
         status[found] = self._status[at]
         return status
 
     def terms_of(self, body: Body, ends: Int64, size: int) -> dict[str, Float64]:
-        """Return the impulses on a body by cause in the steps to samples, (n, size) each."""
+        """Return the impulses on a body in the given steps, by cause, (n, size) each."""
         terms = {name: np.zeros((len(ends), size)) for name in ALWAYS}
         for cause, impulse in self._impulses(body, ends, size):
             name = cause_name(cause)
@@ -214,7 +214,7 @@ class _Acted:
         return terms
 
     def pulls_of(self, body: Body, ends: Int64, size: int) -> dict[Pull, Float64]:
-        """Return the impulses of constraints on a body, by constraint name, (n, size) each."""
+        """Return the impulses of constraints on a body, by constraint, (n, size) each."""
         its = self._impulses(body, ends, size)
         return {Pull(cause.name): impulse for cause, impulse in its if cause.kind == CONSTRAINTS}
 
@@ -238,7 +238,7 @@ def _sum(
     terms: Mapping[str, Float64],
     turned: Float64 | None,
 ) -> Summed:
-    """Return transitions as sums of impulses; the terms are 0 in transitions that are not steps."""
+    """Return transitions as sums of impulses; changes by calls have no terms."""
     kin = kinematics(law.tree, states)
     matrices, where = mass_matrix(kin), rows.where
     spread = {name: rows.spread(term) for name, term in terms.items()}
@@ -252,7 +252,7 @@ def _sum(
 
 
 def _without_causes(added: Summed, unknown: Int64) -> Summed:
-    """Assign all changes to the remainder in steps whose impulses are unknown."""
+    """Count the whole change as remainder in steps whose impulses are unknown."""
     if not len(unknown):
         return added
     parts = (added.energy_j, added.changed_j), (added.momentum_kg_m_s, added.moved_kg_m_s)
@@ -302,7 +302,7 @@ def _frame_turn(record: Record, before: States, after: States) -> Float64:
 
 
 def _strays(record: Record, steps: Steps) -> Flags:
-    """Flag the steps whose final velocities do not match their final pose, shape (n,).
+    """Flag the steps whose final velocities do not lead from start pose to end pose, shape (n,).
 
     A free base is moved by the velocity of its frame's origin (`mj_integratePos`).
     """
@@ -320,7 +320,7 @@ def _strays(record: Record, steps: Steps) -> Flags:
 
 
 def _verdicts(steps: Steps, status: Int64, strays: Flags) -> StepVerdicts:
-    """Return verdicts: a step is explained if its replay matches, and so do our kinematics."""
+    """Return verdicts: explained is a step that was replayed exactly and fits our kinematics."""
     n = len(steps)
     why = np.full(n, -1, np.int8)
     if steps.law.tree.size:

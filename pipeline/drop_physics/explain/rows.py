@@ -1,4 +1,4 @@
-"""The table of samples: segment, position, deviation from free fall, and energy."""
+"""The table of samples: kind of step, position, deviation from free fall, and energy."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ SHOWN_PER_S = 60.0
 
 @dataclass(frozen=True, eq=False)
 class SampleRows:
-    """Table rows of n samples of a body."""
+    """Table rows for n samples of a body."""
 
     body: Body
     columns: dict[str, NDArray[Any]]
@@ -48,7 +48,7 @@ class SampleRows:
     """
 
     def shown(self, *, per_s: float) -> SampleRows:
-        """Thin the rows to `per_s` per second, but keep those where segment or flight changes."""
+        """Thin the rows to `per_s` per second, but keep those where the kind of step changes."""
         if np.isinf(per_s):
             return self
         due = np.floor(self.columns["time_s"] * per_s + 1e-9)
@@ -61,7 +61,7 @@ class SampleRows:
 
 
 def joined(parts: Sequence[SampleRows]) -> list[SampleRows]:
-    """Concatenate the rows of each body, by body id; missing columns of a part become nan."""
+    """Concatenate table rows, by body id; columns that a part lacks become nan."""
     of_bodies: dict[int, list[SampleRows]] = {}
     for part in parts:
         of_bodies.setdefault(part.body.number, []).append(part)
@@ -82,7 +82,7 @@ def _joined(parts: Sequence[SampleRows]) -> SampleRows:
 
 
 def table_of(bodies: Sequence[SampleRows]) -> pl.DataFrame:
-    """Concatenate the rows of all bodies into one table; missing columns become null."""
+    """Concatenate all bodies' rows into one table; columns that a body lacks become null."""
     import polars as pl  # slow to load, and few need it
 
     more = dict.fromkeys(name for body in bodies for name in body.columns if name not in COLUMNS)
@@ -115,7 +115,7 @@ def rows_of(
     *,
     detailed: bool,
 ) -> SampleRows:
-    """Return a row for each sample of a body in a chunk.
+    """Return table rows for a body's samples in a chunk.
 
     `base_m`: position of its base, shape (n, 3); `errors_m`: deviation from free fall, by row;
     `detailed`: whether to add columns for each joint and each term (`details_of`).
@@ -146,7 +146,7 @@ def rows_of(
 
 
 def details_of(judged: SampleStatus) -> dict[str, Float64]:
-    """Return extra columns: position and motor of each joint, and energy given by each term.
+    """Return extra columns: joint positions and motors, and the energy that each term gave.
 
     Spherical joints are left out.
     """

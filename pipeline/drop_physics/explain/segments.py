@@ -1,4 +1,4 @@
-"""Segments of samples: the law of the step that led to each sample, or unexplained.
+"""Classifies a single body's samples by the rule that led to them: flight, contact and others.
 
     x' = x + v' dt        holds in every phase to the last bit, and so does the turn by ω'
     v', ω'                follow from the law in flight, else from law and contacts (`balance`)
@@ -35,7 +35,7 @@ BLOCK = 1 << 14
 
 @dataclass(frozen=True)
 class Segments:
-    """Segments of a body's samples; arrays have the shape (samples,)."""
+    """The kind of step that led to each sample of a body; arrays have the shape (samples,)."""
 
     code: Int8
     """Indices into `SEGMENTS`."""
@@ -57,7 +57,7 @@ def segments_of(
     before: Motion | None = None,
     rolls: Flags | None = None,
 ) -> Segments:
-    """Return the segment of every sample of a single rigid body.
+    """Return the kind of step that led to each sample of a single rigid body.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def _of_block(
     before: Motion,
     rolls: Flags | None,
 ) -> Segments:
-    """Return the segments of consecutive samples."""
+    """Return the kinds of step for consecutive samples."""
     balance = balance_of(motion, law, touches, pushes, before=before)
     several, bits = law.substeps > 1, law.bits(before)
     exactly, ulps = 0.0 if exact else FUSED, ULPS * ROUNDING
@@ -160,7 +160,7 @@ def _of_block(
 
 
 def _at_limit(law: Law, before: Motion, motion: Motion) -> Flags:
-    """Flag the samples in which a velocity has just reached the engine's limit, (n,)."""
+    """Flag samples whose velocity has just been clamped to the engine's limit, shape (n,)."""
     limited = np.zeros(len(motion), dtype=bool)
     for name in ("velocity_m_s", "spin_rad_s"):
         was, now = getattr(before, name), getattr(motion, name)
@@ -171,5 +171,5 @@ def _at_limit(law: Law, before: Motion, motion: Motion) -> Flags:
 
 
 def _off(values: Float64, reference: Float64) -> Float64:
-    """Return the maximum absolute difference in each sample, shape (samples,)."""
+    """Return the largest absolute difference in each sample, shape (samples,)."""
     return largest(values - reference)

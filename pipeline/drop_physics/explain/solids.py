@@ -148,7 +148,7 @@ def _placed(solid: Solid, position_m: Float64, turn: Float64) -> tuple[Float64, 
 
 
 def _directions() -> Iterator[tuple[float, float, float]]:
-    """Yield the centre, and directions to the faces and the corners of a cube."""
+    """Yield unit vectors to a cube's faces and corners, and the zero vector."""
     yield 0.0, 0.0, 0.0
     for axis in range(3):
         for sign in (-1.0, 1.0):
@@ -158,6 +158,6 @@ def _directions() -> Iterator[tuple[float, float, float]]:
 
 
 def _ring() -> Iterator[tuple[float, float]]:
-    """Yield unit vectors around an axis."""
+    """Yield unit vectors perpendicular to an axis."""
     for angle in np.arange(ROUND) * (2 * np.pi / ROUND):
         yield float(np.cos(angle)), float(np.sin(angle))

@@ -1,4 +1,4 @@
-"""The status of each sample: the kind of the preceding step, or why that step is unexplained."""
+"""Says for each sample which kind of step led to it, or why that step is unexplained."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ WHYS: tuple[Why, ...] = (
 
 @dataclass(frozen=True, eq=False)
 class SampleStatus:
-    """The status of one body's samples in a chunk; one row per sample, shape (n,)."""
+    """Kind of step or reason for each of a body's n samples in a chunk, shape (n,) each."""
 
     body: Body
     steps: Int64
@@ -81,7 +81,7 @@ class SampleStatus:
 
 @dataclass(frozen=True, eq=False)
 class StepVerdicts:
-    """The verdicts on the steps of a batch, shape (n,) each."""
+    """Which steps of a batch are explained, and why the others are not; shape (n,) each."""
 
     kind: Int8
     why: Int8
@@ -93,7 +93,7 @@ class StepVerdicts:
 
     @staticmethod
     def of(steps: Steps, law: StepLaw, *, before: bool, soft_there: bool) -> StepVerdicts:
-        """Return the verdicts on steps under an engine's law.
+        """Judge steps by an engine's integration rule.
 
         `before`: whether the bodies existed before the recording began; `soft_there`: whether the
         simulation has soft bodies.
@@ -105,7 +105,7 @@ class StepVerdicts:
 
     @cached_property
     def segment(self) -> Int8:
-        """Segments of the samples that the steps led to: indices into SEGMENTS."""
+        """Kinds of the steps, as indices into `SEGMENTS`."""
         held = np.where(self.put, SET, self.kind)
         return np.where(self.why >= 0, UNEXPLAINED, held).astype(np.int8)
 
@@ -113,7 +113,7 @@ class StepVerdicts:
 def judged(
     body: Body, sampled: Int64, intervals: Sequence[tuple[BodySteps, StepVerdicts]]
 ) -> SampleStatus:
-    """Return the status of samples of a body, given the verdicts on their steps."""
+    """Return the status of a body's samples, from the verdicts on its steps."""
     segment, kind = np.full((2, len(sampled)), SET, np.int8)
     why = np.full(len(sampled), -1, np.int8)
     unexplained = np.zeros(len(sampled))
@@ -128,7 +128,7 @@ def judged(
 
 
 def _kinds(steps: Steps) -> Int8:
-    """Classify steps by the causes that acted in them."""
+    """Return the kind of each step: which sort of cause acted in it."""
     kinds = np.full(len(steps), FLIGHT if steps.law.tree.size else SET, np.int8)
     if steps.alone is not None and not steps.covered:
         for code, kind in ALONE.items():
@@ -209,7 +209,7 @@ def _whys(steps: Steps, law: StepLaw, *, before: bool, soft_there: bool) -> Int8
 
 
 def _followed(steps: Steps) -> Flags:
-    """Flag the steps that the law of a single body explains."""
+    """Flag the steps that a single body's law explains."""
     if steps.alone is None:
         return np.zeros(len(steps), np.bool_)
     return np.isin(steps.alone, [*ALONE])

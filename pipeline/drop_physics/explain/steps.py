@@ -1,4 +1,4 @@
-"""The steps of one body under constant settings, each as a sum of named impulses."""
+"""The steps of one body while its settings are constant, each as a sum of named impulses."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ SUBSTEPS: Reason = "substeps"
 
 @dataclass(frozen=True, eq=False)
 class PieceContext:
-    """Data shared by the steps of all bodies in a chunk of a recording."""
+    """Data that the explanations of all bodies in a chunk share."""
 
     law: StepLaw
     """The law of the engine that stepped the bodies."""
@@ -58,7 +58,7 @@ class PieceContext:
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """Consecutive states of one body under constant settings, starting with a step."""
+    """Consecutive states of one body while its settings are constant, starting with a step."""
 
     record: Record
     whole: BodyHistory
@@ -76,7 +76,7 @@ class Interval:
         return self.whole.at(slice(self.first, self.end))
 
     def kind(self, around: PieceContext) -> Hashable:
-        """Return a key that is equal for intervals that may share a batch."""
+        """Return a key that is equal for intervals that can be explained in one batch."""
         config, body = self.config, self.record.body
         if self.pushes or {*config.reasons} & WITHOUT_SUM:
             return id(self)
@@ -92,7 +92,7 @@ def intervals_of(
     configs: BodyConfigs,
     pushes: Sequence[Push] = (),
 ) -> Iterator[Interval]:
-    """Yield the intervals of a history whose steps end at state `first` or later."""
+    """Yield a body's intervals whose steps end at state `first` or later."""
     ends = np.flatnonzero(history.stepped)
     ends = ends[ends >= first]
     for rows, config in configs.of(history.steps[ends] - 1):
@@ -102,7 +102,7 @@ def intervals_of(
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Steps of one body, or of a batch of equal bodies one after the other.
+    """The steps of a body, or of several equal bodies one after the other, as sums of impulses.
 
     Arrays have one row per step, shape (n,) if not said otherwise. All steps have the same law.
     """
@@ -175,7 +175,7 @@ class Steps:
 
 
 class BodyColumn:
-    """A column of `Steps`, from which a body's rows are sliced when it is first read."""
+    """An array of `BodySteps`: a body's rows of the batch's array, cut out when first read."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -186,7 +186,7 @@ class BodyColumn:
 
 
 class BodySteps(Steps):
-    """Steps of one body, as rows of a batch."""
+    """The steps of one body, as rows of its batch."""
 
     def __init__(
         self, whole: Steps, rows: slice, config: BodyConfig, body: Body, changes: Changes
@@ -207,7 +207,7 @@ class BodySteps(Steps):
     """The rows of their contact points in the batch."""
 
     def cut(self, column: Any) -> Any:  # noqa: ANN401
-        """Return this body's rows of a column of the batch."""
+        """Return this body's rows of an array of the batch."""
         if isinstance(column, Mapping):
             return {name: each[self.rows] for name, each in column.items()}
         if isinstance(column, Sides):
@@ -251,7 +251,7 @@ class StepBatch:
 
 
 def columns_of(added: Summed | None, real: Flags, size: int) -> dict[str, Any]:
-    """Return the columns of `Steps` derived from a sum of transitions; zeros without a sum."""
+    """Return the arrays of `Steps` that follow from a sum; zeros without one."""
     if added is None:
         n = np.count_nonzero(real)
         return {"terms": {}, "remainder": np.zeros((n, size)), "largest": np.zeros(n)}
@@ -260,7 +260,7 @@ def columns_of(added: Summed | None, real: Flags, size: int) -> dict[str, Any]:
 
 
 def batches_of(intervals: Iterable[Interval], around: PieceContext) -> list[StepBatch]:
-    """Return the steps of intervals in batches: equal bodies share a batch."""
+    """Explain the steps of intervals; intervals of equal bodies share a batch."""
     groups: dict[Hashable, list[Interval]] = {}
     kept = [part for interval in intervals for part in _known_apart(interval, around)]
     for each in kept:
@@ -269,7 +269,7 @@ def batches_of(intervals: Iterable[Interval], around: PieceContext) -> list[Step
 
 
 def _known_apart(interval: Interval, around: PieceContext) -> Iterator[Interval]:
-    """Split an interval into runs of steps whose substeps are known, and runs of other steps."""
+    """Split an interval into runs of steps that a sum explains despite substeps, and others."""
     config = interval.config
     if {*config.reasons} & WITHOUT_SUM != {SUBSTEPS} or not config.law.tree.size:
         yield interval
@@ -284,7 +284,7 @@ def _known_apart(interval: Interval, around: PieceContext) -> Iterator[Interval]
 
 
 def _closes(steps: Steps) -> Flags:
-    """Flag the steps whose sum closes; a single body must follow its law of flight bitwise."""
+    """Flag the steps whose impulses add up; a flying single body must match bitwise."""
     if steps.alone is None:
         return steps.closes
     acting = ("applied", "contacts", "rolling", "constraints")
@@ -293,7 +293,7 @@ def _closes(steps: Steps) -> Flags:
 
 
 def _batch(group: Sequence[Interval], around: PieceContext) -> StepBatch:
-    """Return the steps of equal bodies under equal settings."""
+    """Explain the steps of equal bodies under equal settings together."""
     config, law = group[0].config, group[0].config.law
     parts, bodies = [each.states for each in group], [each.record.body for each in group]
     if "planar" in config.reasons:  # the states are not those of its tree
@@ -407,7 +407,7 @@ def _pulls(
     before: States,
     timestep_s: Float64,
 ) -> dict[Pull, Float64]:
-    """Return the impulses of constraints by what they hold each body to; `its` are its steps."""
+    """Return the impulses of constraints, by what each one connects the bodies to."""
     found: dict[Pull, Float64] = {}
     for effect, rows in zip(acting, its, strict=True):
         for pull, forces in effect.by_partner.items():
@@ -421,7 +421,7 @@ def _pulls(
 def _coasts(
     tree: Tree, begins: BodyHistory, ends: BodyHistory, timestep_s: Float64, most_turn_rad: float
 ) -> Flags:
-    """Flag the steps in which a massless base keeps its velocity and moves with it."""
+    """Flag the steps in which a massless base keeps the velocity that a call gave it."""
     free = replace(tree, fixed=False)
     before, after = begins.states(free), ends.states(free)
     kept = (before.velocity == after.velocity).all(axis=1)
@@ -432,13 +432,13 @@ def _coasts(
 
 
 def _pushes(interval: Interval) -> list[Push]:
-    """Return the pushes since the body of this interval was added."""
+    """Return the forces that calls applied since this interval's body was created."""
     came = order(interval.record.came[interval.config.life].at)
     return [push for push in interval.pushes if order(push.at) >= came]
 
 
 def _pushed(interval: Interval, rows: Transitions, refreshed: Int64) -> Forces:
-    """Return the forces of pushes in the steps of an interval."""
+    """Return the forces that calls applied in an interval's steps."""
     begins = interval.first + rows.where
     return pushed(
         _pushes(interval),
@@ -460,7 +460,7 @@ def _closing(
     states: States,
     found: Reported,
 ) -> tuple[Summed, Reported]:
-    """Return the sum, with pushes at the link poses for which each step closes best.
+    """Return the sum, with applied forces acting at the link poses that fit best in each step.
 
     `one` is the first interval of the batch: bodies that are pushed are not batched with others.
     """
@@ -494,7 +494,7 @@ def _closing(
 
 
 def _spread(reported: Reported, rows: Transitions) -> Reported:
-    """Scatter reports of steps to all transitions; a transition that is no step takes no time."""
+    """Copy reported forces of steps to all transitions; a change by a call takes no time."""
     if rows.real.all():
         return reported
     where, spread = rows.where, rows.spread
@@ -516,7 +516,7 @@ def _spread(reported: Reported, rows: Transitions) -> Reported:
 
 
 def _still(law: DampedTree) -> DampedTree:
-    """Return a copy of a body with all of its joints fixed."""
+    """Return a copy of a tree with all joints fixed."""
     nothing = np.empty(0)
     tree = replace(law.tree, joints=tuple("fixed" for _ in law.tree.joints))
     return replace(law, tree=tree, joint_damping=nothing, lower=nothing, upper=nothing)

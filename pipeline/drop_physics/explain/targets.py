@@ -1,4 +1,4 @@
-"""Targets of the joints' position motors, and the gaps left when the targets changed.
+"""Follows the targets of position motors, and the gaps left when a target changed.
 
 A motor's law, off its limit, with e the position minus the target (`btMultiBodyJointMotor.cpp`):
 
@@ -30,7 +30,7 @@ it bounces off its stop, or creeps."""
 
 @dataclass(frozen=True, eq=False)
 class HeldTargets:
-    """Successive targets of one joint rate of a body, m of them; arrays have shape (m,)."""
+    """Targets of joints, m of them, each held for some steps; arrays have shape (m,)."""
 
     k: int
     """Index of the rate among those of all joints."""
@@ -73,7 +73,7 @@ class HeldTargets:
 
 @dataclass(eq=False)
 class _OpenTarget:
-    """The target that is in effect at the end of the steps processed so far."""
+    """The target of a joint that is still in effect."""
 
     key: Float64
     first: int
@@ -96,7 +96,7 @@ class Targets:
         self._path = self._tail
 
     def see(self, driven: JointTelemetry) -> Iterator[tuple[HeldTargets, bool]]:
-        """Yield, for each rate, the targets that ended in the steps, and the one still in effect.
+        """Yield the targets that ended in these steps, and with True those still in effect.
 
         The latter comes with True: it may go on.
         """
@@ -121,7 +121,7 @@ class Targets:
         self._tail, self._tail_step = self._path[-SETTLED_STEPS:].copy(), int(steps.steps[-1])
 
     def _settled(self, stood: HeldTargets, end: int) -> Flags:
-        """Return whether each joint hardly moved in the last `end` steps of its target."""
+        """Return whether each joint hardly moved in its target's last `end` steps."""
         settled = stood.resting.copy()
         for i in np.flatnonzero(~settled & (stood.steps >= SETTLED_STEPS)).tolist():
             last = len(self._path) - end + int(stood.row[i]) + 1
@@ -130,7 +130,7 @@ class Targets:
         return settled
 
     def _mean_rates(self, stood: HeldTargets, driven: JointTelemetry) -> Float64:
-        """Return the mean rate of each joint in the last steps of its target."""
+        """Return each joint's mean velocity in its target's last steps."""
         last = len(self._path) - len(driven.steps.steps) + stood.row
         count = np.minimum(np.minimum(stood.steps - 1, SETTLED_STEPS), last)
         path = self._path[:, stood.k]
@@ -229,7 +229,7 @@ def _stood(
 
 
 def rings_with(kp: Float64, kd: Float64) -> Flags:
-    """Return whether a root of z² - (2 - kp - kd) z + 1 - kd is negative, complex, or 1 or more."""
+    """Return whether a motor's gains make its joint oscillate, or never arrive."""
     half, last = (2 - kp - kd) / 2, 1 - kd
     inside = half**2 - last
     with np.errstate(invalid="ignore"):
@@ -240,7 +240,7 @@ def rings_with(kp: Float64, kd: Float64) -> Flags:
 
 
 def flips(driven: JointTelemetry) -> Flags:
-    """Flag the steps in which a motor's gains reverse its joint, shape (n, joint_rates)."""
+    """Flag steps in which a motor's gains make its joint oscillate, shape (n, joint_rates)."""
     kp, kd = driven.asked.kp, driven.asked.kd
     position = rings_with(kp, kd) & (driven.asked.mode == POSITION) & (kp + kd > 2)
     velocity = (driven.asked.mode == VELOCITY) | (driven.asked.mode == POSITION)

@@ -1,4 +1,4 @@
-"""Timestep, gravity and time of a simulation's steps, under changing settings."""
+"""Timestep, gravity and time of each step, also if the script changes them."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ class StepTimes:
         self._gravity_m_s2 = held[:, 1:]
 
     def of_steps(self, ends: Int64) -> tuple[Float64, Float64]:
-        """Return timestep [s] and gravity [m/s²] of the steps to samples, (n,) and (n, 3)."""
+        """Return timestep [s] and gravity [m/s²] in given steps, shapes (n,) and (n, 3)."""
         which = self._latest(ends)
         return self._timesteps_s[which], self._gravity_m_s2[which]
 
     def _latest(self, ends: Int64) -> NDArray[np.intp]:
-        """Return the index of the settings in effect at the start of each step, shape (n,)."""
+        """Return the index of the settings in effect at the start of each step, (n,)."""
         return np.maximum(0, np.searchsorted(self._steps, ends - 1, side="right") - 1)
 
     def of_all(self, steps: Int64) -> Float64:

@@ -1,4 +1,4 @@
-"""Contact points, seen from each of the bodies that touch."""
+"""Contact points as seen from each of the two bodies that touch."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ STEPS = 1 << 40
 
 @dataclass(frozen=True, eq=False)
 class Sides(Rowed):
-    """The sides of contact points, two rows per point, ordered by step."""
+    """Contact points seen from one body at a time: two rows per point, ordered by step."""
 
     step: Int64
     """The sample after the step in which the contact existed."""
@@ -61,7 +61,7 @@ class Touches(Rowed):
 
 
 class Touching:
-    """The contact points of a chunk, with the force on each side of the given bodies."""
+    """The contact points of a chunk, with the force on each of the bodies."""
 
     def __init__(self, contacts: Rows, records: Records, bodies: Collection[int]) -> None:
         step, a, b, link_a, link_b = (
@@ -104,7 +104,7 @@ class Touching:
         )
 
     def of(self, bodies: Sequence[int], which: Int64, ends: Int64) -> tuple[Sides, Int64]:
-        """Return the contact points of bodies in given steps, and the rows of these steps.
+        """Return the contact points of bodies in given steps, and the step's row of each point.
 
         `which` has the index of the body of each step, `ends` the sample that it led to, shape
         (n,); both ascend.
@@ -121,14 +121,14 @@ class Touching:
         return held.at(points), rows
 
     def forces(self, sides: Sides, row: Int64) -> Forces:
-        """Return the contact forces on the bodies; `row` has the row of each step."""
+        """Return the contact forces on the bodies; `row` is the index of each point's step."""
         rows: slice | Int64 = sides.row
         if len(row) and sides.row[-1] - sides.row[0] == len(row) - 1:
             rows = slice(int(sides.row[0]), int(sides.row[-1]) + 1)
         return replace(self._forces.at(rows), step=row)
 
     def touches(self, sides: Sides, forces: Forces) -> Touches:
-        """Return contact points with their forces, in the form for a body without links."""
+        """Return contact points with forces, in the format for single-body laws."""
         return Touches(
             step=forces.step,
             position_m=forces.point_m,
@@ -159,7 +159,7 @@ def among(numbers: Collection[int], bodies: Int64) -> Flags:
 
 
 def _rolls(records: Records, step: Int64, body: Int64, link: Int64) -> Flags:
-    """Flag the links with rolling or spinning friction in the steps to samples."""
+    """Flag the links with rolling or spinning friction in the given steps."""
     rolls = np.zeros(len(step), np.bool_)
     for name in ("rolling_friction", "spinning_friction"):
         if records.any(name):
@@ -169,7 +169,7 @@ def _rolls(records: Records, step: Int64, body: Int64, link: Int64) -> Flags:
 
 
 def rows_of(steps: Sequence[int] | Int64, ends: Int64) -> tuple[NDArray[np.intp], Int64]:
-    """Flag the samples that are contained in the sorted `ends`, and return their indices there."""
+    """Flag the samples that occur in the sorted `ends`, and return their indices there."""
     asked = np.asarray(steps, np.int64)
     rows = np.minimum(np.searchsorted(ends, asked), len(ends) - 1)
     found = np.flatnonzero(ends[rows] == asked) if len(ends) else np.empty(0, np.intp)

@@ -1,4 +1,4 @@
-"""The description inside a recording, for a reader who does not have `drop`."""
+"""Writes the description that a recording contains, for readers who do not have `drop`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def about_drop(scenario: Scenario, camera: Camera | None, engine: EngineReport) -> str:
-    """Return the recording's description as Markdown."""
+    """Return the description of a drop's recording as Markdown."""
     gravity = "never set" if not scenario.gravity_set else f"{scenario.gravity_m_s2:g} m/s²"
     floor = "`plane.urdf`, its surface at z = 0" if scenario.floor else "none"
     steps = f"{scenario.steps} of {fraction(scenario.timestep_s)} s"
@@ -121,7 +121,7 @@ MuJoCo {ending.made_with["mujoco"]} takes from the one before.
 
 
 def about_script(origin: Mapping[str, Any], recorder: Recorder, ending: Ending) -> str:
-    """Return the recording's description as Markdown."""
+    """Return the description of a script's recording as Markdown."""
     call = " ".join([origin["script"], *(origin.get("arguments") or [])])
     rows = {
         "ended": f"{ending.how}{f': {ending.error}' if ending.error else ''}",

@@ -1,4 +1,4 @@
-"""Read a chunk's columns as arrays, checking that they have the types that we write."""
+"""Reads a chunk's columns as arrays, and checks that they have the types that we write."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def rows(chunk: Chunk, table: Table, path: Path) -> Rows:
 
 
 def told(chunk: Chunk, path: Path) -> Iterator[tuple[At, str]]:
-    """Yield the moment and the JSON text of each row in a chunk.
+    """Yield step, time and JSON text of each row in a chunk.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def impulses(chunk: Chunk, path: Path) -> Impulses:
 
 
 def model_parts(chunk: Chunk, path: Path) -> Iterator[ModelPart]:
-    """Yield the parts of compiled models that a chunk contains.
+    """Yield the parts of compiled MuJoCo models that a chunk contains.
 
     Raises
     ------
@@ -189,7 +189,7 @@ def model_parts(chunk: Chunk, path: Path) -> Iterator[ModelPart]:
 
 
 def steps(chunk: Chunk, path: Path) -> Iterator[PackedFrames]:
-    """Yield the frames of each batch of steps in a chunk.
+    """Yield the replay frames in a chunk, one row per batch of steps.
 
     Raises
     ------
@@ -344,7 +344,7 @@ def _flat(lists: pa.Array, width: int) -> pa.Array | None:
 
 
 def between(lists: pa.Array) -> pa.Array:
-    """Concatenate the elements of lists into one array."""
+    """Return the elements of consecutive lists as one array."""
     # As `flatten` does, but that loads Arrow's compute library.
     if not len(lists):
         return lists.values[:0]

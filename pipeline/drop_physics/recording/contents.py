@@ -1,4 +1,4 @@
-"""Read the chunks and properties of a recording made by `drop`."""
+"""Reads the chunks and properties of a recording made by `drop`."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def gather(properties: dict[str, Properties], chunk: rrd.Chunk, path: Path) -> N
 
 
 def closing_of(properties: Mapping[str, Properties], path: Path) -> Properties | None:
-    """Return the property that is written last; None if it is missing from an unfinished recording.
+    """Return the property that ends a finished recording; None if the recording is unfinished.
 
     Raises
     ------

@@ -23,14 +23,14 @@ def twice(entity: str) -> Message:
 
 
 def wrong_count(entity: str, count: int, name: str) -> Message:
-    """Describe the damage of rows that have a wrong number of values."""
+    """Describe the damage of a row that has a wrong number of values."""
     return Message(
         "{entity} must hold {count} numbers for each {name}", entity=entity, count=count, name=name
     )
 
 
 def again(path: Path) -> Message:
-    """Return the command that makes a recording of this kind again."""
+    """Return the command that makes such a recording anew."""
     first = None
     with contextlib.suppress(rrd.DamagedError, OSError):
         first = next(rrd.chunks(path, unfinished=True), None)

@@ -1,4 +1,4 @@
-"""Digests of all data from which a number or an image is computed.
+"""Computes digests of all recorded data from which results or images are computed.
 
 They are written last, into the recording's closing property, and checked before anything is used:
 a bit that flipped on the disk is damage, not a result.
@@ -60,7 +60,7 @@ class RowsInAnyOrder:
 
 
 class ToldDigest(RowsInAnyOrder):
-    """SHA-256 of rows of JSON, which a recording stores by entity."""
+    """SHA-256 of rows of JSON, which a recording stores by entity path."""
 
     def update(self, entity: str, step: int, call: int, text: str) -> None:
         """Add one row."""
@@ -79,7 +79,7 @@ class CallsDigest:
         self.add(np.hstack((heads.view(np.float64), seen.results[:, None])), seen.numbers)
 
     def add(self, heads: Float64, numbers: Float64) -> None:
-        """Add numeric rows, each with its header."""
+        """Add rows of numbers, each preceded by its binary header."""
         self._heads.update(heads)
         self._numbers.update(numbers)
 
@@ -91,7 +91,7 @@ class CallsDigest:
 
 
 class Digests:
-    """Digests of samples and calls, updated while these are written or read."""
+    """Digests of a recording's data, updated while these are written or read."""
 
     def __init__(self) -> None:
         self.tables = {entity: RowsDigest() for entity in schema.TABLES}
@@ -108,7 +108,7 @@ class Digests:
         self._series.setdefault(entity, RowsDigest()).update(numbers)
 
     def add_holders(self, entity: str, steps: Int64, ids: Int64) -> None:
-        """Add the constraint ids of an entity's rows, if they differ from the id in its name."""
+        """Add the constraint ids of an entity's rows, if they are not the id in its name."""
         others = ids != int(entity.rpartition("_")[2])
         if others.any():
             self.add_series(f"{entity}_", steps[others], ids[others])
@@ -129,7 +129,7 @@ class Digests:
         self._models.add(f"{number} {at} ".encode(), data)
 
     def add_steps(self, row: PackedFrames) -> None:
-        """Add the frames of a batch of steps."""
+        """Add the replay frames of a batch of steps."""
         numbers, at = (np.ascontiguousarray(each).view(np.uint8).data for each in row[1:3])
         self._steps.add(row.layout.encode(), numbers, at, row.answers)
 
@@ -140,7 +140,7 @@ class Digests:
 
     @property
     def steps(self) -> str | None:
-        """Digest of the frames of steps; None without frames."""
+        """Digest of the replay frames; None if there are none."""
         return self._steps.hexdigest() if len(self._steps) else None
 
     @property
@@ -181,12 +181,12 @@ def inputs_digest(properties: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def closing_digest(closing: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of the property that ends a script's recording, without its digest."""
+    """Return the SHA-256 of the property that ends a recording, without its `digest` field."""
     return inputs_digest({"closing": {k: v for k, v in closing.items() if k != "closing_sha256"}})
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert values to their form after reading: no None, and one-element lists as the element."""
+    """Convert values to what reading returns: no None, and one-element lists as the element."""
     return {
         key: value[0] if isinstance(value, list | tuple) and len(value) == 1 else value
         for key, value in values.items()

@@ -1,4 +1,4 @@
-"""What the viewer draws of a recording: shapes, poses, curves, images and a log of calls.
+"""Writes what the viewer shows of a recording: shapes, poses, curves, images, a log of calls.
 
 Nothing is computed from this display. Poses and curves are thinned to what a viewer can show.
 """
@@ -62,7 +62,7 @@ MOST_LINES = 20
 
 
 class Drawing:
-    """Draws the bodies of a recording, which are keyed by body id."""
+    """Writes the viewer's data for all bodies of a recording."""
 
     def __init__(self, bodies: Mapping[int, Body], *, of_drop: bool = False) -> None:
         self._bodies, self._of_drop = bodies, of_drop
@@ -100,18 +100,18 @@ class Drawing:
         """Number of calls listed so far, by call site."""
 
     def scene(self) -> Iterator[Chunk]:
-        """Yield the parts of the scene that never change."""
+        """Yield the parts of the 3-D scene that never change."""
         yield pictures.scene()
 
     def flush(self) -> Iterator[Chunk]:
-        """Yield all buffered rows."""
+        """Yield all buffered rows as chunks."""
         yield from self._draw_put()
         yield from self._clear()
         for gathered in (self._log, self._poses, self._trails, self._curves, self._images):
             yield from gathered.flush()
 
     def notes(self) -> Iterator[Message]:
-        """Yield remarks on what is not drawn."""
+        """Yield warnings about what is not shown."""
         for body in self._bodies.values():
             if body.soft:
                 yield Message(
@@ -181,7 +181,7 @@ class Drawing:
             yield from drawn
 
     def _clear(self) -> Iterator[Chunk]:
-        """Yield the removal of bodies that no longer exist."""
+        """Yield chunks that remove bodies from the view once they no longer exist."""
         gone, self._gone = self._gone, {}
         if gone:
             # Of rows at the same time the last counts, so their last poses must come before this.
@@ -242,7 +242,7 @@ class Drawing:
             yield from self._points(seen)
 
     def _on_states(self, seen: Samples, numbers: list[int], due: Int64) -> Iterator[Chunk]:
-        """Yield poses and curves of a body, or of several jointless bodies due together."""
+        """Yield poses and curves of a body, or of jointless bodies drawn at the same times."""
         bodies = [self._bodies[number] for number in numbers]
         first = numbers[0]
         shown = np.diff(due, prepend=self._shown_at.get(first, -1)) > 0
@@ -277,7 +277,7 @@ class Drawing:
                 yield from self._curves.add(entity, at.only(rows), its[rows])
 
     def _place(self, at: Times, placed: Iterable[tuple[str, Float64]]) -> Iterator[Chunk]:
-        """Yield the poses of parts, by entity, where they have changed."""
+        """Yield the poses of bodies and links that have changed, by entity path."""
         entities, poses = zip(*placed, strict=True)
         rows = np.array(poses)
         shown = np.round(rows / schema.POSE_RESOLUTION)
@@ -289,7 +289,7 @@ class Drawing:
             yield from self._poses.add(entities[number], at.only(its), rows[number, its])
 
     def _reach(self, positions_m: Float64) -> None:
-        """Extend the bounding box by positions, shape (n, 3), except for bodies that flew away."""
+        """Extend the scene's bounding box by positions, shape (n, 3), unless a body flew away."""
         positions_m = positions_m[np.isfinite(positions_m).all(axis=1)]
         if not len(positions_m):
             return
@@ -301,7 +301,7 @@ class Drawing:
             self.high_m = np.maximum(self.high_m, near_m.max(axis=0))
 
     def _trail(self, body: Body, at: Times, places_m: Float64) -> Iterator[Chunk]:
-        """Yield the path of a body's base, or of the end of a fixed body's chain."""
+        """Yield the path of a body's base or, if the base is fixed, of its last link."""
         entity = f"{schema.WORLD}/{body.label}/trail"
         if body.number not in self._ways:
             yield pictures.trail_style(entity)
@@ -353,7 +353,7 @@ class Drawing:
             self._touching = True
 
     def on_touching(self, seen: ContactRows) -> Iterator[Chunk]:
-        """Yield the contact points of samples whose poses were drawn before."""
+        """Yield the contact points of samples whose poses have been drawn."""
         if len(seen.steps):
             empty: dict[int, Float64] = {}
             samples = Samples(
@@ -391,7 +391,7 @@ class Drawing:
         yield from self._images.add(f"camera/{number}/image", writer.times_of(image.at), png)
 
     def on_calls(self, seen: Calls, sites: Mapping[int, Site], widths: Int64) -> Iterator[Chunk]:
-        """Yield the first calls of each site as text."""
+        """Yield the first calls from each script line as text."""
         ends = np.cumsum([0, *widths]).tolist()
         full = [number for number, count in self._listed.items() if count >= MOST_LINES]
         for place in np.flatnonzero(~np.isin(seen.sites, full)).tolist():
@@ -444,7 +444,7 @@ def part_path(body: Body, link: int) -> str:
 
 
 def _line_to(body: Body, link: int) -> list[int]:
-    """Return the chain of links down to a drawn link, including it; empty for the base.
+    """Return the chain of links from the base to a link, including it; empty for the base.
 
     Beyond `DEEPEST` a link is drawn below the base: a name has no room for longer chains.
     """
@@ -476,7 +476,7 @@ def poses_in_tree(body: Body, parts: Float64) -> Iterator[tuple[str, Float64]]:
 
 
 def _end_of(body: Body) -> int:
-    """Return the link whose path is drawn: 0 for the base; for a fixed body, its chain's end."""
+    """Return the link whose path is drawn: 0 for the base, or a fixed body's last link."""
     depths = [0]
     for joint in body.joints:
         depths.append(depths[joint.parent + 1] + 1)

@@ -1,4 +1,4 @@
-"""Additional views in a drop's recording: theoretical heights, the body's path, camera frames."""
+"""Writes a drop's extra views: theoretical heights, the body's path, camera frames."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Photography:
 
 @dataclass(frozen=True)
 class Falling:
-    """Yields the views of a drop's samples; camera frames are also returned as `pictures`."""
+    """Writes the extra views of a drop; camera frames are also kept in `pictures`."""
 
     scenario: Scenario
     theory_m: Callable[[Float64], tuple[Float64, Float64]]
@@ -82,7 +82,7 @@ class Falling:
             yield pictures.trail(schema.TRAIL, at, [base[trail, :3]])
 
     def frames(self, seen: Samples) -> Iterator[tuple[int, bytes, list[Chunk]]]:
-        """Yield the frames due in these samples: step, PNG, and chunks."""
+        """Yield the camera frames that are due in these samples: step, PNG, and chunks."""
         if self.photography is None:
             return
         camera, timestep_s = self.photography.camera, self.scenario.timestep_s
@@ -102,5 +102,5 @@ class Falling:
 
 
 def image_chunk(step: int, timestep_s: float, png: bytes) -> Chunk:
-    """Return a camera frame."""
+    """Return a chunk with one camera frame."""
     return pictures.images(schema.IMAGE, writer.at(np.array([step]), timestep_s), [png])

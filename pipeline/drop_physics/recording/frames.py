@@ -1,4 +1,4 @@
-"""Read the images in a recording and check them: frames of a drop's camera or of a script's."""
+"""Reads and checks the images in a recording, from a drop's camera or a script's."""
 
 from __future__ import annotations
 

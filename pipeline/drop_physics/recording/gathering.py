@@ -1,4 +1,4 @@
-"""Buffer single rows by entity, since a chunk of many rows costs no more than a chunk of one."""
+"""Buffers rows by entity path, as a chunk of many rows costs no more than one of a single row."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drop_physics.recording.writer import Times
 
 
 class Gathering:
-    """A buffer of rows, written as chunks once there are enough.
+    """A buffer of rows, which become chunks once there are enough.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Parse the inputs of a recorded drop from its properties: scenario, engine report and camera."""
+"""Reads the inputs of a recorded drop: scenario, engine report and camera."""
 
 from __future__ import annotations
 

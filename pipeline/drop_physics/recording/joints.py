@@ -1,4 +1,4 @@
-"""Commands to joints over time: a row whenever a target, a limit or a gain changes.
+"""Writes commands to joints over time: a row whenever a target, limit or gain changes.
 
 Numbers are computed from `calls`, not from this.
 """
@@ -114,7 +114,7 @@ class Cells(NamedTuple):
 
 
 class JointRequests:
-    """Commands to the joints of one body, as rows."""
+    """The commands to one body's joints, as rows of the recording."""
 
     def __init__(self, body: Body, at: At) -> None:
         self._entity, self._at = f"{schema.JOINTS}/{body.label}", at
@@ -139,7 +139,7 @@ class JointRequests:
         self._named = False
 
     def cells(self, joint: int, asked: Command) -> Iterator[Cells]:
-        """Yield a joint's settings from its calls."""
+        """Convert calls for a joint to cells of the body's rows: targets, limits, gains."""
         places, mode = self.places[joint], asked.values["controlMode"][:, 0]
         width = places["force"].stop - places["force"].start
         if not width:
@@ -171,7 +171,7 @@ class JointRequests:
                 )
 
     def chunks(self, cells: list[Cells]) -> Iterator[Chunk]:
-        """Yield a row for each change of a setting."""
+        """Yield a row whenever a setting changes."""
         if not self._named:
             self._named = True
             for what, names in self._names.items():
@@ -201,7 +201,7 @@ class JointRequests:
                 yield self._chunk(what, at, rows[new + 1])
 
     def end(self, at: Times) -> Iterator[Chunk]:
-        """Yield the last settings again at the end, so that their curves reach it."""
+        """Repeat the last settings at the end of the recording, so that curves reach it."""
         if self._named:
             for what in ROWS:
                 yield self._chunk(what, at, self._now[None])

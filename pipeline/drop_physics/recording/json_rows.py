@@ -1,4 +1,4 @@
-"""Convert events other than samples to rows of JSON, and back.
+"""Converts events other than samples to rows of JSON, and back.
 
 A row is a change at a moment: a body, a report of the engine, a place that calls it. JSON, because
 Rerun's index of a file grows with each column of each entity. It holds the event's fields by name,
@@ -86,7 +86,7 @@ PLAIN: Mapping[Any, CoreSchema] = {
 
 
 def row_of(event: Event) -> tuple[str, At, Values]:
-    """Convert an event to JSON types, with its entity and moment."""
+    """Convert an event to JSON types; return them with entity path, step and time."""
     values = _plain_values(event)
     # A place has no time of its own: a recording may know it before the first step.
     at: At = values.pop("at", None) or At(0, 0.0, values["number"])
@@ -153,7 +153,7 @@ def _plain_body(body: Body) -> Values:
 
 
 def events(told: Told, kind: type[T], bodies: Mapping[int, Body] = MappingProxyType({})) -> list[T]:
-    """Return the events of a kind, in which bodies are referred to by id.
+    """Parse rows as events of one kind; bodies are given by id.
 
     Raises
     ------

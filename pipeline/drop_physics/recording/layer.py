@@ -1,4 +1,4 @@
-"""The analysis layer: what `analyze` adds to a recording, in a separate file beside it.
+"""Writes the analysis layer: the results that `analyze` adds, in a file beside the recording.
 
 It carries the recording's own id, so that the viewer shows both files as one recording.
 """
@@ -65,7 +65,7 @@ class Line(NamedTuple):
 
 
 class ShownBody(NamedTuple):
-    """What the viewer shows of a body's n samples."""
+    """A body's results at its n samples, as the viewer shows them."""
 
     label: str
     at: Times
@@ -76,7 +76,7 @@ class ShownBody(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """What the viewer shows of a script's analysis."""
+    """A script's analysis, as the viewer shows it."""
 
     samples: Sequence[ShownBody] = ()
     """The samples of each body."""
@@ -101,7 +101,7 @@ def write_layer(
     force: bool,
     ours: bool,
 ) -> None:
-    """Write the layer completely or not at all: kinds of samples, errors, energies, findings.
+    """Write the analysis layer: kinds of samples, errors, energies, findings.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def _of_bodies(shown: Shown) -> Iterator[Chunk]:
 
 
 def _of_panels(shown: Shown) -> Iterator[Chunk]:
-    """Yield the curves of panels; those with the same samples become series of one entity."""
+    """Yield the curves of all panels; curves with the same samples share an entity."""
     for number, (_, drawn) in enumerate(shown.panels):
         together = groupby(drawn, key=lambda line: line.steps.tobytes())
         for part, (_, group) in enumerate(together):

@@ -1,4 +1,4 @@
-"""Find the analysis layer and the trials that belong to a recording, by file name."""
+"""Finds the analysis layer and the trial runs that belong to a recording, by file name."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ def is_layer(path: Path) -> bool:
 
 
 def trials_of(recording: Path) -> Path:
-    """Return the folder for a recording's trials: `run.why` for `run.rrd`."""
+    """Return the folder for the trial runs of a recording: `run.why` for `run.rrd`."""
     return recording.with_name(recording.name.removesuffix(".rrd") + TRIALS)
 
 
 def forget_trials(recording: Path) -> None:
-    """Delete the trials of a recording; any other file stays, and so does its folder."""
+    """Delete a recording's trial runs; keep any other file, and then the folder."""
     folder = trials_of(recording)
     if folder.is_dir() and not folder.is_symlink():
         for each in [*folder.glob("*.rrd"), *folder.glob("*.rrd.part"), folder / VERDICTS]:

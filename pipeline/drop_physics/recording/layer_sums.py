@@ -1,4 +1,4 @@
-"""Store sums that were explained later in the recording's layer, and read them back.
+"""Stores impulses computed after recording in the analysis layer, and reads them back.
 
 The entities are those of a short run's recording, so that a viewer shows them alike. A digest
 covers them: sums that fail it are explained again.
@@ -24,7 +24,7 @@ TOLD = {schema.CAUSES: ImpulseCause, schema.PAIRS: PairFriction}
 
 
 def sums_chunks(sums: LaterSums) -> Iterator[Chunk]:
-    """Yield the chunks of sums that were explained later."""
+    """Yield the chunks of impulses that were computed after recording."""
     made, told = Digests(), ToldDigest()
     events: list[Event] = [*sums.causes.values(), *sums.pairs]
     for event in events:
@@ -53,7 +53,7 @@ def _digests(made: Digests, told: ToldDigest) -> dict[str, object]:
 
 
 def sums_in(layer: Path, recording_id: str) -> LaterSums | None:
-    """Return the sums that a layer stores; None if there are none or they are incomplete."""
+    """Return the impulses that a layer stores; None if there are none or they are incomplete."""
     sums, made, told = LaterSums(), Digests(), ToldDigest()
     digests: dict[str, object] | None = None
     rows: dict[str, list[tuple[At, str]]] = {entity: [] for entity in TOLD}

@@ -1,4 +1,4 @@
-"""The viewer's layout for a recording, with or without its analysis: panels for all contents."""
+"""Makes the viewer's layout for a recording, with or without analysis: which panels, where."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ NEAR_EYE = Eye((1.55, 0.6, 0.9), (0.0, 0.0, 0.45))
 
 @dataclass(frozen=True)
 class Look:
-    """What the layout depends on."""
+    """The properties of a recording on which its layout depends."""
 
     eye: Eye
     entities: frozenset[str]
@@ -74,7 +74,7 @@ class Look:
 
 
 def look_of_drop(height_m: float, camera: View | None, entities: Iterable[str] = ()) -> Look:
-    """Return what the layout for a drop depends on.
+    """Return the properties on which a drop's layout depends.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def eye_around(low_m: Float64, high_m: Float64) -> Eye:
 
 
 def series_of(bodies: Iterable[Body]) -> dict[str, int]:
-    """Return the number of curves of each joint entity."""
+    """Return how many curves each joint entity has."""
     return {
         f"{schema.JOINTS}/{body.label}/{name}": sum(joint.widths[place] for joint in body.joints)
         for body in bodies
@@ -123,7 +123,7 @@ def series_of(bodies: Iterable[Body]) -> dict[str, int]:
 
 
 def layout(look: Look) -> rrb.Blueprint:
-    """Return the layout: scene, images, curves and texts, without empty panels."""
+    """Make the layout: scene, images, curves and texts, without empty panels."""
     pictures, states = [*_pictures(look)], [*_states(look)]
     shares = [5, *(3 for _ in pictures), *(_share(look) for _ in states)]
     left = _rows([_world(look), *pictures, *states], shares=shares)
@@ -289,7 +289,7 @@ def _curves(
 
 
 def _first_joints(look: Look, entities: Sequence[str]) -> dict[str, list[bool]]:
-    """Flag which series of joint entities are shown: those of the first `MOST_JOINTS`."""
+    """Flag the curves of joint entities that are shown: those of the first `MOST_JOINTS`."""
     shown: dict[str, list[bool]] = {}
     left: dict[str, int] = {}
     for entity in entities:

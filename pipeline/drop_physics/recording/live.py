@@ -1,4 +1,4 @@
-"""Show a recording while it is made, by sending its chunks also to a running viewer.
+"""Shows a recording while it is made, by sending chunks to a running viewer, too.
 
 A separate process talks to the viewer, because a stream to a viewer that hangs cannot be abandoned:
 Rerun's client waits for it when the stream is closed, and when Python ends. So closing or stopping
@@ -67,7 +67,7 @@ def shown(
 
 
 def _passed_on(relay: Worker, *request: Any) -> bool:  # noqa: ANN401
-    """Send a request once the last one is finished; return whether the viewer still responds."""
+    """Send a chunk once the viewer has taken the last one; return whether it still responds."""
     try:
         relay.answer()
         if request:
@@ -124,7 +124,7 @@ def _disconnect(recording_id: str) -> None:
 
 
 def _impatiently(act: Callable[[], None], *, patience_s: float = PATIENCE_S) -> None:
-    """Call a function, and end the process if that fails or takes too long."""
+    """Call a function; end this process if it fails or takes too long."""
     # A C thread ends it, without needing Python's lock.
     faulthandler.dump_traceback_later(under_load(patience_s), exit=True, file=sys.stderr)
     try:

@@ -1,4 +1,4 @@
-"""Show another recording as a layer: its bodies and heights, in a different colour.
+"""Shows another recording in the same view: its bodies and heights in a different colour.
 
 It carries the other recording's id, so that the viewer shows both as one.
 """
@@ -43,7 +43,7 @@ def write_other_layer(
     blueprint: Blueprint | None = None,
     drawn: Iterable[Chunk] | None = None,
 ) -> None:
-    """Write another recording's views as a layer; the recording must have been read before.
+    """Write another recording's views as a layer for this recording.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def write_other_layer(
 
 
 def _moved(labels: Collection[str] | None, name: str) -> Iterator[tuple[str, str]]:
-    """Yield entity paths of the other recording, with their new paths in this one."""
+    """Yield entity paths of the other recording, with the paths that they get in this one."""
     if labels is None:
         yield schema.BOX, f"{schema.WORLD}/{name}"
         yield schema.HEIGHT_SIMULATED, f"{schema.HEIGHT}/{name}"
@@ -84,7 +84,7 @@ def is_drawn(recording: Path) -> bool:
 
 
 def shapes_in(recording: Path) -> Iterator[Chunk]:
-    """Yield the shapes in a script's recording, numbered below their links."""
+    """Yield the shapes in a script's recording, with the links that they belong to."""
     for chunk in _read(recording):
         top, rest = _parted(chunk.entity_path.removeprefix("/"))
         if top.startswith(f"{schema.WORLD}/") and rest and rest[-1].isdigit():

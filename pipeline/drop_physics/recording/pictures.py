@@ -1,4 +1,4 @@
-"""Views in a script's recording as Rerun's types: shapes, poses, cameras, curves and logs."""
+"""Makes chunks for the viewer: shapes, poses, cameras, curves and logs."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ CONTACT_COLOUR = 0xE69F00FF
 
 @functools.cache
 def scene() -> Chunk:
-    """Return the part of the scene that never changes: the up axis."""
+    """Return the chunk that sets the scene's up axis."""
     z_up = rr.ViewCoordinates.RIGHT_HAND_Z_UP
     return Chunk.from_columns(schema.WORLD, [], rr.ViewCoordinates.columns(xyz=[z_up.coordinates]))
 
 
 def poses(entity: str, at: Times, parts: Sequence[Float64]) -> Chunk:
-    """Return the poses of a part over time: position and orientation, shape (n, 7)."""
+    """Return the poses of a body or link over time: position and orientation, shape (n, 7)."""
     rows = np.concatenate(parts)
     return Chunk.from_columns(
         entity,
@@ -85,7 +85,7 @@ def contact_style(entity: str) -> Chunk:
 
 
 def cleared(entity: str, at: Times) -> Chunk:
-    """Return a chunk that removes a body from the view."""
+    """Return a chunk that removes an entity from the view."""
     return Chunk.from_columns(entity, times(at), rr.Clear.columns(is_recursive=[True]))
 
 
@@ -109,7 +109,7 @@ def _colour(seen: Shape) -> int:
 
 @functools.lru_cache(maxsize=1024)
 def _drawn(seen: Shape) -> list[rr.ComponentColumn] | None:
-    """Return a shape that is not a mesh, and its pose on its link; None if it cannot be drawn."""
+    """Return a primitive shape and its pose on the link; None if it cannot be drawn."""
     colour, solid = _colour(seen), [rr.components.FillMode.Solid]
     a, b, *_ = (*seen.size_m, 0.0, 0.0)
     offset = (0.0, 0.0, 0.0)
@@ -185,7 +185,7 @@ def collision(entity: str, at: Times, link: str, seen: Collision) -> Iterator[Ch
 
 @functools.lru_cache(maxsize=64)
 def hull_of(corners: tuple[float, ...]) -> tuple[Float64, Float64] | None:
-    """Return a convex hull's triangles as corners, three each, and normals: shape (n, 3).
+    """Return the triangles of a convex hull: corners, three each, and normals, shape (n, 3).
 
     None where the corners [m], three numbers each, are not those of one hull: a file may have
     several parts.
@@ -287,7 +287,7 @@ def camera(entity: str, at: Times, seen: Image) -> Iterator[Chunk]:
 
 
 def log(entity: str, at: Times, lines: Sequence[tuple[str, bool]]) -> Chunk:
-    """Return log lines, each given with whether it is an error."""
+    """Return log lines; each is given with a flag that is True for errors."""
     texts = [text for text, _ in lines]
     levels = ["ERROR" if is_error else "INFO" for _, is_error in lines]
     columns = rr.TextLog.columns(text=texts, level=levels if "ERROR" in levels else None)

@@ -1,4 +1,4 @@
-"""Read a recording: convert Rerun's chunks to arrays, and check them.
+"""Reads a recording: converts Rerun's chunks to arrays, and checks them.
 
 Samples, inputs and frames must have the digests that were written last. A recording that fails a
 check is damaged, and the error says why in one line.
@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Recording:
-    """The contents of a recording, read and checked."""
+    """The contents of a recording that was read and checked."""
 
     path: Path
     recording_id: str
@@ -86,7 +86,7 @@ class Recording:
 
     @property
     def lacks(self) -> Message | None:
-        """Sentence on the contents that an earlier schema lacks; None for the current schema."""
+        """Sentence on what older recordings lack; None if this one is of the current schema."""
         version = (self.ended or {}).get("schema_version", schema.SCHEMA_VERSION)
         replayed = self.seen.engine != DEFAULT_ENGINE
         what = lacking(version, of_drop=self.drop is not None, replayed=replayed)
@@ -101,7 +101,7 @@ class Recording:
 
     @property
     def origin_and_end(self) -> Properties:
-        """Properties of the script, its arguments, and how it ended."""
+        """Properties that name the script, its arguments, and how it ended."""
         ended = self.ended or {}
         digest = {name: ended[name] for name in ("script_sha256",) if name in ended}
         of_end = {name: ended.get(name) for name in ("ended", "error", "error_site")}
@@ -186,7 +186,7 @@ def read(path: Path) -> Recording:
 
 @dataclass
 class Contents:
-    """The chunks of a recording that numbers are computed from."""
+    """The chunks of a recording that results are computed from."""
 
     recording_id: str
     texts: dict[str, list[tuple[At, str]]]
@@ -208,7 +208,7 @@ class Contents:
 
 
 def contents(path: Path) -> Contents:
-    """Read a recording's chunks once: keep the rows of JSON, and index the samples.
+    """Read a recording's chunks once: keep rows of JSON, and index the samples on disk.
 
     Raises
     ------
@@ -260,7 +260,7 @@ def contents(path: Path) -> Contents:
 
 
 def digests(held: Contents) -> dict[str, Any]:
-    """Return the digests of the contents, as the closing property stores them."""
+    """Return the digests of what was read, in the form in which the recording stores them."""
     inputs = {name: held.properties.get(name) for name in schema.INPUT_PROPERTIES}
     tables = {entity: digest.hexdigest() for entity, digest in held.made.tables.items()}
     if schema.ORIGIN_PROPERTY not in held.properties:
@@ -330,7 +330,7 @@ def _seen(
 
 
 def _whole(told: Told, held: Contents) -> Told:
-    """Drop the rows of incomplete steps of an unfinished recording."""
+    """Drop the rows of an unfinished recording's last, incomplete step."""
     held.sampled.sites = _sites(told)
     engines = [event.engine for event in json_rows.events(told, Settings)]
     last = last_whole_step(
@@ -347,7 +347,7 @@ def _whole(told: Told, held: Contents) -> Told:
 
 
 def _sites(told: Told) -> dict[int, Site]:
-    """Return the script's call sites of engine functions, by number."""
+    """Return the script lines that call the engine, by index."""
     return {site.number: site for site in json_rows.events(told, Site)}
 
 

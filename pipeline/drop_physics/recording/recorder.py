@@ -1,4 +1,4 @@
-"""Convert a run's events to the chunks of a recording, in the right order.
+"""Converts a run's events to the chunks of a recording, in the right order.
 
 Numbers go into `state`, `joints`, `contacts`, `calls` and the entities beside them, as float64; the
 parts for display (`drawing`) are thinned to the number that a viewer can show.
@@ -140,7 +140,7 @@ class Recorder:
                 yield chunk
 
     def look(self) -> Look:
-        """Return what the viewer's layout for the recording depends on."""
+        """Return the properties of the recording on which its layout depends."""
         return Look(
             eye_around(self.drawing.low_m, self.drawing.high_m),
             frozenset(self._entities),
@@ -302,14 +302,14 @@ class Recorder:
             yield from self.drawing.on_samples(seen)
 
     def _on_frames(self, seen: Frames) -> None:
-        """Add the frames of steps whose samples were added before."""
+        """Add the replay frames of steps whose samples were added before."""
         row = packed(seen, self.bodies)
         self._made.add_steps(row)
         at = Times(np.array([seen.first + 1]), seen.clock_s[:1])
         self._frames.hold(schema.STEPS, at, row)
 
     def _slots_of(self, seen: Samples) -> dict[int, int]:
-        """Return constraints' slots by id: their own, or reused from a similar removed constraint.
+        """Return each constraint's column: its own, or that of a similar removed constraint.
 
         Rerun holds 25 kB of each entity until the file is finished.
         """
@@ -327,7 +327,7 @@ class Recorder:
         return {each[0]: slots[each] for each in sorted(there)}
 
     def _is_held(self, steps: int) -> bool:
-        """Return whether a batch of steps is to be buffered."""
+        """Return whether a batch of steps waits for more before it is written."""
         self._short += steps < SHORT
         if self._short <= MANY or steps >= SHORT:
             return False
@@ -377,7 +377,7 @@ class Recorder:
             self._series.hold(entity, at, values, kind=values.shape[1])
 
     def take_in(self, event: Event) -> None:
-        """Store a digest of each state, to compare it with another run."""
+        """Store a digest of each state, to compare this run with another."""
         if not isinstance(event, Samples) or not len(event.steps):
             return
         # Bodies are numbered in the order in which threads add them: theirs are left out.
@@ -390,7 +390,7 @@ class Recorder:
             digests.append((step, hashlib.blake2b(row.tobytes(), digest_size=8).digest()))
 
     def first_difference(self, other: Recorder) -> int | None:
-        """Return the first step whose state differs in another run, or is missing from one."""
+        """Return the first step whose state differs from, or is missing in, another run."""
         mine, theirs = self._digests, other._digests
         if sorted(mine.values()) == sorted(theirs.values()):  # however threads took turns
             return None
@@ -443,7 +443,7 @@ def _series_chunk(entity: str, at: Times, parts: list[Float64]) -> Chunk:
 
 
 def _calls_chunk(_: str, __: Times, parts: list[tuple[Calls, Int64]]) -> Chunk:
-    """Return the calls of one simulation, each part with its counts of values."""
+    """Return a chunk of calls in one simulation, joined from parts."""
     columns = zip(*([*vars(calls).values()][1:] for calls, _ in parts), strict=True)
     whole = Calls(parts[0][0].client, *map(np.concatenate, columns))
     return writer.calls_chunk(whole, np.concatenate([widths for _, widths in parts]))

@@ -1,4 +1,4 @@
-"""Parse Rerun's file format, safely even if the file is damaged.
+"""Parses Rerun's file format, safely even if the file is damaged.
 
 Rerun's own reader trusts a file: a wrong bit makes it panic, which aborts the whole process, or
 allocate as much memory as that bit claims; and it rejects a file that ends within a message. Here
@@ -73,7 +73,7 @@ class UnfinishedError(DamagedError):
 
 
 class Chunk(NamedTuple):
-    """A chunk: rows of one entity, and the recording that they belong to."""
+    """Rows of one entity, and the id of the recording that they belong to."""
 
     application_id: str
     recording_id: str

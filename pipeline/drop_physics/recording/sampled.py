@@ -1,4 +1,4 @@
-"""Read a recording's samples in ranges of steps, by an index of its chunks."""
+"""Reads a recording's samples by step range, from an index of the chunks on disk."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Entity:
 
 
 class RecordedSamples:
-    """A file's samples, calls and images: the chunks are on disk, an index is in memory."""
+    """A recording's samples, calls and images, indexed; the data stay on disk."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -178,7 +178,7 @@ class RecordedSamples:
         return found
 
     def _is_known(self, acted: Impulses) -> bool:
-        """Return whether all causes of these impulses are known."""
+        """Return whether all causes of impulses are described in the recording."""
         return bool(np.isin(acted.causes, [*self.causes]).all())
 
     def _controls(self, first: int, end: int) -> dict[int, tuple[Int64, Float64]]:

@@ -1,4 +1,4 @@
-"""Redraw the scene of a script's recording: its shapes, and the poses of their parts."""
+"""Reads what is needed to draw a script's scene: its shapes, and the poses of all parts."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ORIGIN = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]], np.float32)
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A link as it is drawn, with an unchanging appearance, and its poses."""
+    """A drawn body or link with one appearance, and its poses over time."""
 
     number: int
     """Id of the body."""
@@ -49,13 +49,13 @@ class Part:
         return found
 
     def on(self, parent: Part) -> Part:
-        """Return the part with world poses, if its own are relative to another part."""
+        """Convert poses relative to another part into world poses."""
         times_s = np.unique(np.concatenate([parent.times_s, self.times_s]))
         poses = placed(parent.at(times_s), self.at(times_s))
         return replace(self, times_s=times_s, poses=poses.astype(np.float32))
 
     def in_looks(self, looks: Sequence[tuple[float, tuple[Model, ...]]]) -> Iterator[Part]:
-        """Yield the part once for each appearance, limited to the time of that appearance.
+        """Yield one part for each appearance, limited to the time of that appearance.
 
         `looks` are in order, with the times at which they begin [s]; none while it is gone.
         """
@@ -70,7 +70,7 @@ class Part:
 
 
 def parts_of(path: Path, seen: Seen) -> list[Part]:
-    """Return the parts of a recording that can be drawn.
+    """Return the bodies and links of a recording that can be drawn.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def parts_of(path: Path, seen: Seen) -> list[Part]:
 
 
 def reach_of(parts: Sequence[Part]) -> tuple[Float64, Float64]:
-    """Return the corners of the bounding box of all motion, without bodies that fly away."""
+    """Return the bounding box of all motion, without bodies that fly away."""
     boxes = [(part, np.fmin.reduce(part.poses), np.fmax.reduce(part.poses)) for part in parts]
     moves = {part.number for part, low, high in boxes if (high - low > 1e-4).any()}
     shown = [
@@ -135,7 +135,7 @@ def reach_of(parts: Sequence[Part]) -> tuple[Float64, Float64]:
 
 
 def _radius_m(body: Body, link: int) -> float:
-    """Return the radius of a ball around a link [m]."""
+    """Return the radius of a ball that encloses a link [m]."""
     if any(shape.kind == "plane" and shape.link == link for shape in body.shapes):
         return np.inf
     shapes = [shape for shape in body.shapes if shape.link == link]
@@ -149,7 +149,7 @@ def _radius_m(body: Body, link: int) -> float:
 
 
 def _size_m(shape: Shape, half_m: float) -> float:
-    """Return the radius of a ball around a shape's centre [m], at most that of the link's box."""
+    """Return the radius of a ball that encloses a shape [m], at most that of its bounding box."""
     match shape.kind:
         case "mesh":
             return half_m

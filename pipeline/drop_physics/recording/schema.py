@@ -1,4 +1,4 @@
-"""Names of entities, properties and components in a recording, defined only here.
+"""Defines the names of entities, properties and components in a recording.
 
 A recording has two timelines: `sim_step`, the integer key that samples are joined on, and
 `sim_time`, the same step in simulated time (whole nanoseconds, for display). Everything is computed

@@ -1,4 +1,4 @@
-"""Finish a recording: it grows as `.part`, gets its layout, is verified and renamed."""
+"""Finishes a recording: adds its layout, verifies it, and renames it from `.part`."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def _make_way(sealed: Path, *, force: bool) -> None:
 
 
 def _holds_something(part: Path) -> bool:
-    """Return whether at least one chunk of a simulation was written completely."""
+    """Return whether a file has at least one complete chunk of a simulation."""
     try:
         chunks = rrd.chunks(part, unfinished=True)
         return any(chunk.entity.startswith(schema.HAPPENED) for chunk in chunks)

@@ -1,4 +1,4 @@
-"""Store the frames of a batch of steps as a row of a recording: a list of numbers, and names.
+"""Packs the replay frames of a batch of steps into a row of a recording, and unpacks them.
 
 Parts of the state that the samples of joints have, too, are not repeated; nor is the clock if it is
 a timestep later.
@@ -40,7 +40,7 @@ label and the series' name, shape (n, places)."""
 
 
 class PackedFrames(NamedTuple):
-    """A row that stores the frames of a batch of steps."""
+    """A row with the replay frames of a batch of steps."""
 
     layout: str
     """Structure of the numbers, as JSON."""
@@ -51,7 +51,7 @@ class PackedFrames(NamedTuple):
 
 
 def packed(frames: Frames, bodies: Mapping[int, Body]) -> PackedFrames:
-    """Pack frames into a row; `bodies` are given by id."""
+    """Pack replay frames into a row; `bodies` are given by id."""
     other = np.flatnonzero(frames.clock_s != _starts_s(frames) + frames.timestep_s)
     numbers: list[Float64] = [frames.clock_s[other], frames.functions.astype(np.float64)]
     at: list[Int64] = [other]
@@ -97,12 +97,12 @@ def packed(frames: Frames, bodies: Mapping[int, Body]) -> PackedFrames:
 
 
 def deflated(part: ModelPart) -> ModelPart:
-    """Compress a part of a model, whose textures may be all of one colour."""
+    """Compress a part of a compiled model."""
     return replace(part, data=zlib.compress(part.data, 1))
 
 
 def inflated(data: bytes) -> bytes:
-    """Decompress a part of a model.
+    """Decompress a part of a compiled model.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def edits_of(row: PackedFrames) -> list[ModelEdit]:
 
 
 def unpacked(row: PackedFrames, numbers_of: Mapping[str, int], series: Series) -> Frames:
-    """Unpack the frames stored in a row.
+    """Unpack the replay frames in a row.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def _starts_s(frames: Frames) -> Float64:
 
 
 def _clock_s(n: int, timestep_s: float, other: FrameColumn, before: FrameColumn) -> Float64:
-    """Return the simulation's clock after each step [s], shape (n,), summed as the engine does."""
+    """Return the clock after each step [s], shape (n,), summed up as the engine does."""
     told, starts = (
         dict(zip(each.at.tolist(), each.rows[:, 0].tolist(), strict=True))
         for each in (other, before)

@@ -1,4 +1,4 @@
-"""Read the recorded models and frames with which the engine can repeat its steps."""
+"""Reads compiled models and replay frames, with which the engine can repeat recorded steps."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from drop_physics.trace.frames import Frames, ModelEdit, ModelPart
 
 
 class _Place(NamedTuple):
-    """Where the frames of a batch of steps are stored."""
+    """The location of a batch's replay frames in the file."""
 
     first: int
     """Index of the sample from which the first step starts."""
@@ -42,7 +42,7 @@ class RecordedModel(NamedTuple):
 
 @dataclass
 class RecordedSteps:
-    """A file's models and frames: the chunks are on disk, an index is in memory."""
+    """A recording's models and replay frames, indexed; the data stay on disk."""
 
     samples: RecordedSamples
     models: dict[int, RecordedModel] = field(default_factory=dict)
@@ -54,7 +54,7 @@ class RecordedSteps:
 
     @property
     def clients(self) -> list[int]:
-        """Ids of the simulations that have frames."""
+        """Ids of the simulations that have replay frames."""
         return sorted(self._places)
 
     def ends(self, client: int) -> list[int]:
@@ -67,7 +67,7 @@ class RecordedSteps:
         self._parts.setdefault(part.number, []).append((part.at, chunk.position))
 
     def add_frames(self, chunk: Chunk, row: PackedFrames, number: int) -> None:
-        """Add a chunk's row of frames to the index."""
+        """Add a chunk's row of replay frames to the index."""
         its = span_of(row)
         end = its.first + its.steps
         place = _Place(its.first, end, its.model, chunk.position, number, its.edited)
@@ -94,7 +94,7 @@ class RecordedSteps:
             raise damaged(self.samples.path, what) from None
 
     def model_of(self, client: int) -> int:
-        """Return the number of a simulation's model."""
+        """Return the index of a simulation's model."""
         return self._places[client][0].model
 
     def steps_of(self, client: int) -> int:
@@ -102,7 +102,7 @@ class RecordedSteps:
         return self._places[client][-1].end
 
     def edits(self, client: int, end: int) -> list[ModelEdit]:
-        """Return the edits of a simulation's model before sample `end`, batch by batch.
+        """Return the script's edits of a model before sample `end`, batch by batch.
 
         Raises
         ------
@@ -120,7 +120,7 @@ class RecordedSteps:
         return [*columns.steps(chunk, self.samples.path)][place.row]
 
     def pieces(self, client: int, first: int, end: int) -> Iterator[Frames]:
-        """Yield the frames of each batch with a step that starts from sample `first` to `end` - 1.
+        """Yield replay frames of the batches with steps from sample `first` to before `end`.
 
         Raises
         ------

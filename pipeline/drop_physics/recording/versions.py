@@ -1,4 +1,4 @@
-"""Supported schema versions of recordings, and what earlier ones lack.
+"""Lists the recording schemas that can be read, and what older ones lack.
 
 Users keep golden recordings, so a landed change of the format raises `schema.SCHEMA_VERSION` and
 adds to `ADDED` the contents that recordings of earlier schemas lack, and to `tests/recordings` some
@@ -21,7 +21,7 @@ from drop_physics.recording.damage import again
 
 
 class Addition(NamedTuple):
-    """Contents that a schema version added."""
+    """What a schema version added to recordings."""
 
     what: Message
     of_drops: bool

@@ -1,4 +1,4 @@
-"""Start Rerun's viewer and command line, on the loopback interface only.
+"""Starts Rerun's viewer, reachable from this machine only.
 
 Rerun's telemetry is off in what is started here. The page of the web viewer, however, sends its own
 requests from the browser, and Rerun has no option against that.
@@ -54,7 +54,7 @@ def binary() -> Path:
 
 @dataclass(frozen=True)
 class Viewer:
-    """A viewer: the command that starts it, and its addresses."""
+    """A command that starts Rerun's viewer, and the addresses where it listens."""
 
     command: list[str]
     port: int
@@ -68,7 +68,7 @@ class Viewer:
 
 
 def viewer(files: Sequence[Path] = (), *, web: bool = False) -> Viewer:
-    """Return a viewer for these files; the layout of the last one is used.
+    """Return the command and addresses of a viewer for files; the last file's layout is used.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def viewer(files: Sequence[Path] = (), *, web: bool = False) -> Viewer:
 
 
 def start(viewer: Viewer, *, stays: bool) -> subprocess.Popen[bytes]:
-    """Start a viewer, and return its process once it listens.
+    """Start a viewer, and return its process once it accepts connections.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def start(viewer: Viewer, *, stays: bool) -> subprocess.Popen[bytes]:
 
 
 def _end_with_parent() -> None:
-    """Have Linux end this process when its parent has ended, for whatever reason."""
+    """Make Linux end this process when its parent process ends."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
@@ -228,7 +228,7 @@ def put_cursor(
 
 
 def check_listens(url: str) -> None:
-    """Check that a viewer listens at its URL.
+    """Check that a viewer accepts connections at its URL.
 
     Raises
     ------

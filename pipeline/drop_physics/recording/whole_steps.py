@@ -1,4 +1,4 @@
-"""Find the complete steps of an unfinished recording, which may end in the middle of one.
+"""Finds the last complete step of an unfinished recording, which may break off within a step.
 
 Rows are written in groups. Within a group each body's series come before the states of bases, and
 these before the frames; calls come before all of them, and what a call refers to before the call.
@@ -64,7 +64,7 @@ Part = tuple[list[int], list[int]]
 
 
 def _joints(sampled: RecordedSamples, bodies: Sequence[Body], *, efforts: bool) -> Iterator[Part]:
-    """Yield the last steps of joint series."""
+    """Yield the last steps for which joint states were written."""
     moving = [body for body in bodies if any(any(joint.widths) for joint in body.joints)]
     for body, of in product(moving, schema.OF_JOINTS if efforts else schema.OF_JOINTS[:-1]):
         yield [body.number], _series(sampled, body, of)
@@ -73,7 +73,7 @@ def _joints(sampled: RecordedSamples, bodies: Sequence[Body], *, efforts: bool) 
 def _others(
     sampled: RecordedSamples, steps: RecordedSteps, client: int, bodies: Sequence[Body]
 ) -> Iterator[Part]:
-    """Yield the last steps of constraint forces, base states, and frames."""
+    """Yield the last steps with constraint forces, base states, and replay frames."""
     all_of = [body.number for body in bodies]
     for entity, held in sampled.entities.items():
         if entity.startswith(f"{schema.CONSTRAINTS}/{client}_"):
@@ -98,7 +98,7 @@ def _states(sampled: RecordedSamples, bodies: Sequence[int]) -> Iterator[int]:
 
 
 def _unknown_calls(sampled: RecordedSamples) -> Iterator[int]:
-    """Yield the step of the first call whose call site is unknown, if there is one."""
+    """Yield the step of the first call whose script line is not described, if any."""
     for chunk in sampled.chunks(schema.CALLS, 0, sampled.last + 1):
         calls = columns.calls(chunk, sampled.path)
         unknown = ~np.isin(calls.sites, [*sampled.sites])

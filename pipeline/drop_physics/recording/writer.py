@@ -1,4 +1,4 @@
-"""Write recordings: convert arrays to Rerun's chunks, and write chunks to a file.
+"""Writes recordings: converts arrays to Rerun's chunks, and chunks to a file.
 
 A recording is a stream of chunks. `record` writes them one by one to `RUN.rrd.part`, adds the
 viewer's layout, verifies the file, and only then renames it.
@@ -66,7 +66,7 @@ def record(
     note: Callable[[str], None] = lambda _: None,
     full: Callable[[], None] | None = None,
 ) -> None:
-    """Write chunks to a recording, which gets its final name once it is complete and verified.
+    """Write chunks to a recording, and rename it once it is complete and verified.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def _is_short_of_room(part: Path) -> bool:
 
 @contextmanager
 def strict() -> Iterator[None]:
-    """Make bad calls raise, where Rerun would only warn and lose data; override `RERUN=off`.
+    """Make invalid calls of Rerun raise errors, where it would warn and lose data.
 
     This context acts on the whole process: recordings in several threads enter it around them.
     """
@@ -174,7 +174,7 @@ def strict() -> Iterator[None]:
 
 
 def named(chunks: Iterable[Chunk], name: str) -> Iterator[Chunk]:
-    """Yield chunks; after the first, which states the kind, yield name and start time.
+    """Yield chunks; insert the recording's name and start time after the first.
 
     Name and start time are where Rerun's own `send_recording_name` and
     `send_recording_start_time_nanos` put them.
@@ -217,7 +217,7 @@ def lens_chunk(camera: Camera) -> Chunk:
 
 
 def camera_chunk(steps: Int64 | None, timestep_s: float, world_from_camera: Float64) -> Chunk:
-    """Return a chunk of camera poses, shape (n, 4, 4), at these steps, or of a constant one."""
+    """Return a chunk of camera poses, shape (n, 4, 4), at the given steps, or of one constant."""
     return Chunk.from_columns(
         schema.CAMERA,
         [] if steps is None else times(at(steps, timestep_s)),
@@ -267,7 +267,7 @@ def times_of(at: At) -> Times:
 
 
 def times(at: Times) -> list[rr.TimeColumn]:
-    """Return the timelines of rows."""
+    """Return the timelines of rows: step and simulated time."""
     columns = [
         rr.TimeColumn(schema.STEP_TIMELINE, sequence=at.steps),
         rr.TimeColumn(
@@ -282,7 +282,7 @@ def times(at: Times) -> list[rr.TimeColumn]:
 def scalars_chunk(
     entity: str, at: Times, values: Float64, beside: Mapping[str, NDArray[Any]] | None = None
 ) -> Chunk:
-    """Return a chunk of values, shape (n, k), as k series, with further numbers `beside`."""
+    """Return a chunk of values, shape (n, k), as k curves, with further numbers `beside`."""
     count, width = values.shape
     columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values).reshape(-1))
     more = [_list_column(name, each, np.arange(count + 1)) for name, each in (beside or {}).items()]
@@ -290,7 +290,7 @@ def scalars_chunk(
 
 
 def series_chunk(entity: str, names: Sequence[str], *, stepped: bool = False) -> Chunk:
-    """Return a chunk that names an entity's series; `stepped` if values last until the next."""
+    """Return a chunk that names curves; `stepped` if a value lasts until the next."""
     named = rr.SeriesLines.columns(names=list(names)).partition([len(names)])
     if not stepped:
         return _static(entity, named)
@@ -361,7 +361,7 @@ def model_chunk(part: ModelPart) -> Chunk:
 
 
 def steps_chunk(entity: str, at: Times, rows: Sequence[PackedFrames]) -> Chunk:
-    """Return a chunk with the frames of batches of steps, one row each."""
+    """Return a chunk with the replay frames of batches of steps, one row each."""
     columns = [
         _lists_column(schema.JSON, [[row.layout] for row in rows]),
         _lists_column("numbers", [row.numbers for row in rows]),

@@ -427,7 +427,7 @@ def _frames(
     steps: Int64,
     edits: Sequence[ModelEdit],
 ) -> Frames:
-    """Return start states (frames) in which step i starts from row i of the given arrays."""
+    """Return replay frames in which step i starts from row i of the given arrays."""
     whole = run.whole
     starts_s = run.starts_s[steps]
     at = np.array([0])

@@ -1,4 +1,4 @@
-"""Builds frames, which hold all that is needed to replay a step, from the received stream."""
+"""Builds replay frames, all that is needed to replay each step, from the received stream."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FEW_STEPS = 5000
 
 
 class FramesOfSteps:
-    """Builds the frames of one simulation, chunk by chunk.
+    """Builds the replay frames of one simulation, chunk by chunk.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class FramesOfSteps:
     def of_piece(
         self, piece: StepPiece, timestep_s: float, shared: Mapping[str, Sequence[SharedColumns]]
     ) -> Frames:
-        """Return the frames of a chunk, after its writes and edits were stored.
+        """Return the replay frames of a chunk, after its writes and edits were stored.
 
         Parameters
         ----------
@@ -148,7 +148,7 @@ class FramesOfSteps:
 
 
 class KeptFrames:
-    """The frames of a short run, kept until its steps are explained; call `close`."""
+    """The replay frames of a short run, kept until its steps are explained; call `close`."""
 
     def __init__(self) -> None:
         self._file: IO[bytes] | None = None
@@ -162,7 +162,7 @@ class KeptFrames:
         return self._steps >= FEW_STEPS
 
     def add(self, frames: Frames) -> None:
-        """Keep the frames of a chunk."""
+        """Keep the replay frames of a chunk."""
         self._steps += len(frames)
         if self.is_full:
             self.close()
@@ -180,7 +180,7 @@ class KeptFrames:
             yield pickle.load(self._file)
 
     def close(self) -> None:
-        """Delete all frames."""
+        """Delete all replay frames."""
         if self._file is not None:
             self._file.close()
         self._file, self._places = None, []
@@ -200,7 +200,7 @@ def _of_width(row: NDArray[Any] | None, width: int) -> Float64:
 
 
 def _column(rows: Mapping[int, NDArray[Any] | None], width: int, first: int) -> FrameColumn:
-    """Return sparse rows, keyed by step, as a frame column."""
+    """Return sparse rows, keyed by step, as a column of replay frames."""
     whole = np.array([_of_width(row, width) for row in rows.values()])
     return FrameColumn(np.array([*rows], np.int64) - first, whole)
 

@@ -23,7 +23,7 @@ Times = Callable[[int, NDArray[np.int64]], NDArray[np.float64]]
 
 
 class RecordedFrames(Protocol):
-    """The compiled models of a recording, and its frames: the data to replay each step."""
+    """The compiled models and replay frames of a recording."""
 
     def model(self, number: int) -> bytes:
         """Return a compiled model by index."""
@@ -35,7 +35,7 @@ class RecordedFrames(Protocol):
         """Return the script's model edits in the chunks before sample `end`."""
 
     def pieces(self, client: int, first: int, end: int) -> Iterator[Frames]:
-        """Yield the frames of the chunks with steps from sample `first` to before `end`."""
+        """Yield replay frames of the chunks with steps from sample `first` to before `end`."""
 
 
 def explained_later(

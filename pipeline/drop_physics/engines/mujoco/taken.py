@@ -164,7 +164,7 @@ def edited_of(whole: Frames, name: str, compiled: NDArray[Any]) -> tuple[Int64, 
 
 
 def joined(pieces: list[Frames]) -> Frames:
-    """Concatenate the chunks of a run; an empty chunk if there are none."""
+    """Concatenate the replay frames of a run's chunks; an empty chunk if there are none."""
     first = pieces[0]
     starts = np.cumsum([0, *map(len, pieces)])[:-1].tolist()
     both = [*zip(starts, pieces, strict=True)]

@@ -1,1 +1,1 @@
-"""PyBullet: the world of a drop, and the recording and replay of any script's calls."""
+"""PyBullet worlds for simulated drops; recording and replay of scripts that use PyBullet."""

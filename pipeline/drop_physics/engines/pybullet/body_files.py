@@ -1,4 +1,4 @@
-"""Checks files for input that Bullet would silently misread: URDF numbers, mesh text.
+"""Checks URDF and mesh files for input that Bullet would silently misread.
 
 `nan` becomes a length, a word becomes 0, and the index of a face any place in memory. Files on
 which Bullet itself fails are tried in a process that may die (`probe`).
@@ -110,7 +110,7 @@ def check_mesh(path: Path) -> None:
 
 
 def _cut_lines(data: bytes, longest: int) -> str:
-    """Return the problem with the lines of a text that Bullet parses, or ''."""
+    """Return what Bullet would misread in the lines of a text file, or ''."""
     if re.search(rb"\r(?!\r*(?:\n|\Z))", data) or b"\0" in data:
         return Message(
             "Bullet skips what follows a carriage return or a NUL; end lines with a line feed"

@@ -1,4 +1,4 @@
-"""Keeps a C library's output away from the user's streams."""
+"""Captures what C libraries print, so that it does not reach the user's terminal."""
 
 from __future__ import annotations
 

@@ -148,7 +148,7 @@ def _believe(known: Verdicts) -> Iterator[bytes]:
 
 
 def draw_ahead(scenario: Scenario, camera: Camera) -> Iterator[bytes]:
-    """Predict the poses by dropping the body here, too, and render them before they are requested.
+    """Simulate the drop here, too, to render its frames before the main process asks for them.
 
     The requesting process is still loading its libraries. A pose predicted to the last bit has its
     picture ready; any other is drawn on request. There are no answers.

@@ -23,7 +23,7 @@ which fading begins."""
 def checkerboard(
     camera: Camera, place: Pose, side_m: float, colours: UInt8
 ) -> tuple[UInt8, Float32]:
-    """Render a camera's view of a plane, to be placed behind everything nearer.
+    """Render the floor as an infinite checkerboard, from a camera's point of view.
 
     TinyRenderer takes five times as long for it as for all else in a picture.
 
@@ -69,7 +69,7 @@ def checkerboard(
 
 
 def _palette(colours: UInt8) -> UInt8:
-    """Return the colours of squares, shape (from background to full colour, kind, 3)."""
+    """Return the squares' colours as they fade out, shape (from background to full, kind, 3)."""
     page, tiles = colours[2:], np.vstack((colours[:2], colours[:2].mean(axis=0)))
     share = np.linspace(0, 1, FADES + 1)[:, None, None]
     colour: UInt8 = (page + share * (tiles - page)).astype(np.uint8)

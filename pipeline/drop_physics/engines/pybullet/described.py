@@ -1,4 +1,4 @@
-"""Creates bodies of a recording from the descriptions that a watched process sends."""
+"""Converts descriptions of bodies, sent by a script's process, into bodies of the recording."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ REPORTED = (
 
 
 class Numbering:
-    """Assigns ids to the bodies of a recording.
+    """Assigns ids to the bodies of a recording; the same body, loaded after a reset, keeps its id.
 
     After a reset, a body with the same id, name and structure counts as the same body.
     """
@@ -60,7 +60,7 @@ class Numbering:
         self._numbers: dict[object, int] = {}
 
     def described(self, client: int, dynamics: list[Any], note: dict[str, Any]) -> Body:
-        """Return a body as it was added to the simulation."""
+        """Convert the description of a body that the script has just loaded."""
         joints = _joints(note)
         shapes = shapes_of(note["visual"], dynamics, note["inertial"])
         collisions = _collisions(note["collisions"])
@@ -118,7 +118,7 @@ def _joints(note: dict[str, Any]) -> tuple[Joint, ...]:
 
 
 def joint_of(info: Sequence[Any], name: str, widths: tuple[int, int, int]) -> Joint:
-    """Return a joint, given the result of `getJointInfo`, its name, and its numbers of values."""
+    """Convert a result of `getJointInfo` into a joint of the recording."""
     return Joint(
         info[0],
         name,
@@ -173,7 +173,7 @@ def _name(*candidates: str) -> str:
 
 
 def moving_links(base: bool, joints: Sequence[Any]) -> tuple[int, ...]:
-    """Return the links that can move: the base if it can, and those with movable joints."""
+    """Return the links that can move: the base if it is floating, and links on movable joints."""
     moving = {BASE} if base else set()
     for info in joints:
         if info[2] != FIXED or info[16] in moving:
@@ -195,7 +195,7 @@ def reported_of(dynamics: Sequence[Any]) -> dict[str, Float64]:
 def shapes_of(
     visual: Sequence[Any], dynamics: Sequence[Any], of_rigid: Pose | None
 ) -> tuple[Shape, ...]:
-    """Return shapes from the result of `getVisualShapeData`, which uses the link's frame.
+    """Convert a result of `getVisualShapeData`, which uses the link frame, to shapes.
 
     `of_rigid` is the inertial frame of a btRigidBody.
     """

@@ -30,7 +30,7 @@ def data_folder() -> Path:
 
 @functools.cache
 def engine_versions() -> dict[str, str]:
-    """Return what determines the engine's numbers: version, wheel and build time."""
+    """Return what PyBullet's results may depend on: version, wheel and build time."""
     distribution = metadata.distribution("pybullet")
     wheel = (distribution.read_text("WHEEL") or "").partition("Tag:")[2].split()
     versions = {"pybullet_version": distribution.version, "pybullet_build": BUILD_TIME}

@@ -1,4 +1,4 @@
-"""Finds the file of a body: a path, or a file of `pybullet_data`."""
+"""Finds the URDF file of a body to drop: a path, or a file of `pybullet_data`."""
 
 from __future__ import annotations
 

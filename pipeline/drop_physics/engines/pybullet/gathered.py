@@ -1,4 +1,4 @@
-"""The decoded state of one simulation of a watched script: bodies, samples, calls."""
+"""Collects decoded samples and calls of one PyBullet simulation, to record many at once."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CALLS_TOGETHER = 1 << 14
 
 @dataclass
 class Known:
-    """A body in the stream, with its counterpart in the recording."""
+    """A body in the received stream, with the body of the recording that it became."""
 
     body: Body
     world: GatheredWorld
@@ -45,23 +45,23 @@ class Known:
         """Number of positions, velocities and efforts of each of its joints."""
 
     def joints_of(self, steps: Int64, times_s: Float64, values: Float64) -> Joints:
-        """Return the joint states at given steps, from one row of numbers each."""
+        """Split rows of joint numbers, one for each step, into a table of joint states."""
         return Joints(steps, times_s, *self._split(values))
 
     def put(self, at: At, values: Float64) -> Put:
-        """Return the state after calls have moved the body."""
+        """Return the state that a script's calls gave the body."""
         position, velocity, effort = self._split(values[BASE_WIDTH:])
         base, sampled = values[:BASE_WIDTH], self.world.sampled
         return Put(at, self.body, base, position, velocity, effort, sampled)
 
     def _split(self, values: Float64) -> list[Float64]:
-        """Split values into arrays of positions, velocities and efforts of its joints."""
+        """Split joint numbers into positions, velocities and efforts."""
         ends = np.cumsum(self.widths[:2])
         return [each.copy() for each in np.split(values, ends, axis=-1)]
 
 
 def points_of(points: bytes | bytearray, steps: Int64) -> Rows:
-    """Return contact points from the format of `pack_points`, with the step of each."""
+    """Unpack contact points, and add the step of each."""
     values = np.frombuffer(points, np.float64).reshape(-1, POINT.size // 8)
     rows = np.empty(len(steps), CONTACT)
     rows["step"] = steps
@@ -75,7 +75,7 @@ def points_of(points: bytes | bytearray, steps: Int64) -> Rows:
 
 
 class GatheredWorld:
-    """One simulation of a script while its stream is decoded."""
+    """One PyBullet simulation of a script, while its stream is decoded."""
 
     def __init__(self, client: int, step: int, time_s: float) -> None:
         self.client, self.step = client, step
@@ -103,7 +103,7 @@ class GatheredWorld:
         """The returned value of each of these."""
 
     def lay_out(self, layout: list[tuple[Known, bool]], constraints: list[tuple[int, int]]) -> None:
-        """Set the contents of the following samples."""
+        """Set which bodies and constraints the following samples contain, in which order."""
         self._layout, self._constraints = layout, constraints
         numbers = sum(width for _, width in constraints)
         numbers += sum(sum(known.widths) + BASE_WIDTH * has_base for known, has_base in layout)
@@ -119,7 +119,7 @@ class GatheredWorld:
 
     @property
     def is_full(self) -> bool:
-        """True if enough samples are collected to be yielded."""
+        """True if enough samples are collected to be recorded."""
         return (
             len(self._samples) >= self._room
             or self._bytes > self._room_bytes
@@ -138,7 +138,7 @@ class GatheredWorld:
         return True
 
     def add_call(self, number: int, payload: bytes) -> None:
-        """Add a call."""
+        """Add a call that the script made."""
         self._calls.append((self.step, number, payload))
 
     def add_result(self, result: float) -> None:
@@ -147,13 +147,13 @@ class GatheredWorld:
             self._results.append((len(self._calls) - 1, result))
 
     def gathered(self) -> Iterator[Calls | Samples]:
-        """Yield the collected calls and samples."""
+        """Yield the collected calls and samples, and forget them."""
         yield from self.called()
         if self._samples:
             yield self._sampled()
 
     def called(self) -> Iterator[Calls]:
-        """Yield the collected calls."""
+        """Yield the collected calls, and forget them."""
         if not self._calls:
             return
         steps, numbers, payloads = zip(*self._calls, strict=True)

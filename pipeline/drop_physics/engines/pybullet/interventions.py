@@ -1,4 +1,4 @@
-"""PyBullet's rows of the table of interventions: code for the user, and changed runs.
+"""Changes that can be tried on a PyBullet run, each as code for the user and as an operation.
 
 The result of `makes` is carried out by `watch/intervene.py` in the script's interpreter.
 """
@@ -71,7 +71,7 @@ FARTHER = Message("{mm:.3g} mm farther away")
 
 @dataclass(frozen=True)
 class CallRow(ChangeRow):
-    """An intervention that changes calls of PyBullet."""
+    """A change of PyBullet calls that may be suggested and tried."""
 
     makes: Applies | None = None
     _: KW_ONLY
@@ -83,7 +83,7 @@ class CallRow(ChangeRow):
 
     @property
     def tried(self) -> dict[str, Any]:
-        """Return the row in the format of the script-side search: the added call."""
+        """Describe this change for the search for causes, which runs in the script's process."""
         taken = [name for name, becomes in self.sets.items() if not isinstance(becomes, always)]
         fixed = {name: each(None) for name, each in self.sets.items() if name not in taken}
         change = self.change or f"{self.function}.{taken[0]}"
@@ -91,20 +91,20 @@ class CallRow(ChangeRow):
         return {**super().tried, "change": change, **call}
 
     def changes(self, cure: Cure) -> dict[str, How]:
-        """Return the changes of arguments, from the finding or from the row."""
+        """Return which arguments change and how: as the finding says, or by this row's default."""
         if cure.given:
             return {name: ("=", value) for name, value in cure.given.items()}
         return super().changes(cure)
 
     def call_of(self, cure: Cure) -> str:
-        """Return the call that a user would write for a fix."""
+        """Return the call that a user would write to make a suggested change."""
         if self.words or not self.function:
             return super().call_of(cure)
         shown = (_shown(name, *change) for name, change in self.changes(cure).items())
         return f"p.{self.function}(…, {', '.join(shown)})"
 
     def operations(self, cure: Cure, scope: Scope) -> Iterable[Operation]:
-        """Return the operations that the hooks of PyBullet's functions carry out."""
+        """Return the operations that PyBullet's hooks carry out to make a suggested change."""
         return () if self.makes is None else self.makes(self, cure, scope)
 
 
@@ -122,7 +122,7 @@ def _set_parameter(name: str, value: float) -> ChangedRun:
 
 
 def _leave(functions: list[str], *arguments: str) -> Operation:
-    """Return the operation that omits a call, or some of its arguments."""
+    """Make a function that returns the operation to omit a call, or some arguments of a call."""
     return {"do": "leave", "functions": functions, "arguments": [*arguments]}
 
 
@@ -137,45 +137,45 @@ def _at(scope: Scope) -> Operation:
 
 
 def _done(do: str, *functions: str) -> Applies:
-    """Return the operations on the calls for each body."""
+    """Make a function that returns one operation for each body of a finding."""
     return lambda _, __, scope: (
         {"do": do, "functions": [*functions], **_of(body)} for body in scope.bodies
     )
 
 
 def _set(row: CallRow, cure: Cure, _: Scope) -> Iterator[Operation]:
-    """Yield the operation that sets arguments in all calls."""
+    """Yield the operation that changes arguments in all calls of a function."""
     yield {"do": "set", "functions": [row.function], "sets": row.changes(cure)}
 
 
 def _set_of(*functions: str) -> Applies:
-    """Return the operations that set arguments in the calls for each body."""
+    """Make a function that returns operations to change arguments in calls for given bodies."""
     return lambda row, cure, scope: (
         {**each, "sets": row.changes(cure)} for each in _done("set", *functions)(row, cure, scope)
     )
 
 
 def _begin(row: CallRow, cure: Cure, _: Scope) -> Iterator[Operation]:
-    """Yield the operation that makes a call at the beginning of each simulation."""
+    """Yield the operation that adds a call at the start of each simulation."""
     yield {"do": "add", "functions": BEGINS, "call": row.function, "sets": row.changes(cure)}
 
 
 def _engine(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Yield operations that set engine parameters from the beginning on."""
+    """Yield operations that set engine parameters from the start on."""
     for each in (*_begin(row, cure, scope), *_set(row, cure, scope)):
         sets = {name: (do, whole_number(value)) for name, (do, value) in each["sets"].items()}
         yield {**each, "sets": sets, "given": True}
 
 
 def _dynamics(links: Callable[[Body], Sequence[int]]) -> Applies:
-    """Return the operations that set link properties."""
+    """Make a function that returns operations to set properties of links, such as friction."""
     return lambda row, cure, scope: _of_links(scope.bodies, row.changes(cure), links)
 
 
 def _of_links(
     bodies: Sequence[Body], sets: Mapping[str, How], links: Callable[[Body], Sequence[int]]
 ) -> Iterator[Operation]:
-    """Yield operations that set link properties after each load, and each call setting them."""
+    """Yield operations that set link properties after loading, and in later calls that set them."""
     for body in bodies:
         how = {"links": [*links(body)], "link_name": "linkIndex", **_of(body)}
         each = {"do": "add", "call": DYNAMICS, "sets": sets, **how}
@@ -209,7 +209,7 @@ def _inertial(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _motors(*modes: int) -> Applies:
-    """Return the operations on motor calls; with several joints, each gets at least a force."""
+    """Make a function that returns operations to change motor commands."""
 
     def made(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
         sets = row.changes(cure)
@@ -229,7 +229,7 @@ def _motors(*modes: int) -> Applies:
 
 
 def _urdf_limits(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Yield operations that give motors the finding's force, or the effort limit of their file."""
+    """Yield operations that limit motor forces to the finding's force, or to the URDF's effort."""
     motors = _motors(VELOCITY, POSITION, PD)
     if cure.given:
         yield from motors(row, cure, scope)
@@ -242,7 +242,7 @@ def _urdf_limits(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _motor_off(_: CallRow, __: Cure, scope: Scope) -> Iterator[Operation]:
-    """Yield operations that turn motors off after loading: the named one, and uncommanded ones."""
+    """Yield operations that turn default motors off, after loading and unless commanded."""
     for body in scope.bodies:
         named = scope.links(body) if scope.joint is not None else []
         for joint in body.joints:
@@ -267,7 +267,7 @@ def _motor_off(_: CallRow, __: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _constraint(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Yield operations that set a constraint's force, on creation and in calls setting another."""
+    """Yield operations that set a constraint's maximum force, at creation and later."""
     (each,) = _set(row, cure, scope)
     yield {**each, "given": True}
     yield {**each, "do": "pull", "functions": ["createConstraint"]}
@@ -278,7 +278,7 @@ def _frames(_: CallRow, __: Cure, ___: Scope) -> Iterator[Operation]:
 
 
 def _first(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Yield operations that set the last timestep at the beginning, and instead of any other."""
+    """Yield operations that set the run's last timestep from the start on, and no other."""
     last = replace(cure, given={"timeStep": scope.timestep_s})
     yield from (*_begin(row, last, scope), *_set(row, last, scope))
 
@@ -288,7 +288,7 @@ def _repeated(_: CallRow, __: Cure, ___: Scope) -> Iterator[Operation]:
 
 
 def _lifted(*functions: str) -> Applies:
-    """Return operations that move bodies farther away, by a thousandth more than requested."""
+    """Make a function that returns operations to move bodies apart by slightly more than needed."""
 
     def made(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
         by_m = [AWAY * (row.number(cure) or 0.0) * each for each in cure.given.get("away", UP)]
@@ -319,7 +319,7 @@ def _client(_: CallRow, cure: Cure, __: Scope) -> Iterator[Operation]:
 
 
 def _without(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Yield the operation that omits the finding's call."""
+    """Yield the operation that omits the call that a finding is about."""
     place = _at(scope)
     if place:
         about = _of(scope.bodies[0]) if cure.form == "of-body" else {}
@@ -336,7 +336,7 @@ def _redirected(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _apart(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Yield the operation that passes arguments of the finding's call in a separate call."""
+    """Yield the operation that splits a call in two, as some arguments only count on their own."""
     arguments = {"arguments": cure.given["arguments"], **_at(scope)}
     yield {"do": "apart", "functions": [DYNAMICS], **arguments}
 
@@ -769,7 +769,7 @@ BOTH_FRAMES = {3: "p.LINK_FRAME, p.WORLD_FRAME"}
 
 
 def _words_of(change: Change) -> str:
-    """Describe a single change, with the line of its call."""
+    """Describe a change for a reader, with the script line of its call."""
     function, _, argument = change.change.partition(".")
     added = change.how[1]
     if isinstance(added, Mapping):

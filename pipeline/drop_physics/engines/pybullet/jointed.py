@@ -24,7 +24,7 @@ def joints_of(body: int, links: Sequence[int], client: int) -> tuple[Joint, ...]
 
 
 def _widths(info: Any, body: int, client: int) -> tuple[int, int, int]:  # noqa: ANN401 - PyBullet's
-    """Return a joint's numbers of positions, velocities and efforts."""
+    """Return how many positions, velocities and efforts a joint has."""
     if info[2] == p.JOINT_FIXED:
         return 0, 0, 0
     state = p.getJointStateMultiDof(body, info[0], physicsClientId=client)

@@ -1,4 +1,4 @@
-"""PyBullet's defaults that differ from other engines', and the calls that remove them."""
+"""PyBullet defaults that other engines do not share, with the calls that remove them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FAR = 1e6
 
 
 class Likeness(NamedTuple):
-    """A body's properties in the other engine."""
+    """Timestep, gravity, masses and other properties of the same body in another engine."""
 
     timestep_s: float
     gravity_m_s2: Sequence[float]
@@ -29,7 +29,7 @@ class Likeness(NamedTuple):
 def known_differences(
     body: int, links: int, timestep_s: float, likeness: Likeness
 ) -> Iterator[KnownDifference]:
-    """Yield the known differences that may apply to a body.
+    """Yield the defaults that may make a body move otherwise than in another engine.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Logs of the calls of two PyBullet scripts, with the same ids for the same objects."""
+"""Call logs of two PyBullet scripts, with ids matched so that the logs can be compared."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class LogError(Exception):
 
 @dataclass
 class LogOf:
-    """The log of one run's calls.
+    """The log of the calls that one script made.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class LogOf:
     """Contents of the named files, by path."""
 
     def logged(self) -> list[LoggedCall]:
-        """Return the calls, with the objects that they create numbered in order.
+        """Return the calls as log entries, with the objects that they create numbered in order.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class LogOf:
         return value if number is None else [kind, number]
 
     def _whole(self, value: Any) -> Any:  # noqa: ANN401 - an argument
-        """Return an argument with its shapes replaced by their descriptions."""
+        """Replace ids of collision and visual shapes in an argument by the shapes' descriptions."""
         if isinstance(value, list):
             if len(value) == 2 and isinstance(value[0], str):
                 return self.keys.get((value[0], value[1])) if value[0] == SHAPE else value
@@ -140,7 +140,7 @@ class LogOf:
         return value
 
     def key(self, function: str, given: Mapping[str, Any]) -> tuple[str, str]:
-        """Return a key that is equal for calls with the same effect, whatever their file names."""
+        """Return a key that is equal for calls with the same effect, whatever files are named."""
         told = {
             name: self._digests.get(value, value) if name in FILES else value
             for name, value in given.items()
@@ -148,7 +148,7 @@ class LogOf:
         return function, json.dumps(told, sort_keys=True, default=list)
 
     def _file(self, name: str) -> str:
-        """Return the path of a file named by a call, in this run."""
+        """Return a unique path for a file that a call loads, since its content may change."""
         times = self._seen.get(name, 0)
         self._seen[name] = times + 1
         kept = self.files.get(name, ())
@@ -163,7 +163,7 @@ class LogOf:
 
 
 def _arguments(call: Call) -> dict[str, Any]:
-    """Return the arguments of a call by name."""
+    """Return the arguments of a recorded call by name."""
     text = text_of(call.site, call.numbers)
     try:
         tree = ast.parse(f"f({text})", mode="eval").body
@@ -187,7 +187,7 @@ def _sets(call: Call) -> Sets:
 def renumbered(
     mine: LogOf, theirs: LogOf, log: Sequence[LoggedCall]
 ) -> tuple[list[LoggedCall], dict[Made, Made]]:
-    """Return the second log with the first's ids for common objects, and the mapping of ids.
+    """Return the second log with the ids of the first for the same objects, and the id mapping.
 
     The same calls create the same things; the rest corresponds in order.
     """

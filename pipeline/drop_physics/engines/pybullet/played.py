@@ -1,4 +1,4 @@
-"""The recorded motor commands of a run, as an operation that gives them to a repeated run."""
+"""Replays the recorded motor commands of one run in a repeated run."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from drop_physics.trace.history import Seen
 
 
 def played(seen: Seen, client: int, first: int, last: int) -> list[Operation]:
-    """Return the operation that replaces the motor commands between two samples.
+    """Return the operation that feeds recorded motor commands to the steps between two samples.
 
     Without recorded commands there is none.
     """

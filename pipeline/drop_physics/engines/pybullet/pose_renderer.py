@@ -78,7 +78,7 @@ class PoseRenderer:
 
 
 def _in_front(body: Picture, floor: Picture) -> Pixels | None:
-    """Return the body drawn over the floor; None if it is unclear which one is nearer."""
+    """Draw the body over the floor; return None if it is unclear which one is nearer."""
     where = np.nonzero(body.bodies >= 0)
     nearer = floor.depth[where] - body.depth[where]
     if (np.abs(nearer) < DEPTH_DOUBT).any():

@@ -1,4 +1,4 @@
-"""Tests a body in a separate process: a crash of Bullet ends that process, and is an error here.
+"""Tests in a separate process, which may crash, whether Bullet can load and drop a body.
 
 A URDF of `pybullet_data` is trusted. Any other is loaded, dropped and photographed once, under
 limits of time and memory, before this process touches it; its meshes are those that Bullet names.
@@ -20,7 +20,7 @@ from drop_physics.workers import ALARM, CPU_USED_UP, Worker, WorkerDiedError
 
 @dataclass(frozen=True)
 class Limits:
-    """Resource limits of a test."""
+    """Time, memory and other limits of a body's test."""
 
     cpu_s: int = 20
     """CPU time [s], which does not depend on other processes."""
@@ -32,7 +32,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The result of a test."""
+    """The result of a body's test: the problem, if any."""
 
     problem: str
     """The problem with the body, or ''."""

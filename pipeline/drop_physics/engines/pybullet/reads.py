@@ -1,4 +1,4 @@
-"""Readings of a watched script: the reading lines that its process describes, with their counts."""
+"""Lists the script lines that read simulation values, such as `getBasePositionAndOrientation`."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ Ids = Sequence[tuple[int, int | None]]
 
 
 class Reads:
-    """All lines of a script that read a simulation."""
+    """All script lines that read simulation values, with counts."""
 
     def __init__(self) -> None:
         self._places: dict[int, dict[str, Any]] = {}
@@ -63,19 +63,19 @@ class Reads:
         """Readings of bodies that are not described yet."""
 
     def describe(self, number: int, camera: dict[str, Any] | None, **described: Any) -> None:  # noqa: ANN401
-        """Add a reading line."""
+        """Add a script line that reads values."""
         seen = camera and Lens(**{name: tuple(its or ()) for name, its in camera.items()})
         described["arguments"] = tuple(described["arguments"])
         self._places[number] = {"number": number, "camera": seen, **described}
         self._targets[number] = {}
 
     def read(self, world: GatheredWorld, number: int, targets: list[Ids]) -> None:
-        """Add the subjects of a line's readings."""
+        """Note which bodies and joints a line reads."""
         self._waiting += [(world, number, target) for target in targets]
         self.bodies_came()
 
     def bodies_came(self) -> None:
-        """Replace engine ids in readings by body ids of the recording, where these are known."""
+        """Translate engine ids in readings to body ids of the recording, where known by now."""
         waiting, self._waiting = self._waiting, []
         for world, number, ids in waiting:
             if "constraintUniqueId" in self._places[number]["arguments"]:
@@ -94,12 +94,12 @@ class Reads:
             self._cut.add(number)
 
     def forget(self, world: GatheredWorld | None) -> None:
-        """Give up on undescribed bodies of a simulation: those with readings, or all."""
+        """Give up translating engine ids that belong to undescribed bodies of a simulation."""
         self._cut |= {number for its, number, _ in self._waiting if world in (its, None)}
         self._waiting = [each for each in self._waiting if world not in (each[0], None)]
 
     def counted(self, counters: Sequence[int], answers: Float64) -> Iterator[Reading]:
-        """Yield all reading lines, with their counts."""
+        """Yield all lines that read values, with their counts."""
         self.forget(None)
         kept = answers.reshape(pipe.PLACES, pipe.ANSWERS, pipe.EXTREMES)
         for number, place in self._places.items():
@@ -118,7 +118,7 @@ class Reads:
 
 
 def _answers(function: str, kept: Float64) -> Iterator[Answer]:
-    """Yield the values in the return values of a line, shape (numbers, 4), by name."""
+    """Yield the values that a line read, by name: first, last, least and greatest."""
     names = NAMES.get(function, ())
     for k, values in enumerate(kept.tolist()):
         yield Answer(names[k] if k < len(names) else str(k), *values)

@@ -1,4 +1,4 @@
-"""PyBullet in a script's interpreter, to replay logs of calls unwatched."""
+"""Starts a process with the script's PyBullet that repeats recorded calls."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DATA = "import pybullet_data; print(pybullet_data.getDataPath())"
 
 
 class Replayer:
-    """A process that replays calls; use it in a `with` statement.
+    """A process that repeats recorded calls; use it in a `with` statement.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class Replayer:
         self._process.wait()
 
     def states(self, calls: Sequence[LoggedCall], steps: int) -> dict[int, Float64] | None:
-        """Return the states of bodies after each step of the given calls, by body id.
+        """Repeat calls; return the states of bodies after each step, by body id.
 
         A body has 13 numbers of its base, then position and velocity of each joint, shape (n, k);
         nan where it does not exist. None if a call fails.

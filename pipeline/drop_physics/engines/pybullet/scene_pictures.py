@@ -45,7 +45,7 @@ def drawn(
     cameras: Sequence[Camera],
     colours: Sequence[str],
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield images, RGB of shape (height, width, 3).
+    """Render images of a scene, RGB of shape (height, width, 3).
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def drawn(
 
 
 def _placed(model: Model) -> Pose:
-    """Return the pose of a shape relative to its part."""
+    """Return the pose of a shape relative to the body or link that it belongs to."""
     return model.shape.position_m, model.shape.orientation
 
 
@@ -99,7 +99,7 @@ def _after(pose: Float64, offset: Pose) -> Pose | None:
 
 
 def _body(client: int, folder: Path, model: Model) -> tuple[int, Pose] | None:
-    """Create a body that looks like a shape; return it with its pose on the part, or None."""
+    """Create a PyBullet body that looks like a shape; return it with its relative pose, or None."""
     shape, a, b = model.shape, *(*model.shape.size_m, 0.0, 0.0)[:2]
     look: dict[str, object]
     if shape.kind == "box":
@@ -174,7 +174,7 @@ def _picture(
 
 
 def _around(there: Flags) -> tuple[slice, slice]:
-    """Return the rows and columns that are not empty, with a margin of two pixels."""
+    """Return the rows and columns around the non-empty pixels, with a margin of two."""
     rows, columns = (np.flatnonzero(there.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return slice(0), slice(0)
@@ -182,7 +182,7 @@ def _around(there: Flags) -> tuple[slice, slice]:
 
 
 def _edges(numbers: Int64, nearness: Float32) -> Flags:
-    """Flag the edges of bodies and faces; `nearness` is the inverse distance."""
+    """Flag the pixels at edges of bodies and faces; `nearness` is the inverse distance."""
     edges = np.zeros(numbers.shape, np.bool_)
     for each, near, marks in ((numbers, nearness, edges), (numbers.T, nearness.T, edges.T)):
         ends = each[1:] != each[:-1]

@@ -1,4 +1,4 @@
-"""Finds the height at which a body touches the floor, by querying the engine's distances.
+"""Finds the height at which a body touches the floor, from the distances that Bullet reports.
 
 The engine knows two distances. That of bodies apart has rounded corners: a box that stands on one
 seems 0.6 mm lower than it is. Contact acts on the distance of touching bodies, which is meant here:
@@ -61,7 +61,7 @@ def touching_height(
 def distances(
     body: int, floor: int | None, turned: Quaternion, client: int
 ) -> tuple[Distance, Distance]:
-    """Return functions for a body's two distances from the floor: when apart, and when touching.
+    """Return functions for Bullet's two distances to the floor: separated, and in contact.
 
     Parameters
     ----------

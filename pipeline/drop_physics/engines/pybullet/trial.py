@@ -1,4 +1,4 @@
-"""The test of a body, in a process that may crash: load it, drop it, render it."""
+"""Loads, drops and renders a body as a test, in a process that may crash."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _drop(path: str, coordinates: Coordinates) -> None:
 
 
 def _limit(limits: probe.Limits) -> None:
-    """Let the system kill this process, without a core dump, if it exceeds a limit."""
+    """Let the system end this process, without a core dump, if it exceeds a limit."""
     if sys.platform == "win32":
         return
     import resource

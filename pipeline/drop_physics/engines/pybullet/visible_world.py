@@ -80,7 +80,7 @@ class VisibleWorld(World):
 
 
 def picture_of(client: int, camera: Camera, renderer: Renderer, *, lit: bool) -> Picture:
-    """Render a simulation's current state, `lit` by our own light or PyBullet's."""
+    """Render a simulation's current state, lit by our own light (`lit`) or PyBullet's."""
     width, height = camera.size_px
     _, _, rgba, depth, bodies = p.getCameraImage(
         width,

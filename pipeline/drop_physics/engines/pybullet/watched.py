@@ -1,4 +1,4 @@
-"""Decodes a watched script's messages about PyBullet: from frames to events.
+"""Decodes messages about PyBullet from a script's process into events of a recording.
 
 It is the other end of `watch`; the stream is described in `watching.pipe`.
 """
@@ -59,7 +59,7 @@ TIMESTEPS = ("timeStep", "fixedTimeStep")
 
 
 class BulletDecoder:
-    """Decodes frames about PyBullet into events, in order.
+    """Decodes a script's messages about PyBullet into events, in order.
 
     Samples and calls are gathered: they are yielded when there are enough of them, or before
     something else is told of their simulation. Only a `Put` does not wait for calls before it.
@@ -95,7 +95,7 @@ class BulletDecoder:
 
     @property
     def steps(self) -> int:
-        """Number of steps of all simulations: each has a sample per step, and an initial one."""
+        """Number of steps in all simulations together."""
         return self.samples - sum(world.sampled for world in self._worlds.values())
 
     @property
@@ -109,7 +109,7 @@ class BulletDecoder:
         return max((world.time_s(world.step) for world in self._worlds.values()), default=0.0)
 
     def take(self, kind: bytes, payload: bytes) -> Iterable[Event]:
-        """Return the events in a frame that is not a JSON message."""
+        """Return the events that a binary message completes."""
         if kind == pipe.SAMPLE:
             return self._add_sample(payload)
         if kind == pipe.CALL:
@@ -123,11 +123,11 @@ class BulletDecoder:
         return ()
 
     def note(self, what: str, **values: Any) -> Iterable[Event]:  # noqa: ANN401
-        """Return the events in a JSON message, one of `NOTES`."""
+        """Return the events that a JSON message (one of `NOTES`) completes."""
         return getattr(self, f"_on_{what}")(**values) or ()
 
     def rest(self, counters: Sequence[int], answers: Float64) -> Iterator[Event]:
-        """Yield the collected events that remain at the end of the stream.
+        """Yield the remaining events after the last message.
 
         `counters` and `answers` are those of the shared memory: counts and results of readings.
         """
@@ -140,7 +140,7 @@ class BulletDecoder:
     # -- numbers ----------------------------------------------------------------------------------
 
     def _add_sample(self, payload: bytes) -> Iterable[Event]:
-        """Add a sample; return the collected events before it, if there are enough."""
+        """Add a sample; if enough are collected, return them as events before it."""
         number, step = pipe.HEAD.unpack_from(payload)
         world = self._worlds[number]
         gathered = [*world.gathered()] if world.is_full else ()
@@ -277,7 +277,7 @@ class BulletDecoder:
         yield Appearance(self._at(known.world), known.body, there=True)
 
     def _changed(self, known: Known, **what: Any) -> Iterator[Event]:  # noqa: ANN401
-        """Yield the collected events before a change of a body."""
+        """Yield the collected events before a body's properties change."""
         yield from known.world.gathered()
         known.body = replace(known.body, **what)
 

@@ -1,4 +1,4 @@
-"""The world in which the body is dropped: built, stepped and read with PyBullet.
+"""The PyBullet world of a simulated drop: builds it, steps it, and reads its states.
 
 Build it, step it, read it. Every setting is made explicitly, in a separate client, so that no
 earlier run in the process can affect this one.
@@ -150,7 +150,7 @@ class World:
             p.changeDynamics(angularDamping=self.scenario.angular_damping, **base)
 
     def _inertia_of(self, mass_kg: float, body: int) -> dict[str, tuple[float, ...]]:
-        """Return the URDF's inertia, scaled with the mass; nothing if the body has no mass."""
+        """Return the URDF's inertia, scaled to another mass; nothing if it has no mass."""
         if self.scenario.coordinates == "maximal":  # which reports 1 / (1 / m), not always m
             with self._twin() as twin:
                 return {"localInertiaDiagonal": twin._dynamics()[2]}
@@ -164,7 +164,7 @@ class World:
         }
 
     def _twin(self) -> World:
-        """Return the same world in reduced coordinates, for which the engine reports more."""
+        """Return the same world built as a multibody, for which the engine reports more."""
         return World(replace(self.scenario, coordinates="reduced"))
 
     @property
@@ -286,7 +286,7 @@ class World:
         )
 
     def dynamics(self, number: int = BODY) -> dict[str, Float64]:
-        """Return the engine's dynamics info for base and links, and the damping that was set."""
+        """Return the engine's dynamics info for base and links, and the damping set by us."""
         floor = number == FLOOR
         body, links = (self._floor, []) if floor else (self._body, self._links)
         reported = reported_of([self._dynamics(body, link) for link in (BASE, *links)])
@@ -314,7 +314,7 @@ class World:
         )
 
     def notes(self) -> Iterator[str]:
-        """Yield the parts of the URDF that the engine ignores: none."""
+        """Yield warnings about parts of the URDF that the engine ignores: PyBullet has none."""
         yield from ()
 
     def _dynamics(self, body: int | None = None, link: int = -1) -> Any:  # noqa: ANN401
@@ -417,7 +417,7 @@ class World:
 def _extent(
     body: str, _sha256: str, coordinates: Coordinates, round_cylinders: bool
 ) -> tuple[Float64, Float64]:
-    """Return `World._box_at_origin`, measured once per digest of a URDF."""
+    """Measure the bounding box at the origin, once per digest of a URDF."""
     scenario = Scenario(body=body, mass_kg=1.0, coordinates=coordinates, floor=False)
     with World(scenario, round_cylinders=round_cylinders) as world:
         return world._box_at_origin()
@@ -427,7 +427,7 @@ def _extent(
 def _rest_height(
     body: str, _sha256: str, orientation_xyzw: Quaternion, round_cylinders: bool
 ) -> float | None:
-    """Return `World.rest_height_m`, measured once per digest of a URDF and orientation."""
+    """Measure the height at rest on the floor, once per digest of a URDF and orientation."""
     scenario = Scenario(body=body, mass_kg=1.0, orientation=orientation_xyzw)
     with World(scenario, round_cylinders=round_cylinders) as world:
         return world._touching_height()

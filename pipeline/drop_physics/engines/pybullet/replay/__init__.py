@@ -1,1 +1,1 @@
-"""Replays a recorded script's calls, in the script's interpreter."""
+"""Repeats a script's recorded calls in the script's own interpreter."""

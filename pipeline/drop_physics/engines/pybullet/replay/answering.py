@@ -1,4 +1,4 @@
-"""Replays logs of calls, unwatched, and answers with the states after each step.
+"""Serves requests to repeat recorded calls, and replies with the states after each step.
 
 A request is a line of JSON: the calls, each with its function, its arguments by name, what it makes
 and how many steps precede it; and the number of steps. `["body", 3]` in an argument stands for what
@@ -19,7 +19,7 @@ from ..watch.arguments import ARGUMENTS
 
 
 def main() -> None:
-    """Answer requests until there are no more."""
+    """Serve requests until the input ends."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what PyBullet prints must not get into the answer
     for line in sys.stdin.buffer:
@@ -42,7 +42,7 @@ def _play(
     rows: list[list[Any]],
     numbers: array[float],
 ) -> None:
-    """Make calls and steps in a separate simulation; append the states after each step."""
+    """Repeat calls and steps in a simulation of their own; append the states after each step."""
     client = p.connect(p.DIRECT)
     try:
         for folder in folders:
@@ -75,7 +75,7 @@ def _call(client: int, call: list[Any], made: dict[tuple[Any, ...], int]) -> Non
 
 
 def _filled(value: Any, made: dict[tuple[Any, ...], int]) -> Any:  # noqa: ANN401
-    """Return an argument with created objects in place of their log ids."""
+    """Return an argument with ids from the log replaced by those of the created objects."""
     if isinstance(value, list):
         if len(value) == 2 and isinstance(value[0], str) and tuple(value) in made:
             return made[tuple(value)]
@@ -84,7 +84,7 @@ def _filled(value: Any, made: dict[tuple[Any, ...], int]) -> Any:  # noqa: ANN40
 
 
 def _state(client: int, made: dict[tuple[Any, ...], int], numbers: array[float]) -> list[Any]:
-    """Append the states of all bodies; return their ids, and their counts of numbers."""
+    """Append the states of all bodies; return their ids, and how many numbers each one has."""
     there = {
         p.getBodyUniqueId(n, physicsClientId=client)
         for n in range(p.getNumBodies(physicsClientId=client))

@@ -1,4 +1,4 @@
-"""The part of `drop record` that runs in a PyBullet script's own interpreter: calls and steps.
+"""Watches a PyBullet script from within its own interpreter, and sends calls and steps.
 
 It needs Python 3.9 or later, the standard library, and the script's own pybullet.
 """
@@ -16,6 +16,6 @@ from .varied import varied_by
 def begin(
     host: ScriptWatch, operations: Sequence[Mapping[str, Any]], variation: dict[str, Any] | None
 ) -> None:
-    """Watch PyBullet as soon as it is imported; a script may unload it, and import it again."""
+    """Start watching PyBullet as soon as the script imports it."""
     watch = BulletWatch(host, variation=varied_by(variation), interventions=operations)
     host.on_extension("pybullet", watch.install)

@@ -1,4 +1,4 @@
-"""The values in a reading's return value, named as in `pybullet.reads`."""
+"""Picks numbers from what PyBullet's functions return, named as in `pybullet.reads`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SINGLE = (int, float)
 
 
 def numbers_in(name: str, answer: Any) -> list[float]:
-    """Return the values of a return value that are kept, at most `ANSWERS`."""
+    """Return the numbers to record from a function's return value, at most `ANSWERS`."""
     if name in POINTS:
         points = answer or ()
         if not points:
@@ -38,7 +38,7 @@ def numbers_in(name: str, answer: Any) -> list[float]:
 
 
 def _flat(answer: Any, found: list[float]) -> list[float]:
-    """Append the numbers in nested tuples to those found."""
+    """Append the numbers in nested tuples to a list."""
     for each in answer:
         if len(found) >= ANSWERS:
             break

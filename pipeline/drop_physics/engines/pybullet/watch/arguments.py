@@ -1,4 +1,4 @@
-"""The arguments of PyBullet's functions, by name."""
+"""Names the arguments of PyBullet calls, and converts them as PyBullet does."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MODES = {
 
 
 def names_of(name: str, args: tuple[Any, ...]) -> Sequence[str]:
-    """Return the names of a call's positional arguments; ignored ones have none."""
+    """Return the names of a call's positional arguments; those that PyBullet ignores have none."""
     if name != UNNAMED:
         return ARGUMENTS.get(name, ())
     mode = number(args[MODE_AT]) if len(args) > MODE_AT else None
@@ -49,7 +49,7 @@ def named(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str,
 
 
 def client_of(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> int:
-    """Return the client id of a call: the last argument, or 0."""
+    """Return the physics client id of a call: the last argument, or 0."""
     client = kwargs.get(CLIENT)
     if client is None:
         at = CLIENT_AT.get(name, 1000)
@@ -58,7 +58,7 @@ def client_of(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> int:
 
 
 def body_of(arguments: dict[str, Any]) -> int | None:
-    """Return the engine id of the body in a call."""
+    """Return the id of the body that a call is about."""
     for name in BODY_NAMES:
         if name in arguments:
             return number(arguments[name])

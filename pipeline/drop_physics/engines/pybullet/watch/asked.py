@@ -1,4 +1,4 @@
-"""Properties in a model file that PyBullet may not apply.
+"""Reads properties that a URDF or MJCF states but PyBullet may not apply.
 
 In a URDF inertia, masses, mimicking joints; in an MJCF damping.
 """
@@ -17,7 +17,7 @@ _read: dict[str, tuple[Any, dict[str, Any] | None]] = {}
 
 
 def asked_of(path: str) -> dict[str, Any] | None:
-    """Return the link and joint data of a URDF; None if it cannot be read completely.
+    """Return the link and joint properties stated in a URDF; None if it cannot be read.
 
     `links`: name, mass [kg] or None, inertia (none or six numbers), position and angles of its
     axes. `mimics`: joint, the one it follows, multiplier, offset. `concave`: whether a mesh asks
@@ -65,7 +65,7 @@ def _parsed(path: str) -> dict[str, Any] | None:
 
 
 def dampings_in(path: str) -> list[list[Any]]:
-    """Return the damping of an MJCF's joints, by name; joints without damping are omitted.
+    """Return the joint damping stated in an MJCF, by joint name.
 
     Only the outermost defaults count: classes of elements are not followed.
     """

@@ -1,4 +1,4 @@
-"""One body in the engine: its constant properties, and its current state."""
+"""Reads one body of a simulation: its constant properties, and its current state."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ BASE = 13
 
 
 class Loaded:
-    """Properties of a body that are known only from the call that created it."""
+    """Properties of a body known only from the call that loaded it, such as flags."""
 
     def __init__(self) -> None:
         self.file = ""
@@ -58,7 +58,7 @@ class Loaded:
 
 
 class WatchedBody:
-    """What is needed to read a body's state.
+    """A body of a script's simulation, whose state is read after each step.
 
     Parameters
     ----------
@@ -93,11 +93,11 @@ class WatchedBody:
 
     @property
     def moves(self) -> bool:
-        """True if steps can move it, and not only calls."""
+        """True if steps can move it; False if only calls can."""
         return not self.soft and (self.base_moves or bool(self.joints))
 
     def is_carried(self) -> bool:
-        """Return whether a call has set a base's velocity, and no step has moved it since.
+        """Return whether a massless base moves only at a velocity that a call has set.
 
         Without mass a btMultiBody moves at that velocity, and a btRigidBody not at all.
         """
@@ -137,7 +137,7 @@ class WatchedBody:
         return [(len(joint[0]), len(joint[1]), len(joint[3])) for joint in states]
 
     def described(self, search_path: str) -> dict[str, Any]:
-        """Return the constant properties that later stages need."""
+        """Return the constant properties that the recording needs."""
         base, name = self._p.getBodyInfo(self.id, self._client)
         loaded, asked = self.loaded, self.loaded.asked or {}
         return {
@@ -161,7 +161,7 @@ class WatchedBody:
         }
 
     def bounds(self) -> list[float]:
-        """Return the corners of the axis-aligned boxes around base and links.
+        """Return the corners of the axis-aligned bounding boxes of base and links.
 
         PyBullet gives a link of a URDF without collision shapes a box of its margins, which nothing
         touches: here both corners are its centre.
@@ -177,7 +177,7 @@ class WatchedBody:
         return boxes
 
     def _is_empty(self, link: int, edges_m: list[float]) -> bool:
-        """Return whether a link with a bounding box of these edges has no collision shapes.
+        """Return whether a link has no collision shapes, judging by its bounding box.
 
         PyBullet does not list those of a btRigidBody: one that is this small counts as empty.
         """
@@ -190,7 +190,7 @@ class WatchedBody:
         return not self._p.getCollisionShapeData(self.id, link, self._client)
 
     def looks(self, search_path: str) -> list[Any]:
-        """Return the visual shapes, as in `getVisualShapeData`, with paths of their files.
+        """Return the visual shapes, with the full paths of their mesh files.
 
         That function returns the name in the call, for which PyBullet has searched.
         """
@@ -202,7 +202,7 @@ class WatchedBody:
         return shapes
 
     def collisions(self, search_path: str) -> list[Any]:
-        """Return the links' collision shapes: the list of `getCollisionShapeData`, and hulls."""
+        """Return the collision shapes of all links, with the vertices of convex hulls."""
         if self.soft or self.dynamics[0][10] == RIGID:  # PyBullet prints that it has none
             return []
         if not self.loaded.lists_shapes:
@@ -220,7 +220,7 @@ class WatchedBody:
         return found
 
     def _hull(self, link: int, shape: int) -> list[float]:
-        """Return the vertices of the hull with which the engine replaces a mesh."""
+        """Return the vertices of the convex hull that PyBullet uses instead of a mesh."""
         try:
             count, corners = self._p.getMeshData(self.id, link, shape, physicsClientId=self._client)
         except (self._p.error, TypeError):  # TypeError: of an earlier PyBullet
@@ -230,7 +230,7 @@ class WatchedBody:
 
 @cache
 def packing(joints: int) -> Callable[[Any, int, Any], None]:
-    """Return a function that packs the result of `getJointStates` into a buffer.
+    """Return a function that packs results of `getJointStates` into a buffer quickly.
 
     All positions, then all velocities and efforts. The numbers are named in its source, because
     Python takes three times as long to turn rows into columns.
@@ -244,7 +244,7 @@ def packing(joints: int) -> Callable[[Any, int, Any], None]:
 
 
 def plain(value: Any) -> Any:
-    """Convert a return value of PyBullet to a value that JSON can hold."""
+    """Convert a return value of PyBullet to a JSON value."""
     if isinstance(value, bytes):
         return value.decode(errors="replace")
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""Sends calls as rows of numbers, since a script line repeats arguments of the same structure.
+"""Sends a script's calls compactly: as rows of numbers, after describing each call site once.
 
 A site is a place that calls a function with arguments of one form. It is described once; from then
 on a call from there is its number and the numbers in its arguments.
@@ -52,7 +52,7 @@ class CallWatch:
         self._sites: dict[tuple[Any, ...], int] = {}
 
     def plans(self, name: str) -> dict[tuple[int, int], Plan]:
-        """Return the cached plans for sending calls of a function, by code and instruction."""
+        """Return how calls of a function are sent, by call site, once worked out."""
         return self._plans.setdefault(name, {})
 
     def forget(self) -> None:
@@ -69,7 +69,7 @@ class CallWatch:
         kwargs: dict[str, Any],
         place: Any,
     ) -> None:
-        """Send a call made in a frame, and plan how to send the next one with this structure."""
+        """Send a call; work out how to send the next call from the same site quickly."""
         form, caller = Form(name, args, kwargs), caller_of(place)
         code = caller.f_code
         described = (
@@ -119,7 +119,7 @@ class CallWatch:
 def numbers_of(
     name: str, args: tuple[Any, ...], kwargs: dict[str, Any]
 ) -> Callable[..., Any] | None:
-    """Return a function that lists the numbers in the arguments of calls like this one.
+    """Return a function that extracts the numbers from the arguments of similar calls.
 
     It fails if an argument has another length or word, or names another simulation. None if the
     types of the arguments do not determine their contents.
@@ -154,7 +154,7 @@ def _compiled(source: str) -> Callable[[Any], Callable[..., Any]]:
 
 
 class Form:
-    """The arguments of a call as source text, with the numbers taken out."""
+    """A call's arguments as source text in which `{}` stands for each number."""
 
     def __init__(self, name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
         self.numbers: list[float] = []
@@ -181,7 +181,7 @@ class Form:
         return "{}"
 
     def _text(self, value: Any, depth: int = 0) -> str:
-        """Return a value as text, without running any of the script's code."""
+        """Return a value as text, without calling methods of the script's classes."""
         kind = type(value)
         if value is None or kind is bool:
             return repr(value)
@@ -214,5 +214,5 @@ def is_numpy(kind: type) -> bool:
 
 
 def _escaped(text: str) -> str:
-    """Return a text escaped for an argument template, in which only `{}` is a number."""
+    """Escape braces in text for an argument template, where `{}` stands for a number."""
     return text.replace("{", "{{").replace("}", "}}")

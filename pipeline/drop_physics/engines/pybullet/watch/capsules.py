@@ -1,4 +1,4 @@
-"""Poses of capsules and cylinders that an MJCF file defines by their end points.
+"""Corrects poses of MJCF capsules and cylinders, which PyBullet reports wrongly.
 
 PyBullet loads them correctly, but `getVisualShapeData` reports them upright, in the middle.
 """
@@ -23,7 +23,7 @@ Ends = tuple[list[float], list[float]]
 
 
 def lay(shapes: list[Any], names: list[str], path: str | None) -> None:
-    """Correct the poses of capsules among a body's shapes from an MJCF file.
+    """Correct the poses of a body's capsules and cylinders, as given in its MJCF file.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def lay(shapes: list[Any], names: list[str], path: str | None) -> None:
 
 
 def ends_in(path: str) -> dict[str, list[Ends]]:
-    """Return the end points of shapes defined by them, by body; repeated names are omitted."""
+    """Return the end points (`fromto`) of shapes in an MJCF, by body; skip repeated names."""
     ends: dict[str, list[Ends]] = {}
     names: dict[int, str | None] = {}
     """The names of the bodies that an element is in, by their depth."""
@@ -79,7 +79,7 @@ def ends_in(path: str) -> dict[str, list[Ends]]:
 
 
 def _from_z_to(direction: list[float]) -> list[float]:
-    """Return the orientation, x, y, z, w, that turns the z axis to a direction, in either sense."""
+    """Return the quaternion x, y, z, w that turns the z axis to a direction or its opposite."""
     length = math.copysign(math.hypot(*direction), direction[2])
     x, y, z = (component / length for component in direction)
     norm = math.hypot(y, x, 1 + z)

@@ -27,7 +27,7 @@ MERGE_FIXED_LINKS, ENABLE_SLEEPING = 1 << 19, 1 << 11
 
 
 def before_change(world: WatchedWorld, name: str, arguments: dict[str, Any]) -> None:
-    """Save or send the properties that a call is about to change."""
+    """Read the properties that a call is about to change, before they change."""
     if name == "changeDynamics" and arguments.keys() & {"mass", "localInertiaDiagonal"}:
         # Of a btRigidBody the inertia changes the mass, too: PyBullet takes it to be 0 then.
         body = body_of(arguments)
@@ -38,7 +38,7 @@ def before_change(world: WatchedWorld, name: str, arguments: dict[str, Any]) -> 
 
 
 def after_change(world: WatchedWorld, name: str, arguments: dict[str, Any], result: Any) -> None:
-    """Note the properties to be read again after a call."""
+    """Note which properties of a simulation must be read again after a call."""
     world.touched = True
     if name in MAKES_BODIES:
         _made_bodies(world, name, arguments, result)
@@ -127,7 +127,7 @@ def _loaded(name: str, arguments: dict[str, Any], world: WatchedWorld) -> Loaded
 
 
 def _hiding(world: WatchedWorld, name: str, arguments: dict[str, Any], ids: list[int]) -> list[int]:
-    """Return the bodies created by a call whose links PyBullet hides."""
+    """Return the bodies whose links PyBullet does not list, of those that a call created."""
     if name == "loadMJCF":
         rigid = not arguments.get("useMultiBody", 1)
     else:

@@ -1,4 +1,4 @@
-"""The role of each pybullet function for the watch.
+"""Classifies each pybullet function: whether it steps, changes, reads or does none of these.
 
 A test compares it with the module. A function without a role, of another version, is treated as one
 that changes something: it is recorded.
@@ -71,7 +71,7 @@ ROLES: dict[str, str] = {
 
 
 def those_that(*roles: str) -> frozenset[str]:
-    """Return the functions with the given roles."""
+    """Return the functions of the given classes, such as those that step."""
     return frozenset(name for role in roles for name in ROLES[role].split())
 
 

@@ -1,4 +1,4 @@
-"""Wrappers for pybullet's functions while they are watched, by role of the function.
+"""Wrappers that replace pybullet's functions in a watched script, by the function's role.
 
 The common path of a step is short: few calls of Python; other cases go by name.
 """
@@ -40,7 +40,7 @@ ANSWERED = set(Window(SimpleNamespace(), 0).answers())
 
 
 def handler(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return the wrapper for a function."""
+    """Return the wrapper for a function of pybullet."""
     special = {
         "connects": connecting,
         "disconnects": disconnecting,
@@ -57,7 +57,7 @@ def handler(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def stepping(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return a wrapper that makes a step, and sends a sample after it."""
+    """Wrap a step function, to send a sample after each step."""
     host, pipe, worlds = watch.host, watch.pipe, watch.worlds
     lock = host.lock
     acquire, release, kept = lock.acquire, lock.release, lock.kept
@@ -87,7 +87,7 @@ def stepping(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def changing(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return a wrapper that sends a call which changes a simulation, and reads the changes.
+    """Wrap a function that changes a simulation, to send the call and read what changed.
 
     A call like an earlier one goes straight into the block; `Calls.tell` handles the others.
     """
@@ -154,7 +154,7 @@ def changing(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def _effects(name: str) -> tuple[Call | None, Call | None]:
-    """Return the handlers to run before and after a call of a function, if any."""
+    """Return what else to do before and after a call of a function, if anything."""
     if name in MOVES_BODY:
         return _before_move, None
     if name in PUSHES:
@@ -167,7 +167,7 @@ def _effects(name: str) -> tuple[Call | None, Call | None]:
 
 
 def _after_ik(watch: BulletWatch, _: WatchedWorld, __: str, ___: Any, result: Any) -> None:
-    """Send the largest number of an inverse-kinematics result, to recognise its use as a target."""
+    """Send a result of inverse kinematics, so that its later use as a target is recognised."""
     if type(result) is tuple and result:
         watch.pipe.send(protocol.RESULT, protocol.NUMBER.pack(max(result, key=abs)))
 
@@ -231,7 +231,7 @@ def _raised(watch: BulletWatch, world: WatchedWorld | None, name: str, error: Ex
 
 
 def reading(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return a wrapper that makes a reading call and counts it."""
+    """Wrap a function that reads values, to count its calls."""
     host, pipe, readings = watch.host, watch.pipe, watch.readings
     lock, real_time = host.lock, watch.real_time_since
     acquire, release, kept = lock.acquire, lock.release, lock.kept
@@ -277,7 +277,7 @@ def _failed(
     error: Exception,
     place: Any,
 ) -> None:
-    """Send a failed call that changes nothing, since its arguments explain the failure."""
+    """Send a call that raised an error, as its arguments may explain a finding."""
     with watch.host.lock:
         world = watch.worlds.get(client_of(name, args, kwargs))
         if world is not None:
@@ -286,7 +286,7 @@ def _failed(
 
 
 def passive(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return a wrapper that makes a call without effect, or returns a window's answer."""
+    """Wrap a function without effect on the simulation; answer for a window if it needs one."""
     polls, host, pipe, windows = name in POLLS, watch.host, watch.pipe, watch.windows
     has_answer, real_time = name in ANSWERED, watch.real_time_since
 
@@ -325,7 +325,7 @@ def _answer(window: Window, name: str, original: Any, args: Any, kwargs: Any) ->
 
 
 def searching(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return a wrapper that notes PyBullet's search path for files."""
+    """Wrap `setAdditionalSearchPath`, to note the path."""
     call = passive(watch, name, original)
 
     def search(*args: Any, **kwargs: Any) -> Any:
@@ -339,7 +339,7 @@ def searching(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def connecting(watch: BulletWatch, _: str, original: Any) -> Call:
-    """Return a wrapper that begins a simulation, never with a window."""
+    """Wrap `connect`, to follow a new simulation, and never to open a window."""
     host = watch.host
 
     def connect(*args: Any, **kwargs: Any) -> Any:
@@ -365,7 +365,7 @@ def connecting(watch: BulletWatch, _: str, original: Any) -> Call:
 
 
 def disconnecting(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return a wrapper that ends a simulation."""
+    """Wrap `disconnect`, to end a simulation."""
 
     def disconnect(*args: Any, **kwargs: Any) -> Any:
         with watch.host.lock:  # no check for Stop: scripts clean up with this call
@@ -377,7 +377,7 @@ def disconnecting(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def resetting(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return a wrapper that removes all bodies."""
+    """Wrap `resetSimulation`, which removes all bodies."""
     host = watch.host
 
     def reset(*args: Any, **kwargs: Any) -> Any:
@@ -401,7 +401,7 @@ def resetting(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def photographing(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Return a wrapper that sends the image of the script's camera."""
+    """Wrap `getCameraImage`, to send the image."""
     host = watch.host
 
     def photograph(*args: Any, **kwargs: Any) -> Any:

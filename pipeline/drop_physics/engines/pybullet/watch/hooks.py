@@ -1,4 +1,4 @@
-"""Wraps the functions of pybullet so that their calls are reported to the recorder.
+"""Replaces functions of pybullet by wrappers that report each call to the recorder.
 
 The script sees no difference: calls return the engine's own answer, except where a window would
 have to be open (`quiet`), and where time would have to pass (`clock`).
@@ -51,7 +51,7 @@ def release_of(file: str | None) -> str:
 
 
 class Hook:
-    """A watched function of pybullet.
+    """A wrapper that replaces a function of pybullet, and otherwise passes for it.
 
     Questions about it are passed to the function itself, so that it passes for a builtin one. Only
     to those do wrappers such as `BulletClient` bind the client's number (`inspect.isbuiltin`).
@@ -117,7 +117,7 @@ up on the type."""
 
 
 class BulletWatch(EngineWatch):
-    """Watches a script's use of pybullet.
+    """Watches how a script uses pybullet: its simulations, calls and steps.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ class BulletWatch(EngineWatch):
     # -- in place of pybullet's functions ---------------------------------------------------------
 
     def install(self, module: ModuleType) -> None:
-        """Wrap pybullet's functions in place; those of a reloaded module already are.
+        """Replace pybullet's functions by wrappers, unless that has been done.
 
         A copy of its file is another PyBullet, whose simulations have the same numbers: it is
         named.
@@ -222,7 +222,7 @@ class BulletWatch(EngineWatch):
             )
 
     def _commanding(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a wrapper that notes a motor command as the script gives it."""
+        """Wrap a motor command, to note the target that the script gives."""
 
         def command(*args: Any, **kwargs: Any) -> Any:
             world = self.worlds.get(client_of(name, args, kwargs))
@@ -233,7 +233,7 @@ class BulletWatch(EngineWatch):
         return hiding(command)
 
     def _stopping(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        """Return the wrapper of a function before which trials are forked from the run."""
+        """Wrap a function before which trial runs are forked off."""
 
         def stop(*args: Any, **kwargs: Any) -> Any:
             forks = self.host.forks
@@ -244,11 +244,11 @@ class BulletWatch(EngineWatch):
         return hiding(stop)
 
     def possible(self, rows: Sequence[dict[str, Any]]) -> list[Change]:
-        """Return the single changes from table rows that are possible in an observed run."""
+        """Return the single changes that could be tried, from the rows of a table."""
         return possible(self.p, rows, self._interventions.seen)
 
     def become(self, trial: dict[str, Any]) -> None:
-        """Continue as a trial run, in a new fork."""
+        """Continue this process, a new fork, as a trial run with other changes."""
         self._differ(varied_by(trial["variation"]), trial["interventions"])
         for module, originals in self._modules:
             self._stand_before(originals)
@@ -258,7 +258,7 @@ class BulletWatch(EngineWatch):
     # -- simulations ------------------------------------------------------------------------------
 
     def observed(self) -> ObservedWorld | None:
-        """Return the last stepped simulation, in the form that expectations read."""
+        """Return the simulation last stepped, for checking an expectation."""
         return None if self._stepped is None else self._observed_of(self._stepped)
 
     def _observed_of(self, world: WatchedWorld) -> ObservedWorld:
@@ -301,7 +301,7 @@ class BulletWatch(EngineWatch):
         self.real_time_since.pop(client, None)
 
     def lose(self, world: WatchedWorld, error: Exception) -> None:
-        """Stop following a simulation, and report why."""
+        """Stop following a simulation after an error, and report that."""
         if world.client in self.worlds:
             self.pipe.note(
                 "fault",
@@ -333,7 +333,7 @@ class BulletWatch(EngineWatch):
     def _varied_step(
         self, varied: Variation, world: WatchedWorld, original: Any, args: Any, kwargs: Any
     ) -> Any:
-        """Make several engine steps for one step of the script."""
+        """Make several shorter engine steps for one step of the script."""
         client = world.client
         if varied.nudge(client, lambda: self._bodies(world)):
             world.moved[ALL], world.touched = set(), True
@@ -349,7 +349,7 @@ class BulletWatch(EngineWatch):
         return list(world.bodies.values())
 
     def _step(self, world: WatchedWorld, original: Any, args: Any, kwargs: Any) -> Any:
-        """Make an engine step, and send its changes."""
+        """Make an engine step, and send the state after it."""
         asks = False
         try:
             if world.touched:
@@ -371,7 +371,7 @@ class BulletWatch(EngineWatch):
         return () if asks else result
 
     def set_real_time(self, world: WatchedWorld, *, on: bool) -> None:
-        """Switch a simulation's real-time mode on or off; without a window, it never steps."""
+        """Note real-time mode, in which time passes by our clock, not by PyBullet's thread."""
         self.real_time_since.pop(world.client, None)
         if on and world.client in self.windows:
             self.real_time_since[world.client] = (self.host.clock.now_s(), world.time_s)
@@ -379,12 +379,12 @@ class BulletWatch(EngineWatch):
             self.pipe.note("real_time", world=world.number, step=world.step)
 
     def let_time_pass(self) -> None:
-        """Advance the clock by the duration of a call, if a simulation runs in real time."""
+        """Advance the simulated clock by a call's duration, in real-time mode."""
         if self.real_time_since:
             self.host.clock.wait(CALL_S)
 
     def catch_up(self) -> None:
-        """Make the steps that real-time simulations are due."""
+        """Make the steps that are due in real-time mode."""
         now_s = self.host.clock.now_s
         for client, (since_s, from_s) in list(self.real_time_since.items()):
             world = self.worlds[client]
@@ -398,7 +398,7 @@ class BulletWatch(EngineWatch):
                 self.step(world, self.p.stepSimulation, (client,), {})
 
     def stop(self) -> None:
-        """End the script at its next call."""
+        """Make the script end at its next call."""
         self.readings.look()
 
     # -- the end ----------------------------------------------------------------------------------
@@ -414,7 +414,7 @@ class BulletWatch(EngineWatch):
 
 
 def _library(module: ModuleType) -> object:
-    """Return the identity of the file from which a module was loaded, whatever its path."""
+    """Return the identity of the file that a module was loaded from, whatever its path."""
     try:
         status = os.stat(str(module.__file__))
     except OSError:  # it was removed, or is no file

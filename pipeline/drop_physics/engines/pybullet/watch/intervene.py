@@ -1,4 +1,4 @@
-"""Changes in a PyBullet script's run: calls are changed, added, or omitted.
+"""Makes trial changes in a PyBullet script's run: changes, adds or omits calls.
 
 It stands above the hooks, so that the recording holds the actual requests to the engine, and every
 call still belongs to a line of the script. The changes arrive as data; the words of PyBullet are in
@@ -83,7 +83,7 @@ Element = tuple[int, int | None, int | None]
 
 
 class SeenCallSites:
-    """Calls by line, and contacts of a run, as observed for the causal search."""
+    """The calls that a run made, by script line, and the contacts that occurred."""
 
     def __init__(self) -> None:
         self.calls: dict[tuple[str, int, str], SeenCalls] = {}
@@ -98,7 +98,7 @@ class SeenCallSites:
         elements: Iterable[Element],
         keywords: Iterable[str],
     ) -> None:
-        """Note a call for some elements, and which arguments are passed by keyword."""
+        """Note a call, the bodies or joints that it is about, and its keyword arguments."""
         frame = caller()
         key = shown_file(frame.f_code.co_filename), frame.f_lineno, function
         calls = self.calls.setdefault(key, SeenCalls())
@@ -108,7 +108,7 @@ class SeenCallSites:
 
 
 class SeenCalls:
-    """Calls of a function at one line."""
+    """The calls of one function from one script line."""
 
     def __init__(self) -> None:
         self.arguments: dict[str, Any] = {}
@@ -123,7 +123,7 @@ class SeenCalls:
         """The names, without ending, of the files that they load."""
 
     def note(self, element: Any, arguments: Mapping[str, Any]) -> None:
-        """Note the arguments of a call."""
+        """Note the arguments of a call for one body or joint."""
         now = _copied(arguments)
         path = arguments.get("fileName")
         if isinstance(path, str):
@@ -134,7 +134,7 @@ class SeenCalls:
 
 
 class CallInterventions:
-    """Carries out the operations on a run's calls.
+    """Carries out the changes by which a trial run differs from the script's own.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ class CallInterventions:
         """The state of an operation: the last push of a place, the last motor of a joint."""
 
     def of(self, name: str, calls: dict[str, Call], p: SimpleNamespace) -> Call:
-        """Return the wrapper of a function, given all wrappers and PyBullet's own functions."""
+        """Return the wrapper that applies the changes to one function of PyBullet."""
         self._calls, self._p = calls, p
         call = calls[name]
         if not self._operations:
@@ -210,19 +210,19 @@ class CallInterventions:
         return hiding(intervened)
 
     def _make(self, client: int, name: str, *args: Any, **kwargs: Any) -> Any:
-        """Make a call that the script itself does not make."""
+        """Make a call that a change adds to the script's calls."""
         self._made = True
         return self._calls[name](*args, **{**kwargs, CLIENT: client})
 
     def _called(self, name: str, call: Call, arguments: Mapping[str, Any]) -> Any:
-        """Make a call with keyword arguments; the older motor call accepts none."""
+        """Make a call with keyword arguments, or positional ones where PyBullet needs them."""
         if name == UNNAMED:
             call = self._calls["setJointMotorControl2"]
             arguments = {each: value for each, value in arguments.items() if each}
         return call(**arguments)
 
     def came(self, name: str, client: Any, result: Any) -> None:
-        """Note the bodies that a call has created in a client."""
+        """Note the bodies that a call created."""
         if name in ("connect", "resetSimulation"):
             self.next_body[client] = 0
             for held in (self._told, self._ours):
@@ -239,7 +239,7 @@ class CallInterventions:
         client: Any,
         result: Any = None,
     ) -> bool:
-        """Return whether an operation applies to a call, before it or, with a result, after it."""
+        """Return whether a change applies to a call, before it or, with a result, after it."""
         place = operation.get("site")
         if place is not None:
             frame = caller()
@@ -265,7 +265,7 @@ class CallInterventions:
     def _elements_of(
         self, name: str, client: int, arguments: Mapping[str, Any]
     ) -> Sequence[Element]:
-        """Return the objects of a call; of one that makes a body, the body to come."""
+        """Return the bodies or joints that a call is about, or the body that it will create."""
         if name in MAKES_BODIES:
             return [(client, self.next_body.get(client, 0), None)]
         return elements_of(client, arguments)
@@ -278,17 +278,17 @@ class CallInterventions:
         return {n: v for n, v in arguments.items() if n not in left} if left else None
 
     def _held(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Replace the arguments of a call by those of the line's first call for the same object."""
+        """Repeat the arguments of the line's first call for the same body or joint."""
         return self._kept.setdefault(_of_line(operation, arguments, client), _copied(arguments))
 
     def _late(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Replace the arguments of a call by those of the previous call."""
+        """Repeat the arguments of the line's previous call: a delay of one call."""
         key = _of_line(operation, arguments, client)
         before, self._kept[key] = self._kept.get(key, arguments), _copied(arguments)
         return before
 
     def _play(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Replace the values of a motor call by those recorded for the same joints and step.
+        """Give a motor call the values recorded for the same joints and step.
 
         A call of which none is recorded is left out: the motor keeps its last command.
         """
@@ -326,7 +326,7 @@ class CallInterventions:
         return {**arguments, **played}
 
     def _see(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Record a call, and the contacts before a step, for the causal search."""
+        """Note a call, or the contacts before a step, to find the changes that could matter."""
         (function,) = operation["functions"]
         if function == "stepSimulation":
             for point in self._p.getContactPoints(physicsClientId=client):
@@ -337,7 +337,7 @@ class CallInterventions:
         return arguments
 
     def _once(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Make calls once before the next step, for the objects that exist."""
+        """Make added calls once, before the next step, for each existing body or joint."""
         key = "once", client, id(operation)
         if key not in self._kept:
             self._kept[key] = True
@@ -356,7 +356,7 @@ class CallInterventions:
         return {n: v for n, v in arguments.items() if n not in own}
 
     def _set(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Set arguments: all of them, or with `given` only those that the call has."""
+        """Change arguments of a call: all named ones or, with `given`, only those present."""
         made = {**arguments}
         for name, how in operation["sets"].items():
             if name in arguments or not operation.get("given"):
@@ -367,7 +367,7 @@ class CallInterventions:
         return made
 
     def _motor(self, operation: Operation, arguments: Any, _: int) -> Any:
-        """Set the motor arguments of joints; with links None, of all joints in the call."""
+        """Change the arguments of motor calls for some joints; for all if `links` is None."""
         links, made = operation.get("links"), {**arguments}
         if JOINTS not in arguments:
             if links is None or number(arguments.get("jointIndex")) in links:
@@ -389,7 +389,7 @@ class CallInterventions:
         return made
 
     def _redirect(self, operation: Operation, arguments: Any, _: int) -> Any:
-        """Redirect motor calls of joints to other joints."""
+        """Send motor commands to other joints than the script names."""
         to = dict(operation["links"])
         made = dict(arguments)
         if JOINTS in arguments:
@@ -413,7 +413,7 @@ class CallInterventions:
         return {**arguments, "posObj": [*at]}
 
     def _frames(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Make a constraint join bodies in their current poses, by setting the child's frame."""
+        """Make a constraint hold bodies where they are, by setting the child's frame."""
         p = self._p
         if arguments.get("jointType") not in (p.JOINT_FIXED, p.JOINT_POINT2POINT):
             return arguments
@@ -430,21 +430,21 @@ class CallInterventions:
         }
 
     def _frame(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Place a body's frame at the position that was meant for its centre of mass."""
+        """Put a body's frame where the call puts its centre of mass, as its author meant."""
         info = self._p.getDynamicsInfo(body_of(arguments), -1, client)
         pose = arguments["posObj"], arguments["ornObj"]
         at, turned = self._p.multiplyTransforms(*pose, info[3], info[4])
         return {**arguments, "posObj": [*at], "ornObj": [*turned]}
 
     def _fall(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Keep a body's vertical velocity when a call sets its velocity."""
+        """Keep a body's vertical velocity in calls that set its velocity, so that it can fall."""
         if "linearVelocity" not in arguments:
             return arguments
         vertical = self._p.getBaseVelocity(body_of(arguments), client)[0][2]
         return {**arguments, "linearVelocity": [*[*arguments["linearVelocity"]][:2], vertical]}
 
     def _drive(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Drive joints by motors to the positions that calls set, after the first step."""
+        """Drive joints by motors instead of setting their positions, after the first step."""
         if "jointIndex" not in arguments:
             self._steps[client] = self._steps.get(client, 0) + 1
             return arguments
@@ -454,7 +454,7 @@ class CallInterventions:
         return None
 
     def _drive_to(self, client: int, arguments: Any, **force: Any) -> None:
-        """Set a joint's motor target to the position that a call sets."""
+        """Set a joint's motor target to the position that a call would set."""
         joint, mode = arguments["jointIndex"], self._p.POSITION_CONTROL
         to = {"targetPosition": arguments["targetValue"], **force}
         self._make(client, "setJointMotorControl2", body_of(arguments), joint, mode, **to)
@@ -469,7 +469,7 @@ class CallInterventions:
     # -- calls added ------------------------------------------------------------------------------
 
     def _add_then(self, operation: Operation, arguments: Any, client: int) -> None:
-        """Add calls after this one; after a setter of the same property, only if it sets it."""
+        """Add calls after this call; after a call that sets link properties, only if needed."""
         if operation.get("only_after") and not operation["sets"].keys() & arguments.keys():
             return
         body = operation.get("body")
@@ -479,7 +479,7 @@ class CallInterventions:
                 self._give(operation, client, body, link)
 
     def _give(self, operation: Operation, client: int, *about: Any) -> None:
-        """Make a call for a body and a link, for other objects, or without any."""
+        """Make an added call, for a body and link, for other ids, or for none."""
         name, sets = operation["call"], operation["sets"]
         named_as = {key: each for key, each in zip(ABOUT.get(name, ()), about) if each is not None}
         body, link = (*about, None, None)[:2]
@@ -494,7 +494,7 @@ class CallInterventions:
             self._ours[client, body, link, key] = self._reported(client, body, link, key)
 
     def _noted(self, client: int, body: Any, link: Any, names: Iterable[str]) -> dict[str, Any]:
-        """Save the link properties that the script should still read, and return them."""
+        """Return the link properties that the script believes to have set, and save them."""
         for name in names:
             key = client, body, link, name
             now = self._reported(*key)
@@ -519,7 +519,7 @@ class CallInterventions:
         return {**arguments, "posObj": moved}
 
     def _lift_then(self, operation: Operation, arguments: Any, client: int) -> None:
-        """Move a new body away from its initial position."""
+        """Move a body that was just loaded away from others."""
         body = operation["body"]
         if "posObj" in arguments:
             return
@@ -528,7 +528,7 @@ class CallInterventions:
         self._make(client, "resetBasePositionAndOrientation", body, at, [*turned])
 
     def _pull_then(self, operation: Operation, _: Any, client: int) -> None:
-        """Change the largest force of a new constraint."""
+        """Change the maximum force of a constraint that was just created."""
         p = self._p
         made = p.getConstraintUniqueId(p.getNumConstraints(client) - 1, client)
         force_n = p.getConstraintInfo(made, client)[FORCE_AT]
@@ -536,7 +536,7 @@ class CallInterventions:
         self._make(client, "changeConstraint", made, maxForce=most_n)
 
     def _gear_then(self, operation: Operation, _: Any, client: int) -> None:
-        """Connect two joints of a new body by a gear, with the follower's motor off."""
+        """Connect two joints of a loaded body by a gear, without a motor on the follower."""
         p, body, (leads, follows) = self._p, operation["body"], operation["links"]
         if max(leads, follows) >= p.getNumJoints(body, client):
             return
@@ -548,13 +548,13 @@ class CallInterventions:
         self._make(client, "changeConstraint", gear, **how)
 
     def _also_then(self, operation: Operation, arguments: Any, client: int) -> None:
-        """Repeat a call in another simulation."""
+        """Repeat a call in another simulation (client)."""
         other, name = operation["of"], operation["functions"][0]
         if client != other and self._p.isConnected(other):
             self._make(other, name, **arguments)
 
     def _carry_then(self, _: Operation, arguments: Any, client: int) -> None:
-        """Give a body whose poses calls set the velocity between those poses."""
+        """Set a body's velocity to match the poses that calls set one after another."""
         body, at = body_of(arguments), [*arguments["posObj"]]
         key = "carried", client, body
         before, self._kept[key] = self._kept.get(key), at
@@ -565,7 +565,7 @@ class CallInterventions:
         self._make(client, "resetBaseVelocity", body, velocity)
 
     def _hold_then(self, _: Operation, arguments: Any, client: int) -> None:
-        """Set the motor target of a reset joint to its new position."""
+        """Set a joint's motor target to the position to which a call has reset the joint."""
         p, body, joint = self._p, body_of(arguments), number(arguments.get("jointIndex"))
         if "controlMode" in arguments:
             force = arguments.get("force")
@@ -577,7 +577,7 @@ class CallInterventions:
             self._drive_to(client, arguments, **kept)
 
     def _again(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Repeat the last external force of each line before every step that has none."""
+        """Repeat each line's last external force before steps for which it gives none."""
         if "forceObj" in arguments or "torqueObj" in arguments:
             return arguments
         step = self._steps.get(client, 0)
@@ -627,7 +627,7 @@ class CallInterventions:
 
 
 def _becoming(held: Any, how: Sequence[Any]) -> Any:
-    """Return an argument after an operator; without one, flags become 0, and numbers minimal."""
+    """Apply an operator to an argument; without one, flags become 0, and numbers minimal."""
     if how[0] in ("|", "~", "^"):
         held = number(held) or 0
     elif held is None and how[0] == ">":
@@ -639,13 +639,13 @@ def _becoming(held: Any, how: Sequence[Any]) -> Any:
 
 
 def element_of(client: int, arguments: Mapping[str, Any]) -> Element:
-    """Return the client id, body id, and joint or link index in a call."""
+    """Return the client id, body id, and joint or link index that a call is about."""
     link = arguments.get("jointIndex", arguments.get("linkIndex"))
     return client, body_of({**arguments}), number(link)
 
 
 def elements_of(client: int, arguments: Mapping[str, Any]) -> list[Element]:
-    """Return client id, body id, and joint or link index for each object in a call."""
+    """Return client id, body id, and joint or link index of all that a call is about."""
     if JOINTS not in arguments:
         return [element_of(client, arguments)]
     return [(client, body_of({**arguments}), number(each)) for each in arguments[JOINTS]]
@@ -657,7 +657,7 @@ def _of_joints(
     elements: Sequence[Any],
     operation: Operation,
 ) -> Mapping[str, Any] | None:
-    """Return a call for several joints, changed only for the joints of an operation."""
+    """Combine a call for several joints with its changed form, for the chosen joints only."""
     changed = [[*element] in operation["elements"] for element in elements]
     if all(changed):
         return made
@@ -675,7 +675,7 @@ def _of_joints(
 
 
 def there(p: Any, client: int, each: str, pairs: Iterable[Sequence[int]]) -> Iterator[Any]:
-    """Yield existing objects of a kind: bodies, links, movable joints, constraints, contacts."""
+    """Yield what exists in a simulation: bodies, links, movable joints, constraints or contacts."""
     if each in ("bodies", "links", "joints"):
         for body in [p.getBodyUniqueId(n, client) for n in range(p.getNumBodies(client))]:
             joints = range(p.getNumJoints(body, client))

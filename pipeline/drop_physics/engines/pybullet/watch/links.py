@@ -1,4 +1,4 @@
-"""Counts the links of the models in a file, since PyBullet shows only the base of a btRigidBody."""
+"""Counts the links in model files, since PyBullet hides links of models loaded as rigid bodies."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def path_of(name: str, search_path: str) -> str | None:
 
 
 def links_in(path: str, call: str, *, merged: bool) -> list[int]:
-    """Return the number of links of each model in a file; in an invalid file, up to the error.
+    """Return the number of links of each model in a file.
 
     Parameters
     ----------

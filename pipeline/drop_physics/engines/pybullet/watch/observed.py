@@ -1,4 +1,4 @@
-"""A simulation of a PyBullet script, in the form that expectations read."""
+"""Reads numbers from a running PyBullet simulation, to check an expectation."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NORMAL = 7
 
 
 class ObservedWorld(Observed):
-    """An observed simulation of one client.
+    """A running simulation, from which expectations read times, positions and forces.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class ObservedWorld(Observed):
         return self._time()
 
     def reader(self, kind: str, *names: Any) -> Callable[[], Any]:
-        """Return a function that reads the current value of a number or a vector."""
+        """Return a function that reads a quantity's current value, a number or a vector."""
         if kind in AXES or kind == "up":
             pose = self._pose(*self._link(*names))
             if kind == "up":
@@ -60,7 +60,7 @@ class ObservedWorld(Observed):
         raise UnknownNameError(str(names[0]), ())
 
     def positions(self) -> list[float]:
-        """Return the positions of three points of each body and link [m]."""
+        """Return positions of three points on each link, which also show its rotation [m]."""
         p, client = self._p, self._client
         found = [math.nan] * (NUMBERS * len(self._places))
         for body in self._bodies():
@@ -83,16 +83,16 @@ class ObservedWorld(Observed):
         return found
 
     def _radius(self, body: int, link: int) -> float:
-        """Return the largest radius of gyration of a link [m]."""
+        """Return a link's largest radius of gyration, as its size [m]."""
         mass, _, inertia = self._p.getDynamicsInfo(body, link, self._client)[:3]
         return math.sqrt(max(*inertia, 0.0) / mass) if mass > 0 else 0.0
 
     def bodies(self) -> list[str]:
-        """Return the names of the bodies of `positions`."""
+        """Return the names of bodies and links, in the order of `positions`."""
         return self._named
 
     def astray(self) -> dict[str, float]:
-        """Return the distance of joints from their motors' targets."""
+        """Return how far joints are from their motors' targets."""
         p, client, found = self._p, self._client, {}
         for (body, joint), (at, target) in self._targets.items():
             try:
@@ -105,7 +105,7 @@ class ObservedWorld(Observed):
         return found
 
     def command(self, arguments: Mapping[str, Any]) -> None:
-        """Note a motor command of the script, given its named arguments."""
+        """Note the target of a motor command, given its arguments by name."""
         body, mode = number(arguments.get("bodyUniqueId")), arguments.get("controlMode")
         names = {
             self._p.POSITION_CONTROL: ("targetPosition", 0),
@@ -194,7 +194,7 @@ class ObservedWorld(Observed):
         return float(self._p.getMatrixFromQuaternion(orientation)[8])
 
     def _force(self, sides: list[tuple[int, int]]) -> Callable[[], float]:
-        """Return a function that reads the force between two bodies, or by one on all others."""
+        """Return a function that reads the contact force between two bodies, or on one."""
         p, client = self._p, self._client
         (body, link), other = sides[0], dict(zip(("bodyB", "linkIndexB"), (*sides[1:], ())[0]))
         if other.get("linkIndexB") == -1:

@@ -1,4 +1,4 @@
-"""Return values of an untouched window, for scripts that request one and run without.
+"""Answers for a GUI window that nobody touches, in scripts that ask for one but run without.
 
 Without a window PyBullet rejects some of these calls (`readUserDebugParameter`), returns zeros from
 others (`getDebugVisualizerCamera`) and gives no numbers to drawn items.
@@ -17,7 +17,7 @@ NEAR_M, FAR_M, FIELD_OF_VIEW_DEG = 0.1, 1000.0, 60.0
 
 
 class Window:
-    """A stand-in for the window of one client, whose user does nothing."""
+    """A GUI window that does not exist and whose user does nothing."""
 
     def __init__(self, p: SimpleNamespace, gui: int) -> None:
         self._p, self._gui = p, gui
@@ -31,7 +31,7 @@ class Window:
         }
 
     def answers(self) -> dict[str, Callable[[dict[str, Any], Any], Any]]:
-        """Return the functions that compute the return values, by name of PyBullet's function.
+        """Return the functions that answer for PyBullet's GUI functions, by name.
 
         They take the arguments by name, and PyBullet's own answer.
         """

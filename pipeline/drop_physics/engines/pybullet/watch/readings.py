@@ -1,4 +1,4 @@
-"""Counts a script's readings and the steps in which they occur, by line and argument structure.
+"""Counts how often, and in which steps, each script line reads simulation values.
 
 A reading takes PyBullet a microsecond, and counting it one more. So the frequent readings of a
 function are soon counted in one of 61 steps, with a weight of 61; rarer ones always are, and so is
@@ -42,7 +42,7 @@ PLAIN = {int, float, bool, str, type(None)}
 
 
 class Readings:
-    """Counts a script's readings, and describes their lines."""
+    """Counts a script's reading calls, such as `getJointState`, by line."""
 
     def __init__(self, watch: BulletWatch) -> None:
         self._watch, self._fails = watch, False
@@ -70,11 +70,11 @@ class Readings:
         """The readings at each place."""
 
     def passing(self, name: str) -> set[int]:
-        """Return the bytecode instructions whose calls of a function are currently not counted."""
+        """Return the bytecode positions whose calls of a function are not counted for now."""
         return self._passing.setdefault(name, set())
 
     def turn(self, steps: int) -> None:
-        """Start or end a group of steps in which every reading is counted."""
+        """Start or end a sampling period, in which every reading is counted."""
         self._all = not self._all
         if self._all:
             self.next_turn, self._read = steps + TOGETHER, set()
@@ -93,13 +93,13 @@ class Readings:
         self._read_before, self._read = self._read, set()
 
     def look(self) -> None:
-        """Count every reading until the next turn."""
+        """Count every reading until the next sampling period."""
         for name in self._unseen:
             self._passing[name].clear()
         self._unseen = {}
 
     def forget(self) -> None:
-        """Note that engine ids may now denote other bodies."""
+        """Note that engine ids may now refer to other bodies."""
         self._plans, self._codes, self._targets = {}, [], {}
 
     def count(
@@ -110,7 +110,7 @@ class Readings:
         place: Any,
         answer: Any = None,
     ) -> None:
-        """Count a reading made in a frame, and keep its return value."""
+        """Count a reading, and keep the value that it returned."""
         key = name, id(place.f_code), place.f_lasti, args, *kwargs.items()
         try:
             at, world = self._plans[key]
@@ -133,7 +133,7 @@ class Readings:
         counters[at + 2] = world.step
 
     def _keep(self, at: int, values: list[float]) -> None:
-        """Update the first, last, least and greatest return value of a line."""
+        """Update the first, last, least and greatest value that a line has read."""
         pipe = self._watch.pipe
         counters, kept = pipe.counters, pipe.answers
         begin, known = at // COUNTERS * ANSWERS * EXTREMES, counters[at + 3]
@@ -157,7 +157,7 @@ class Readings:
     def _found(
         self, name: str, args: tuple[Any, ...], kwargs: dict[str, Any], place: Any
     ) -> tuple[int, WatchedWorld] | None:
-        """Return the counter of a reading and its simulation; describe a new reading."""
+        """Return the counter of a line, and the simulation that it reads; describe a new line."""
         watch, pipe = self._watch, self._watch.pipe
         world = watch.worlds.get(client_of(name, args, kwargs))
         if world is None and name in CONVERTS:  # which reads no simulation
@@ -199,7 +199,7 @@ class Readings:
 
 
 def _targets(arguments: dict[str, Any]) -> list[Any]:
-    """Return the objects of a reading: one or two bodies, by engine id, with links or None."""
+    """Return what a reading is about: one or two bodies, by engine id, with links or None."""
     parts = []
     for body, links in OF.items():
         which = number(arguments.get(body))

@@ -1,4 +1,4 @@
-"""The possible single changes of a PyBullet script's run, and the operations that make them.
+"""Lists the single changes that could be tried on a PyBullet run, and how to make each.
 
 The rows arrive as data (`interventions`): calls that are added before the first step, and patterns
 of functions and arguments with operators for the script's own calls.
@@ -25,7 +25,7 @@ Row = Mapping[str, Any]
 
 
 def possible(p: Any, rows: Sequence[Row], seen: SeenCallSites) -> list[Change]:
-    """Return the changes from table rows that have an effect in a run.
+    """Return the single changes that could be tried and would have an effect in this run.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def possible(p: Any, rows: Sequence[Row], seen: SeenCallSites) -> list[Change]:
 
 
 def trial_of(change: Change) -> dict[str, Any]:
-    """Return how a run with a change differs, in the format of `BulletWatch.become`."""
+    """Return the operations and run variation by which a trial run makes a change."""
     if change.change == TIMESTEP:
         return {"interventions": [], "variation": {"finer": int(change.how[1])}}
     function, _, argument = change.change.partition(".")
@@ -85,7 +85,7 @@ def trial_of(change: Change) -> dict[str, Any]:
 
 
 class BodyNames:
-    """The names of bodies, links and joints at the end of a run, and of the files they are from.
+    """The names of bodies, links and joints at the end of a run, and of their files.
 
     A body whose name another one has, too, is named with its number: panda body2.
 
@@ -107,11 +107,11 @@ class BodyNames:
         }
 
     def of_call(self, element: Element) -> str:
-        """Return the name of a call's object: the file that a body is loaded from, or as `of`."""
+        """Return the name of what a call is about: a body or joint, or a body's file."""
         return self._files.get(element) or self.of("links", element)
 
     def of(self, each: str, element: Sequence[Any]) -> str:
-        """Return the name of a change's object: a body, its link or joint, or two bodies."""
+        """Return the name of what a change is about: a body, a link or joint, or two bodies."""
         client, *about = element
         if each == "constraints":
             return f"constraint{about[0]}"
@@ -141,7 +141,7 @@ class BodyNames:
 
 
 def _told_apart(names: Mapping[Element, str]) -> Iterator[tuple[Element, str]]:
-    """Yield bodies with their names, and with their numbers where that is the name of several."""
+    """Yield bodies with their names; bodies of the same name are numbered."""
     often = Counter(names.values())
     for at, name in names.items():
         alone = name and often[name] == 1
@@ -154,7 +154,7 @@ def _told_apart(names: Mapping[Element, str]) -> Iterator[tuple[Element, str]]:
 def _of_calls(
     named: BodyNames, site: tuple[str, int, str], calls: SeenCalls, patterns: Sequence[Row]
 ) -> Iterator[Change]:
-    """Yield the changes of the calls of a function at one line."""
+    """Yield the possible changes to one function's calls from one script line."""
     file, line, function = site
     ids, bodies = tuple(calls.elements), _bodies(named, calls.elements)
     names = tuple(map(named.of_call, ids))
@@ -185,23 +185,23 @@ def _of_calls(
 
 
 def _bodies(names: BodyNames, elements: Iterable[Sequence[Any]]) -> tuple[str, ...]:
-    """Return the names of the bodies to which elements belong."""
+    """Return the names of the bodies in a list of call subjects."""
     found = (names.of("links", element[:2]) for element in elements)
     return tuple(dict.fromkeys(each for each in found if each))
 
 
 def _row_of(named: str, patterns: Sequence[Row]) -> Row | None:
-    """Return the first row whose pattern matches a function, or one of its arguments."""
+    """Return the first row that matches a function, or one of its arguments."""
     return next((row for row in patterns if re.fullmatch(row["change"], named)), None)
 
 
 def _tried(row: Row | None) -> list[tuple[str, bool]]:
-    """Return the operators of a row, each with a flag if it removes a part of the scene."""
+    """Return the operators of a row, each with a flag that is True if it removes something."""
     return [] if row is None else [(op, op in row["breaks"]) for op in row["tries"]]
 
 
 def _does(value: Any, how: tuple[str, Any]) -> bool:
-    """Return whether an operator changes a number or a list of numbers."""
+    """Return whether an operator would change a number or a list of numbers."""
     numbers = value if isinstance(value, list) else [value]
     if not numbers or not all(isinstance(number, (int, float)) for number in numbers):
         return False
@@ -215,7 +215,7 @@ def _does(value: Any, how: tuple[str, Any]) -> bool:
 
 
 def _together(changes: Sequence[Change]) -> Iterator[Change]:
-    """Yield changes that apply to all lines of a function together, if there are several."""
+    """Yield changes that apply to all calls of a function, if several lines call it."""
     alike: dict[tuple[str, str], list[Change]] = {}
     for change in changes:
         if change.op not in ("held", "late"):
@@ -237,7 +237,7 @@ def _together(changes: Sequence[Change]) -> Iterator[Change]:
 
 
 def _once(row: Row, op: str) -> dict[str, Any]:
-    """Return the added call, for all objects of a kind."""
+    """Return the call that a row adds, for all bodies, joints or contacts that it is about."""
     operator, value = how_of(op)
     sets = {**row["fixed"], **dict.fromkeys(row["takes"], (operator, _whole(value)))}
     return {"call": row["call"], "each": row["each"], "sets": sets}

@@ -18,7 +18,7 @@ MOST_ISLANDS = 64
 
 
 class Solver:
-    """The solver's reports for one client, which steps return on request."""
+    """Collects the reports of one client's contact solver."""
 
     def __init__(self, p: SimpleNamespace, client: int, *, returns: bool | None) -> None:
         self._p, self._client = p, client
@@ -30,7 +30,7 @@ class Solver:
         """Number of times that the solver was seen to reach each limit of iterations."""
 
     def ask(self, moving: int) -> bool:
-        """Make the next step return the solver's report; return whether it will.
+        """Ask for a solver report from the next step; return whether there will be one.
 
         Only every few steps, since it takes two calls. It changes nothing else, but the engine has
         room for a limited number of islands of bodies, of which `moving` move, and reads beyond it.
@@ -50,7 +50,7 @@ class Solver:
         return self._can
 
     def note(self, islands: Any, most: int, step: int) -> None:
-        """Note whether the solver reached its iteration limit, and the last velocity change.
+        """Note from a report whether the solver reached its iteration limit unconverged.
 
         That is a change of velocity, non-finite for an island whose body the engine has lost.
         """

@@ -1,4 +1,4 @@
-"""A variation of a run: a change in the engine that the script cannot see.
+"""Varies a whole run in the engine, unnoticed by the script: a finer timestep, more iterations.
 
 With a finer timestep, k steps of dt/k replace one of dt. Forces that last one step are given again
 before each; motors and constraints, which keep force × timestep of their call, are called while the
@@ -28,7 +28,7 @@ Call = Callable[..., Any]
 
 
 class Variation:
-    """How a run differs from the script's own.
+    """A variation of a whole run, such as a finer timestep.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Variation:
         """Clients whose next step is the first."""
 
     def of(self, p: SimpleNamespace, name: str, original: Call) -> Call:
-        """Return the wrapper of a function of PyBullet, whose functions are `p`."""
+        """Return the wrapper that applies the variation to one function of PyBullet."""
         self._p = p
         if name == "connect":
             return self._connecting(original)
@@ -130,7 +130,7 @@ class Variation:
         return set_engine
 
     def _vary(self, client: int) -> None:
-        """Save the script's settings, and apply the changes."""
+        """Save the script's engine settings, and replace them by varied ones."""
         reported = self._p.getPhysicsEngineParameters(client)
         ours = {TIMESTEP: reported[TIMESTEP] / self.finer, **self.engine}
         if self._iterations != 1:
@@ -177,7 +177,7 @@ class Variation:
         return bool(mode == self._p.TORQUE_CONTROL)
 
     def again(self, client: int, tell: Call) -> None:
-        """Apply forces that last one step again, and report them."""
+        """Apply an external force in each of the finer steps, as PyBullet clears it after one."""
         for name, original, args, kwargs, place in self._lasting.get(client, []):
             tell(name, args, kwargs, place)
             try:
@@ -186,7 +186,7 @@ class Variation:
                 continue
 
     def stepped(self, client: int) -> None:
-        """Note the end of a script step."""
+        """Note that a step of the script has ended."""
         if client in self._lasting:
             self._lasting[client].clear()
 
@@ -278,7 +278,7 @@ class Variation:
 
 
 def varied_by(given: dict[str, Any] | None) -> Variation | None:
-    """Create the variation, without the options for MuJoCo; None if nothing differs."""
+    """Return the variation for the given options; None if none applies to PyBullet."""
     if given is None:
         return None
     return Variation(**{name: value for name, value in given.items() if name != "options"})

@@ -1,4 +1,4 @@
-"""One simulation in the engine: its bodies, and their current state.
+"""Reads one simulation of a watched script: its bodies, states and contacts.
 
 Everything is read with PyBullet's own functions, and nothing here changes a number in it:
 `tests/test_watching.py` checks that over many scripts.
@@ -33,7 +33,7 @@ POSE, POINT = struct.Struct("<13d"), struct.Struct("<23d")
 
 
 class WatchedWorld:
-    """The simulation of one client.
+    """The simulation of one physics client, read after each step.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ class WatchedWorld:
     # -- what calls have changed ------------------------------------------------------------------
 
     def sync(self, *, sample_follows: bool = False) -> None:
-        """Send the changes made by calls since the last sync.
+        """Send what calls have changed since the last message.
 
         Changes that a sample will hold at once are left to it.
         """
@@ -156,7 +156,7 @@ class WatchedWorld:
         self._lay_out()
 
     def before_mass(self, engine_id: int) -> None:
-        """Save the dynamics info of a new body whose mass a call is about to change."""
+        """Save a new body's dynamics info before a call changes its mass."""
         if engine_id in self.fresh and engine_id not in self.added:
             try:
                 links = range(-1, self._p.getNumJoints(engine_id, self.client))
@@ -169,7 +169,7 @@ class WatchedWorld:
     def inertial_of(
         self, engine_id: int, position: list[float] | None, orientation: list[float] | None
     ) -> Any:
-        """Return a new btRigidBody's centre of mass in the frame in which it was placed.
+        """Return the centre of mass of a new rigid body, in the frame that placed it.
 
         `getDynamicsInfo` returns leftovers as that of a btRigidBody.
         """
@@ -303,7 +303,7 @@ class WatchedWorld:
         )
 
     def _last_of(self, body: WatchedBody) -> bytes:
-        """Return the last sent state of a body, or b''."""
+        """Return a body's state as last sent, or b'' if none was."""
         base, joints = body.last[: POSE.size], body.last[POSE.size :]
         if body.base_at >= 0:
             base = bytes(self._buffer[body.base_at : body.base_at + POSE.size])
@@ -312,7 +312,7 @@ class WatchedWorld:
         return base + joints if base else b""
 
     def _keep(self, body: WatchedBody, state: bytes) -> None:
-        """Remember a sent state, in place of that in the last sample."""
+        """Remember a body's state as last sent."""
         body.last = state
         if body.base_at >= 0:
             self._buffer[body.base_at : body.base_at + POSE.size] = state[: POSE.size]
@@ -342,7 +342,7 @@ class WatchedWorld:
             self._pipe.write(SET_HEAD.pack(protocol.SET, size, body.number, self.step) + state)
 
     def _sync_base(self, body: int, number: int, at: int) -> None:
-        """Send the state of a body without joints if it differs from the last sample."""
+        """Send the state of a jointless body if it differs from the one last sent."""
         (x, y, z), (a, b, c, d) = self._p.getBasePositionAndOrientation(body, self.client)
         (vx, vy, vz), (wx, wy, wz) = self._p.getBaseVelocity(body, self.client)
         sent = SET_BASE.pack(
@@ -372,7 +372,7 @@ class WatchedWorld:
     # -- what steps change ------------------------------------------------------------------------
 
     def sample(self) -> None:
-        """Send the current state and contacts: both or, after Ctrl-C, neither."""
+        """Send the current state and contacts, as one message even upon Ctrl-C."""
         p, client, buffer, pipe = self._p, self.client, self._buffer, self._pipe
         if pipe.muted:
             self.sampled = True
@@ -420,18 +420,18 @@ class WatchedWorld:
         self.sampled = True
 
     def before_step(self) -> None:
-        """Send the changes made by calls, and the first sample before the first step."""
+        """Send what calls have changed, and the initial state before the first step."""
         self.sync(sample_follows=not self.sampled)
         if not self.sampled:
             self.sample()
         self.touched = False
 
     def asks_solver(self) -> bool:
-        """Make the next step return the solver's report; return whether it will."""
+        """Ask for a solver report from the next step; return whether there will be one."""
         return self.solver.ask(len(self._moving))
 
     def after_step(self, islands: Any) -> None:
-        """Send the sample after a step, and note the solver's residual."""
+        """Send the state after a step, and note the solver's report."""
         if islands and self._engine is not None:
             most = int(self._engine["numSolverIterations"])
             self.solver.note(islands, most, self.step + 1)
@@ -443,7 +443,7 @@ class WatchedWorld:
         self.sample()
 
     def tell_file(self, name: str, path: str) -> None:
-        """Send the content of a file named by a call; a script may delete it soon."""
+        """Send the content of a file that a call names, as the script may delete it."""
         try:
             if os.path.getsize(path) > MOST_KEPT:
                 return
@@ -454,7 +454,7 @@ class WatchedWorld:
         self._pipe.note("file", name=name, path=os.path.abspath(path), content=content)
 
     def end(self) -> None:
-        """Send the remaining data of a finished simulation, as far as it is known."""
+        """Send the remaining data of a simulation that has ended."""
         self.sync(sample_follows=not self.sampled)
         for early in self.solver.noted():
             self._pipe.note("solver", world=self.number, **early)
