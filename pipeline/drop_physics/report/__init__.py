@@ -1,1 +1,1 @@
-"""Reports: results of verbs as data, and the renderers that display them."""
+"""Turns results of commands into reports, and reports into text, Markdown, HTML and JSON."""

@@ -1,4 +1,4 @@
-"""The report of the account: one line per row, and its terms for and against below."""
+"""The account in a report: a line per row, and below it the terms for and against."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ WORDS = {
 
 
 def rows_beside(rows: Sequence[AccountRow], findings: Sequence[Finding]) -> list[AccountRow]:
-    """Return the rows worth reading, except those that a shown finding already covers."""
+    """Return the account's rows worth reading, without those that a finding shown covers."""
     told = [finding.row for finding in findings if finding.row is not None]
     return [
         row for row in rows if row.salience >= NEGLIGIBLE and not any(row is each for each in told)
@@ -46,7 +46,7 @@ def rows_beside(rows: Sequence[AccountRow], findings: Sequence[Finding]) -> list
 
 
 def account_of(rows: Sequence[AccountRow], most: int) -> list[Section]:
-    """Return the account, with at most this many rows; empty if there are none."""
+    """Return the account as a block, with at most `most` rows; empty if there are none."""
     if not rows:
         return []
     facts = [fact for row in rows[:most] for fact in facts_of(row)]
@@ -58,7 +58,7 @@ def account_of(rows: Sequence[AccountRow], most: int) -> list[Section]:
 
 
 def facts_of(row: AccountRow) -> list[Fact]:
-    """Describe a row: the commanded and the reached value, and the terms for and against."""
+    """Describe a row: what was requested and reached, and the terms for and against."""
     told = joined("  ", [who_of(row), row.told])
     facts = [Fact(WORDS[row.kind], told, "bold", at_s=row.time_s)]
     if row.terms:
@@ -67,7 +67,7 @@ def facts_of(row: AccountRow) -> list[Fact]:
 
 
 def who_of(row: AccountRow) -> str:
-    """Return the subject of a row, and how many similar subjects it stands for."""
+    """Return what a row is about, and how many similar ones it stands for."""
     if row.alike:
         return Message("{who} and {alike} more", who=row.who, alike=row.alike)
     return row.who

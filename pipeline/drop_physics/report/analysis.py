@@ -1,4 +1,4 @@
-"""The report of `drop analyze`."""
+"""The report of the command `analyze`."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def report_of(
     choice: Choice = EVERY,
     at_the_end: bool = False,
 ) -> Report:
-    """Report what happened: on one screen without `verbose`, with `most_rows` of the account.
+    """Report what happened: on one screen, or everything with `verbose`.
 
     With `at_the_end`, only the findings and the final state, as in a golden recording's page.
     """
@@ -90,7 +90,7 @@ def _row_drawn(analysis: Analysis) -> Iterator[Graphs]:
 
 
 def _not_said(analysis: Analysis) -> Iterator[Section]:
-    """Yield remarks on data missing from the recording, about which the analysis says nothing."""
+    """Yield notes on missing data, because of which the analysis leaves something out."""
     if analysis.notes:
         titles = [Message("not said"), *[""] * (len(analysis.notes) - 1)]
         rows = map(Fact, titles, analysis.notes)

@@ -1,4 +1,4 @@
-"""Findings for code review: as GitHub Actions annotations, and as SARIF.
+"""Findings for code review, as GitHub Actions annotations and as SARIF.
 
 Both are read by machines, and so always in English.
 """

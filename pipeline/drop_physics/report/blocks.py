@@ -1,4 +1,4 @@
-"""The data model of a report: the result of a verb, as data that any renderer can show.
+"""The data of a report: paragraphs, tables and curves, as any renderer can show them.
 
 A report is made by the builder of its verb, a pure function of the verb's result. It contains text
 in English (`Message`), numbers already written with their units, and the order in which a reader
@@ -36,7 +36,7 @@ class Words:
 
 @dataclass(frozen=True)
 class Fact:
-    """A title, and the text beside it."""
+    """A title with a text beside it."""
 
     title: str
     words: str
@@ -157,7 +157,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class Graphs:
-    """Curves over time, which are drawn only when a renderer shows them."""
+    """Curves over time, drawn only by renderers that can show them."""
 
     plot: Callable[[], Plot]
 
@@ -176,7 +176,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """The report of a verb: title, verdict, sections and commands to run next."""
+    """The report of a command: title, verdict, sections, and commands to run next."""
 
     title: str = ""
     """What the report is about, if it is listed among others: a command."""

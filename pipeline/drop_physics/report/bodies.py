@@ -1,4 +1,4 @@
-"""The report of a script's bodies: verdict first, then joints and bodies."""
+"""The report of a script's bodies: the verdict first, then joints and bodies."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ CELL, FORCE, CONTROL, LONGEST_JOINT = 8, 7, 8, 24
 
 @dataclass(frozen=True)
 class OneScreen:
-    """The findings and rows of the account that fit on one screen."""
+    """The findings and the account's rows that fit on one screen."""
 
     failed: Finding | None
     """The error that ended the script."""
@@ -69,7 +69,7 @@ class OneScreen:
 def one_screen(
     analysis: Analysis, *, verbose: bool = False, most_rows: int | None = None
 ) -> OneScreen:
-    """Choose what to show of an analysis; `most_rows` overrides the limit for the account."""
+    """Choose what to show on one screen; `most_rows` overrides the limit for the account."""
     failed = next((finding for finding in analysis.findings if finding.code == FAILED), None)
     findings = [finding for finding in analysis.findings if finding.code != FAILED]
     little = [] if verbose else minor(findings)
@@ -124,7 +124,7 @@ def report_of_bodies(
 
 
 def looked_at(analysis: Analysis) -> Message:
-    """Describe what was examined, for an analysis without findings."""
+    """Say what was examined, for an analysis that finds nothing."""
     joints = sum(len(body.joints) for body in analysis.bodies)
     return Message(
         "no finding in {bodies}, {joints}, {steps}; what no rule asks is not looked at",
@@ -177,7 +177,7 @@ def _explained(analysis: Analysis, *, verbose: bool) -> Message:
 
 
 def _of_substeps(analysis: Analysis) -> Iterator[Section]:
-    """Yield a remark on the substep for which torques and forces are reported."""
+    """Yield a note on the substep to which reported torques and forces belong."""
     if analysis.origin is not None and analysis.origin.get("kind") == "imported":
         return  # whose states are apart, and which has no forces then
     reported = analysis.engine.values() if isinstance(analysis.engine, dict) else ()
@@ -204,7 +204,7 @@ def _joints(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
 
 @dataclass(frozen=True, kw_only=True)
 class DriveRow:
-    """A row of the table of joints: a joint rate, or an actuator that acts on no single one."""
+    """A row of the table of joints: a joint's degree of freedom, or an actuator."""
 
     name: str
     control: str
@@ -220,7 +220,7 @@ class DriveRow:
 
     @staticmethod
     def of_joint(row: JointRow) -> DriveRow:
-        """Return the row of a joint rate."""
+        """Make the row for a joint's degree of freedom."""
         return DriveRow(
             name=_name(row),
             control=row.control,
@@ -237,7 +237,7 @@ class DriveRow:
 
     @staticmethod
     def of_actuator(row: ActuatorRow) -> DriveRow:
-        """Return the row of an actuator: the length of its transmission, its force, its arms."""
+        """Make the row for an actuator that moves several joints: length, force, moment arms."""
         asks = row.kind == "position"
         known = None not in (row.given, row.length)
         arms = [
@@ -269,7 +269,7 @@ def _limited(steps: int) -> Message | Literal[""]:
 def joint_table(
     label: str, joints: Sequence[JointRow], actuators: Sequence[ActuatorRow] = ()
 ) -> DataTable:
-    """Return the table of a body's joints; the numbers of a row have that row's unit.
+    """Return the table of a body's joints and actuators; each row has units of its own.
 
     Actuators on a single joint rate are in its row; those on tendons, sites or several rates, of
     `actuators`, are rows of their own.
@@ -360,7 +360,7 @@ def _bodies(analysis: Analysis, moving: Sequence[BodyAnalysis]) -> Iterator[Bloc
 
 
 def _not_said(moving: Sequence[BodyAnalysis], *, verbose: bool) -> Iterator[Block]:
-    """Yield remarks on what was not explained, and on what is shown only on request."""
+    """Yield notes on what is not explained, and on what only an option shows."""
     lacks = [
         Message(
             "{body}: {samples} from step {step} on: {reason}",
@@ -405,7 +405,7 @@ def _facts(body: BodyAnalysis) -> Message:
 
 
 def sum_of(body: BodyAnalysis, each: StepSum) -> Section:
-    """Return a step as a sum of terms: one row per degree of freedom."""
+    """Return a step's sum as a table: a row per degree of freedom, a column per term."""
     title = Message(
         "{body} at {time:.4g} s, step {step}: {segment}",
         body=body.label,

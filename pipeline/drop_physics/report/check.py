@@ -1,4 +1,4 @@
-"""The report of `drop check`: whether a recording shows the golden physics, or how it differs."""
+"""The report of `drop check`: whether a recording agrees with the golden one, or where not."""
 
 from __future__ import annotations
 
@@ -231,7 +231,7 @@ def _first(check: Check, compared: Comparison) -> Iterator[Fact]:
 
 
 def _left_out(compared: Comparison) -> Message | None:
-    """Name the bodies that were not compared, and why; None if all were."""
+    """Name the bodies that were not compared, with the reason; None if all were."""
     unseen = [each for each in compared.not_compared if each not in compared.unpaired]
     words = [
         Message(template, bodies=", ".join(bodies[:MOST]) + (" …" if len(bodies) > MOST else ""))
@@ -391,7 +391,7 @@ OF_BITS = frozenset(("mujoco",))
 
 
 def _besides(compared: Comparison) -> Iterator[Fact]:
-    """Yield differences that are not physical, and causes of differences between runs."""
+    """Yield differences other than physics, and possible causes of the differences."""
     for setting in compared.script:
         if setting.name == "script_sha256":
             yield Fact(Message("script"), Message("its text differs"))

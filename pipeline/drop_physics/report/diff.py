@@ -111,7 +111,7 @@ def facts_of(diff: Diff) -> list[Fact]:
 
 
 def _height(fact: Fact) -> int:
-    """Return the height of a fact in lines, in a terminal of the usual width."""
+    """Return how many terminal lines a fact takes."""
     return len(wrapped(fact.words, WIDTH - COLUMN))
 
 
@@ -155,7 +155,7 @@ def _same(diff: Diff) -> Iterator[Fact]:
 
 
 def _cut_short(diff: Diff) -> Iterator[Fact]:
-    """Yield a remark if a script was stopped: the runs are compared up to that point."""
+    """Yield a note if a script was stopped, so that the comparison ends there."""
     cut = [
         Message("{side} {ended}", side=side, ended=ENDED[ended])
         for side, ended in zip((diff.a, diff.b), diff.ended, strict=True)
@@ -236,7 +236,7 @@ def _cause(diff: Diff, cause: DifferenceCause) -> Message:
 
 
 def _where(words: Message, cause: DifferenceCause) -> Message:
-    """Append the step and source lines of a cause to a text."""
+    """Add step and source lines of a cause to a text."""
     if cause.step is not None and cause.steps is None:
         words = joined("", [words, Message(" before step {step}", step=cause.step)])
     sites = _sites(cause)
@@ -257,7 +257,7 @@ def _known(cause: DifferenceCause) -> Message:
 
 
 def _called(cause: DifferenceCause, value: Value) -> str:
-    """Describe a call, with the value of the differing argument, or with all arguments."""
+    """Describe a call, with the argument that differs or, if none does, all arguments."""
     call = str(cause.field)
     call = f"{call[:-1]}={value})" if call.endswith(")") else str(value)
     return _named(replace(cause, field=call)) if cause.element else call

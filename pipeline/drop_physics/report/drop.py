@@ -1,4 +1,4 @@
-"""The report of a drop: from release to rest, the error's terms, the findings."""
+"""The report of a drop: from release to rest, the terms of the position error, the findings."""
 
 from __future__ import annotations
 
@@ -284,7 +284,7 @@ def _rest(analysis: DropAnalysis) -> list[Fact]:
 
 
 def _off(rest: Rest) -> Message:
-    """Describe how far a body is from its expected resting position, and why."""
+    """Describe how far a body rests from its expected position, and why."""
     if rest.expected_m is None or rest.error_m is None:
         return Message("no theory gives the height at rest in this orientation")
     error = Message(

@@ -1,4 +1,4 @@
-"""The report of a run's episodes: the examined one in a line, and a summary of all."""
+"""The report of a run's episodes: a line for the one examined, and a summary of all."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ OF_SEVERAL = {
 def episode_lines(
     rows: Sequence[EpisodeRow], looked_at: int | None, *, verbose: bool
 ) -> Iterator[Section]:
-    """Yield a line for the account's episode and a summary of the rest; or a line for each."""
+    """Yield a line for the examined episode and a summary; with `verbose` a line for each."""
     if len(rows) < 2 and all(row.length is None for row in rows):
         return  # a run without environments is no episode
     heading, facts = Message("episode"), list[Fact]()
@@ -55,7 +55,7 @@ def episode_lines(
 
 
 def ended_well(rows: Sequence[EpisodeRow]) -> bool:
-    """Return whether all episodes ended without failure, so that nothing needs explaining."""
+    """Return whether all episodes ended without failure."""
     ways = [row.ended in ("terminated", "truncated") and not row.failed for row in rows]
     return bool(ways) and all(ways)
 

@@ -1,4 +1,4 @@
-"""The report of an expectation: its outcome, and the single changes that would meet it."""
+"""The report of an expectation: its outcome, and single changes with which it is met."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def _named(tried: TriedChange) -> dict[str, Any]:
 
 
 def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
-    """Yield the expectation, its outcome, and changes that meet it; all of them with `every`."""
+    """Yield the expectation, its outcome, and the changes that help; all of them if `every`."""
     base = found.base
     expected, value = _asked(found), _value(found, base)
     words = (
@@ -198,7 +198,7 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
 
 
 def _value(found: Expected, outcome: ChangeOutcome) -> str:
-    """Format the compared quantity, with its unit if known.
+    """Format the quantity that an expectation is about, with its unit if known.
 
     Rounding, compared with the quantity in the script's own run, is 0. There are as many digits as
     it takes to tell the quantity from what it is compared with.
@@ -212,7 +212,7 @@ def _value(found: Expected, outcome: ChangeOutcome) -> str:
 
 
 def _asked(found: Expected) -> str:
-    """Describe the expectation, and where it comes from."""
+    """Describe an expectation, and where it comes from: an option, the script, the account."""
     if found.row is not None:
         return f"{found.row.words}: {found.text}"
     return found.text if found.site is None else f"{found.site}: assert {found.text}"
@@ -247,7 +247,7 @@ def _told(
     latest: int | None,
     open_loop: bool | None,
 ) -> str:
-    """Describe a change, with remarks on its effects."""
+    """Describe a change that helps, with notes on its limits."""
     parts = [found.words(each.tried.change)]
     if line is not None and each.tried.change.site is None:
         parts.append(" ".join(line).rstrip())

@@ -1,4 +1,4 @@
-"""The report of flights, contacts and momentum of bodies: the largest ones, a row each."""
+"""The report of flights, contacts and momentum: the largest ones of all bodies, a row each."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MOST_BODIES = 3
 
 
 def falls(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
-    """Yield the error of the first flight of each body that starts in the air."""
+    """Yield the position error of the first flight of bodies that start in the air."""
     begun = [flight for body in bodies for flight in _begins_in_the_air(body)][:MOST_FALLS]
     if not begun:
         return
@@ -60,7 +60,7 @@ def falls(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
 
 
 def _begins_in_the_air(body: BodyAnalysis) -> Iterator[tuple[str, float, Vector, VectorTerms]]:
-    """Yield the sample of a body's first flight at 0.3 s, or at the flight's end if earlier."""
+    """Yield the sample at 0.3 s of a body's first flight, or at its end if shorter."""
     if not body.flights:
         return
     first = body.flights[0]
@@ -77,7 +77,7 @@ def _begins_in_the_air(body: BodyAnalysis) -> Iterator[tuple[str, float, Vector,
 
 
 def flights(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
-    """Yield the errors at the ends of the longest flights; for a single body also the terms."""
+    """Yield the position errors at the ends of the longest flights."""
     all_of_them = [(body, flight) for body in bodies for flight in body.flights]
     if not all_of_them:
         return
@@ -151,7 +151,7 @@ def contacts(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
 
 
 def momentum(bodies: Sequence[BodyAnalysis]) -> Iterator[Section]:
-    """Yield the momentum of the first bodies: at the start, at the end, and changes by cause."""
+    """Yield the momentum of the first bodies: at start and end, and its changes by cause."""
     for body in [body for body in bodies if body.momentum is not None][:MOST_BODIES]:
         assert body.momentum is not None
         rows = {

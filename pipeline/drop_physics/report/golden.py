@@ -12,7 +12,7 @@ from drop_physics.stages.check import check
 def failure(
     name: str, path: Path, golden: Path, tolerance_m: float, update: bool, summary: str | None
 ) -> str:
-    """Compare a recording with the golden one, or replace that; return the failure, or "".
+    """Compare a recording with the golden one, or replace it; return the failure, or "".
 
     The first line, which pytest repeats in its summary, is the first difference. The verdict of
     `drop check` is appended to the file `summary`, too.

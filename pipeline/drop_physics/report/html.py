@@ -1,4 +1,4 @@
-"""Render a report as HTML, without the page's title; texts from a recording are escaped."""
+"""Renders a report as HTML, without the page's title; texts from a recording are escaped."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def _site(finding: Finding) -> str:
 
 
 def _source(finding: Finding, sources: Mapping[str, Path]) -> Iterator[str]:
-    """Yield the source line that a finding cites, and those around it."""
+    """Yield the source line that a finding cites, with its neighbours."""
     lines = lines_of(finding, sources, AROUND)
     if lines:
         cited = int(str(finding.site).rpartition(":")[2])
@@ -154,5 +154,5 @@ def _source(finding: Finding, sources: Mapping[str, Path]) -> Iterator[str]:
 
 @block_html.register
 def _(_: Graphs, moment: Moment) -> Iterator[str]:  # noqa: ARG001
-    """Yield the placeholders for curves, and the files that the page loads for them."""
+    """Yield placeholders for curves, and the files that the page will load for them."""
     yield CURVES

@@ -1,4 +1,4 @@
-"""The report of imported states: their file, the engine compared with, the next commands."""
+"""The report of imported states: the file, the engine compared with, commands to run next."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ MOST_BODIES, MOST_READINGS = 6, 4
 
 
 def _readings(info: Info) -> Message:
-    """Describe the script's line with the most readings: what it reads, and how often."""
+    """Describe the script line that reads most values: what it reads, and how often."""
     most = sorted(info.readings, key=lambda reading: -reading.count)
     return _first_of([_reading(each) for each in most], MOST_READINGS)
 

@@ -1,4 +1,4 @@
-"""Render a report as Markdown: for a recording's layer, a golden recording, a CI job's summary."""
+"""Renders a report as Markdown, for the viewer, golden recordings, and CI summaries."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _(facts: Facts, say: Say) -> Iterator[str]:
 
 
 def _moment(row: Fact, say: Say) -> str:
-    """Return an item of a list, as the viewer wraps lines, but no cells; or a line beneath one."""
+    """Return a table row as a list item, or as lines below one; no cells, as the viewer wraps."""
     words = _escaped(say(row.words)).strip()
     if not row.title:
         return f"  {words}"
@@ -94,7 +94,7 @@ def _(table: DataTable, say: Say) -> Iterator[str]:
 
 @block_markdown.register
 def _(_: Graphs, say: Say) -> Iterator[str]:  # noqa: ARG001
-    """Yield nothing: curves are shown in the viewer, or in files of their own."""
+    """Yield nothing: Markdown shows no curves."""
     yield from ()
 
 

@@ -1,4 +1,4 @@
-"""Show results in Python: as text, and in notebooks as HTML with tables and images."""
+"""Shows results in Python: as text and, in notebooks, as HTML with tables and images."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ def text_of(result: Printable) -> str:
 
 
 def in_python(text: str) -> str:
-    """Replace names of command-line options in a text by Python's parameter names."""
+    """Replace command-line options in a text by the names of Python parameters."""
     return in_parameters(MORE.sub(": as_json()", text))
 
 
 def _without_commands(report: Report) -> Report:
-    """Remove the commands to run next from a report."""
+    """Remove a report's commands to run next, which are for a terminal."""
     sections = [
         replace(
             section,
@@ -96,7 +96,7 @@ def _tables(result: Any) -> Iterator[str]:  # noqa: ANN401 - of any kind
 
 
 def _pictures(report: Report) -> list[str]:
-    """Return the images among a report's files, or else its curves, which are then drawn."""
+    """Return a report's images: its image files or, without any, its curves drawn."""
     blocks = [block for section in report.sections for block in section.blocks]
     rows = [row for block in blocks if isinstance(block, Facts) for row in block.rows]
     paths = [Path(row.path) for row in rows if isinstance(row, File)]
@@ -118,7 +118,7 @@ def _drawn(plot: Plot) -> str:
 
 
 class Viewed:
-    """A viewer in a notebook, with a video or the result's plot where it cannot be shown."""
+    """Rerun's viewer in a notebook, or a video or plot where the viewer cannot be shown."""
 
     def __init__(self, result: Any, height_px: int, at_s: float | None) -> None:  # noqa: ANN401
         from drop_physics.stages.render import film_of

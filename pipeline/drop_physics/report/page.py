@@ -1,4 +1,4 @@
-"""Write a report as an HTML page in one file, with curves and video, and no web requests.
+"""Writes a report as an HTML page in one file, with curves and video; makes no web requests.
 
 A user attaches it to an issue or to a CI run. Its policy forbids every request.
 """
@@ -94,7 +94,7 @@ def write_page(
     film_of: Path | None = None,
     **how: object,
 ) -> None:
-    """Write a result's report as a page with its curves; `how` are options of the report.
+    """Write a result's report as an HTML page with curves.
 
     The recording `film_of` is filmed, where it has anything to show.
 
@@ -137,7 +137,7 @@ def _films(recording: Path | None) -> list[ShortFilm]:
 
 
 class FilmFrames:
-    """The video frames at the moments that a page mentions.
+    """The video images at the moments that a page mentions.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ class FilmFrames:
         """Frames that the page links to."""
 
     def link(self, at_s: float) -> str:
-        """Return an HTML link to the frame nearest to a time."""
+        """Return an HTML link to the image nearest to a time."""
         place = self._nearest(at_s)
         self._shown.add(place)
         return f'<a href="#frame-{place}">{time_html(at_s)}</a>'
@@ -161,7 +161,7 @@ class FilmFrames:
         return self._picture(self._nearest(at_s)) if self._films else None
 
     def figures(self) -> Iterator[str]:
-        """Yield the linked frames, each with its time."""
+        """Yield the images that are linked to, each with its time."""
         if self._shown:
             yield '<section class="moments">'
             for place in sorted(self._shown):
@@ -180,7 +180,7 @@ class FilmFrames:
 
 
 def _curves(report: Report, frames: FilmFrames) -> Iterator[str]:
-    """Yield a report's plots, for a light or dark page, and the image of a moment."""
+    """Yield a report's plots for a light or dark page, with the image of the marked moment."""
     for section in report.sections:
         for block in section.blocks:
             if isinstance(block, Graphs) and (plot := block.plot()).panels:
@@ -196,7 +196,7 @@ def _curves(report: Report, frames: FilmFrames) -> Iterator[str]:
 
 
 def _film(films: Sequence[ShortFilm]) -> Iterator[str]:
-    """Yield the video for a light or dark page, and the images printed in its place."""
+    """Yield the video for a light or dark page, with images that replace it in print."""
     if films:
         light, dark = films
         yield _picture("film", _data(light.gif, "gif"), _data(dark.gif, "gif"))

@@ -67,7 +67,7 @@ def _written(recorded: Recorded) -> Iterator[Fact | File]:
 
 
 def _replayed(replay: ReplayedSteps) -> Message:
-    """Describe the result of replaying MuJoCo's steps."""
+    """Describe how many MuJoCo steps were replayed."""
     if replay.replayed and replay.explained == replay.replayed:
         return Message(
             "{replayed:,} of {steps:,} steps replayed to the bit, "

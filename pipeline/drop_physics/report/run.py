@@ -1,4 +1,4 @@
-"""The report of the files made from a drop or a script: recording, animation, plot."""
+"""The report of files made from a drop or script: recording, video, plot."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _simulation(simulation: Simulation) -> File:
 
 
 def _rendering(rendering: Rendering) -> Iterator[File]:
-    """Yield the rendered files, and the playback speed of the animation."""
+    """Yield the rendered files, and the playback speed of the video."""
     if rendering.gif is not None:
         frames = counted(rendering.frames, "frame")
         facts = [frames, f"{rendering.frames / rendering.fps:.2f} s"]

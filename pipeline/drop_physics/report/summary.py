@@ -1,4 +1,4 @@
-"""A summary of a script's analysis in about two kilobytes of JSON: what a terminal shows."""
+"""Shortens a script's analysis to about two kilobytes of JSON: what one screen shows."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ShortFinding:
-    """A finding, without its numbers."""
+    """A finding for the short JSON, without its numbers."""
 
     code: str
     """Stable identifier of the kind of finding, for `drop explain CODE`."""
@@ -42,7 +42,7 @@ class ShortFinding:
 
 @dataclass(frozen=True, kw_only=True)
 class ShortRow:
-    """A row of the account, shortened."""
+    """A row of the account for the short JSON."""
 
     kind: str
     """The kind of row, as in `drop analyze --json`."""
@@ -56,7 +56,7 @@ class ShortRow:
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """A summary of a script's analysis."""
+    """An analysis for the short JSON."""
 
     script: str
     """Name of the script, without its folder; `-m NAME` for a module."""

@@ -1,4 +1,4 @@
-"""The report of a sweep of scenarios: one row per run, and how the errors are spread."""
+"""The report of a sweep of scenarios: a row per run, and the spread of position errors."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def report_of(sweep: Sweep) -> Report:
 
 
 def _next(sweep: Sweep) -> Iterator[str]:
-    """Yield the command that explains the first run that was recorded."""
+    """Yield the command that explains the sweep's first recorded run."""
     recordings = (row.get("recording") for row in sweep.rows)
     first = next(filter(None, recordings), None)
     if first is not None:
@@ -131,7 +131,7 @@ def _cut(text: str) -> str:
 
 
 def _spread(sweep: Sweep, rows: Sequence[Row]) -> Iterator[Block]:
-    """Yield the spread of the errors of each scenario, over samples in the air if there are any."""
+    """Yield the spread of each scenario's errors, over samples in the air if possible."""
     if label := sweep.label(rows[0]):
         yield Words(label, "bold")
     in_the_air = [row for row in rows if row["rounding_m"] is not None]

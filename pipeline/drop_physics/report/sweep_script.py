@@ -1,4 +1,4 @@
-"""The report of a sweep of a script: one row per run."""
+"""The report of a script's runs with all combinations of changes: a row per run."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def json_of(sweep: ScriptSweep) -> dict[str, Any]:
 
 
 def report_of(sweep: ScriptSweep) -> Report:
-    """Report where the runs end, and how far from the script's own run."""
+    """Report where the runs end, and how far from the unchanged run."""
     runs = counted(len(sweep.rows), "run")
     head = Message("{script}: {runs}, beside its own", script=sweep.script, runs=runs)
     rows = sweep.rows[:MOST_ROWS]
@@ -57,7 +57,7 @@ def _value(value: object) -> str:
 
 
 def _moved(row: Row) -> str:
-    """Describe how far a run ends from the script's own run."""
+    """Describe how far a run ends from the unchanged run."""
     if row["ended"] == "failed":
         return Message("fails")
     if row["same"]:

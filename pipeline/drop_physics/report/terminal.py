@@ -1,4 +1,4 @@
-"""Render a report for the terminal: lines that fit, with Rich's markup, in the user's language."""
+"""Renders a report for the terminal, in lines that fit and in the user's language."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def show(
     stream: TextIO | None = None,
     **how: object,
 ) -> int:
-    """Print a result's report, and return its exit code; `how` are options of the report.
+    """Print a result's report, and return the exit code.
 
     `text` is printed in place of the report, if another renderer has made it; nothing if it is
     empty.
@@ -133,7 +133,7 @@ def _(words: Words) -> Iterator[str]:
 
 @block_lines.register
 def _(_: Graphs) -> Iterator[str]:
-    """Yield nothing: a terminal does not show curves."""
+    """Yield nothing: a terminal shows no curves."""
     yield from ()
 
 
@@ -168,7 +168,7 @@ _SHELL_WORD = re.compile(r"""(?:\$'(?:\\.|[^'\\])*'|'[^']*'|"[^"]*"|\S)+""")
 
 
 def _command(fact: Fact, column: int) -> Iterator[str]:
-    """Yield a command as several lines that a shell reads as one; quoted words stay whole."""
+    """Yield a command on several lines, joined for the shell; never split a quoted word."""
     lines, room = [""], width() - column - len(" \\")
     for word in _SHELL_WORD.findall(translated(fact.words)):
         if lines[-1] and columns_of(f"{lines[-1]} {word}") > room:
@@ -223,7 +223,7 @@ def _(table: DataTable) -> Iterator[str]:
 
 
 def _and(columns: Sequence[Column], widths: Sequence[int]) -> Iterator[tuple[Column, int]]:
-    """Yield columns with their widths; the first has no gap before it."""
+    """Yield a table's columns with widths, separated by gaps."""
     for number, (column, wide) in enumerate(zip(columns, widths, strict=True)):
         yield (column if number else replace(column, gap=0)), wide
 
@@ -235,7 +235,7 @@ def _padded(text: str, column: Column, wide: int) -> str:
 def _row(
     columns: Sequence[Column], widths: Sequence[int], number: int, *, margin: int, total: bool
 ) -> Iterator[str]:
-    """Yield the line of a row, and those onto which its last cell is wrapped."""
+    """Yield the lines of a table row, wrapping its last cell."""
     line, plain, more = "", "", list[str]()
     for column, wide in _and(columns, widths):
         text = translated(column.cells[number])

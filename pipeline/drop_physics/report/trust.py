@@ -1,4 +1,4 @@
-"""The report of `drop trust`: which parts of a script's result hold under variations."""
+"""The report of `drop trust`: which of a script's results persist under variations."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def report_of(
     outputs: Sequence[Path] = (),
     again: Again | None = None,
 ) -> Report:
-    """Report which results hold; the exit code is 3 if a variation ends beyond `within`."""
+    """Report which results persist; exit code 3 if a variation ends beyond `within`."""
     part = _namer(trust)
     rows = [[variation.name, *_distances(variation, trust, part)] for variation in trust.variations]
     curves = Graphs(partial(distances_of, trust))
@@ -173,7 +173,7 @@ def _verdict(trust: Trust) -> Message:
 
 
 def _namer(trust: Trust) -> Part:
-    """Return a function that names positions: by the joint alone, if its name is unique."""
+    """Return a function that names positions, by the joint's name alone if it is unique."""
     tracks = {
         (track.body, track.joint)
         for variation in trust.variations
@@ -199,7 +199,7 @@ def _distances(each: Varied, trust: Trust, part: Part) -> list[str]:
 
 
 def _farthest(found: Sequence[Distance], part: Part) -> tuple[str, str]:
-    """Return the largest distance, of several units, and which position it is of."""
+    """Return the largest distance, with the position that it is of."""
     if not any(each.value for each in found):
         return "0", ""
     worst = max(found, key=lambda each: (each.unit == "m" and each.value > LEAST, each.value))
@@ -239,12 +239,12 @@ def _table(
 
 
 def _term(term: str) -> Message:
-    """Return the display name of a term of the sum."""
+    """Return the name of an impulse term for a reader."""
     return TERMS[term] if term in TERMS else cause_in_words(term)
 
 
 def _sentences(trust: Trust) -> Iterator[str]:
-    """Yield sentences about the tables: terms, growth, convergence, endings of runs."""
+    """Yield sentences on the tables: terms, growth of deviations, convergence, endings."""
     terms = dict.fromkeys(
         variation.term or "" for variation in trust.variations if "/" in variation.name
     )

@@ -48,7 +48,7 @@ def report_of(view: View) -> Report:
 
 
 def _next(view: View) -> Iterator[str]:
-    """Yield the command that describes the recording as text, if `drop` made it."""
+    """Yield the command that describes the recording in text, for recordings made by `drop`."""
     (recording, *_), golden = view.recordings, view.golden
     if golden is not None:
         yield shell_command("drop", "check", recording, "--against", golden)

@@ -1,4 +1,4 @@
-"""The report of a script's trials, and of their verdicts.
+"""The report of `drop why`: the trial runs of a script, and what they show.
 
 A trial has one of three sentences: tried X: cured; no effect; the outcome hangs on X by so much.
 """
@@ -96,7 +96,7 @@ def json_of(why: Why) -> dict[str, Any]:
 
 
 def _noise(why: Why) -> dict[str, Any] | None:
-    """Return how far a nudge moves the outcome, or the expected quantity if there are no trials."""
+    """Return how far a slight displacement of the start moves the outcome."""
     if why.noise is not None:
         return {"value": why.noise.value, "unit": why.noise.unit}
     if why.expected is None or why.expected.noise is None:
@@ -128,7 +128,7 @@ def _json_of_trial(tried: Tried) -> dict[str, Any]:
 
 
 def report_of(why: Why, *, every: bool = False, again: Again | None = None) -> Report:
-    """Report the trials, cures first; with `every`, all changes that the outcome depends on."""
+    """Report the trials, fixes first; with `every`, all changes with an effect."""
     head = Message(
         "{script} {ended}: {steps}; {trials}",
         script=why.script,
@@ -157,7 +157,7 @@ def report_of(why: Why, *, every: bool = False, again: Again | None = None) -> R
 
 
 def _look(why: Why) -> str:
-    """Return the command that shows the script's own run beside a trial that cures it."""
+    """Return the command that shows the unchanged run beside a trial that helps."""
     filmed = why.filmed()
     if filmed is None or not _cures(why):
         return shell_command("drop", "view", why.recording)
@@ -165,13 +165,13 @@ def _look(why: Why) -> str:
 
 
 def _cures(why: Why) -> bool:
-    """Return whether a trial meets the expectation, or cures a finding."""
+    """Return whether a trial meets the expectation, or removes a finding."""
     makes_true = why.expected is not None and why.expected.filmed is not None
     return makes_true or any(finding.verdict == "cured" for finding in why.findings)
 
 
 def _proved(number: int, proved: Proved, sources: Mapping[str, Path]) -> Iterator[Block]:
-    """Yield a finding, and a line for each of its trials, the best first."""
+    """Yield a finding with the results of its trials, the best first."""
     shown = replace(proved.finding, tried=tuple(map(_json_of_trial, proved.tried)))
     finding = replace(proved.finding, advice=shown.advised, proposed=False)
     yield FindingList([finding], 1, sources=sources, first=number)
@@ -199,7 +199,7 @@ def _word(tried: Tried) -> str:
 
 
 def _shows(tried: Tried, finding: Finding) -> str:
-    """Describe a trial's verdict, and the numbers behind it.
+    """Describe what a trial shows about a finding, and the numbers behind it.
 
     A finding that names a cause itself is never cured: the outcome hangs on that cause, or does
     not.
@@ -231,7 +231,7 @@ def _shows(tried: Tried, finding: Finding) -> str:
 
 
 def _hangs(why: Why, *, every: bool) -> Iterator[Section]:
-    """Yield the changes that the outcome depends on."""
+    """Yield the changes that have an effect on the outcome."""
     moving = [(each, each.moved) for each in why.hangs_on if each.moved is not None]
     listed = moving if every else moving[:LISTED]
     rows = [(_named(each), readable(far.value, far.unit), _of(far)) for each, far in listed]
@@ -294,7 +294,7 @@ def _signed(value: float) -> str:
 
 
 def _idle(why: Why) -> Iterator[Section]:
-    """Yield the script's lines that have no effect on the run."""
+    """Yield the script's lines whose omission has no effect."""
     sites: dict[str, list[str]] = {}
     for each in why.no_effect:
         sites.setdefault(each.site or "", []).append(each.call.removeprefix("without "))

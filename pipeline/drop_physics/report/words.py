@@ -1,4 +1,4 @@
-"""Texts that several reports share."""
+"""Texts that several reports have in common."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def kinds_of_samples(counts: Mapping[str, int]) -> Message:
 
 
 def unfinished(recording: object, samples: int) -> Message:
-    """Return the remark that a recording is unfinished."""
+    """Return the note that a recording is unfinished."""
     return Message(
         "{recording} was never finished: this is the analysis of the {samples} that it holds, "
         "unverified",
@@ -73,7 +73,7 @@ def millimetres(value_m: float | None) -> str:
 
 
 def besides(found: FindingList) -> Message | None:
-    """Return a remark below findings: how many are suppressed, or what was examined."""
+    """Return a note below the findings: how many are suppressed, or what was examined."""
     if found.left_out:
         return Message(
             "{findings} left out: --select all", findings=counted(found.left_out, "finding")
@@ -92,7 +92,7 @@ HANGS_ON = Message("the outcome hangs on {call}")
 
 
 def beneath(finding: Finding) -> Iterator[Message]:
-    """Yield the lines below a finding: the terms of its account row, and results of trials."""
+    """Yield the lines below a finding: terms of the account's row, and results of trials."""
     if finding.terms:
         yield sides_of(finding.terms)
     elif finding.row is not None and finding.row.cause is None:  # else the finding is the row

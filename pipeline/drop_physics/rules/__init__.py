@@ -1,1 +1,1 @@
-"""The rules, one file each: each finds a reason why a recorded simulation behaved as it did."""
+"""The rules, one file per question: each looks for one reason why a simulation went wrong."""

@@ -1,4 +1,4 @@
-"""The findings of rules, and the scene: the data that rules read."""
+"""Findings, and the scene: all data about a recording that rules may read."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ engine, but perhaps not intended; may differ in another run; worth knowing."""
 
 @dataclass(frozen=True)
 class Effect:
-    """The magnitude of a finding."""
+    """How much a finding explains: a share, distance, or other quantity."""
 
     value: float
     """The magnitude, at least 0."""
@@ -78,7 +78,7 @@ class Span:
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """A finding: the request, its outcome, the reason, and the change that fixes it."""
+    """A finding: the request, the result, the reason, and the suggested change."""
 
     code: str
     """A stable identifier for use in scripts."""
@@ -138,14 +138,14 @@ class Finding:
 
     @property
     def said(self) -> str:
-        """The message, which names its subject."""
+        """The finding's message, with the subject's name."""
         if self.body is None or self.joint is not None or self.body in self.message:
             return self.message
         return joined(": ", [self.body, self.message])
 
     @property
     def told(self) -> str:
-        """The message, with the number of further bodies to which it applies."""
+        """The finding's message, with the number of further bodies that it also applies to."""
         said = self.said
         if self.episodes > 1:
             said = Message("{text}; so in {n} episodes", text=said, n=self.episodes)
@@ -158,7 +158,7 @@ class Finding:
 
     @property
     def advised(self) -> str | None:
-        """The advice as shown: *to try* unless a trial confirmed it; None if one refuted it.
+        """The advice as shown: marked *to try* until a trial confirms it; None if one refuted it.
 
         For a finding that names a cause itself, a trial shows that the outcome hangs on that cause,
         and not that anyone wants the advice.
@@ -174,13 +174,13 @@ class Finding:
 
     @property
     def rank(self) -> tuple[int, float]:
-        """The sort key of findings, the gravest first."""
+        """The sort key of findings: the most severe first."""
         return LEVELS.index(self.level), -self.share
 
 
 @dataclass(kw_only=True)
 class Scene:
-    """Data that rules may read in addition to the chunks of a recording.
+    """Everything that rules may read besides their tables; filled chunk by chunk.
 
     The tables grow chunk by chunk, and are complete when the rules are asked.
     """
@@ -228,7 +228,7 @@ class Scene:
         self.inputs = Inputs(self)
 
     def see(self, explained: ExplainedPiece) -> None:
-        """Add a chunk, before any rule is applied."""
+        """Add a chunk of explained steps, before any rule is applied to it."""
         self.piece, self.judged = explained.piece, explained.bodies
         self._explained, self.batches, self.records = (
             explained,
@@ -247,7 +247,7 @@ class Scene:
         self.inputs.see()
 
     def came(self, steps: Steps, parts: Iterable[tuple[int, BodySteps]], column: Column) -> Float64:
-        """Return a column of the bodies' states after their previous steps.
+        """Return a quantity of the bodies' states one step earlier, shape (n, k); nan if unknown.
 
         nan where there was none, or where the body was loaded since; shape (n, k). `parts`: the
         steps of each body, and their first row, in order.
@@ -269,7 +269,7 @@ class Scene:
         return came
 
     def forget(self) -> None:
-        """Free the latest chunk."""
+        """Free the memory of the latest chunk."""
         for _, each in self.intervals():
             end = int(each.steps[-1]), each.whole.after.at(np.array([each.rows.stop - 1]))
             self._ends[each.body.number] = {each.config.life: end}
@@ -277,7 +277,7 @@ class Scene:
         self.joints.forget()
 
     def body_of(self, call: Call) -> Body | None:
-        """Return the body that a call of the latest chunk names, directly or by its constraint."""
+        """Return the body that a call in the latest chunk is about."""
         place = next((at for name in BODY_NAMES if (at := call.site.places.get(name))), None)
         if place is None:
             return None
@@ -285,12 +285,12 @@ class Scene:
         return None if came is None else came.body
 
     def driven(self) -> Iterator[JointTelemetry]:
-        """Yield the telemetry of the joints of each body in the steps of the latest chunk."""
+        """Yield the joints of each body, with their commands, in the latest chunk."""
         for found in self.joints.latest.values():
             yield from found
 
     def intervals(self, *bodies: int) -> Iterator[tuple[SampleStatus, BodySteps]]:
-        """Yield the steps of bodies of the latest chunk: of all, or of those with these ids."""
+        """Yield the steps of bodies in the latest chunk: of all, or those with the given ids."""
         for number in bodies or self.judged:
             for steps in self.judged[number].intervals if number in self.judged else ():
                 if len(steps):
@@ -302,7 +302,7 @@ class Scene:
         return np.isin(bodies * STEPS + steps, pairs.body * STEPS + pairs.step[:, None])
 
     def steps_at(self, bodies: Int64, steps: Int64) -> Iterator[tuple[Steps, Rows, Rows]]:
-        """Yield the given steps of the latest chunk, with their rows and the arguments' indices.
+        """Yield the batches of the latest chunk that contain the given steps of bodies.
 
         `bodies` and `steps` have the shape (n,).
         """
@@ -312,16 +312,16 @@ class Scene:
     def placed(
         self, number: int, link: int, samples: Int64, *, after: bool = True
     ) -> tuple[Float64, Float64]:
-        """Return the pose of a link at samples of the latest chunk: `ExplainedPiece.placed`."""
+        """Return a link's position and axes at samples of the latest chunk."""
         return self._explained.placed(number, link, samples, after=after)
 
     @cached_property
     def moving(self) -> list[int]:
-        """Ids of the bodies with a movable part."""
+        """Ids of the bodies that can move."""
         return [number for number, body in self.seen.bodies.items() if body.moving]
 
     def clients_with(self, setting: str, value: float) -> set[int]:
-        """Return the clients in which a setting had this value at any time."""
+        """Return the simulations in which an engine setting ever had the given value."""
         return {
             each.client
             for each in self.seen.settings
@@ -339,21 +339,21 @@ class Scene:
         return (before or told)[-1].values
 
     def only_site(self, act: Act) -> str | None:
-        """Return the only line with calls of this kind; None if there are several."""
+        """Return the script line of all calls of one kind; None if there are several lines."""
         places = {site.place for site in self._sites.values() if site.act is act}
         return places.pop() if len(places) == 1 else None
 
     def site(self, number: float) -> str | None:
-        """Return file and line of a call that commanded joints, by the id of its call site."""
+        """Return file and line of a joint command, by the id of its call site."""
         site = self.joints.site(number)
         return None if site is None else site_of(site)
 
 
 def and_more(number: int) -> str:
-    """Return the text that follows a body's name if it stands for several bodies."""
+    """Return the text after a body's name that says how many similar bodies there are."""
     return Message(" (and {n} more)", n=number - 1) if number > 1 else ""
 
 
 def so_many(steps: int) -> str:
-    """Format a number of steps as text."""
+    """Format a number of steps, with the noun."""
     return Message("{n:,} steps", n=steps) if steps != 1 else Message("one step")

@@ -1,4 +1,4 @@
-"""The numeric values of a call, by argument, and their positions in the call."""
+"""Reads the numbers in a recorded call by argument name."""
 
 from __future__ import annotations
 
@@ -22,5 +22,5 @@ def number(call: Call, name: str, default: float = math.nan) -> float:
 
 
 def site_of(where: Call | Reading | Site) -> str:
-    """Format file and line of a call or reading, as findings cite them."""
+    """Format file and line of a call, as findings cite it."""
     return located(where.file, where.line)

@@ -1,4 +1,4 @@
-"""Requests with a different outcome: `not-taken`, `taken-elsewhere`, `overwritten`."""
+"""Rules about calls without the intended effect: `not-taken`, `taken-elsewhere`, `overwritten`."""
 
 from __future__ import annotations
 
@@ -390,7 +390,7 @@ wrong_body.rows(
 
 
 def _stood(inputs: Inputs, request: Request) -> bool:
-    """Return whether a body had no mass before a call: by the engine, its load call or its file.
+    """Return whether a body had no mass until a call gave it one.
 
     A body that a call itself made massless is released on purpose; so is a body made without mass,
     unless the same line gives mass to bodies that have some, too.
@@ -415,7 +415,7 @@ def _stood(inputs: Inputs, request: Request) -> bool:
 
 
 def _made_kg(inputs: Inputs, body: Body) -> float:
-    """Return the mass given to a body at its creation; 0 if it was loaded from a file."""
+    """Return the mass given to a body when it was created; 0 if it was loaded from a file."""
     load = inputs.scene.asked.load(body)
     return 0.0 if load is None else (given(load, "baseMass") or (0.0,))[0]
 
@@ -461,13 +461,13 @@ joint_index.rows(
 
 
 def _solved(inputs: Inputs) -> dict[int, Call]:
-    """Return the first call of each body that solves inverse kinematics."""
+    """Return the first inverse-kinematics call for each body."""
     uses = inputs.of(Act.SOLVE_IK, Act.SOLVE_SEVERAL_IK)
     return {use.body.number: use.first for use in uses if use.body is not None}
 
 
 def _by_index(inputs: Inputs, number: int, call: Call | None = None) -> Iterator[Case]:
-    """Yield a case if commands go to fixed joints while as many movable joints get none."""
+    """Yield a case if fixed joints get commands while as many movable joints get none."""
     body, commanded = inputs.scene.body(number), inputs.commanded[number]
     movable = [joint.link for joint in body.joints if joint.widths[1]]
     fixed = [joint for joint in body.joints if not joint.widths[1] and joint.link in commanded]
@@ -563,7 +563,7 @@ velocity_set_each_step.rows(
 
 @input_rule("overwritten", "asked", "command-overwritten")
 def command_overwritten(inputs: Inputs) -> Iterator[Case]:
-    """A joint has one motor: of a position and a velocity command before a step, one counts."""
+    """A joint has one motor: if it gets a position and a velocity command in a step, one counts."""
     for (number, joint, _), (first, last, steps) in inputs.overridden.items():
         body, made = inputs.scene.body(number), inputs.motions[number].samples
         if len(steps) >= COASTS_STEPS and joint < len(body.joints):
@@ -678,7 +678,7 @@ def _branch(body: Body, link: int) -> tuple[int, ...]:
 
 @input_rule("overwritten", "asked", "drive-lags")
 def drive_lags(inputs: Inputs) -> Iterator[Case]:
-    """A constraint closes a share of its gap per step, so that a moving target stays ahead."""
+    """A constraint closes only a share of its gap in a step, so a moving target stays ahead."""
     for drive in inputs.drives.values():
         if len(drive.targets_m) < FALLS_STEPS * 2:
             continue

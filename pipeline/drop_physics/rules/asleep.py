@@ -1,4 +1,4 @@
-"""Bodies that do not move because the engine has put them to sleep."""
+"""The rule about bodies that the engine has put to sleep."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ asleep.rows(
 
 
 def _off_target(bodies: BodyColumns) -> Flags:
-    """Flag the steps in which a motor is off target, and could exert more force."""
+    """Flag the steps in which a motor misses its target, and could exert more force."""
     off = np.zeros(len(bodies.step), np.bool_)
     for driven in bodies.driven:
         joints = JointColumns(bodies.scene, driven)

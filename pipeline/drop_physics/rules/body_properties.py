@@ -1,4 +1,4 @@
-"""Calls that load bodies and set their properties, and the dimensions of bodies."""
+"""Collects the calls that load bodies and set their properties, and the sizes of bodies."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from drop_physics.trace.history import Piece, Seen
 
 @dataclass
 class AskedProperty:
-    """A property set by calls of `changeDynamics`; every field is keyed by body id."""
+    """A property that `changeDynamics` calls set, by body id."""
 
     values: dict[int, float] = field(default_factory=dict)
     """The largest value that a call set."""
@@ -30,12 +30,12 @@ class AskedProperty:
     """Bodies for which calls set different values over time."""
 
     def site(self, *bodies: int) -> str | None:
-        """Return file and line of the call for the first of the given bodies that has one."""
+        """Return file and line of the call for the first of the bodies that has one."""
         return next((self.sites[body] for body in bodies if body in self.sites), None)
 
 
 class AskedOfBodies:
-    """The properties set by calls, shared by all rules; grows chunk by chunk."""
+    """All properties that calls set on bodies, for all rules; filled chunk by chunk."""
 
     def __init__(self, appearances: list[Appearance]) -> None:
         self._came = {
@@ -49,7 +49,7 @@ class AskedOfBodies:
         """Requested values, by argument name."""
 
     def see(self, piece: Piece) -> None:
-        """Add a chunk."""
+        """Add the calls of a chunk."""
         for call in piece.calls.of(*MAKES):
             if np.isfinite(call.result):
                 self._loads.setdefault((call.client, int(call.result)), []).append(call)
@@ -64,7 +64,7 @@ class AskedOfBodies:
                 asked.values[body.number] = max(asked.values.get(body.number, value), value)
 
     def load(self, body: Body) -> Call | None:
-        """Return the call that created a body, although the engine reuses ids."""
+        """Return the call that created a body."""
         came = self._came.get(body.number, -1)
         made = self._loads.get((body.client, body.engine_id), [])
         return next((each for each in reversed(made) if each.at.call <= came), None)
@@ -88,13 +88,13 @@ def size_m(body: Body) -> float:
 
 
 def length_m(body: Body, joint: Joint) -> float:
-    """Return the longest edge of the bounding box of a link moved by a joint [m]; 0 if unknown."""
+    """Return the longest edge of the box around a joint's link [m]; 0 if unknown."""
     boxes, link = np.reshape(body.bounds_m, (-1, 2, 3)), body.joints.index(joint)
     return float(np.ptp(boxes[link + 1], axis=0).max()) if link + 1 < len(boxes) else 0.0
 
 
 def thickness_m(body: Body, link: int) -> float:
-    """Return the shortest edge of a link's shape, or of the bounding box of several shapes [m].
+    """Return the shortest edge of a link's shape, or of a box around its shapes [m].
 
     It is inf for planes and for shapes that are not convex, which have no inside.
     """
@@ -117,7 +117,7 @@ def _thickness_m(shape: Collision) -> float:
 
 
 def strained_by(seen: Seen, bodies: Collection[Body]) -> float:
-    """Return the mass ratio of the given bodies, if it is too large for the solver.
+    """Return the mass ratio of bodies in contact if it is too large for the solver, else 0.
 
     0 if the solver does not use up its iterations, and for bodies with joints, whose masses act as
     one.

@@ -1,4 +1,4 @@
-"""Missing rebounds of bodies with restitution, and rebounds that gain height."""
+"""Rules about bodies that do not bounce as their restitution demands, or bounce too high."""
 
 from __future__ import annotations
 
@@ -254,7 +254,7 @@ energy_gained.rows(
 
 
 def _solref(pair: PairColumns, rows: NDArray[np.intp]) -> Float64:
-    """Return `solref` of the first point of each row, shape (rows, 2); nan in other engines."""
+    """Return `solref` of each row's first contact, shape (rows, 2); nan for other engines."""
     seen, first = pair.scene.seen, pair.starts[rows]
     if not seen.softness:
         return np.full((len(rows), 2), np.nan)

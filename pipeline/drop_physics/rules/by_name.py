@@ -1,4 +1,4 @@
-"""Call functions whose parameters name the values that they need, such as columns of runs."""
+"""Calls functions with the values that their parameters name, such as columns of a table."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Answer = TypeVar("Answer")
 
 
 class ByName(Protocol):
-    """Values that can be looked up by name."""
+    """An object whose values can be looked up by name."""
 
     def __getitem__(self, name: str, /) -> Any:  # noqa: ANN401
         """Return the value with this name."""

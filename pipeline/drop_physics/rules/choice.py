@@ -1,4 +1,4 @@
-"""The selection of findings, as in linters: which are reported, and which fail the command."""
+"""Selects the findings to report, and those that make a command fail, as linters do."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ALL, NEVER = "all", "never"
 
 @dataclass(frozen=True)
 class Picked:
-    """Codes or reasons selected by one source: a project's settings, or a command."""
+    """The codes that a project's settings, a script or a command select or ignore."""
 
     select: frozenset[str] | None = None
     """The codes to report; None if this source does not select any."""
@@ -31,7 +31,7 @@ class Picked:
     """The codes not to report."""
 
     def reports(self, names: set[str | None], before: bool) -> bool:
-        """Return whether to report a finding with these names; `before`: the decision so far."""
+        """Return whether to report a finding; `before` is the decision so far."""
         if self.select is not None:
             before = bool(self.select & names)
         return before and not self.ignore & names
@@ -39,7 +39,7 @@ class Picked:
 
 @dataclass(frozen=True)
 class Choice:
-    """The selection of findings: the command overrides the script, which overrides settings."""
+    """Which findings to report: options override the script's comments, these the settings."""
 
     project: Picked = field(default_factory=Picked)
     command: Picked = field(default_factory=Picked)
@@ -47,13 +47,13 @@ class Choice:
     """The level from which an analysis fails; None for never."""
 
     def reports(self, finding: Finding, ignored: Collection[str]) -> bool:
-        """Return whether to report a finding; `ignored`: the codes suppressed on its line."""
+        """Return whether to report a finding; `ignored` are the codes suppressed on its line."""
         names = {finding.code, finding.reason, ALL}
         before = self.project.reports(names, True) and names.isdisjoint(ignored)
         return self.command.reports(names, before)
 
     def grave(self, findings: Sequence[Finding]) -> list[Finding]:
-        """Return the findings severe enough to make an analysis fail."""
+        """Return the findings that are severe enough to make a command fail."""
         most = -1 if self.fail_on is None else LEVELS.index(self.fail_on)
         return [finding for finding in findings if LEVELS.index(finding.level) <= most]
 
@@ -63,7 +63,7 @@ EVERY = Choice()
 
 
 def picked(select: list[str] | None, ignore: list[str] | None, path: Path | None = None) -> Picked:
-    """Parse a list of codes from a project's file or a command's options.
+    """Parse a list of codes from a settings file or an option.
 
     Raises
     ------
@@ -83,12 +83,12 @@ def picked(select: list[str] | None, ignore: list[str] | None, path: Path | None
 
 
 def option_of(key: str, path: Path | None) -> str:
-    """Return the name of an option as written in a project's file or in a command."""
+    """Return the name of an option, as a settings file or a command spells it."""
     return f"--{key}" if path is None else Message("{key} in {path}", key=key, path=str(path))
 
 
 def level_of(name: str, path: Path | None = None) -> Level | None:
-    """Parse the name of a level; None for `never`.
+    """Parse the name of a severity; None for `never`.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def level_of(name: str, path: Path | None = None) -> Level | None:
 
 
 def minor(findings: Sequence[Finding]) -> list[Finding]:
-    """Return the findings that are no mistake and explain little of the problem."""
+    """Return the findings that are only observations and explain little."""
     mistakes = [finding for finding in findings if finding.level in ("broken", "asked")]
     most = max((mistake.share for mistake in mistakes or findings), default=0.0)
     return [

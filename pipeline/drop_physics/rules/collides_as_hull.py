@@ -1,4 +1,4 @@
-"""`collides-as-hull`: contacts that lie off the surface of the hollow mesh in the file."""
+"""The rule `collides-as-hull`: contacts away from the surface of a hollow mesh."""
 
 from __future__ import annotations
 
@@ -86,12 +86,12 @@ collides_as_hull.rows(
 
 
 def _link(scene: Scene, surface: Surface) -> tuple[int, int]:
-    """Return the body and the link to which a surface belongs."""
+    """Return the body and the link that a mesh surface belongs to."""
     return surface.body, scene.body(surface.body).collisions[surface.shape].link
 
 
 def _local_m(scene: Scene, number: int, link: int, at_m: Float64, ends: Int64) -> Float64:
-    """Transform points into the axes of a link before steps; nan where its pose is unknown."""
+    """Transform points into a link's axes before steps; nan where its pose is unknown."""
     local_m = np.full((len(at_m), 3), np.nan)
     if number not in scene.judged and link == BASE:
         base = scene.records[number].base_at(ends)

@@ -1,4 +1,4 @@
-"""`slides`, `not-taken`: contacts whose `condim` disables the friction of their geometries."""
+"""Rules about MuJoCo contacts whose `condim` switches friction off: `slides`, `not-taken`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`target-clamped`, `not-taken`, `reset-leaves`: an actuator applies a different control, or none.
+"""Rules about actuators that apply another control than the script's, or none.
 
 Its target lies outside of its control range, or the model has actuation switched off.
 """

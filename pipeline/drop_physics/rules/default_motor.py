@@ -1,4 +1,4 @@
-"""Joints held in place by PyBullet's default motor."""
+"""The rule about joints that PyBullet's default motor holds in place."""
 
 from __future__ import annotations
 

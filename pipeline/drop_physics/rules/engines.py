@@ -1,4 +1,4 @@
-"""The engines that rules are written for: a rule applies to one of them, or to any."""
+"""The engines that rules are written for: one engine, or any."""
 
 from __future__ import annotations
 

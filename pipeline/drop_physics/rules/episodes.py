@@ -1,4 +1,4 @@
-"""Episodes: the steps after a state that was saved, restored, or set by the script."""
+"""Finds episodes: the steps that follow a saved, restored or written state."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ loaded again."""
 
 
 def named(call: Call) -> Named:
-    """Return the key of the quantity that a call sets."""
+    """Return a key for what a call sets, such as a body's pose."""
     site = call.site
     ids = tuple([call.numbers[at] for name, at in site.places.items() if name.endswith(IDS)])
     return call.client, site.function, site.names, ids
@@ -54,7 +54,7 @@ def named(call: Call) -> Named:
 
 @dataclass
 class AfterRestore:
-    """Steps after a state that was saved or set."""
+    """An episode: the steps after a state was restored or written."""
 
     begin: Call
     end: int = 0
@@ -73,7 +73,7 @@ class AfterRestore:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """Key of the group of comparable episodes: same saved state, or same call."""
+        """A key for episodes that can be compared: the same saved state, or the same call."""
         act, client = self.begin.act, self.begin.client
         if act is Act.SAVE:
             return client, self.begin.result
@@ -84,7 +84,7 @@ class AfterRestore:
 
 @dataclass
 class Episodes:
-    """The episodes of a recording; grows chunk by chunk."""
+    """The episodes of a recording, filled chunk by chunk."""
 
     ended: list[AfterRestore] = field(default_factory=list)
     _now: dict[int, AfterRestore] = field(default_factory=dict)
@@ -98,14 +98,14 @@ class Episodes:
         yield from self._now.values()
 
     def between(self, first: AfterRestore, second: AfterRestore) -> Iterator[AfterRestore]:
-        """Yield an episode and the later ones of its simulation, up to another given one."""
+        """Yield an episode and the following ones of its simulation, up to another one."""
         for each in self.all():
             same = each.begin.client == first.begin.client
             if same and first.begin.at.call <= each.begin.at.call < second.begin.at.call:
                 yield each
 
     def see(self, scene: Scene) -> None:
-        """Add a chunk."""
+        """Add the calls and states of a chunk."""
         calls = scene.piece.calls
         if not any(site.act in (*STATES, *BY_HAND) for site in calls.sites.values()):
             return  # in the whole recording nothing begins an episode
@@ -129,7 +129,7 @@ class Episodes:
         self._now[client] = AfterRestore(call)
 
     def _take(self, scene: Scene, now: AfterRestore | None, call: Call) -> None:
-        """Record a call, and the quantity that it sets."""
+        """Note a call, and what it sets."""
         pushes = call.act in PUSHES
         if now is not None:
             since = call.at.step - now.begin.at.step
@@ -146,7 +146,7 @@ class Episodes:
             self._set[what] = call.numbers
 
     def _until(self, scene: Scene, episode: AfterRestore, end: int) -> None:
-        """Record that an episode lasts up to a sample, with the initial states of its bodies."""
+        """Note that an episode lasts up to a sample; keep the states that its bodies start from."""
         episode.end, start = end, episode.begin.at.step
         # A force that no step has used yet waits for the next episode's; used, it is gone.
         episode.sets = {
@@ -175,7 +175,7 @@ class Episodes:
 
 
 def _changes(scene: Scene, call: Call) -> bool:
-    """Return whether a setter's first call changed a reported value, if the value is reported."""
+    """Return whether a setter's first call changed the value that the engine reported."""
     seen, body = scene.seen, given(call, "bodyUniqueId")
     if call.act is Act.SET_PROPERTY:
         if UNREPORTED & call.site.places.keys():

@@ -1,4 +1,4 @@
-"""All rules, and the order in which their findings are presented."""
+"""Lists all rules, and sorts their findings for presentation."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ from drop_physics.trace.events import Body
 
 @dataclass(frozen=True)
 class Spoiled:
-    """A rule by which another finding makes a finding, or only its advice, void."""
+    """A pair of rules: a finding of one makes a finding of the other, or its advice, void."""
 
     code: str
     by: frozenset[str] | None
@@ -67,7 +67,7 @@ class Spoiled:
     """Whether the whole finding is dropped, or only its advice."""
 
     def holds(self, one: Finding, told: Collection[Finding]) -> bool:
-        """Return whether a finding matches, and is made void by another one."""
+        """Return whether a finding is made void by another one."""
         if one.code != self.code or self.is_note not in (None, one.level == "note"):
             return False
         if self.by is None:
@@ -94,7 +94,7 @@ SPOILED = (
 
 
 def ranked(findings: Iterable[Finding]) -> list[Finding]:
-    """Sort findings, the gravest first; of equal ones on many bodies keep only the worst."""
+    """Sort findings, the most severe first; of equal ones on many bodies keep the worst."""
     groups: dict[tuple[Hashable, ...], list[Finding]] = {}
     for miss in _worst_misses(findings):
         groups.setdefault((miss.code, miss.reason, miss.kind), []).append(miss)
@@ -112,7 +112,7 @@ def ranked(findings: Iterable[Finding]) -> list[Finding]:
 
 
 def told_apart(findings: Iterable[Finding], bodies: Collection[Body]) -> Iterator[Finding]:
-    """Yield findings, with the body's name added if several bodies have a joint of that name."""
+    """Yield findings; add the body's name if several bodies have a joint of that name."""
     whose: defaultdict[str, set[str]] = defaultdict(set)
     for body in bodies:
         for joint in body.joints:
@@ -125,7 +125,7 @@ def told_apart(findings: Iterable[Finding], bodies: Collection[Body]) -> Iterato
 
 
 def _worst_misses(findings: Iterable[Finding]) -> Iterator[Finding]:
-    """Yield findings; of a body's missed targets, only the gravest for each cause."""
+    """Yield findings; of a body's missed targets only the worst for each cause."""
     told: set[tuple[object, ...]] = set()
     for each in sorted(findings, key=lambda finding: finding.rank):
         is_speed = each.effect is not None and each.effect.unit.endswith("/s")

@@ -1,4 +1,4 @@
-"""The examples of codes: the questions in `docs/why.md`, with the output of `drop`.
+"""Reads the examples of codes from `docs/why.md`: scripts, with drop's output.
 
 In a wheel that page lies beside this file; in a clone it is read from its folder.
 """
@@ -25,7 +25,7 @@ FINDING = re.compile(r"(?:^(\S+):(\d+)\n)?^\d  (.*?)(?=^…|\Z)", re.MULTILINE |
 
 @dataclass(frozen=True)
 class CodeExample:
-    """A script in the documentation that demonstrates a code, and its finding."""
+    """A script in the documentation that produces a finding, and that finding."""
 
     asked: str
     """The question that its user asked."""
@@ -62,7 +62,7 @@ def examples() -> dict[str, CodeExample]:
 
 
 def _texts(lines: list[str]) -> list[str]:
-    """Split message and advice: a line that ends although the next word would fit ends a text.
+    """Split lines of output into message and advice, at the line that ends early.
 
     So does one before a call.
     """

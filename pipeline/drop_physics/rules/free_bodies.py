@@ -1,4 +1,4 @@
-"""Bodies without contact: drift of their momentum, and energy lost to damping."""
+"""Rules about bodies without contact: momentum that drifts, energy lost to damping."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def _shares(
     turned: Float64,
     damped: Flags,
 ) -> tuple[Float64, Float64]:
-    """Return the drift of linear and angular momentum, relative to the momentum; otherwise 0."""
+    """Return the drift of linear and angular momentum relative to the momentum; 0 if none."""
     turns = np.stack([turning, turning_after])
     found = []
     for change, greatest, parts, sure in (
@@ -143,7 +143,7 @@ def _shares(
 
 
 def _turning(tree: Tree, states: States) -> tuple[Float64, Float64]:
-    """Return the angular momentum about the centre of mass, shape (n, 3), and the sum over links.
+    """Return the angular momentum about the centre of mass, and the sum of the links' magnitudes.
 
     The latter is the sum of its sizes, shape (n,).
     """
@@ -164,7 +164,7 @@ def _turning(tree: Tree, states: States) -> tuple[Float64, Float64]:
 
 
 def _taken(bodies: BodyColumns, term: str, where: Flags) -> Match | None:
-    """Match steps with the energy that a term removes, summed until calls set the body anew."""
+    """Match steps in which a term takes energy, with what it took since calls set the state."""
     its = [body.changes.energy_j.get(term) for body in bodies.batch.bodies]
     if any(each is None for each in its):
         return None

@@ -1,4 +1,4 @@
-"""`slides` and `creeps` of bodies held by friction alone: resting on something, or gripped.
+"""Rules about bodies that only friction holds, lying or gripped: `slides`, `creeps`.
 
 MuJoCo's friction below its limit is a damper: under load it yields at a speed set by the
 regularisation of the contact (impratio, the cone), whatever the coefficient. At its limit it
@@ -164,14 +164,14 @@ gives_way.rows(
 
 
 def _ways(slip: Float64, way: Float64, slid: Float64) -> tuple[Float64, Float64, Flags]:
-    """Return paths of contact and centre [m], and flags of the slips that count as progress."""
+    """Return the paths of contact and body [m], and which slips belong to a steady slide."""
     went_m, moved_m = lengths(slip), lengths(way)
     straight = np.minimum(slid, went_m) > STRAIGHT * np.maximum(slid, moved_m)
     return went_m, moved_m, (went_m >= SLIPS_M) & straight
 
 
 def _gives(available: float | Float64, normal: float | Float64, weight: float | Float64) -> Float64:
-    """Return the possible impulse of friction [N s], from the body's weight alone.
+    """Return the impulse that friction can give under the body's own weight [N s].
 
     The higher pressure of a landing lasts a few steps, and holds nothing afterwards.
     """
@@ -180,13 +180,13 @@ def _gives(available: float | Float64, normal: float | Float64, weight: float | 
 
 
 def _beyond(needed: Float64, available: Float64, normal: Float64, weight: Float64) -> Flags:
-    """Flag the runs that need more friction than is available, where there is any."""
+    """Flag the runs of steps that need more friction than there is, if there is any."""
     gives = _gives(available, normal, weight)
     return np.asarray((needed > gives) & (gives > LOADED * needed))
 
 
 def _held(bodies: BodyColumns, *, steady: bool) -> Match | None:
-    """Return the steps in which a free body lies on something, or is pressed from two sides.
+    """Return the steps in which a free body lies on something, or is gripped from two sides.
 
     Steps in which a grip closes are left out, since it presses with more than it holds with; with
     `steady` only those count in which the pressing bodies have not changed for a while.
@@ -267,7 +267,7 @@ def _held(bodies: BodyColumns, *, steady: bool) -> Match | None:
 
 
 def _closes(touches: Flags, approach_m_s: Float64) -> Flags:
-    """Flag the steps, shape (n,), from first touch until the touching parts are nearly at rest.
+    """Flag the steps from first touch until the parts rest against each other, shape (n,).
 
     A first touch has none in the HOPS_STEPS before it.
     """

@@ -1,4 +1,4 @@
-"""Causes of a resting joint's distance from its target: limit, obstacle, gains."""
+"""Finds why a resting joint is off its target: force limit, obstacle or gains."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SPARE = 1.3
 
 @dataclass(frozen=True)
 class Cause:
-    """The cause of a joint's distance from its target."""
+    """Why a joint is off its target, with the suggested change."""
 
     why: Message
     advice: Message | None = None
@@ -42,7 +42,7 @@ class Cause:
 def cause_of(
     scene: Scene, driven: JointTelemetry, held: PoseSupport, stood: HeldTargets
 ) -> Cause | None:
-    """Return the cause of a joint's remaining distance from its target; None if it is uncertain."""
+    """Return why a resting joint is off its target; None if that is uncertain."""
     row, k = int(stood.row[0]), stood.k
     if not driven.at_limit[row, k]:
         return _gains(driven, row, k)
@@ -59,7 +59,7 @@ def cause_of(
 
 
 def at_its_limit(limit: str, count: int, steps: int) -> Message:
-    """Return the cause if the motor is at its limit in some of its steps."""
+    """Return the cause for a motor that is at its force limit in some of the target's steps."""
     return Message(
         "its motor is at its limit of {limit} in {count:,} of {steps:,} steps",
         limit=limit,
@@ -74,7 +74,7 @@ def _weak(driven: JointTelemetry, stood: HeldTargets) -> Message:
 
 
 def holds_off(scene: Scene, held: PoseSupport, joint_rate: int, away: float) -> bool:
-    """Return whether the motor is blocked by a body that the joint grips or pushes, not carries.
+    """Return whether a body that the joint pushes or grips, not one it carries, blocks the motor.
 
     `away` is the sign of the direction in which the motor is blocked.
     """
@@ -103,7 +103,7 @@ def _too_weak(driven: JointTelemetry, held: PoseSupport, stood: HeldTargets, her
 
 
 def give_at_least(why: Message, need: float, unit: str, force: float) -> Cause:
-    """Return a cause whose cure is a rounded force limit with a margin.
+    """Return a cause whose suggested change is a higher force limit, rounded up.
 
     `force` is the given limit: if it is enough, its call came before that of the timestep.
     """
@@ -116,7 +116,7 @@ def give_at_least(why: Message, need: float, unit: str, force: float) -> Cause:
 
 
 def to_spare(need: float) -> str:
-    """Return a rounded force limit with a margin."""
+    """Round a force up, with a margin, for use as a limit."""
     wanted = SPARE * abs(need)
     step = 10.0 ** (math.floor(math.log10(wanted)) - (wanted < 20))
     return f"{math.ceil(wanted / step) * step:g}"
@@ -125,7 +125,7 @@ def to_spare(need: float) -> str:
 def _held(
     scene: Scene, driven: JointTelemetry, held: PoseSupport, row: int, k: int, away: float
 ) -> Cause | None:
-    """Return the contact or constraint that takes most of the motor's effort."""
+    """Return the contact or constraint that takes most of a motor's force."""
     torque, unit = abs(float(driven.torque[row, k])), units_of(driven, k)[1]
     most = max(held.contacts, key=lambda one: away * held.contacts[one][k], default=None)
     share = MOST if abs(held.constraints[k]) < CLOSE * torque else MOST / 2  # a gear has the rest
@@ -155,7 +155,7 @@ def _held(
 
 
 def _gains(driven: JointTelemetry, row: int, k: int) -> Cause | None:
-    """Return the gains that calls set for a motor that is not at its limit."""
+    """Return the cause for a motor within its limit whose gains were set by calls."""
     asked = driven.asked
     if not driven.steps.covered or asked.mode[row, k] != POSITION:
         return None

@@ -1,4 +1,4 @@
-"""Inverse-kinematics solutions that were sent to motors, matched bitwise."""
+"""Finds inverse-kinematics solutions that the script sends to motors, by bitwise equality."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ IK_LISTS = ("lowerLimits", "upperLimits", "jointRanges", "restPoses")
 
 @dataclass(frozen=True)
 class SentAnswer:
-    """An inverse-kinematics solution that was sent to the motors of a body."""
+    """An inverse-kinematics solution that a script sent to a body's motors."""
 
     call: Call
     link: int
@@ -29,7 +29,7 @@ class SentAnswer:
 
 @dataclass
 class SentAnswers:
-    """The inverse-kinematics solutions sent to motors; grows chunk by chunk."""
+    """All inverse-kinematics solutions that a script sent to motors; filled chunk by chunk."""
 
     latest: dict[int, list[SentAnswer]] = field(default_factory=dict)
     """Solutions by body: those of the latest chunk, and the last one before it."""
@@ -49,7 +49,7 @@ class SentAnswers:
                 self._send(call, asked, body)
 
     def _send(self, call: Call, asked: Call, body: int) -> None:
-        """Record a solution as sent if a motor target equals one of its values."""
+        """Note that a solution was sent, if a motor's target equals one of its numbers."""
         targets = given(call, "targetPositions") or given(call, "targetPosition")
         point, link = given(asked, "targetPosition"), int(number(asked, "endEffectorLinkIndex"))
         if asked.at.step != call.at.step or asked.result not in targets or len(point) != 3:

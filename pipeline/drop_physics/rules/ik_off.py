@@ -1,4 +1,4 @@
-"""`ik-off`: an end effector off its requested position, though its joints are on their targets."""
+"""The rule `ik-off`: an end effector misses its point although all joints reached their targets."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def ik_off(bodies: BodyColumns) -> Match | None:
 
 
 def _off(driven: JointTelemetry, sent: SentAnswer, end: int) -> dict[str, object] | None:
-    """Return the distances of hand and solution from the point; None if undecidable."""
+    """Return how far end effector and solution are from the requested point; None if unclear."""
     steps, tree = driven.steps, driven.steps.law.tree
     row = int(np.searchsorted(steps.steps, end, side="right")) - 1
     if row < 0 or steps.steps[row] <= sent.call.at.step or not 0 <= sent.link < tree.links:
@@ -139,7 +139,7 @@ ik_off.rows(
 def _reach(
     tree: Tree, state: States, hand: int, lower: Float64, upper: Float64
 ) -> tuple[Float64, float]:
-    """Return the position of the first joint of the arm, and the reach of the hand from there.
+    """Return where an arm's first joint is, and how far its end effector can reach from there.
 
     The reach is the sum of the distances from joint to joint, which only sliding joints change:
     those get no farther than their limits.

@@ -1,4 +1,4 @@
-"""`not-taken` for an inactive equality of a model, which therefore holds nothing."""
+"""The rule about MuJoCo equalities that are never active: `not-taken`."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ never_active.rows(
 
 
 def _way_m(inputs: Inputs, number: int, end: int) -> Float64:
-    """Return the displacement of a base over the run [m], shape (3,); nan if unknown."""
+    """Return how far a base moved during the run [m], shape (3,); nan if unknown."""
     motion = inputs.motions.get(number)
     if motion is not None and motion.first_m is not None and motion.last_m is not None:
         return motion.last_m - motion.first_m

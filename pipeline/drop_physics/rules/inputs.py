@@ -1,4 +1,4 @@
-"""Inputs of a whole run and their effects: the table read by rules about inputs."""
+"""Collects the calls of a whole run and their effects, for rules about calls."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ WRITTEN = (
 
 @dataclass
 class Use:
-    """All calls of a function from one site, for one body if the calls identify one."""
+    """All calls of one function from one script line, for one body if the calls name one."""
 
     first: Call
     body: Body | None
@@ -94,7 +94,7 @@ class Use:
 
 @dataclass
 class BaseMotion:
-    """Motion of a body's base: its first and last pose, and the steps between."""
+    """The first and last pose of a body's base, and the steps in between."""
 
     samples: int = 0
     first_m: Float64 | None = None
@@ -112,7 +112,7 @@ class BaseMotion:
 
 @dataclass(frozen=True, eq=False)
 class FileInertia:
-    """The inertia that a body's file specifies, compared with the one that the engine used."""
+    """The inertia that a body's file states, beside the one that the engine used."""
 
     added: Float64
     """The file's minus the used inertia, the diagonal of M [kg m²], shape (size,); 0 where they are
@@ -125,7 +125,7 @@ class FileInertia:
 
 @dataclass
 class BodyLife:
-    """The steps of a body from its loading to its removal."""
+    """The steps from a body's loading to its removal."""
 
     first: int
     """The sample after its first step."""
@@ -150,7 +150,7 @@ class BodyLife:
     """The inertia from its file, computed when a rule first needs it."""
 
     def add(self, steps: BodySteps) -> None:
-        """Add one or more steps."""
+        """Count one or more steps."""
         up = rotate_inverse(self.before.orientation, np.array([[0.0, 0.0, 1.0]]))
         upright = rotate(steps.after.orientation[-1:], up)[0, 2]
         self.tilt_rad = float(np.arccos(np.clip(upright, -1, 1)))
@@ -171,7 +171,7 @@ class BodyLife:
 
 @dataclass
 class Drive:
-    """Targets that calls set for a constraint between a body and the world."""
+    """The targets that calls set for a constraint between a body and the world."""
 
     body: Body
     call: Call
@@ -182,7 +182,7 @@ class Drive:
 
 @dataclass
 class Inputs:
-    """The table of calls; grows chunk by chunk, and is complete when the rules run."""
+    """The calls of a run, with their effects; filled chunk by chunk."""
 
     scene: Scene
     uses: dict[tuple[int, int, int | None, float], Use] = field(default_factory=dict)
@@ -230,7 +230,7 @@ class Inputs:
     episodes: Episodes = field(default_factory=Episodes)
 
     def see(self) -> None:
-        """Add a chunk."""
+        """Add the calls and states of a chunk."""
         calls = self.scene.piece.calls
         bases = by_body(self.scene.piece.bases)
         for call in calls.of(*FOLLOWED):
@@ -290,11 +290,11 @@ class Inputs:
                 deepest[int(step)] = max(deepest.get(int(step), (0.0, 0)), (depth_m, int(link)))
 
     def _bodies_of(self, *acts: Act) -> set[int]:
-        """Return the ids of the bodies named so far by calls of the given kinds."""
+        """Return the ids of the bodies that calls of the given kinds have named so far."""
         return {use.body.number for use in self.of(*acts) if use.body is not None}
 
     def _override(self, calls: Log) -> None:
-        """Record the motors that get a position and a velocity command before the same step.
+        """Note the motors that get two different commands before the same step.
 
         One line with different targets counts, too.
         """
@@ -325,7 +325,7 @@ class Inputs:
             self.overridden.setdefault(key, (*sites, set()))[2].add(step)
 
     def _links(self) -> None:
-        """Record the displacement per step of links whose poses the script reads."""
+        """Note how far the links whose poses the script reads move per step."""
         read = [
             (reading, subject.body, subject.link)
             for reading in self.scene.seen.readings
@@ -352,7 +352,7 @@ class Inputs:
                     self.link_way_m[key] = max(way_m, self.link_way_m.get(key, 0.0))
 
     def _torques(self) -> None:
-        """Record the joints that only TORQUE_CONTROL drives."""
+        """Note the joints that are driven by torque control only."""
         for driven in self.scene.driven():
             acts = (driven.steps.reported.commanded != 0).any(axis=0)
             motor = (driven.torque != 0).any(axis=0)
@@ -364,7 +364,7 @@ class Inputs:
                     self.torque_alone.discard(key)
 
     def _drive(self, call: Call, bases: Mapping[int, Rows]) -> None:
-        """Record a constraint to the world, or a target that a call sets for it."""
+        """Note a constraint with the world, or a new target of one."""
         if call.act is Act.CONSTRAIN and call.values["childBodyUniqueId"][0] < 0:
             came = self.scene.piece.calls.body_at(call, int(call.values["parentBodyUniqueId"][0]))
             if came is not None and np.isfinite(call.result):
@@ -383,7 +383,7 @@ class Inputs:
             drive.places_m.append(here[0].copy())
 
     def _pair(self, call: Call) -> None:
-        """Record the links that a call joins or excludes from contact, or whose group it sets."""
+        """Note which links calls join, exclude from contact, or assign to a collision group."""
         bodies, sides = _NAMES.get(call.act, ((), ()))
         came = [
             self.scene.piece.calls.body_at(call, int(number_of(call, body, -1.0)))
@@ -407,13 +407,13 @@ class Inputs:
         self.uses.setdefault(key, Use(call, came)).add(call)
 
     def of(self, *acts: Act) -> Iterator[Use]:
-        """Yield the uses of calls of any of these kinds."""
+        """Yield all uses of functions of the given kinds."""
         for use in self.uses.values():
             if use.first.act in acts:
                 yield use
 
     def made(self, client: int, *acts: Act) -> Iterator[tuple[At, Use]]:
-        """Yield moments and uses of a client's calls of any of these kinds; not in order."""
+        """Yield a simulation's calls of the given kinds, each with its time; unordered."""
         for use in self.of(*acts):
             if use.first.client == client:
                 yield from ((at, use) for at in use.made)
@@ -424,7 +424,7 @@ class Inputs:
         return next(its, None)
 
     def left_out(self, act: Act) -> tuple[list[Use], list[int]]:
-        """Return the uses of a setter for client 0, and the clients that it leaves out.
+        """Return uses of a setter for client 0 only, and the simulations that lack it.
 
         None is left out where a call names a client, or where it is called less often than there
         are clients.
@@ -438,6 +438,6 @@ class Inputs:
         return mine, [c for c in clients if c and all(use.first.client != c for use in uses)]
 
     def clients(self) -> list[int]:
-        """Return the simulations that were stepped while they contained a body."""
+        """Return the simulations that had a body when they were stepped."""
         bodies = self.scene.seen.bodies
         return sorted({bodies[n].client for n, motion in self.motions.items() if motion.samples})

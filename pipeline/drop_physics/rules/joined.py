@@ -1,4 +1,4 @@
-"""`constraint-apart`, `weak-constraint`: constraints whose frames do not meet, or that give way."""
+"""Rules about constraints that do not close, or give way: `constraint-apart`, `weak-constraint`."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def _(scene: Scene, subject: Body, held: HeldConstraint) -> Noted | None:
 
 
 def _ratio(scene: Scene, client: int) -> float:
-    """Return the mass ratio that strains the solver; 0 if a call moved one of the constraints."""
+    """Return the mass ratio that is too large for the solver; 0 if calls move a body."""
     held = scene.constraints.of_client(client)
     numbers = {number for each in held for number in each.bodies if number >= 0}
     still = all(each.moved == each.made.at.step for each in held)

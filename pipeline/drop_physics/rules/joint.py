@@ -1,4 +1,4 @@
-"""Names, units and number formats, shared by the rules about joints."""
+"""Names, units and number formats of joints, for rules about joints."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ OFF = {"rad": 1e-2, "m": 1e-3}
 
 
 def link_of(body: Body, k: int) -> int:
-    """Return the joint to which a rate belongs, by PyBullet's joint index."""
+    """Return PyBullet's index of the joint that a rate belongs to."""
     return next(link for link, at in enumerate(body.rates) if at.start <= k < at.stop)
 
 
 def aimed(driven: JointTelemetry, row: int) -> Float64:
-    """Return the coordinates after a step, with each joint at its target, (joint_coordinates,)."""
+    """Return the joint positions after a step, with targets in place, (joint_coordinates,)."""
     positions, aims = driven.steps.after.joints[row].copy(), target_of(driven)[row]
     tree = driven.steps.law.tree
     for at, rates in zip(tree.coordinates, tree.rates, strict=True):
@@ -58,7 +58,7 @@ def units(joint: Joint) -> tuple[str, str]:
 
 
 def is_degrees(target: float, low: float, high: float) -> bool:
-    """Return whether a target beyond limits [rad] lies within them if read as degrees."""
+    """Return whether a target outside the limits is inside if read as degrees."""
     return abs(target) > IN_DEGREES_RAD and low <= math.radians(target) <= high
 
 
@@ -69,5 +69,5 @@ RADIANS = Message(
 
 
 def as_degrees(target: float) -> dict[str, object]:
-    """Return the numbers that the advice about degrees names."""
+    """Return the numbers for the advice to convert degrees to radians."""
     return {"target": target, "in_radians": math.radians(target)}

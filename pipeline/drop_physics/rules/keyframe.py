@@ -1,4 +1,4 @@
-"""`reset-leaves` at the beginning: a keyframe's pose is set without its control."""
+"""Rules about MuJoCo keyframes of which a script uses the pose but not the controls."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writes into the engine's memory that stay in effect: forces, masses, states.
+"""Collects a MuJoCo script's writes that stay in effect: forces, masses, states.
 
 It grows chunk by chunk, as part of `inputs`.
 """
@@ -27,7 +27,7 @@ UNIT = 1e-3
 
 @dataclass
 class LastingForce:
-    """A force, or an enabled equality, that stays in effect until it is written again."""
+    """A written force, or an enabled equality, that acts until written again."""
 
     client: int
     place: int
@@ -50,11 +50,11 @@ class LastingForce:
     """Whether the value was set before the first step of a run or an episode."""
 
     def until(self, step: int) -> int:
-        """Return the number of steps in which the force acted before a given step."""
+        """Return in how many steps the force has acted before the given step."""
         return self.acts + (step - self.since if self.now.any() else 0)
 
     def become(self, now: Float64, step: int) -> None:
-        """Set the value from a given step on."""
+        """Set the value from the given step on."""
         self.acts, self.since, self.now = self.until(step), step, now
         if math.hypot(*now) > math.hypot(*self.most):
             self.most = now
@@ -62,7 +62,7 @@ class LastingForce:
 
 @dataclass(frozen=True)
 class LastingEdit:
-    """A write of a script into a model."""
+    """A script's write to a model field."""
 
     call: Call
     elements: WrittenElements
@@ -70,7 +70,7 @@ class LastingEdit:
 
 @dataclass
 class PositionWrites:
-    """A script's writes of a simulation's positions, made between steps."""
+    """A script's writes to a simulation's positions."""
 
     first: Call
     steps: set[int] = field(default_factory=set)
@@ -81,7 +81,7 @@ class PositionWrites:
 
 @dataclass
 class Lasting:
-    """The written values that stay in effect, by client."""
+    """The writes that are in effect, by simulation."""
 
     forces: dict[tuple[int, Act, int], LastingForce] = field(default_factory=dict)
     """Written forces, by client, field and index."""
@@ -120,7 +120,7 @@ class Lasting:
                 self.edits[call.act].append(LastingEdit(call, written_by(call)))
 
     def _turn(self, call: Call) -> None:
-        """Record possible quaternions about z with w last: 0, 0, s, c with c above 0."""
+        """Note a quaternion that seems to have w last: a turn about z, as (0, 0, s, c)."""
         written = written_by(call)
         values = dict(zip(written.indices.tolist(), written.values.tolist(), strict=True))
         for place, w in values.items():

@@ -1,4 +1,4 @@
-"""Rules about a script's writes into its engine's memory that stay in effect."""
+"""Rules about MuJoCo values that a script writes or reads, and when they take effect."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ def bodies_of(inputs: Inputs, client: int) -> list[Body]:
 
 
 def body_at(inputs: Inputs, client: int, index: int) -> Body | None:
-    """Return the body that contains the engine's body with this index: a tree has several."""
+    """Return the recorded body that contains a MuJoCo body, by the engine's index."""
     before = [body for body in bodies_of(inputs, client) if body.engine_id <= index]
     return max(before, key=lambda each: each.engine_id, default=None)
 
 
 def rate_at(inputs: Inputs, client: int, index: int) -> tuple[Body, str | None, str] | None:
-    """Return body, joint (None for the base) and joint kind for the engine's index of a rate."""
+    """Return body, joint (None for the base) and joint type for an engine's dof index."""
     for body in bodies_of(inputs, client):
         if body.base_moves:
             if index < 6:
@@ -52,7 +52,7 @@ def rate_at(inputs: Inputs, client: int, index: int) -> tuple[Body, str | None, 
 
 
 def turn_at(inputs: Inputs, client: int, index: int) -> Body | None:
-    """Return the body whose base quaternion starts at this coordinate, by the engine's index."""
+    """Return the body whose base quaternion starts at an index of `qpos`."""
     for body in bodies_of(inputs, client):
         if body.base_moves and index == BASE_M:
             return body
@@ -91,7 +91,7 @@ reset_clears_force.rows(
 
 
 def _cleared(inputs: Inputs, force: LastingForce) -> int:
-    """Return the number of steps before the engine's next own reset, which clears forces."""
+    """Return how many steps pass before the engine next clears a force by a reset of its own."""
     warnings = [each for each in inputs.scene.seen.warnings if each.client == force.client]
     resets = [step for each in warnings if each.kind in RESETS for step in _first_and_last(each)]
     return min([_ends(inputs, force.client), *(step for step in resets if step > force.since)])
@@ -268,7 +268,7 @@ read_after_write.rows(
 
 @input_rule("taken-elsewhere", "model", "quaternion-order", engines=MUJOCOS)
 def w_first(inputs: Inputs) -> Iterator[Case]:
-    """MuJoCo reads a quaternion about z with w last as half a turn about another axis."""
+    """MuJoCo expects quaternions with w first: with w last, a turn about z becomes half a turn."""
     for (client, place), (call, turn) in inputs.lasting.turned.items():
         body = turn_at(inputs, client, place)
         if body is None:

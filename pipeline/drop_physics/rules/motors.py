@@ -1,4 +1,4 @@
-"""Rules about the drives of joints, which flag the steps of a robot's joints."""
+"""Rules about motors: clamped targets, gains, limits, damping."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ target_clamped.rows(
 
 @joint_rule("motor-gain", "asked", least_count=CROSSINGS, proposes=True)
 def motor_gain(joints: JointColumns) -> Match:
-    """A joint passes its target, or reverses, again and again, because of its gains.
+    """A joint overshoots its target, or reverses, again and again, because of its gains.
 
     Off its limit a motor leaves gaps e with e' = (2 - kp - kd) e - (1 - kd) e_before.
     """
@@ -134,7 +134,7 @@ motor_gain.rows(
 
 @joint_rule("timestep-after-motor", "asked")
 def timestep_after_motor(joints: JointColumns) -> Match:
-    """PyBullet stores force × timestep of the call, which a later timestep divides again."""
+    """PyBullet stores force × timestep of the call; a later timestep alters a motor's force."""
     force, limit = joints.asked.force, joints.limit / joints.steps.substeps
     share = np.round(np.abs(limit - force) / force, 9)
     given = np.abs(joints.torque) / joints.steps.substeps
@@ -310,7 +310,7 @@ joint_damping.rows(
 
 @joint_rule("mimic-ignored", "asked")
 def mimic_ignored(joints: JointColumns) -> Match | None:
-    """A joint at rest, or at the end, is not where its file makes it follow another."""
+    """A joint does not follow the other joint that its file's `<mimic>` names."""
     places = zip(joints.body.joints, joints.body.rates, strict=True)
     rates = {each.name: at.start for each, at in places if each.widths[1] == 1}
     pairs = [mimic for mimic in joints.body.asked.mimics if {mimic.joint, mimic.of} <= rates.keys()]
@@ -332,7 +332,7 @@ def mimic_ignored(joints: JointColumns) -> Match | None:
     follows = np.abs(goal[:, own] - times * goal[:, leads] - offset) <= FOLLOWS * extent
 
     def column(values: Float64) -> Float64:
-        """Scatter values of the followers into a column of all joints."""
+        """Copy values of the following joints into an array for all joints."""
         found = np.zeros(joints.after.shape)
         found[:, own] = values
         return found

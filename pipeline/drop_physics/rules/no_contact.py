@@ -1,4 +1,4 @@
-"""`no-contact`: bodies overlap without a contact between them, so that nothing separates them."""
+"""The rule `no-contact`: bodies overlap although no contact between them is possible."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Non-finite states: the first step, and the first call or term behind it."""
+"""The rule about nan or infinite states: the first such step, and the call or term behind it."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _wrong(numbers: Float64) -> Flags:
 
 
 def _without_number(calls: Log, body: Body, step: int) -> Call | None:
-    """Return the last call for a body, or for all, with a number that breaks a state."""
+    """Return the last call for a body with a number that makes the state nan or infinite."""
     for each in reversed(list[Call](calls)):
         numbers = (each.values[name][0] for name in BODY_NAMES if name in each.values)
         mine = next(numbers, body.engine_id) == body.engine_id

@@ -1,4 +1,4 @@
-"""Rules about masses and inertias: the values in files, and how PyBullet uses them."""
+"""Rules about masses and inertias in model files, and how PyBullet changes them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ FROM_FILE = 2
 
 
 def moving_links(tree: Tree) -> list[int]:
-    """Return the movable links, whose mass affects a step."""
+    """Return the links that can move, as only their masses matter."""
     moves = [not tree.fixed]
     for link, parent in enumerate(tree.parents):
         moves.append(moves[parent + 1] or RATES[tree.joints[link]] > 0)
@@ -45,13 +45,13 @@ def moving_links(tree: Tree) -> list[int]:
 
 
 def told_links(body: Body, tree: Tree) -> dict[int, FileLink]:
-    """Return the file's data for the movable links, where the file has any."""
+    """Return the file's data of the links that can move, as far as it has any."""
     told, links = {each.name: each for each in body.asked.links}, body.links
     return {link: told[links[link + 1]] for link in moving_links(tree) if links[link + 1] in told}
 
 
 def _came(inputs: Inputs) -> Iterator[tuple[Body, Tree]]:
-    """Yield each body with its kinematic tree as it was loaded."""
+    """Yield each body with its kinematic tree, as it was first loaded."""
     for number, life in inputs.first_lives.items():
         body = inputs.scene.body(number)
         if len(body.links) == life.tree.links + 1:
@@ -245,7 +245,7 @@ inertia_from_shape.rows(
 
 
 def _other(scene: Scene, steps: BodySteps) -> FileInertia:
-    """Compare the inertias in a body's file with its initial ones; once per body."""
+    """Compare the inertias in a body's file with those of the engine; once per body."""
     body, life = steps.body, scene.inputs.first_lives[steps.body.number]
     if life.of_file is None:
         inertias, masses = set[int](), dict[int, Call]()
@@ -269,7 +269,7 @@ def _other(scene: Scene, steps: BodySteps) -> FileInertia:
 
 
 def _of_file(body: Body, tree: Tree, inertias: Container[int], masses: Container[int]) -> Float64:
-    """Return the links' moments of inertia from the file, shape (links + 1, 3); nan if unknown.
+    """Return the file's principal moments of inertia, shape (links + 1, 3); nan if unknown.
 
     They are about the axes of the file's inertia, which the engine takes, too.
     """
@@ -291,7 +291,7 @@ def _of_file(body: Body, tree: Tree, inertias: Container[int], masses: Container
 
 
 def _written(body: Body, told: FileLink) -> Float64 | None:
-    """Return the inertia in the file, shape (3, 3), if it is complete."""
+    """Return the inertia matrix stated in a file, shape (3, 3); None if incomplete."""
     if not told.mass_kg > 0 or len(told.inertia_kg_m2) != 6:
         return None
     xx, xy, xz, yy, yz, zz = told.inertia_kg_m2
@@ -300,7 +300,7 @@ def _written(body: Body, told: FileLink) -> Float64 | None:
 
 
 def _extent_m(body: Body, link: int) -> float:
-    """Return the diagonal of the bounding box of a link's shapes, or of the whole body."""
+    """Return the diagonal of a box around a link's shapes, or around the whole body [m]."""
     boxes = np.reshape(body.bounds_m, (-1, 2, 3))
     shapes = [collision.link for collision in body.collisions]
     its = boxes[[link + 1]] if link in shapes else boxes[[shape + 1 for shape in shapes]]

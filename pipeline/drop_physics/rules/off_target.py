@@ -1,4 +1,4 @@
-"""`off-target` of motors: joints rest off their targets, lag behind them, or turn too slowly."""
+"""The rule `off-target` for motors: joints that rest off target, lag behind, or are too slow."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def rests_off(targets: TargetColumns) -> Match | None:
 
 
 def _causes(targets: TargetColumns, which: Flags) -> NDArray[Any]:
-    """Return the cause of the worst missed target; None for the other targets."""
+    """Return the cause of the worst missed target; None for all others."""
     causes, rows = np.full(len(which), None, object), np.flatnonzero(which)
     for at in rows[[int(targets.off[rows].argmax())]] if len(rows) else ():
         stood = targets.stood.only(np.array([at]))
@@ -83,7 +83,7 @@ def _missed(
     body: str,
     cause: Cause,
 ) -> Noted:
-    """Describe a missed target, and the reason why it was missed."""
+    """Describe a missed target, and why it was missed."""
     says = Message(
         "{joint}{more} misses a target of {target:at} by {off:gap} at step {last}: {why}"
     )
@@ -112,7 +112,7 @@ rests_off.rows(MISSED)
 
 
 def _replaced(targets: TargetColumns) -> Flags:
-    """Flag the targets that were replaced, or ended by the run, while their joint moved.
+    """Flag the targets that ended while their joint was still moving.
 
     Without targets left from before, and those that press joints onto something.
     """
@@ -122,7 +122,7 @@ def _replaced(targets: TargetColumns) -> Flags:
 
 
 def _followed(targets: TargetColumns, which: Flags) -> Match | None:
-    """Return the targets replaced while their joint moved; the sizes are the gaps in `which`."""
+    """Return targets that ended while their joint moved; the sizes are the remaining gaps."""
     moved = _replaced(targets) & (targets.ended | targets.ends_run)
     if not moved.any():
         return None
@@ -133,7 +133,7 @@ def _followed(targets: TargetColumns, which: Flags) -> Match | None:
 
 
 def _lawful(targets: TargetColumns) -> Flags:
-    """Flag the gaps that match the motor's control law."""
+    """Flag the gaps that agree with the motor's control law."""
     off = np.abs(targets.stood.gap - targets.stood.lawful)
     return np.asarray(off <= np.maximum(LAWFUL_GAP * targets.off, targets.least * LAWFUL_GAP))
 
@@ -227,7 +227,7 @@ falls_behind.rows(MISSED)
 def _takes_more(
     scene: Scene, keys: list[int], weak: Message, limit: float, effort: str, force: float
 ) -> Cause | None:
-    """Return the effort required on the way to a target, if it exceeds the motor's limit."""
+    """Return the torque that a motion to a target takes, if it exceeds the motor's limit."""
     efforts = scene.joints.efforts[keys[0]]
     takes = efforts.on_the_way[keys[1]]
     if not takes > limit:

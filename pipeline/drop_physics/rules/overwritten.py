@@ -1,4 +1,4 @@
-"""`overwritten`: a MuJoCo script writes `qpos` in every step, which exerts no force."""
+"""The rule `overwritten` for MuJoCo: positions written in every step exert no force."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def pose_set_in_contact(pair: PairColumns) -> Match:
 
 
 def _posed(pair: PairColumns) -> Flags:
-    """Flag the rows in which a call set the pose of a body, and not only its velocity."""
+    """Flag the rows in which a call set a body's pose, not only its velocity."""
     rows = np.flatnonzero(pair.scene.placing.moved(pair.body, pair.step))
     posed = np.zeros(len(pair.step), np.bool_)
     for steps, its, at in pair.of_bodies(rows):

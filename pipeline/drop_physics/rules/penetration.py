@@ -1,4 +1,4 @@
-"""Bodies that overlap: those that sink into others, and those placed inside others."""
+"""Rules about overlapping bodies: those that sink into others, and those that start inside."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ deep_penetration.rows(
 
 
 def _presses(pair: PairColumns, rows: NDArray[np.intp]) -> dict[str, Float64]:
-    """Return how hard constraints and motors press against the contacts of either body."""
+    """Return how hard motors and constraints press a body against its contacts."""
     found = {name: np.zeros(len(rows)) for name in ("constraints", "motors")}
     for side in (0, 1):
         bodies = pair.pairs.body[rows, side]
@@ -337,7 +337,7 @@ starts_in_contact.rows(
 
 
 def _hull(scene: Scene, both: tuple[Body, Body], links: list[int]) -> str:
-    """Return a note that the engine fills the hollow of a mesh, if either body has a mesh."""
+    """Return a note that a mesh's hollow counts as filled, if either body has a mesh."""
     if any(collision.kind == "plane" for body in both for collision in body.collisions):
         return ""  # a mesh and its hull go equally deep into a plane
     for body, link in zip(both, links, strict=True):

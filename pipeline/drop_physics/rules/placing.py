@@ -1,4 +1,4 @@
-"""The moments at which calls placed bodies: loaded them, or set their state."""
+"""Finds when calls placed bodies: loaded them, or set their state."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NEAR = 3
 
 
 class Placing:
-    """The steps that started with a body placed by a call, and those calls."""
+    """The steps that start from states that calls have set, and those calls."""
 
     def __init__(self, seen: Seen) -> None:
         came = [
@@ -41,7 +41,7 @@ class Placing:
 
     @cached_property
     def animated(self) -> dict[int, tuple[Int64, Float64]]:
-        """Poses of bodies that calls set often, by body: the steps, and the base poses."""
+        """The base poses that calls set for bodies that they move often, by body."""
         puts: dict[int, dict[int, Float64]] = {}
         for put in self._puts:  # of several for a step, the last counts
             puts.setdefault(put.body.number, {})[put.at.step + 1] = put.base
@@ -69,12 +69,12 @@ class Placing:
                 told.append((call.at.step, site_of(call)))
 
     def placed(self, bodies: Int64, steps: Int64) -> Flags:
-        """Flag the bodies that a call placed before a step, but not before neighbouring steps."""
+        """Flag the bodies that a call placed before a step, but not in neighbouring steps."""
         keys = bodies * STEPS + steps
         return _once(keys, self._every) & ~np.isin(keys, [*self._restored])
 
     def posed(self, bodies: Int64, steps: Int64) -> Flags:
-        """Flag the placed bodies that were loaded, or given a pose, and not only a velocity."""
+        """Flag the placed bodies that were loaded or given a pose, not only a velocity."""
         keys = bodies * STEPS + steps
         posed = _once(keys, np.array([*self._posed], np.int64)) | np.isin(keys, self._came)
         return self.placed(bodies, steps) & posed
@@ -84,7 +84,7 @@ class Placing:
         return np.isin(bodies * STEPS + steps, self._every)
 
     def restored(self, body: Int64 | int, steps: Int64) -> Flags:
-        """Flag the steps that started from a restored state."""
+        """Flag the steps that start from a restored state."""
         return np.isin(body * STEPS + steps, [*self._restored])
 
     def came(self, bodies: Int64 | int, steps: Int64 | int) -> Flags:
@@ -98,7 +98,7 @@ class Placing:
 
 
 def _once(keys: Int64, among: Int64) -> Flags:
-    """Flag the keys contained in `among`, unless a neighbouring step is contained, too."""
+    """Flag the keys that occur in `among`, unless a key of a neighbouring step occurs, too."""
     once = np.isin(keys, among)
     for near in range(1, NEAR + 1):
         once &= ~(np.isin(keys - near, among) | np.isin(keys + near, among))

@@ -1,4 +1,4 @@
-"""Rules about forces and torques from calls: their duration, and their point of application."""
+"""Rules about forces that calls apply: how long they act, and where."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ push_lasted_a_step.rows(
 
 
 def _size(use: Use) -> float:
-    """Return the size of the first given force [N] or [N m]; with several joints, the largest."""
+    """Return the magnitude of the first force applied [N] or [N m]; the largest of several."""
     given = {name: use.first.values[name] for name in FORCES if name in use.first.values}
     sizes = [
         math.hypot(*np.ravel(each)) if name.endswith("Obj") else np.abs(each).max(initial=0.0)
@@ -106,7 +106,7 @@ def _size(use: Use) -> float:
 
 
 def _came_to_nothing(inputs: Inputs, number: int) -> bool:
-    """Return whether other forces cancelled the first push of a body at once."""
+    """Return whether other forces cancelled a body's first push at once."""
     pushed = (life for (one, _), life in inputs.lives.items() if one == number)
     return any(life.opposed > 1 - NEGLIGIBLE for life in pushed)
 
@@ -138,7 +138,7 @@ def force_off_centre(bodies: BodyColumns) -> Match | None:
     count, reach_m = len(keys), reach_m[first]
 
     def arms_m(moments: Float64) -> Float64:
-        """Return the lever arm of all forces on a link: the moment over the sum of magnitudes."""
+        """Return the lever arm of forces on a link: moment over sum of magnitudes."""
         sums = summed(each, np.column_stack([moments, strength]), count=count)
         return lengths(sums[:, :3]) / sums[:, 3]
 

@@ -1,4 +1,4 @@
-"""`reading`: what a number that the script reads actually means."""
+"""The rule `reading`: numbers that the script reads and that may mean something else."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from drop_physics.trace.readings import Reading
 
 
 def _read(inputs: Inputs, act: Act) -> Iterator[tuple[Reading, Body, int]]:
-    """Yield the readings by given functions, with their body and its link; -1 for no link."""
+    """Yield the script's readings by given functions, with body and link; -1 for no link."""
     for reading in inputs.scene.seen.readings:
         for subject in reading.targets if reading.act is act else ():
             if body := inputs.scene.seen.bodies.get(subject.body):

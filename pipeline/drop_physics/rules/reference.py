@@ -1,4 +1,4 @@
-"""The manual entry of a code for `drop explain`, read from the sources of its rules."""
+"""Collects what `drop explain` says about a code, from the source of the rules."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LEAST = 25
 
 
 class Blank:
-    """Placeholder for a value that only a finding has."""
+    """Stands for a value that only a finding has."""
 
     def __init__(self, shown: str) -> None:
         self._shown = shown
@@ -35,7 +35,7 @@ class Blank:
 
 @dataclass(frozen=True)
 class CodeReference:
-    """The manual entry of a code, or of one of its reasons."""
+    """What `drop explain` says about a code or a reason."""
 
     code: str
     """The code, or the reason."""
@@ -63,7 +63,7 @@ class CodeReference:
 
 
 def reference_of(name: str) -> CodeReference:
-    """Return the manual entry of a code or a reason.
+    """Return what `drop explain` says about a code or a reason.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def reference_of(name: str) -> CodeReference:
 
 
 def references(names: Collection[str] = tuple(CODES)) -> dict[str, CodeReference]:
-    """Return the manual entries of codes and reasons, by name; of all by default."""
+    """Return what `drop explain` says about codes and reasons, by name; of all by default."""
     shown, told = examples(), texts_of(names)
     return {name: _reference(name, told[name], shown.get(name)) for name in names}
 
@@ -103,14 +103,14 @@ def _reference(name: str, told: RuleTexts, example: CodeExample | None) -> CodeR
 
 
 def blanked(template: str) -> Message:
-    """Return a message with … in place of its values; adjacent values share one."""
+    """Return a message with … for its values; adjacent values share one."""
     found = PLACEHOLDER.findall(template)
     values: dict[str, Any] = {name: Blank("" if before else "…") for before, name in found}
     return Message(template, **values)
 
 
 def sentences() -> Iterator[str]:
-    """Yield the texts of all manual entries, except those that rules have as a `Message`."""
+    """Yield all texts of `drop explain` that are not already a `Message` in a rule."""
     for reference in references().values():
         yield from (
             reference.meaning,

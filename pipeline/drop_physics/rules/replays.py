@@ -1,4 +1,4 @@
-"""`not-replayed`, `no-gravity`: results of the engine's own replay of steps, and its gravity."""
+"""Rules about MuJoCo steps that cannot be replayed, and about missing gravity."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from drop_physics.trace.switches import NO_GRAVITY, is_off
 
 
 def _of_steps(bodies: BodyColumns, why: str) -> Match:
-    """Return the steps of replayed simulations that are unexplained for a given reason."""
+    """Return the replayed steps that are unexplained for a given reason."""
     piece = bodies.scene.piece
     client = bodies.of_each(lambda each: each.body.client)
     replayed = np.isin(client, [each for each, held in piece.impulses.items() if held])
@@ -33,7 +33,7 @@ def _of_steps(bodies: BodyColumns, why: str) -> Match:
 
 @body_rule("not-replayed", "asked", reason="stale", subject=0, engines=MUJOCOS)
 def stale_step(bodies: BodyColumns) -> Match:
-    """A step used data of another state, and leads elsewhere than its own state would."""
+    """A step used data computed from an older state, and leads elsewhere than its own would."""
     return _of_steps(bodies, "stale")
 
 

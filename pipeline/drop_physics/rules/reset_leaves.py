@@ -1,4 +1,4 @@
-"""What calls that move a body leave unchanged: targets of motors, and rates of joints."""
+"""Rules about what a reset leaves unchanged: motor targets and joint velocities."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from drop_physics.trace.events import Body
 
 
 def left_targets(joints: JointColumns, anew: Collection[int] = ()) -> Match:
-    """Return the joints that a call placed while their earlier target stays in effect.
+    """Return the joints that a call placed although an earlier target is still in effect.
 
     `anew`: the steps before which targets were set back, too.
     """
@@ -56,7 +56,7 @@ def left_targets(joints: JointColumns, anew: Collection[int] = ()) -> Match:
 def driven_off(
     put: Flags, until_work: Float64, size: Float64, least: Float64, back: Flags
 ) -> Sized:
-    """Return how far motors drove the joints; those reset to their initial position come first."""
+    """Return how far motors drove the placed joints; joints reset to their start come first."""
     off = put & (until_work > 0) & (size >= least)
     return Sized(np.where(off, size, 0.0), graver=off & back)
 

@@ -1,4 +1,4 @@
-"""`restore-differs`: episodes with the same initial state and the same calls run differently."""
+"""The rule `restore-differs`: episodes that start alike with the same calls but run differently."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from drop_physics.trace.states import by_body
 
 @input_rule("restore-differs", "asked")
 def restore_differs(inputs: Inputs) -> Iterator[Case]:
-    """Episodes with the same initial state and the same calls differ."""
+    """Episodes with the same initial state and the same calls run differently."""
     kinds: defaultdict[tuple[object, ...], list[AfterRestore]] = defaultdict(list)
     for each in inputs.episodes.all():
         if each.end - each.begin.at.step >= EPISODE_STEPS:  # else something is moved by resets
@@ -44,7 +44,7 @@ def restore_differs(inputs: Inputs) -> Iterator[Case]:
 
 
 def _alike(first: AfterRestore, second: AfterRestore) -> int:
-    """Return the number of steps over which two episodes have the same calls."""
+    """Return for how many steps two episodes have the same calls."""
     asked = first.calls.items() ^ second.calls.items()
     lengths = (each.end - each.begin.at.step for each in (first, second))
     return min(*lengths, *(since for since, _ in asked), 1 << 40)
@@ -117,7 +117,7 @@ restore_differs.rows(
 
 
 def _other_order(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> bool:
-    """Return whether the contact pairs differ only in their order, and not by earlier contacts.
+    """Return whether the episodes' first contacts differ only in their order.
 
     A state saved before the first step of touching bodies has no contacts to restore.
     """
@@ -168,7 +168,7 @@ def _apart(scene: Scene, begins: tuple[int, int], until: int, client: int) -> di
 def _places(
     scene: Scene, first: int, end: int, client: int
 ) -> dict[Key, tuple[Int64, Float64, list[str]]]:
-    """Return steps, positions of base and joints, and their units, for movable bodies."""
+    """Return steps, base and joint positions, and units, for bodies that can move."""
     piece = scene.seen.sampled.piece(first, end)
     bases, found = by_body(piece.bases), {}
     for number in scene.moving:
@@ -190,7 +190,7 @@ def _places(
 def _cause(
     inputs: Inputs, first: AfterRestore, second: AfterRestore, engine_id: int
 ) -> tuple[Message, Call | None] | None:
-    """Return the cause of a body's differing episode, and the responsible call."""
+    """Return why a body's second episode differs, and the call that is responsible."""
     function, cleared = second.begin.function, second.begin.act is Act.CLEAR
     sets: dict[Named, tuple[tuple[float, ...] | None, Call]] = {}
     for each in inputs.episodes.between(first, second):

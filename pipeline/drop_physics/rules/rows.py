@@ -1,4 +1,4 @@
-"""The findings of a rule as data: rows with a condition, a sentence, a remedy and a level.
+"""The rows of a rule: conditions with the message and the suggested change of each.
 
     weak.says(
         Row(
@@ -45,7 +45,7 @@ Noted = dict[str, object]
 
 @dataclass(frozen=True, kw_only=True)
 class Said:
-    """The finding about the worst case of a rule.
+    """The message that a rule gives about its worst case.
 
     The names in a text without values are taken from `values`, or from the `Worst`; `{call}` is the
     cure as the engine's user would write it.
@@ -87,7 +87,7 @@ class Said:
 
 @dataclass(kw_only=True)
 class Case:
-    """A case in which a rule holds: its subject, and its numbers and texts, by name.
+    """A match of a rule: the body or joint it is about, with named numbers and texts.
 
     A rule of calls yields each with the `values` that its rows name.
     """
@@ -114,7 +114,7 @@ class Case:
 
     @staticmethod
     def of_row(row: AccountRow, scene: Scene) -> Case:
-        """Return a row of the account as a case, of the size that its subject got."""
+        """Convert a row of the account to a case of a rule."""
         about = {name: getattr(row, name) for name in ("cause", "joint", "other")}
         values = {"scene": scene, "size": row.got, **about, **row.noted}
         span = None if row.span is None else Span(*row.span)
@@ -122,12 +122,12 @@ class Case:
         return Case(subject=row.subject, values=values, span=span, call=call, site=row.site)
 
     def held(self) -> Span | None:
-        """Return the steps to report."""
+        """Return the steps that the finding covers."""
         return self.span
 
 
 class Worst(Case):
-    """The worst case of a subject: its numbers, and its identity, by name.
+    """The worst match for one body or joint, with named numbers.
 
     `size`, `count`, `first` and `last` step, and what the rule noted; `among`, how many of its kind
     the subject has that are not ten times smaller; labels of the `body` and of
@@ -146,12 +146,12 @@ class Worst(Case):
 
     @property
     def keys(self) -> list[int]:
-        """The ids of the subject, such as body and joint."""
+        """The ids that the match is about, such as body and joint."""
         found: list[int] = self.noted.keys[0].tolist()
         return found
 
     def held(self) -> Span:
-        """Return the steps to report; for a target, the first and last step of `stood`."""
+        """Return the steps that the finding covers; for a target, those it was in effect."""
         if (stood := self.values.get("stood")) is not None:
             return Span(stood[0], stood[1], stood[1] - stood[0] + 1)
         first, last = self.values.get("within", (-self["first"], self["last"]))
@@ -159,12 +159,12 @@ class Worst(Case):
 
     @property
     def engine(self) -> str:
-        """The engine that stepped the body, which determines the wording."""
+        """The engine that stepped the body."""
         return engine_of(self.scene.seen)
 
     @property
     def body_size_m(self) -> float:
-        """The size of the subject's body."""
+        """The size of the body that the match is about [m]."""
         return size_m(self.subject)
 
     @property
@@ -179,7 +179,7 @@ class Worst(Case):
 
 @dataclass(frozen=True)
 class Remedy:
-    """A cure whose target and numbers are given by the names under which the rule recorded them."""
+    """A suggested change, given by the names of the numbers that a rule recorded."""
 
     name: str
     target: str | None = None
@@ -192,13 +192,13 @@ class Remedy:
 
     @property
     def blank(self) -> Cure:
-        """The cure with nan for numbers that depend on the run."""
+        """The suggested change, with nan for numbers that depend on the run."""
         given = {} if isinstance(self.given, str) else self.given
         value = None if self.value is None else math.nan
         return Cure(self.name, None, value, form=self.form, given=dict.fromkeys(given, math.nan))
 
     def of(self, case: Case) -> Cure:
-        """Return the cure for a case."""
+        """Return the suggested change for a case."""
 
         def number(named: float | str) -> Any:  # noqa: ANN401 - as the rule noted it
             return case[named] if isinstance(named, str) else named
@@ -217,7 +217,7 @@ class Remedy:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SayingRow:
-    """Template of the finding to report when a condition holds, with the change that would fix it.
+    """One possible message of a rule: condition, text, suggested change, and level.
 
     Sentence, advice, cure, reason, level, and whether it is only to be tried, are what the rule
     notes under these names, where a row leaves them out.
@@ -252,12 +252,12 @@ class SayingRow:
     call, if only one line makes such calls."""
 
     def like(self, row: SayingRow) -> SayingRow:
-        """Return this row, with missing fields filled in from another row."""
+        """Return this row, with its missing fields taken from another row."""
         left = (each.name for each in fields(self) if getattr(self, each.name) is None)
         return replace(self, **{name: getattr(row, name) for name in left})
 
     def said(self, case: Case, scene: Scene) -> Said | None:
-        """Return the finding that this row reports about a case."""
+        """Return the message about a case, with its suggested change."""
         noted, effect = case.values, None
         share = case["size"] if self.share is None else self.share
         share = case[share] if isinstance(share, str) else share
@@ -290,7 +290,7 @@ class SayingRow:
 
 
 def filled(text: str, values: Mapping[str, object], about: Case | Said) -> str:
-    """Fill a text's placeholders with the given values, or with values of its subject.
+    """Fill in a text's placeholders with values, or with values of the case.
 
     Numbers are written by their kinds, and texts among them filled likewise.
     """

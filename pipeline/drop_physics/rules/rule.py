@@ -1,4 +1,4 @@
-"""A rule as data: the rows of a table in which it holds, and what is reported of the worst.
+"""The mechanism of rules: where in a table a rule holds, and what is reported of the worst case.
 
     @joint_rule("target-clamped", "asked")
     def target_clamped(joints: JointColumns) -> Match: ...      # a mask, a size, numbers
@@ -49,7 +49,7 @@ Numbers = Mapping[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Rows of a table in which a rule holds; all arrays have the shape of the table's columns.
+    """Where in a table a rule holds, and how grave each row is; arrays have the table's shape.
 
     They may also have that of `where`, if that is the numbers of rows. What is one number, or the
     same in a plane, is that of all rows.
@@ -78,7 +78,7 @@ class Match:
     """Rows in which the rule holds, if that is only known afterwards; None for all."""
 
     def runs(self, table: RuleTable) -> Runs:
-        """Return the rows in which the rule holds, each as a run of its own."""
+        """Return the rows in which the rule holds, before merging them over steps."""
         where = self.where
         chosen = where.dtype == np.bool_
         places = np.nonzero(where) if chosen else (where,)
@@ -121,7 +121,7 @@ class Match:
 
 @dataclass(frozen=True, eq=False)
 class Sized:
-    """Sizes of runs for a rule, and numbers computed for the complete runs."""
+    """Runs of steps in which a rule holds, with their sizes."""
 
     sizes: Float64
     """The sizes, shape (runs,); 0 for runs to be ignored."""
@@ -131,7 +131,7 @@ class Sized:
 
     @property
     def ranks(self) -> Float64:
-        """The sort keys, shape (runs, 2): whether each run is graver, and its size."""
+        """The sort keys of runs, shape (runs, 2): whether they are severe, then their size."""
         graver = np.zeros(len(self.sizes)) if self.graver is None else self.graver
         return np.column_stack([graver, self.sizes])
 
@@ -143,7 +143,7 @@ Noting = TypeVar("Noting", bound=Notes)
 
 
 class RunsOfBodies:
-    """The columns of runs, and facts about their bodies, by name."""
+    """Runs of steps in which a rule holds, with facts about their bodies."""
 
     def __init__(self, runs: Runs, scene: Scene) -> None:
         self.runs, self.keys, self.scene = runs, runs.keys, scene
@@ -164,18 +164,18 @@ class RunsOfBodies:
 
 
 def nothing() -> Noted:
-    """Return no further numbers."""
+    """Return no further numbers, for rules that record none."""
     return {}
 
 
 def every_run(size: Float64) -> Float64:
-    """Return the sizes of runs unchanged, so that all of them count."""
+    """Return sizes unchanged, for rules in which every run of steps counts."""
     return size
 
 
 @dataclass(eq=False)
 class Rule:
-    """One rule: its matches in a table, its wording, and its meaning for `drop explain`."""
+    """One rule: where it holds, what it says, and what its code means."""
 
     code: str
     level: Level
@@ -213,24 +213,24 @@ class Rule:
         return (self.matches.__doc__ or "").strip()
 
     def rows(self, *rows: SayingRow, like: SayingRow | None = None) -> None:
-        """Set the rows, of which the first whose condition holds is reported.
+        """Set the rule's messages, of which the first whose condition holds is reported.
 
         What rows leave out is taken from `like`.
         """
         self.told = [each if like is None else each.like(like) for each in rows]
 
     def notes(self, noting: Noting) -> Noting:
-        """Set the function that computes numbers for the rows; None from it reports nothing."""
+        """Set the function that computes further numbers; its None means nothing is reported."""
         self.noting = noting
         return noting
 
     def counts(self, sizes: Measure) -> Measure:
-        """Set the function that measures runs, shape (runs,); it returns 0 for runs to ignore."""
+        """Set the function that computes the size of each run of steps; 0 for runs to ignore."""
         self.sizes = sizes
         return sizes
 
     def finding(self, case: Case, scene: Scene) -> Finding | None:
-        """Return the finding about a case; None if nothing is reported."""
+        """Return the finding for a case; None if there is nothing to report."""
         noted = called(self.noting, case, worst=case)
         if noted is None:
             return None
@@ -250,7 +250,7 @@ class Rule:
         return row.when is None or called(row.when, case)
 
     def finding_of(self, said: Said, scene: Scene, case: Case | None = None) -> Finding:
-        """Convert what a rule reports to a finding: fill in texts, write the call of its cure."""
+        """Convert a message to a finding: fill in its texts, write the suggested call."""
         cure, values, about = said.cure, said.values, case or said
         if cure is not None:
             cure = replace(cure, call=cure.call or scene.call_of(cure))
@@ -322,7 +322,7 @@ other."""
 
 
 class Rules:
-    """Applies all rules that are written for a recording's engine, each to its table.
+    """Applies all rules that suit a recording's engine, chunk by chunk, to their tables.
 
     They see the chunks once, in order, and then speak.
     """
@@ -344,7 +344,7 @@ class Rules:
 
     @np.errstate(all="ignore")  # what is not asked for is nan
     def _look(self, seen: Iterable[tuple[TableName, RuleTable]]) -> None:
-        """Apply the rules to tables of a chunk, or to the remaining tables at the end."""
+        """Apply the rules to the tables of a chunk, or to those complete at the end."""
         found: list[list[Runs]] = [[] if each is None else [each] for each in self._open]
         for name, table in seen:
             for place, rule in enumerate(self._rules):
@@ -361,7 +361,7 @@ class Rules:
                 self._open[place] = runs.at(runs.ends)
 
     def _end(self, place: int, ended: Runs) -> None:
-        """Keep the worst finished run of each key."""
+        """Keep the worst finished run of steps for each body or joint."""
         self._note(place, ended)
         before = self._ended[place]
         runs = ended if before is None else Runs.listed([before, ended])
@@ -369,7 +369,7 @@ class Rules:
             self._ended[place] = runs.greatest(self._sized(place, runs).ranks)
 
     def _note_each(self, place: int, parts: Sequence[Runs]) -> None:
-        """Record the episodes of a chunk in which a rule that counts all steps has a match."""
+        """Note in which episodes of a chunk each rule holds."""
         if not parts or len(self.scene.episodes) < 2:
             return
         rows = Runs.listed(parts)
@@ -378,7 +378,7 @@ class Rules:
             self._note(place, rows.at(numbers == number).joined(consecutive=False))
 
     def _note(self, place: int, ended: Runs) -> None:
-        """Record the episodes in which a rule has a match for a key."""
+        """Note in which episodes a rule holds for a body or joint."""
         if len(self.scene.episodes) < 2 or not len(ended):
             return
         counting = ended.at(self._sized(place, ended).sizes > 0)
@@ -387,7 +387,7 @@ class Rules:
         self._in.setdefault(place, set()).update(map(tuple, rows.tolist()))
 
     def _numbers(self, runs: Runs) -> Int64:
-        """Return the episode number in which each run begins; 0 for none."""
+        """Return the episode in which each run of steps begins; 0 for none."""
         numbers = np.zeros(len(runs), np.int64)
         for body in np.unique(runs.keys[:, 0]).tolist():
             its = runs.keys[:, 0] == body
@@ -396,7 +396,7 @@ class Rules:
         return numbers
 
     def _episodes(self, place: int, keys: Int64) -> int:
-        """Return the number of episodes in which a rule has a match for the given keys."""
+        """Return in how many episodes a rule holds for a body or joint."""
         known = {*map(tuple, keys.tolist())}
         return len({row[-1] for row in self._in.get(place, ()) if row[:-1] in known}) or 1
 
@@ -408,7 +408,7 @@ class Rules:
         return replace(sized, sizes=np.where(runs["count"] < rule.least_count, 0.0, sized.sizes))
 
     def findings(self, account: Sequence[AccountRow] = ()) -> Iterator[Finding]:
-        """Yield the findings of rules: for a robot's joints the worst, for other subjects each.
+        """Yield the findings of all rules: of a robot's joints the worst, of others each.
 
         `account` has the rows of the account.
         """

@@ -1,4 +1,4 @@
-"""Rows of a rule's table, merged over chunks: all rows of a key, or each run of its steps."""
+"""Merges a rule's matching rows over chunks, into one run of steps per body or joint."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ last; the sum over all rows, or up to the largest; or the maximum."""
 
 
 class Runs:
-    """Runs of steps, one per row, identified by keys; columns can be read by name.
+    """Runs of steps in which a rule holds, one per row, with named columns.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Runs:
 
     @property
     def ends(self) -> Flags:
-        """Flag each row that is the last of its key; the rows are sorted by key and not empty."""
+        """Flag the last row of each key; rows must be sorted by key."""
         return np.append((np.diff(self.keys, axis=0) != 0).any(axis=1), True)
 
     def at(self, rows: NDArray[Any]) -> Runs:
@@ -58,7 +58,7 @@ class Runs:
         return Runs(np.concatenate([part.keys for part in parts]), columns)
 
     def joined(self, *, consecutive: bool) -> Runs:
-        """Merge the rows of each key into one, or into one for each run of consecutive steps."""
+        """Merge the rows of each key; with `consecutive`, only rows of consecutive steps."""
         them = self.at(np.lexsort((self["first"], *self.keys.T[::-1])))
         new = np.append(True, them.ends[:-1])
         if consecutive:
@@ -87,13 +87,13 @@ class Runs:
         return Runs(them.keys[starts], columns)
 
     def noting(self, numbers: Mapping[str, NDArray[Any]]) -> Runs:
-        """Return the rows with additional columns."""
+        """Return the rows with columns added."""
         more: dict[str, tuple[Kind, NDArray[Any]]]
         more = {name: ("at", number) for name, number in numbers.items()}
         return Runs(self.keys, {**self.columns, **more})
 
     def greatest(self, ranks: Float64) -> Runs:
-        """Return the highest-ranked row of each key; ranks have shape (n, k), first column first.
+        """Return the highest-ranked row of each key; `ranks` has the shape (n, k).
 
         Where that is equal the next does.
         """

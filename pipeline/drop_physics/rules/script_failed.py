@@ -1,4 +1,4 @@
-"""The reason why a script stopped."""
+"""Finds why a script stopped with an error."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ script_failed.rows(SayingRow())
 def failure(
     origin: Mapping[str, Any], raised: Call | None, calls: Log, *, printed: str = ""
 ) -> tuple[Message, str | None] | None:
-    """Return the error that ended a script, and its line; None if it did not fail.
+    """Return the error that ended a script, with its line; None if it did not fail.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def failure(
 
 
 def _why(call: Call, calls: Log) -> str:
-    """Explain PyBullet's error, as far as the call reveals the reason."""
+    """Explain an error of PyBullet, as far as the failed call shows the reason."""
     if call.act is Act.LOAD and call.arguments.startswith(("'", "fileName='")):
         return Message(", a file that it cannot find or read")
     numbers = next((n for name in BODY_NAMES if (n := given(call, name))), ())

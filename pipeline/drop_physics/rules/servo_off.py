@@ -1,4 +1,4 @@
-"""`off-target` of a joint driven by a position servo (a spring): the missing force at rest.
+"""The rule `off-target` for position servos: the force that is missing at rest.
 
 A position actuator of gain kp gives kp (ctrl - gear q), times its gear, and has no integral part.
 At rest the forces on its joint sum to zero, so the gap follows from the torque that the pose takes.
@@ -51,7 +51,7 @@ TRIES = 5
 
 @dataclass(frozen=True)
 class ServoGap:
-    """A joint off its target, with the cause; forces [N] or [N m] on the joint."""
+    """A joint off its servo's target, with the reason; forces on the joint [N] or [N m]."""
 
     reason: str
     gap: float
@@ -79,11 +79,11 @@ class ServoGap:
 
     @property
     def bound(self) -> float:
-        """The end of the actuator's range that limits its force towards the target."""
+        """The end of the actuator's range that limits the force towards the target."""
         return self.range[self.gap < 0]
 
     def stiffer(self, near: float) -> float:
-        """Return the gain with which the spring would leave only the given gap, rounded up."""
+        """Return the gain that would reduce the gap to the given one, rounded up."""
         needs = (self.fixed and np.isfinite(self.needs) and self.needs) or self.own
         least = abs(needs) / (near * self.gear**2)
         digit = 10.0 ** (math.floor(math.log10(least)) - 1)  # the last that is written
@@ -92,7 +92,7 @@ class ServoGap:
 
 @joint_rule("off-target", "asked", consecutive=True, engines=MUJOCOS)
 def off_its_servo(joints: JointColumns) -> Match | None:
-    """A joint rests, or ends, off the target of its only actuator, a spring.
+    """A joint rests, or ends, off the target of its only actuator, which acts as a spring.
 
     For each joint, it is the greatest gap of the piece with a sure cause.
     """
@@ -236,13 +236,13 @@ off_its_servo.rows(
 
 
 def _last_of_targets(joints: JointColumns) -> Flags:
-    """Flag the last steps before a target changes, or before a call sets the joint."""
+    """Flag the last steps before a target changes, or a call sets the joint."""
     new = (np.diff(joints.asked.began, axis=0) != 0) | joints.steps.put[1:, None]
     return np.append(new, np.ones((1, new.shape[1]), np.bool_), axis=0)
 
 
 def _rests(joints: JointColumns) -> Flags:
-    """Flag the last steps of targets in which joints are at rest, or nearly so."""
+    """Flag the last steps of targets in which joints hardly move."""
     stood = joints.step[:, None] - joints.asked.began
     rests = np.asarray(joints.resting & (stood >= REST_STEPS))
     for row, k in np.argwhere(_last_of_targets(joints) & ~rests & (stood >= SETTLED_STEPS)):
@@ -252,7 +252,7 @@ def _rests(joints: JointColumns) -> Flags:
 
 
 def _cause(joints: JointColumns, row: int, k: int, *, rests: bool) -> ServoGap | None:
-    """Return the cause of a joint's distance from its target; None if it is uncertain."""
+    """Return why a joint is off its target; None if that is uncertain."""
     driven, steps, actuator = joints.driven, joints.steps, _servo(joints, k)
     if actuator is None or not steps.closes[row]:
         return None
@@ -308,6 +308,6 @@ def _cause(joints: JointColumns, row: int, k: int, *, rests: bool) -> ServoGap |
 
 
 def _servo(joints: JointColumns, k: int) -> Actuator | None:
-    """Return the position actuator of a joint, if it is the joint's only actuator."""
+    """Return a joint's position actuator, if no other actuator acts on the joint."""
     its = actuators_on(joints.driven.body, k)
     return its[0] if len(its) == 1 and its[0].kind == "position" and its[0].gear else None

@@ -1,4 +1,4 @@
-"""Rules about the setup of a simulation: its gravity, its timestep, and its stepping."""
+"""Rules about the setup of a simulation: gravity, timestep, stepping, randomness."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ not_stepped.rows(
 
 @input_rule("not-stepped", "asked", engines=MUJOCOS)
 def only_computed(inputs: Inputs) -> Iterator[Case]:
-    """Data are made current again and again, and no step is made."""
+    """Derived data are recomputed again and again, but no step is made."""
     scene = inputs.scene
     if not scene.seen.samples and scene.origin.get("ended") != "failed":
         yield Case()
@@ -153,7 +153,7 @@ no_gravity.rows(
 
 
 def _would_fall_m(inputs: Inputs, body: Body, life: BodyLife) -> float:
-    """Return how far a body would fall freely from rest over its lifetime."""
+    """Return how far a body would fall freely while it exists [m]."""
     times = inputs.scene.times[body.client]
     return STANDARD_M_S2 * (times.of(life.last) - times.of(life.first - 1)) ** 2 / 2
 

@@ -1,4 +1,4 @@
-"""Bodies that slip: `slides`, `creeps`, `friction-pyramid`, `dragged-by-nothing`."""
+"""Rules about slipping: `slides`, `creeps`, `friction-pyramid`, `dragged-by-nothing`."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ creeps.rows(
 
 
 def _slips(pair: PairColumns, slips: Flags) -> Match:
-    """Return the steps in which single bodies slip on others without being pushed by anything else.
+    """Return the steps in which a body slips on its support, and nothing else pushes it.
 
     Sums: of slip [m], with its direction and without, and way of the centre [m], time [s]; normal,
     available, used impulse [N s], and that against the slip which moving with the support takes;
@@ -255,18 +255,18 @@ def _slips(pair: PairColumns, slips: Flags) -> Match:
 
 
 def _is_free(steps: Steps) -> bool:
-    """Return whether the steps are those of single-link bodies, and have a sum."""
+    """Return whether steps are explained ones of single bodies."""
     return steps.law.tree.size == 6 and bool(steps.terms)
 
 
 def _free_bodies(scene: Scene) -> list[BodySteps]:
-    """Return the steps of single-link bodies in the latest chunk."""
+    """Return the steps of single bodies in the latest chunk."""
     free = (batch.bodies for batch, _ in scene.batches if _is_free(batch.whole))
     return [body for bodies in free for body in bodies]
 
 
 def _acting(pair: PairColumns, rows: Rows) -> tuple[Float64, ...]:
-    """Return the load that a body's weight and acceleration put on its contact, (n, 3) [N].
+    """Return the load that weight and acceleration put on a body's contact, (n, 3) [N].
 
     The acceleration is that of moving with its support. Then the forces of other bodies, and of
     pushes and constraints, shape (n,) [N]; the velocity of its centre past the support [m/s], and
@@ -415,5 +415,5 @@ dragged_by_nothing.rows(
 
 
 def _along(ways: Float64, line: Float64) -> Float64:
-    """Return the tangential components of paths, given the contact normals, shape (n, 3)."""
+    """Return the components of paths along the contact surface, shape (n, 3)."""
     return np.asarray(ways - np.einsum("mi,mi->m", ways, line)[:, None] * line)

@@ -1,4 +1,4 @@
-"""`joint-damping`, `armature`, `off-target`: a MuJoCo joint moves slowly.
+"""Rules about MuJoCo joints that move slowly: damping, dry friction, armature.
 
 The effort of its drive goes into the model's damping, dry friction or armature; an actuator for
 rates, itself a damper, gives nothing at its target.
@@ -103,7 +103,7 @@ def _(
 
 
 def _taken(damped: Float64, rubbed: Float64, swung: Float64) -> tuple[Float64, NDArray[np.intp]]:
-    """Return the largest share of the drives that a single cause consumes, and that cause."""
+    """Return which cause takes most of the drive's effort, and its share."""
     taken = np.column_stack([damped, rubbed, swung])
     return taken.max(axis=1), taken.argmax(axis=1)
 
@@ -163,7 +163,7 @@ stays_slow.rows(
     engines=MUJOCOS,
 )
 def servo_is_a_damper(joints: JointColumns) -> Match:
-    """A joint's only actuator is a damper, which carries a load only off its target."""
+    """A joint's only actuator is a damper, which exerts force only off its target velocity."""
     goal, dt = joints.target_velocity, joints.steps.reported.timestep_s[:, None]
     kv, own = np.zeros(goal.shape), joints.torque * dt
     for k in range(goal.shape[1]):

@@ -1,4 +1,4 @@
-"""`deep-penetration`, `constraint-lags`: soft contacts and soft constraints of a model."""
+"""Rules about MuJoCo's soft contacts and constraints: `deep-penetration`, `constraint-lags`."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ OPPOSED = 0.5
 
 
 def _staying(pair: PairColumns, depth_m: Float64, least_m: float) -> Int64:
-    """Return the rows in which a depth or gap of `least_m` or more, shape (m,), has been steady."""
+    """Return the rows in which an overlap of at least `least_m`, shape (m,), stays the same."""
     rows = np.flatnonzero((depth_m >= least_m) & (pair.body != pair.other))
     rows = rows[np.lexsort((pair.step[rows], *pair.keys[rows].T))]
     lasts = np.zeros(len(rows), np.bool_)
@@ -62,7 +62,7 @@ def sinks_in(pair: PairColumns) -> Match:
 
 
 def _loaded(pair: PairColumns) -> Flags:
-    """Flag the sides that are pressed on by a free body in the step of each row, shape (m, 2)."""
+    """Flag the sides of contacts that a free body presses on, shape (m, 2)."""
     bodies, seen = pair.pairs.body, pair.scene.seen.bodies
     free = [number for number, body in seen.items() if body.base_moves]
     presses = np.isin(bodies[:, ::-1], free) & (pair.pairs.normal_n > 0)[:, None]
@@ -110,7 +110,7 @@ def _carries(
     solref: Sequence[float],
     solimp: Sequence[float],
 ) -> Noted | None:
-    """Return the finding about a contact of usual softness that carries far more than a weight.
+    """Return the finding for a contact that carries far more than a weight.
 
     Its stiffness is that of the time constant for the mass of the bodies, whatever lies on them.
     """
@@ -176,7 +176,7 @@ sinks_in.rows(
 def _left_m(
     depth_m: float, solref: Sequence[float], solimp: Sequence[float], constant_s: float
 ) -> float:
-    """Return the depth of a contact under the same load with another time constant [m]."""
+    """Return a contact's depth under the same load with another time constant [m]."""
     d, square = impedance(depth_m, solimp), (solimp[1] * solref[0] * solref[1]) ** 2
     load_m_s2 = depth_m * d**2 / ((1 - d) * square)  # of a body that one point carries
     return rest_depth_m(load_m_s2, 1, (constant_s, 1.0), solimp) or 0.0
@@ -203,7 +203,7 @@ held_apart.rows(
 
 
 def _follows(bodies: BodyColumns) -> Iterator[tuple[Equality, int, int]]:
-    """Yield equalities to a body that calls move, with that body's id and the other side's link."""
+    """Yield the equalities that tie a body to one that calls move, with that body's id."""
     scene, number = bodies.scene, bodies.batch.bodies[0].body.number
     if not scene.seen.equalities:
         return

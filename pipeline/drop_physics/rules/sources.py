@@ -1,4 +1,4 @@
-"""Docstrings, thresholds and advice of rules, parsed from their sources for `drop explain`.
+"""Reads docstrings, thresholds and advice from the source of the rules, for `drop explain`.
 
 A rule's sentence, its thresholds, its words and its advice stand in its source; here they are only
 gathered. A code that several rules share has those of all.
@@ -50,7 +50,7 @@ class Limit:
 
 @dataclass
 class RuleTexts:
-    """The texts of all rules for a code or a reason, as templates."""
+    """The texts of all rules for one code or reason."""
 
     reason_of: str | None = None
     level: Level | None = None
@@ -65,7 +65,7 @@ class RuleTexts:
 
 
 def texts_of(names: Collection[str]) -> dict[str, RuleTexts]:
-    """Return the texts of codes and reasons, by their names."""
+    """Return the texts of the rules, by code or reason."""
     made = {name: RuleTexts() for name in names}
     for room in ROOMS:
         for file in sorted(resources.files(f"drop_physics.{room}").iterdir(), key=str):
@@ -89,7 +89,7 @@ def texts_of(names: Collection[str]) -> dict[str, RuleTexts]:
 
 @cache
 def _thresholds() -> dict[str, Limit]:
-    """Return the thresholds by name, parsed from the strings below each."""
+    """Return the thresholds by name, with the docstrings that describe them."""
     source = resources.files(__package__).joinpath("thresholds.py").read_text(encoding="utf-8")
     found: dict[str, Limit] = {}
     for node, below in itertools.pairwise(ast.parse(source).body):
@@ -104,7 +104,7 @@ def _thresholds() -> dict[str, Limit]:
 def _rules_in(
     module: ast.Module,
 ) -> Iterator[tuple[list[ast.FunctionDef], str, str | None, str | None]]:
-    """Yield the rules of a module: functions, code, reason and level.
+    """Yield the rules in a module, with code, reason and level.
 
     If there is only one, all texts of the module are its own.
     """
@@ -125,7 +125,7 @@ def _rules_in(
 
 
 def _limits_in(module: ast.Module) -> set[str]:
-    """Return the names of thresholds that a module takes from their table."""
+    """Return the names of the thresholds that a module imports."""
     return {
         name.name
         for node in module.body
@@ -135,7 +135,7 @@ def _limits_in(module: ast.Module) -> set[str]:
 
 
 def _add(known: RuleTexts, parts: list[ast.FunctionDef], limits: set[str], level: Any) -> None:  # noqa: ANN401
-    """Add the texts of another rule with this code or reason."""
+    """Add the texts of another rule for this code or reason."""
     inside = [inner for part in parts for inner in ast.walk(part)]
     measured = [_first(ast.get_docstring(part)) for part in parts[:1]]
     names = {node.id for node in inside if isinstance(node, ast.Name)}
@@ -168,7 +168,7 @@ def _add(known: RuleTexts, parts: list[ast.FunctionDef], limits: set[str], level
 
 
 def _add_row(known: RuleTexts, rule: Rule, row: SayingRow) -> None:
-    """Add the texts of one row of a rule."""
+    """Add the texts of one of a rule's messages."""
     proposed = rule.proposes if row.proposed is None else row.proposed
     engine = MUJOCO if (row.engines or rule.engines) == MUJOCOS else PYBULLET
     decides = () if row.when is None else row.when.__code__.co_names
@@ -188,7 +188,7 @@ def _add_row(known: RuleTexts, rule: Rule, row: SayingRow) -> None:
 
 
 def _cure(call: ast.Call) -> Cure:
-    """Return a rule's cure, with nan for numbers that depend on the run."""
+    """Return a rule's suggested change, with nan for numbers that depend on the run."""
     given = next((keyword.value for keyword in call.keywords if keyword.arg == "given"), None)
     keys = given.keys if isinstance(given, ast.Dict) else []
     has_value = len(call.args) > VALUE or any(keyword.arg == "value" for keyword in call.keywords)
@@ -201,7 +201,7 @@ def _cure(call: ast.Call) -> Cure:
 
 
 def _messages(node: ast.AST) -> list[str]:
-    """Return the templates of the messages in a syntax-tree node."""
+    """Return the texts of the messages in a syntax-tree node."""
     texts = [
         _text(call.args[0])
         for call in ast.walk(node)

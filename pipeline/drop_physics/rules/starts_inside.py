@@ -1,4 +1,4 @@
-"""`starts-in-contact`, `static-parent`: overlaps at the start of a run or an episode.
+"""Rules about MuJoCo bodies that overlap at the start: `starts-in-contact`, `static-parent`.
 
 MuJoCo's contacts push overlapping bodies apart over many steps, so the speed is known only once
 they have separated.
@@ -45,14 +45,14 @@ def starts_inside(pair: PairColumns) -> Match:
 
 
 def _lifts(pair: PairColumns) -> Flags:
-    """Flag the rows in which all points of a pair push its body up, so that it can be lifted."""
+    """Flag the pairs whose contacts all push the body up, so that lifting it would help."""
     points, side = pair.points, np.where(pair.keys[:, 0] == pair.pairs.body[:, 0], 1, -1)
     down = np.where(points.distance_m < -DEEP_M, -points.normal[:, 2] * side[pair.pairs.row], -1.0)
     return np.asarray(pair.pairs.most(down) < HALF - 1)
 
 
 def _chained(pair: PairColumns, rows: Rows, starts: Flags) -> Flags:
-    """Flag the rows with a movable body that also overlaps a further body at the start."""
+    """Flag the pairs with a body that overlaps a third body at the start, too."""
     bodies = pair.pairs.body[rows]
     keys = pair.step[rows, None] * (bodies.max(initial=0) + 1) + bodies
     found, counts = np.unique(
@@ -113,7 +113,7 @@ starts_inside.rows(
 
 
 def _is_half(body: Body, depth_m: float) -> bool:
-    """Return whether the overlap suggests that full sizes were given where half sizes are due."""
+    """Return whether an overlap looks like full sizes given as half sizes."""
     lengths = [
         length
         for collision in body.collisions
@@ -167,7 +167,7 @@ static_parent.rows(
 
 
 def _is_parent(body: Body, parent: int, link: int) -> bool:
-    """Return whether a link is attached to an immovable link through all joints between them."""
+    """Return whether only joints lie between a link and a parent that cannot move."""
     above = body.joints[link].parent
     while above != BASE and body.links[above + 1].startswith(f"{body.links[link + 1]}/"):
         above = body.joints[above].parent

@@ -1,4 +1,4 @@
-"""Stretches in which values hardly change."""
+"""Finds periods in which values hardly change."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from drop_physics.rules.thresholds import SINKS_STEPS, STEADY_SHARE
 
 
 def is_steady(values: Float64) -> Flags:
-    """Flag the values, (n,) or (n, k), that hardly changed over the last SINKS_STEPS, (n,)."""
+    """Flag the steps, shape (n,), before which values hardly changed for SINKS_STEPS."""
     columns = values if values.ndim > 1 else values[:, None]
     found = np.zeros(len(columns), np.bool_)
     if len(columns) >= SINKS_STEPS:

@@ -1,4 +1,4 @@
-"""The tables of a chunk that rules read: joints, constraints, pairs, bodies and others."""
+"""The tables of a chunk that rules read: joints, actuators, constraints, contacts and bodies."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ TABLES: tuple[TableName, ...] = get_args(TableName)
 
 
 class RuleTable(Protocol):
-    """Columns of n rows, most of which can be read by name."""
+    """A table of n rows for rules, with named columns."""
 
     @property
     def keys(self) -> Int64:
@@ -53,7 +53,7 @@ class RuleTable(Protocol):
 
     @property
     def noted(self) -> Mapping[str, Float64]:
-        """Numbers of the worst case that every rule records."""
+        """Numbers that every rule records of its worst case."""
 
 
 def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
@@ -80,7 +80,7 @@ def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
 
 
 class JointColumns:
-    """The joints of a body over n of its steps: columns of shape (n, joint_rates).
+    """The joints of a body over n steps; columns (n, joint_rates).
 
     They are those of `driven`, the requests of calls, `asked`, and some that rules share.
     """
@@ -113,7 +113,7 @@ class JointColumns:
         return float(np.ravel(self._settings.get(name, default))[0])
 
     def of_joints(self, number: Callable[[Joint], float]) -> Float64:
-        """Expand one number per joint to a column that is constant over the steps."""
+        """Expand one number per joint to a column for all steps."""
         body = self.driven.body
         values = np.empty(self.asked.target.shape[1])
         for joint, place in zip(body.joints, body.rates, strict=True):
@@ -122,7 +122,7 @@ class JointColumns:
 
     @cached_property
     def inertia(self) -> Float64:
-        """The inertia of each joint's motion in the last step, the others at rest: a column."""
+        """The inertia that each joint moves in the last step, with the others at rest."""
         steps = self.driven.steps
         (matrix,) = mass_matrix(kinematics(steps.law.tree, steps.before.at(np.array([-1]))))
         return np.broadcast_to(np.diag(matrix)[steps.law.tree.first_rate :], self.target.shape)
@@ -144,18 +144,18 @@ class JointColumns:
         return found, np.vstack([before, found[:-1]])
 
     def came(self, column: Column) -> Float64:
-        """Return states of the body after the previous step; nan if there is none."""
+        """Return states of the body one step earlier; nan if there is none."""
         return self.scene.came(self.steps, [(0, self.steps)], column)
 
     def term(self, name: str) -> Float64:
-        """Return the impulses of a cause on the joints; 0 where the cause has no term."""
+        """Return the impulses of a cause on the joints; 0 if it does not act."""
         steps = self.driven.steps
         found = steps.terms.get(name, np.zeros((len(steps), steps.law.tree.size)))
         return found[:, steps.law.tree.first_rate :]
 
 
 class ActuatorColumns:
-    """The actuators of a body over n of its steps: columns of shape (n, actuators)."""
+    """The actuators of a body over n steps; columns (n, actuators)."""
 
     def __init__(self, scene: Scene, steps: BodySteps) -> None:
         self.scene, self.client, self.number = scene, steps.body.client, steps.body.number
@@ -181,7 +181,7 @@ class ActuatorColumns:
 
 
 class PairColumns:
-    """Steps of touching pairs, seen from one of the bodies: the columns of `pairs`."""
+    """The contacts of pairs over steps, seen from one of the two bodies."""
 
     def __init__(self, scene: Scene, side: int) -> None:
         self.scene, self.side, self.pairs = scene, side, scene.pairs
@@ -194,21 +194,21 @@ class PairColumns:
         self.body, self.other = self.pairs.body[:, side], self.pairs.body[:, 1 - side]
 
     def own(self, column: NDArray[Value]) -> NDArray[Value]:
-        """Return this body's part of a two-sided column, shape (m, 2, …)."""
+        """Return this body's side of a two-sided column, shape (m, 2, …)."""
         return np.asarray(column[:, self.side])
 
     def others(self, column: NDArray[Value]) -> NDArray[Value]:
-        """Return the other body's part of a two-sided column."""
+        """Return the other body's side of a two-sided column."""
         return np.asarray(column[:, 1 - self.side])
 
     @cached_property
     def links(self) -> Int64:
-        """Links at the deepest point of each row, on both sides, shape (m, 2)."""
+        """The links at each row's deepest point, on both sides, shape (m, 2)."""
         order = np.lexsort((self.points.distance_m, self.pairs.row))
         return np.asarray(self.points.link[order[self.starts]])
 
     def before(self, rows: Rows) -> Rows:
-        """Return the row of the same pair in the previous step; -1 if there is none."""
+        """Return the row of the same pair one step earlier; -1 if there is none."""
         step, keys = self.step[rows], self.pairs.body[rows]
         order = np.lexsort((step, *keys.T))
         follows = (np.diff(keys[order], axis=0) == 0).all(axis=1) & (np.diff(step[order]) == 1)
@@ -217,12 +217,12 @@ class PairColumns:
         return found
 
     def of_bodies(self, rows: Rows) -> Iterator[tuple[Steps, Rows, Rows]]:
-        """Yield the steps of the bodies in given rows, with these rows and those of the steps."""
+        """Yield the bodies' steps in given rows, with the indices of rows and steps."""
         return self.scene.steps_at(self.body[rows], self.step[rows])
 
 
 class BodyColumns:
-    """The steps of equal bodies, one body after the other: the columns of `whole`."""
+    """The steps of equal bodies, one body after the other."""
 
     def __init__(self, scene: Scene, batch: StepBatch, verdict: StepVerdicts) -> None:
         self.scene, self.batch, self.whole, self.verdict = scene, batch, batch.whole, verdict
@@ -234,7 +234,7 @@ class BodyColumns:
         self.keys = self.body[:, None]
 
     def of_each(self, value: Callable[[BodySteps], Any]) -> NDArray[Any]:
-        """Expand one value per body to a column that is constant over its steps."""
+        """Expand one value per body to a column for all of its steps."""
         bodies = self.batch.bodies
         return np.repeat([value(body) for body in bodies], [len(body) for body in bodies], axis=0)
 
@@ -255,17 +255,17 @@ class BodyColumns:
 
     @property
     def driven(self) -> Iterator[JointTelemetry]:
-        """Yield the telemetry of the bodies' commanded joints; `steps.rows` are their rows."""
+        """Yield the commanded joints of the bodies; `steps.rows` are their rows."""
         return (each for each in self.scene.driven() if each.steps.whole is self.whole)
 
     def came(self, column: Column) -> Float64:
-        """Return states of the body after the previous step; nan if there is none."""
+        """Return states of the bodies one step earlier; nan if there is none."""
         parts = [(body.rows.start, body) for body in self.batch.bodies if len(body)]
         return self.scene.came(self.whole, parts, column)
 
     @property
     def puts(self) -> Int64:
-        """Number of calls that had set the body before each step; each one begins a new run."""
+        """How often calls set the body's state before each step; a change begins a new run."""
         records, its = self.scene.records, self.batch.bodies
         puts = ([put.at.step for put in records[each.body.number].puts] for each in its)
         return np.concatenate(
@@ -274,5 +274,5 @@ class BodyColumns:
 
     @property
     def segment(self) -> Int8:
-        """The segment of each sample, as an index into `SEGMENTS`."""
+        """The kind of each step, as an index into `SEGMENTS`."""
         return self.verdict.segment

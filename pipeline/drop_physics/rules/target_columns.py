@@ -1,4 +1,4 @@
-"""The table of position-motor targets, over the time in which each was in effect."""
+"""The table of position targets for rules, each over the steps in which it was in effect."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ def target_columns(scene: Scene) -> Iterator[TargetColumns]:
 
 
 def left_standing(scene: Scene) -> Iterator[TargetColumns]:
-    """Yield the targets still in effect at the last step of their bodies, after all chunks."""
+    """Yield the targets that are still in effect when the run ends."""
     for table in scene.going.values():
         table.late, table.ends_run = True, np.ones(1, np.bool_)
         yield table
 
 
 class TargetColumns:
-    """Successive targets of one joint: columns of shape (m,), and those of `stood`."""
+    """The targets of one joint, in order; columns of shape (m,)."""
 
     def __init__(
         self, scene: Scene, driven: JointTelemetry, stood: HeldTargets, *, going: bool
@@ -87,7 +87,7 @@ class TargetColumns:
 
     @cached_property
     def reached(self) -> Flags:
-        """Flag the targets that the joint reached before they changed by more than `least`."""
+        """Flag the targets that the joint reached before they changed noticeably."""
         steps = np.abs(np.diff(self.stood.target))
         changed = np.append(0.0, np.cumsum(steps))[: len(self.stood)]
         alike = np.floor(changed / self.least)

@@ -1,4 +1,4 @@
-"""All thresholds of the rules in one table: their quantity, unit, and use.
+"""All thresholds of the rules, with units and meanings.
 
 `drop explain` shows them (`sources` reads them here). A unit of `share` is a
 share of what the sentence names, one of `1` a count.

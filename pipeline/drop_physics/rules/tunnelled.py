@@ -1,4 +1,4 @@
-"""Bodies that move too far in a step: through a box, or farther than their thickness."""
+"""Rules about bodies that move too far in one step, such as through a wall."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from drop_physics.trace.events import Body, Collision
 
 @body_rule("tunnelled", "asked", engines=ANY)
 def tunnelled(bodies: BodyColumns) -> Match | None:
-    """A body is on two sides of a box as successive steps begin, without a contact between."""
+    """A body is on opposite sides of a box before and after a step, without a contact."""
     scene, tree = bodies.scene, bodies.law.tree
     if tree.links or not tree.size:
         return None
@@ -134,7 +134,7 @@ pushed_through.rows(
 
 
 def _stopping(body: str, timestep_s: float, thick_m: float, speed_m_s: float) -> Cure:
-    """Return contacts that stop a body within half the thickness, and a timestep short enough.
+    """Return contact settings that stop a body in half the wall, and a timestep short enough.
 
     At critical damping it is stopped within 1 / e of what it goes in a time constant.
     """
@@ -216,7 +216,7 @@ tunnelled.rows(
 
 
 def _standing(scene: Scene) -> list[tuple[Body, Collision]]:
-    """Return the immovable bodies, with their boxes."""
+    """Return the bodies that cannot move, with their boxes."""
     puts = Counter(put.body.number for put in scene.seen.puts)
     return [
         (body, collision)
@@ -228,7 +228,7 @@ def _standing(scene: Scene) -> list[tuple[Body, Collision]]:
 
 
 def _may_meet(body: Body, other: Body, box: Collision) -> bool:
-    """Return whether the model lets a body touch a box, if it has filters."""
+    """Return whether the model's filters let a body touch a box."""
     if (BASE, other.number, BASE) in body.apart or (BASE, body.number, BASE) in other.apart:
         return False
     bits = [collision.bits for collision in body.collisions if collision.bits]
@@ -246,7 +246,7 @@ def _touching(bodies: BodyColumns, rows: Int64, others: Int64) -> Flags:
 
 
 def _why(scene: Scene, body: Body, other: Body) -> Call | str | None:
-    """Return the call that disabled a pair's contacts, or `shapeless` without shapes; else None."""
+    """Return why two bodies made no contact: the call that disabled it, or `shapeless`."""
     if not body.collisions:
         return "shapeless"
     return scene.inputs.passes.get(frozenset(((body.number, BASE), (other.number, BASE))))
@@ -255,7 +255,7 @@ def _why(scene: Scene, body: Body, other: Body) -> Call | str | None:
 def _crossing(
     before_m: Float64, after_m: Float64, base: Float64, box: Collision
 ) -> tuple[Float64, Float64]:
-    """Return the fractions of paths at which points enter and leave a box, shape (n,) each.
+    """Return where on their paths points enter and leave a box, as fractions, shape (n,).
 
     Slab by slab; a path misses the box if it leaves one slab before it is in all.
     """
@@ -271,7 +271,7 @@ def _crossing(
 
 
 def _in_box(place_m: Float64, base: Float64, box: Collision) -> Float64:
-    """Return positions relative to a body's box, in the box's axes [m], shape (n, 3)."""
+    """Return positions in the axes of a body's box [m], shape (n, 3)."""
     turns = np.moveaxis(rotation(base[:, 3:7].T), -1, 0)
     shape = np.moveaxis(rotation(np.array(box.orientation)[:, None]), -1, 0)[0]
     of_body = np.einsum("nji,nj->ni", turns, place_m - base[:, :3])
@@ -322,7 +322,7 @@ far.rows(
 
 @body_rule("timestep-too-long", "model", engines=ANY)
 def long(bodies: BodyColumns) -> Match:
-    """A robot's steps are so long that motors and contacts act late."""
+    """A robot's timestep is so long that motors and contacts react late."""
     step_s = bodies.reported.timestep_s / bodies.whole.substeps
     jointed = bodies.of_each(lambda each: len(each.body.joints) > 0)
     return Match((step_s > LONG_S) & jointed, step_s)
@@ -352,6 +352,6 @@ long.rows(
 
 
 def _thick_m(steps: BodySteps) -> float:
-    """Return the shortest edge of a single body's bounding box; 0 for a body with joints."""
+    """Return the shortest edge of a single body's box [m]; 0 for a body with joints."""
     box = np.array(steps.body.bounds_m[:6])
     return 0.0 if steps.body.joints or len(box) < 6 else float((box[3:] - box[:3]).min())

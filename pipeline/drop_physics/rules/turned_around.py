@@ -1,4 +1,4 @@
-"""`unstable`: a joint whose rate reverses in every step, and grows, and the cause of that."""
+"""The rule `unstable` for joints whose velocity reverses in every step, and why it does."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ DRIVES = "actuator", "applied", "tendon"
 
 
 def _turner(joints: JointColumns, rows: NDArray[np.intp], place: int) -> NDArray[np.object_]:
-    """Return the term that contributes most to a rate's reversals."""
+    """Return the term that contributes most to a velocity's reversals."""
     steps = joints.driven.steps
     names = [*steps.terms]
     change = (steps.after.velocity - steps.before.velocity)[rows, place]
@@ -118,7 +118,7 @@ def _turner(joints: JointColumns, rows: NDArray[np.intp], place: int) -> NDArray
 
 
 def _by(joints: JointColumns, k: int) -> str:
-    """Return the term of a joint's only actuator; empty if there is none."""
+    """Return the term of a joint's only actuator; empty if it has none or several."""
     its = actuators_on(joints.driven.body, k)
     return f"actuator {its[0].name}" if len(its) == 1 else ""
 
@@ -138,7 +138,7 @@ def _examined(steps: Steps) -> Examined:
 def _servos(
     joints: JointColumns, k: int, examined: Callable[[], Examined]
 ) -> tuple[Servos, int] | None:
-    """Return a body's joints as spring-damper systems, and the index of one joint among them.
+    """Return a body's joints as springs and dampers, and the index of one of them.
 
     The pose is that of the chunk's in which this one has the least inertia. None of a spherical
     joint, and where several actuators act on it.
@@ -173,7 +173,7 @@ def _servos(
 
 
 def _limits(servos: Servos, place: int) -> dict[str, float]:
-    """Return a joint's stability limits, one per parameter varied alone; nan if it has none."""
+    """Return the stability limit of each parameter of a joint, others unchanged; nan if none."""
     alone = servos.alone(place)
     now = {
         "stiffness": float(alone.stiffness[0]),
@@ -203,7 +203,7 @@ def _limits(servos: Servos, place: int) -> dict[str, float]:
 
 
 def _growth(before: Float64, tops: Float64, drives: Flags, ends: Flags) -> Float64:
-    """Return the growth factor of a joint's speed at each reversal, shape (turns,); 0 otherwise.
+    """Return the factor by which a joint's speed grows per reversal, shape (turns,); else 0.
 
     It grows GROWN times in all in RINGS_STEPS turns or more, or doubles with each until the sum no
     longer closes. `drives` says whether what turns it may be its cause, `ends` where that is.

@@ -1,4 +1,4 @@
-"""`unstable`, `velocity-clamped`: rates that ring from step to step, and losses to the clamp."""
+"""Rules about velocities that alternate in sign, or are clamped: `unstable`, `velocity-clamped`."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ trembling body at rest, and what a motor's own gains reverse is `motor-gain`."""
 
 
 def _own(bodies: BodyColumns) -> Flags:
-    """Flag the steps without a motor whose gains reverse a joint, as those are `motor-gain`."""
+    """Flag the steps without motors of excessive gain, which the rule `motor-gain` reports."""
     own = np.ones(len(bodies.step), np.bool_)
     for driven in bodies.driven:
         own[driven.steps.rows] &= ~(flips(driven) & (driven.asked.impulse > 0)).any(axis=1)
@@ -50,7 +50,7 @@ def _own(bodies: BodyColumns) -> Flags:
 
 
 def _named(subject: Body, keys: list[int], first_rate: int) -> Noted:
-    """Return the joint of a degree of freedom, its displayed name, and the unit of its rate."""
+    """Return the joint of a degree of freedom, its name for a reader, and its velocity's unit."""
     k = keys[1] - first_rate
     if k < 0:
         return {"joint": None, "name": AXES[k], "unit": "rad/s" if k < -3 else "m/s"}

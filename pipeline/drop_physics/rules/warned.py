@@ -1,4 +1,4 @@
-"""`auto-reset`, `not-finite`, `buffer-full`: warnings issued by the engine itself."""
+"""Rules about warnings of the engine itself: `auto-reset`, `not-finite`, `buffer-full`."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ auto_reset.rows(
 
 
 def _given(call: Call) -> Message:
-    """Return the largest number among a call's arguments, or the non-finite one."""
+    """Return the largest number among a call's arguments, or a non-finite one."""
     largest = float(call.numbers[int(np.argmax(np.abs(call.numbers)))])  # a nan before all others
     return Message(
         " after {function} was given {number:.4g}", function=call.function, number=largest
@@ -80,7 +80,7 @@ def _given(call: Call) -> Message:
 
 
 def _warned(inputs: Inputs, *kinds: str) -> Iterator[Case]:
-    """Yield the warnings of given kinds, with their steps."""
+    """Yield the engine's warnings of given kinds, with their steps."""
     for each in inputs.scene.seen.warnings:
         if each.kind in kinds:
             told = {"kind": each.kind, "index": each.info, "first": each.at.step}

@@ -1,4 +1,4 @@
-"""`wheel-slip`: wheels whose rotation does not match the robot's motion."""
+"""The rule `wheel-slip`: wheels that turn otherwise than the robot moves."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ wheel_slip.rows(
 
 
 class Rolling:
-    """The k contact points between a robot and immovable bodies."""
+    """The k contact points between a robot and bodies that cannot move."""
 
     def __init__(self, steps: Steps, points: Points, its: Rows, number: int) -> None:
         side = (points.body[its, 1] == number).astype(int)
@@ -209,7 +209,7 @@ class Rolling:
                 self.lying[rows] = np.einsum("ki,ki->k", axis, self._normal[rows])
 
     def held(self, wheel: Flags) -> Flags:
-        """Flag the steps in which something other than the ground's friction acts along it."""
+        """Flag the steps in which more than the ground's friction acts along a wheel's path."""
         steps, n = self._steps, len(self._steps)
         timestep_s = steps.reported.timestep_s[:, None]
         outside = sum(steps.terms[name][:, 3:6] for name in ("contacts", "constraints", "applied"))
@@ -225,7 +225,7 @@ class Rolling:
         return np.asarray(lengths(others) > WHEEL_HELD * available)
 
     def sums(self, rows: Rows, which: Rows) -> Float64:
-        """Return the numbers of SUMS in each step of a wheel; `which` is the step of each point."""
+        """Return the quantities in SUMS for each step of a wheel; `which` is each point's step."""
         n = int(which[-1]) + 1
         normal_n = self._normal_n[rows]
         forward, line = self._forward_m[rows], self._normal[rows]
@@ -249,7 +249,7 @@ class Rolling:
 
 
 def _share(rolled: Float64, slipped: Float64, limited: Float64) -> Float64:
-    """Return the slipping share of a path; 0 if friction at its limit is not the cause."""
+    """Return how much of a path was slip, as a share; 0 unless friction was at its limit."""
     slipped = np.abs(slipped)
     return np.where(np.abs(limited) > 0.5 * slipped, slipped / np.abs(rolled), 0.0)
 

@@ -1,1 +1,1 @@
-"""The verbs of `drop`: functions that take paths and return a typed result."""
+"""The commands of `drop` as functions: paths in, a typed result out."""

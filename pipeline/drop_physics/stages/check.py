@@ -1,4 +1,4 @@
-"""Check whether a recording shows the same physics as a golden one, or replace the golden one."""
+"""The command `check`: compares a recording with a golden one, or replaces the golden one."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ DIGEST = b"digest "
 
 @dataclass(frozen=True)
 class FrameComparison:
-    """Comparison of the images of two recordings."""
+    """How many images of two recordings differ."""
 
     compared: int
     """Number of images compared: those taken before any state differs."""
@@ -82,7 +82,7 @@ class Check(Printable, reported_by="drop_physics.report.check"):
 
     @property
     def first(self) -> Difference | None:
-        """The first difference, of a number or else of an image."""
+        """The first difference: of a number, or of an image if all numbers agree."""
         if self.comparison is not None and self.comparison.first is not None:
             return self.comparison.first
         if self.frames is not None and self.frames.first_step is not None:
@@ -195,7 +195,7 @@ def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
 def _why(
     run: Recording, golden: Recording, comparison: Comparison, tolerance_m: float
 ) -> Diff | None:
-    """Return the cause of a difference between two runs of scripts."""
+    """Return why two runs of scripts differ, if that can be found."""
     if run.drop is not None or (comparison.first is None and comparison.same):
         return None
     from drop_physics.stages.diff import why_apart
@@ -249,7 +249,7 @@ def _make_golden(run: Recording, golden: Path) -> None:
 
 
 def _describe(golden: Path) -> None:
-    """Write a short Markdown description next to a golden recording.
+    """Write a short Markdown summary next to a golden recording, so that reviews show changes.
 
     It shows a reviewer the changes of a golden recording. Another file of that name is left alone.
     """
@@ -315,7 +315,7 @@ def _images(recording: Recording) -> dict[Image, bytes]:
 
 
 def _digests(recording: Recording) -> dict[Image, bytes]:
-    """Return the digests of images drawn by a script's engine, of which nothing else is kept.
+    """Return digests of the images that a script's engine drew; the images are not recorded.
 
     The simulation stands in the place of a camera.
     """

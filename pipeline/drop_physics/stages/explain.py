@@ -1,4 +1,4 @@
-"""Explain the codes of findings: what each means."""
+"""The command `explain`: says what the codes of findings mean."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drop_physics.stages.verbs.taken import takes_those_of
 
 @dataclass(frozen=True)
 class CodeManual(Printable, reported_by="drop_physics.report.explain"):
-    """The meanings of codes and reasons of findings."""
+    """What codes and reasons of findings mean."""
 
     codes: list[CodeReference]
     """The requested code, or all codes."""
@@ -23,7 +23,7 @@ class CodeManual(Printable, reported_by="drop_physics.report.explain"):
 
 @takes_those_of(verbs.ExplainArguments)
 def explain(asked: verbs.ExplainArguments) -> CodeManual:
-    """Return the meaning of a finding's code or of a reason, or of all codes.
+    """Return the meaning of a code or a reason, or of all codes.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def explain(asked: verbs.ExplainArguments) -> CodeManual:
 
 
 def _with_calls(code: CodeReference) -> CodeReference:
-    """Return the meaning of a code, with the calls that can cure it."""
+    """Return the meaning of a code, with calls that may fix the problem."""
     said = {False: [*code.advises], True: [*code.proposes]}
     for engine, cure, proposed in code.cures:
         said[proposed].append(_blanked(call_of(engine)(cure)))
@@ -46,7 +46,7 @@ def _with_calls(code: CodeReference) -> CodeReference:
 
 
 def _blanked(call: str) -> str:
-    """Replace the arguments of a call that depend on the script by `…`."""
+    """Replace those arguments of a call by `…` that depend on the script."""
     if not isinstance(call, Message):
         return call.replace("nan", "…")
     blanks = {name: Blank("…") if each != each else each for name, each in call.values.items()}

@@ -1,4 +1,4 @@
-"""Export a recording for other tools: tables of states, joints and contacts; or MCAP."""
+"""The command `export`: writes states, joints and contacts as tables or as MCAP."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def _contacts(recording: Recording) -> pl.DataFrame:
 
 
 def _joints(recording: Recording) -> pl.DataFrame:
-    """Return a table with a row per step and joint coordinate; spherical joints have four.
+    """Return a table with a row per step and joint position; spherical joints have four rows.
 
     Positions are in [rad] or [m], efforts in [N m] or [N].
     """
@@ -179,7 +179,7 @@ Coordinate = tuple[Float64 | None, Float64 | None, Float64 | None]
 
 
 def _coordinates(body: Body, joints: Joints) -> Iterator[tuple[Joint, list[Coordinate]]]:
-    """Yield each movable joint with its coordinates."""
+    """Yield the positions of each movable joint, one item per coordinate."""
     numbers = joints.position, joints.velocity, joints.effort
     widths = zip(*(joint.widths for joint in body.joints), strict=True)
     for joint, *its in zip(body.joints, *map(places, widths), strict=True):

@@ -1,4 +1,4 @@
-"""Find a recording: the one named, the newest of a script, or the newest of all."""
+"""Finds the recording that a command is about: a named one, or the newest of a script or of all."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _of_script(script: Path, note: Callable[[str], None]) -> Path:
 
 
 def is_of(origin: Origin, target: str, *, is_module: bool, where_unknown: bool = False) -> bool:
-    """Return whether a recording is of this script (by resolved path) or module (by name).
+    """Return whether a recording is of the given script (by resolved path) or module (by name).
 
     `where_unknown` is returned if the recording does not hold the script's path.
     """
@@ -100,7 +100,7 @@ def name_of(target: str, *, is_module: bool) -> str:
 
 
 def stem_of(target: str) -> str:
-    """Return the base name of a script's recordings, without suffix and number."""
+    """Return the file name of a script's recordings, without suffix and number."""
     return Path(target).stem if target.endswith(NAMED_WITHOUT) else Path(target).name
 
 
@@ -118,7 +118,7 @@ def text_digest(script: Path) -> str | None:
 
 
 def _recordings() -> Iterator[tuple[Path, Origin]]:
-    """Yield the recordings in the folder with their origins, newest first.
+    """Yield the recordings in the working directory, newest first, with the script of each.
 
     Layers, golden recordings and files of other programs are left out. A damaged one is not:
     otherwise an older one would silently be taken for the newest.
@@ -131,7 +131,7 @@ def _recordings() -> Iterator[tuple[Path, Origin]]:
 
 
 def origin_of(path: Path) -> Origin | None:
-    """Return a recording's origin, empty for a drop; None if the file is no recording of ours."""
+    """Return which script a recording is of, {} for a drop; None if it is no recording of ours."""
     from drop_physics.recording import schema  # which take half a second to load
     from drop_physics.recording.contents import ForeignError, beginning_of
 
@@ -148,6 +148,6 @@ def origin_of(path: Path) -> Origin | None:
 
 
 def _named_after(path: Path, origin: Origin) -> bool:
-    """Return whether a recording has the default name for its script."""
+    """Return whether a recording has the default file name for its script."""
     stem = stem_of(str(origin.get("script", "")).removeprefix("-m "))
     return re.fullmatch(rf"{re.escape(stem)}(-\d+)?", path.stem) is not None

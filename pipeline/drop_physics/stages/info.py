@@ -1,4 +1,4 @@
-"""Describe a recording: its origin, its length, its bodies, and whether it is complete."""
+"""The command `info`: describes a recording's origin, length, bodies and completeness."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def _of_drop(drop: Drop) -> tuple[str, str | None, str]:
 
 
 def _of_script(held: Recording) -> tuple[str, str | None, str]:
-    """Describe a recorded script: name and ending, the command that repeats it, its engine."""
+    """Describe a recorded script: its name, how it ended, how to repeat it, and the engine."""
     origin, ended = held.origin, held.ended
     script = str(origin["script"])
     program = [*script.split(" ", 1)] if script.startswith("-m ") else [script]
@@ -165,7 +165,7 @@ def _of_script(held: Recording) -> tuple[str, str | None, str]:
 
 
 def engine_of(held: Recording) -> str:
-    """Return the name and version of a script's engine, even if the script made no step."""
+    """Return name and version of a script's engine, even if no step was made."""
     ended = held.ended or {}
     mujoco, bullet = (ended.get(f"made_with_{name}") for name in ("mujoco", "pybullet"))
     if mujoco and not held.seen.settings:
@@ -183,7 +183,7 @@ def repeated(
     script: Path | None = None,
     **more: str | None,
 ) -> str | None:
-    """Return the command that runs a recorded script again, with a verb and its options.
+    """Return the command that runs a recorded script again, with a command of drop and options.
 
     None for a block of Python, and where a name or an argument is not UTF-8. The script is named by
     its path, if that is known.

@@ -1,4 +1,4 @@
-"""Find the Python interpreter for a script: the user's own, wherever `drop` is installed.
+"""Finds the Python interpreter to run a script with: the user's, wherever `drop` is installed.
 
 As with `uv run`, that is the one of an active virtual environment, else of a `.venv` in the
 script's folder or above it, else the one that runs `drop`.

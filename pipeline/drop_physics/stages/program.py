@@ -1,4 +1,4 @@
-"""Check a script's path, its arguments, and its limits before it runs."""
+"""Checks a script's path, arguments and limits before the script runs."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def digest_of_script(target: str, *, is_module: bool) -> str | None:
 def command_of(
     verb: str, target: str | Path, arguments: Sequence[str] = (), **options: float | str | None
 ) -> str:
-    """Return the command that runs a script with a verb.
+    """Return the command line that runs a script with one of drop's commands.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Render a recording as an animation of its frames or poses, and as a plot."""
+"""The command `render`: makes a video of a recording's images or poses, and a plot."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def _targets(
     *,
     force: bool,
 ) -> tuple[Path, Path]:
-    """Return the paths of animation and plot, after checking that they are writable."""
+    """Return the paths of video and plot, after checking that both can be written."""
     gif = path.with_suffix(".gif") if out is None else Path(out)
     plotted = path.with_suffix(".png") if plot is None else Path(plot)
     written = [(gif, out, b"GIF8"), (plotted, plot, b"\x89PNG")]
@@ -170,7 +170,7 @@ def _targets(
 
 
 def _of_drop(held: Recording, *, whole: bool) -> tuple[Analysis | FallAnalysis, Plot]:
-    """Return a drop's analysis, with all samples in its table if `whole`, and its plot."""
+    """Return a drop's analysis and its plot; with `whole`, the table has all samples."""
     from drop_physics.stages.panels.of_drop import plot_of_drop
 
     case = Case(held.scenario, held.engine, held.seen)
@@ -199,7 +199,7 @@ def _of_script(
 
 
 def _hiring(running: ExitStack, assistant: Worker | None) -> Callable[[int], list[Worker]]:
-    """Return a function that provides worker processes: a running one and new ones."""
+    """Return a function that starts worker processes, and first lends one that already runs."""
 
     def hire(count: int) -> list[Worker]:
         workers = [] if assistant is None else [assistant]
@@ -222,7 +222,7 @@ def _film(
     *,
     asked: bool,
 ) -> Film | None:
-    """Return a video of the recorded frames; of the poses if a camera is named or there are none.
+    """Return a video of the recorded images or, with a camera or without images, of the poses.
 
     None for a drop without frames, and for videos that were not requested and that cannot be drawn
     here.
@@ -288,7 +288,7 @@ class ShortFilm:
 
 
 def film_of(recording: Path, *, dark: bool = False) -> ShortFilm:
-    """Return a short video of a recording, drawn from its poses, for a light or dark page.
+    """Return a short video of a recording's poses, with the colours of a light or dark page.
 
     Raises
     ------
@@ -385,7 +385,7 @@ def _drawn(plot: Plot, format: str, dark: bool) -> bytes:  # noqa: A002
 
 @contextmanager
 def _refused(path: Path) -> Iterator[None]:
-    """Convert errors of undecodable frames into an error for a damaged recording."""
+    """Convert decoding errors of images into the error for a damaged recording."""
     try:
         yield
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""Run the three stages in a row: simulate, analyze and render a drop."""
+"""The command `run`: simulates, analyzes and renders a drop."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ _DERIVED = (".analysis.rrd", ".gif", ".png")
 
 @dataclass(frozen=True)
 class Run(Printable, reported_by="drop_physics.report.run"):
-    """The results of the three stages."""
+    """The results of simulating, analyzing and rendering a drop."""
 
     simulation: Simulation
     analysis: DropAnalysis
     rendering: Rendering
 
     def as_json(self) -> dict[str, Any]:
-        """Return the JSON object of `--json`, which contains those of the three verbs."""
+        """Return the JSON object of `--json`: those of simulate, analyze and render."""
         parts = {"simulate": self.simulation, "analyze": self.analysis, "render": self.rendering}
         return {verb: made.as_json() for verb, made in parts.items()}
 
 
 @takes_those_of(verbs.RunArguments)
 def run(asked: verbs.RunArguments) -> Run:
-    """Simulate, analyze and render into a folder; further runs there get numbered names.
+    """Simulate, analyze and render a drop into a folder; further runs get numbered names.
 
     Another process draws the frames and the plot, while the stages load and run.
 

@@ -1,4 +1,4 @@
-"""Open recordings in Rerun's viewer, with their analyses if there are any."""
+"""The command `view`: opens recordings in Rerun's viewer, with their analyses."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class View(Printable, reported_by="drop_physics.report.view"):
 @takes_those_of(verbs.ViewArguments)
 @contextmanager
 def view(asked: verbs.ViewArguments) -> Iterator[View]:
-    """Yield what the viewer shows of recordings; temporary files exist until the block ends.
+    """Yield what the viewer is to show; temporary files exist until the `with` block ends.
 
     Recordings of the same drop in different engines are shown as one, with a colour per engine; of
     two of one script the second is shown in grey.
@@ -100,7 +100,7 @@ def _is_foreign(path: Path) -> bool:
 
 
 def _view(paths: Sequence[Path], *, web: bool, more: Sequence[Path] = ()) -> View:
-    """Return the viewer's contents: recordings with their layers, and the layers in `more`."""
+    """Return the files to show: recordings, their analysis layers, and further layers `more`."""
     ids = {path: recording_id(path) for path in paths}
     beside = {layer_of(path): path for path in paths if layer_of(path).is_file()}
     beside = {layer: path for layer, path in beside.items() if layer not in paths}
@@ -131,7 +131,7 @@ def _with_golden(path: Path, golden: Path, folder: Path, *, web: bool) -> View:
 
 
 def _poses(seen: Seen) -> Iterator[Chunk]:
-    """Yield poses and heights for a recording that was made without display data."""
+    """Yield poses and heights of a recording that lacks the viewer's data."""
     for number, body in seen.bodies.items():
         times = StepTimes(seen, body.client)
         for piece in seen.pieces():
@@ -157,7 +157,7 @@ def _of_one_script(paths: Sequence[Path]) -> bool:
 
 
 def _moving(golden: Path) -> Collection[str] | None:
-    """Return the labels of movable bodies; static ones would hide their golden counterparts."""
+    """Return the names of bodies that can move; others would cover the golden ones exactly."""
     recording = read(golden)
     if recording.drop is not None:
         return None
@@ -184,7 +184,7 @@ def _of_engines(scenarios: dict[Path, Scenario], folder: Path, *, web: bool) -> 
 
 
 def _of_one_drop(paths: Sequence[Path]) -> dict[Path, Scenario] | None:
-    """Return the scenarios of drops that differ only in the engine; None for others."""
+    """Return the scenarios of drops that differ only in the engine; None for other drops."""
     if len(paths) < 2 or any(map(is_script, paths)):
         return None
     scenarios = {path: read(path).scenario for path in paths}
@@ -269,7 +269,7 @@ def spawn() -> str:
 
 
 def connection(url: str) -> Callable[[], str]:
-    """Return a function that checks that a viewer listens at a URL, and returns the URL."""
+    """Return a function that checks a viewer's URL, and returns it if the viewer answers."""
 
     def connected() -> str:
         viewer.check_listens(url)

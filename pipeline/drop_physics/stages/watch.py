@@ -86,7 +86,7 @@ def watch(env: Any, out: Path | str | None = None, *, force: bool = False) -> An
 
 
 class _Recording:
-    """The recording of a process, which ends with the last of its watched environments."""
+    """The recording of this process, which ends when its last watched environment is closed."""
 
     opened: _Recording | None = None
 
@@ -99,7 +99,7 @@ class _Recording:
 
     @classmethod
     def of_process(cls, path: Path, *, force: bool) -> _Recording:
-        """Return this process's open recording, or begin a new one."""
+        """Return this process's open recording, or begin one."""
         found = cls.opened
         if found is None or found._process != os.getpid():
             found = cls.opened = cls(path, force=force)
@@ -122,7 +122,7 @@ class _Recording:
 
 
 def _named_for_worker(path: Path) -> Path:
-    """Add a worker's number to the name of a recording, in a worker process."""
+    """Add the worker's number to a recording's file name, in a worker process."""
     if multiprocessing.parent_process() is None:
         return path
     number = re.search(r"\d+$", multiprocessing.current_process().name)

@@ -1,4 +1,4 @@
-"""Read a recording back, and explain what happened in it."""
+"""The command `analyze`: reads a recording back, and explains what happened in it."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def _episode(read_back: Recording, number: int | None, *, every: bool) -> Episod
 
 
 def _check_about(about: str | None, read_back: Recording) -> None:
-    """Raise an error if no body or joint has the name that the account is to begin with."""
+    """Raise an error unless a body or joint has the name given by `--about`."""
     if about is None:
         return
     if read_back.drop is not None:
@@ -176,14 +176,14 @@ def _check_about(about: str | None, read_back: Recording) -> None:
 
 
 def _give_memory_back() -> None:
-    """Return freed memory to the operating system: the next stage uses other allocators."""
+    """Return freed memory to the operating system before the next part needs it."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's
     if trim is not None:
         trim(0)
 
 
 def _hulls(analysis: Analysis) -> frozenset[str]:
-    """Return the labels of bodies whose collision hulls are shown in the viewer."""
+    """Return the labels of bodies of which the viewer shows collision hulls."""
     found = (finding.body for finding in analysis.findings if finding.code == "collides-as-hull")
     return frozenset(label for label in found if label is not None)
 
@@ -197,7 +197,7 @@ def analysis_of(
     about: str | None = None,
     reports: Callable[[Finding], bool] = lambda _: True,
 ) -> Analysis:
-    """Analyze a recording that was read, without writing files."""
+    """Analyze a recording that has been read, without writing files."""
     seen = explained(read_back).recording.seen
     if read_back.drop is not None:
         from drop_physics.drop.story import drop_analysis_of  # of drops alone
@@ -227,7 +227,7 @@ def plot_of_recording(recording: Path) -> Plot:
 
 
 def _shown(analysis: Analysis, seen: Seen) -> LayerShown:
-    """Return what the viewer shows of a script's analysis; it cannot draw dashed lines."""
+    """Return what the viewer shows of a script's analysis."""
     if analysis.kind == "drop":
         return LayerShown()
     widths = {"line": 2.0, "broad": 3.0, "wide": 4.0, "dashed": 1.0}

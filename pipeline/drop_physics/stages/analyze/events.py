@@ -1,4 +1,4 @@
-"""The viewer's list of events of an analysis, one line each, in English as they are recorded."""
+"""Lists the events of an analysis for the viewer, one line of English each."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _of_drop(analysis: DropAnalysis) -> list[tuple[int, str]]:
 
 
 def _sum(moment: Moment) -> str:
-    """Format an error as a sum of terms on one line, leaving out terms that round to zero."""
+    """Format a position error as a sum of its terms, without terms that round to zero."""
     terms = moment.terms_m
     total = f"{decimals(moment.error_m * 1e3, 2, '+')} mm off"
     if terms is None:

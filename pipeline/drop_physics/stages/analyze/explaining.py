@@ -1,4 +1,4 @@
-"""Explain further steps of a recording on request: choose the steps, and an interpreter."""
+"""Explains steps of a recording that were not explained right after recording."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ VERSION = "from importlib.metadata import version; print(version('mujoco'))"
 
 @dataclass(frozen=True)
 class WhatToExplain:
-    """The steps of a recording to explain, in addition to those explained already."""
+    """Which steps of a recording to explain, besides those already explained."""
 
     steps: Sequence[tuple[int, int]] = ()
     """Windows of samples, of all simulations; a step starts from each sample but the last."""
@@ -50,7 +50,7 @@ BY_DEFAULT = WhatToExplain()
 
 @dataclass(frozen=True)
 class LaterExplained:
-    """A recording, and the steps explained after it was made."""
+    """A recording, with steps that were explained later."""
 
     recording: Recording
     sums: LaterSums | None
@@ -67,7 +67,7 @@ def explained(
     python: str | None = None,
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> LaterExplained:
-    """Explain steps of a recording whose engine can replay its steps.
+    """Replay and explain steps of a recording whose engine can replay them.
 
     Earlier explanations stay as they are. A run of few steps is explained whole; of a longer one
     the windows that are asked for, or those that its states suggest (`explain.moments`).
@@ -126,7 +126,7 @@ def _explain(
     version: str,
     progress: Callable[[int, int], None],
 ) -> None:
-    """Explain windows of steps in an interpreter that has the engine."""
+    """Replay and explain ranges of steps in an interpreter that has the engine."""
     seen = recording.seen
     times = {each.client: StepTimes(seen, each.client) for each in seen.settings}
     firsts: dict[int, int] = {}
@@ -150,7 +150,7 @@ def _explain(
 
 
 def _windows(seen: Seen, count: Mapping[int, int], what: WhatToExplain) -> list[Window]:
-    """Return the windows of steps that are requested, or that the recorded states suggest."""
+    """Return the step ranges to explain: requested ones, or those that look interesting."""
     whole = [(client, 0, n) for client, n in count.items() if n]
     if what.whole or sum(count.values()) < FEW_STEPS:
         return whole

@@ -1,4 +1,4 @@
-"""Find the source files of a recorded script, if their text has not changed since.
+"""Finds the source files of a recorded script, and checks that their text has not changed.
 
 A comment `# drop: ignore[CODE]` on the first line of a call leaves a finding out.
 """
@@ -22,7 +22,7 @@ Lines = Mapping[int, frozenset[str]]
 
 
 class Sources:
-    """The source files of a script, each verified by the digest of its recorded text.
+    """The source files of a script, verified against the digest in the recording.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Sources:
         return {name: path for name, path in found.items() if path is not None}
 
     def ignored_at(self, site: str | None) -> frozenset[str]:
-        """Return the finding codes that a comment suppresses at a call site, given as file:line."""
+        """Return the codes that a comment on a line suppresses; the line is given as file:line."""
         name, _, line = (site or "").rpartition(":")
         if not line.isdecimal():
             return frozenset()
@@ -59,7 +59,7 @@ class Sources:
         return self._lines[name].get(int(line), frozenset())
 
     def _file(self, name: str) -> Path | None:
-        """Return the path of a source file whose text is still the recorded one; None without one.
+        """Return the path of an unchanged source file; None if it is not found or has changed.
 
         A recording may name anything: no name leads out of a folder, and a pipe or a device there
         is not opened.
@@ -74,7 +74,7 @@ class Sources:
 
 
 def comments_in(text: bytes) -> Lines:
-    """Return the finding codes in the comments of a Python file, by line."""
+    """Return the codes that comments of a Python file suppress, by line."""
     lines: dict[int, frozenset[str]] = {}
     with contextlib.suppress(tokenize.TokenError, SyntaxError):
         for token in tokenize.tokenize(io.BytesIO(text).readline):

@@ -1,4 +1,4 @@
-"""Record a block of Python that uses PyBullet or MuJoCo, in notebooks and tests.
+"""Records a `with` block of Python that uses PyBullet or MuJoCo, in notebooks and tests.
 
     with record("run.rrd"):
         ...

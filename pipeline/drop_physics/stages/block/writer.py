@@ -1,4 +1,4 @@
-"""The process that writes the recordings of blocks: of one block, or of all in a pytest run."""
+"""A process that writes recordings of `with` blocks: of one, or of all in a pytest run."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from drop_physics.stages.record.target import target_of
 def write(
     place: int, path: Path, process: int, drawn: bool, verified: bool, force: bool
 ) -> dict[str, Any]:
-    """Write the recording of a stream from a pipe, and return the values of the result.
+    """Write the recording of one block, as its data arrive; return the fields of the result.
 
     `place` is the file descriptor of a socket, through which come those of the pipe and of the
     memory that both processes see; `process` is the block's.

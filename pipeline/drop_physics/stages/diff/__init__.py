@@ -1,4 +1,4 @@
-"""Compare two runs, and find why they differ, by swapping values and repeating single steps."""
+"""The command `diff`: finds why two runs differ, by swapping values and repeating single steps."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ def _host(a: Recording, b: Recording) -> dict[str, tuple[str, str]]:
 def _answered(
     a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None], *, by_time: bool
 ) -> tuple[ProvedDifference, int]:
-    """Return the explained difference, and the number of steps repeated to find it."""
+    """Return why the runs differ, and how many steps were repeated to find that out."""
     engines = a.recording.seen.engine, b.recording.seen.engine
     for side in (a, b):
         steps_of(side)  # if there are any
@@ -187,7 +187,7 @@ def _answered(
 def _earliest(
     stack: ExitStack, a: RunSide, b: RunSide, tolerance: float, *, by_time: bool
 ) -> tuple[CrossedRuns, Sequence[Swapper]]:
-    """Return the simulations that differ first, and the processes that repeat single steps."""
+    """Return the pair of simulations that differs first, with processes to repeat steps."""
     both = [*zip(a.recording.steps.clients, b.recording.steps.clients, strict=False)]
     firsts = []
     for number, clients in enumerate(both[:MOST_SIMULATIONS] if len(both) > 1 else ()):
@@ -208,7 +208,7 @@ def _crossed(
     *,
     by_time: bool,
 ) -> tuple[CrossedRuns, Sequence[Swapper]]:
-    """Return one simulation of each run with its stepping process; `stack` ends the processes."""
+    """Return one simulation of each run, with the process that repeats its steps."""
     folder = stack.enter_context(temporary_folder())
     sides: list[CrossedSide] = []
     swappers: list[Swapper] = []
@@ -241,7 +241,7 @@ def _is_same_script(a: Recording, b: Recording) -> bool:
 
 
 def _sites(a: Recording, b: Recording) -> Callable[[str, int], tuple[str | None, str | None]]:
-    """Return a function that finds, in both scripts, the line that set a value before a step."""
+    """Return a function that finds the script lines which set a value before a step."""
 
     def site(name: str, step: int) -> tuple[str | None, str | None]:
         found: list[str | None] = []

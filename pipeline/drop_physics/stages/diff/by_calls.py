@@ -1,4 +1,4 @@
-"""Compare two runs by their call logs, for an engine whose state cannot be read completely."""
+"""Compares PyBullet runs by their call logs, as its whole state cannot be read or set."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from drop_physics.trace.logs import LoggedCall, Made
 def answered_by_calls(
     a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None]
 ) -> tuple[ProvedDifference, int]:
-    """Explain how two runs differ by replaying calls; also return the number of replayed calls.
+    """Explain how two runs differ by replaying calls; return also the number of replays.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def _body_of(side: RunSide, call: Call) -> Body | None:
 
 
 def placed(log: Sequence[LoggedCall], folder: Path) -> list[LoggedCall]:
-    """Return a call log whose referenced files exist; missing ones are written again."""
+    """Write files that the calls load, if they are gone; return the log with valid paths."""
     found = []
     for each in log:
         if each.content is None:
@@ -144,7 +144,7 @@ def placed(log: Sequence[LoggedCall], folder: Path) -> list[LoggedCall]:
 def _told(
     log: Sequence[LoggedCall], names: Mapping[int, str], joints: Mapping[int, Sequence[str]]
 ) -> list[LoggedCall]:
-    """Return a call log that names the body and joint of each call."""
+    """Return a call log in which the bodies and joints of calls have names."""
     found = []
     for each in log:
         made = each.makes or next(

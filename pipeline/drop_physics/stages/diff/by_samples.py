@@ -1,4 +1,4 @@
-"""Compare two runs by their samples alone, when no step can be repeated; no cause is proved."""
+"""Compares runs by their recorded states alone, if no step can be repeated; proves no cause."""
 
 from __future__ import annotations
 

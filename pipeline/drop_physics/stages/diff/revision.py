@@ -19,7 +19,7 @@ NOT_DATA = (".git", ".venv", "recordings")
 
 @contextlib.contextmanager
 def exported(script: Path, revision: str | None) -> Iterator[Path]:
-    """Yield the path of a script as of a Git revision; for None, the unchanged path.
+    """Yield the path of a script as of a Git revision; the unchanged path if `revision` is None.
 
     All files of the repository are as they were then. Files that Git does not know are there, too.
 

@@ -70,7 +70,7 @@ def sides_of(
     twice: bool = False,
     revision: str | None = None,
 ) -> tuple[Asked, Asked]:
-    """Build both sides from the arguments of a command line.
+    """Build both sides of a comparison from the words and options of a command line.
 
     A list of values is for both sides: what follows the first repeated name is the second's; where
     no name is repeated, all of it is.
@@ -136,14 +136,14 @@ def sides_of(
 
 
 def _is_one(words: Sequence[str]) -> bool:
-    """Return whether the words after a script are its arguments rather than a second script."""
+    """Return whether words after a script are its arguments, and not a second script."""
     return not any(Path(word).is_file() for word in words[1:] if word.endswith(".py"))
 
 
 def _divided(
     values: Sequence[str], name_of: Callable[[str], str]
 ) -> tuple[Sequence[str], Sequence[str]]:
-    """Split values between the two sides."""
+    """Divide an option's values between the two sides."""
     names = [name_of(each) for each in values]
     for n, name in enumerate(names):
         if name in names[:n]:
@@ -153,7 +153,7 @@ def _divided(
 
 @dataclass(frozen=True)
 class RunSide:
-    """One side of a comparison, recorded."""
+    """One side of a comparison, as recorded."""
 
     name: str
     """Label that distinguishes this side from the other."""
@@ -169,7 +169,7 @@ class RunSide:
 
 
 def side_of(held: Recording, name: str) -> RunSide:
-    """Return a recording as a side, with an interpreter that has its engine if one is found.
+    """Return a recording as a side, with an interpreter that has the engine, if there is one.
 
     It is the script's, or ours, perhaps with a version that was fetched before.
     """

@@ -1,4 +1,4 @@
-"""Compare a PyBullet run with a MuJoCo run, by removing known differences of the engines."""
+"""Compares a PyBullet run with a MuJoCo run, by removing known differences between engines."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def answered_by_engines(
 
 
 class _Runs:
-    """A run of each engine, repeated with known differences removed."""
+    """One run of each engine, repeated with known differences removed."""
 
     def __init__(
         self,
@@ -153,7 +153,7 @@ class _Runs:
     def _trails(
         self, known: Sequence[KnownDifference], steps: int
     ) -> tuple[Float64, Float64] | None:
-        """Return both runs' numbers after each step; the first array is PyBullet's."""
+        """Return the coordinates of both runs after each step; PyBullet's come first."""
         calls = [call for each in known for call in each.calls]
         edits = [edit for each in known for edit in each.edits]
         mine = [each.a[1 : steps + 1][:, _compared(each)] for _, _, each in self._pairs]
@@ -186,7 +186,7 @@ def _timestep_s(side: RunSide) -> float:
 
 
 def _with(found: list[KnownDifference], each: KnownDifference) -> list[KnownDifference]:
-    """Add the known differences of a further body, one of each kind."""
+    """Add known differences of another body, and keep one of each kind."""
     same = next((other for other in found if other.name == each.name), None)
     if same is None:
         return [*found, each]
@@ -218,5 +218,5 @@ def _moving(seen: Seen) -> list[Body]:
 
 
 def _compared(body: PairedBody) -> list[int]:
-    """Return the columns that both engines share; their inertia axes may differ."""
+    """Return the coordinates that both engines share, since inertia axes may differ."""
     return [n for n, place in enumerate(body.places) if not 3 <= place < 7]

@@ -1,4 +1,4 @@
-"""Install package versions that only one run uses, each into a cache folder of ours.
+"""Downloads package versions that only one of the compared runs uses, into a cache folder.
 
 A script finds them there before its own (`PYTHONPATH`). No other module downloads.
 """
@@ -45,7 +45,7 @@ def kept(engine: str, python: str) -> dict[str, str]:
 
 
 def forget() -> int:
-    """Empty the cache folder, and return the number of versions it held."""
+    """Empty the cache folder, and return how many versions were in it."""
     folder = cache()
     with output_errors(folder):
         count = sum(1 for _ in folder.iterdir()) if folder.is_dir() else 0
@@ -133,7 +133,7 @@ def _tag(python: str) -> str:
 
 
 def _install(requirement: str, folder: Path, python: str) -> None:
-    """Download a package's wheel and unpack it into a folder."""
+    """Download the wheel of a package version, and unpack it into a folder."""
     where = ["--no-deps", "--target", str(folder), requirement]
     uv = shutil.which("uv")
     if uv is not None:

@@ -1,4 +1,4 @@
-"""The frames of a video: recorded camera frames, or drawings of recorded poses."""
+"""Makes the images of a video, from recorded images or drawn from recorded poses."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ AXES = _axes()
 
 @dataclass(frozen=True)
 class Film:
-    """The frames of a video, in order."""
+    """The images of a video, in order, with their playback."""
 
     pictures: Iterator[Image.Image]
     times_s: Sequence[float]
@@ -80,7 +80,7 @@ class Film:
 
 
 def frames_film(held: Recording, animation: Animation, most_fps: float) -> Film | None:
-    """Return a video of the recorded frames, from the camera with most; None without frames.
+    """Return a video of recorded images, from the camera with most of them; None without any.
 
     Raises
     ------
@@ -243,7 +243,7 @@ def _poses(parts: Sequence[Part], times_s: Float64) -> Float64:
 
 
 def _places(seen: Seen, parts: Sequence[Part], poses: Float64) -> dict[int, Float64]:
-    """Return the displacement by which each body is drawn, by body id, shape (3,).
+    """Return by how much each body is displaced when drawn, by body id, shape (3,).
 
     Each simulation has a world of its own: several are drawn side by side, in rows.
     """
@@ -266,7 +266,7 @@ def _places(seen: Seen, parts: Sequence[Part], poses: Float64) -> dict[int, Floa
 
 
 def _side_by_side(parts: Sequence[Part], poses: Float64, places: Mapping[int, Float64]) -> Float64:
-    """Displace the poses so that simulations are drawn side by side."""
+    """Displace poses so that parallel simulations appear side by side."""
     moved = poses.copy()
     for at, part in enumerate(parts):
         moved[:, at, :3] += places.get(part.number, 0.0)
@@ -310,7 +310,7 @@ def _played(
 def _cameras(
     seen: Seen, parts: Sequence[Part], poses: Float64, view: View, body: str | None
 ) -> list[Camera]:
-    """Return the camera of each frame; `poses` has shape (frames, parts, 7)."""
+    """Return the camera for each image; `poses` has shape (images, parts, 7)."""
     numbers = np.array([part.number for part in parts])
     number = _body_of(seen, numbers, poses, body)
     if view == "standard" or number is None:
@@ -337,7 +337,7 @@ def _cameras(
 
 
 def _framed(parts: Sequence[Part], numbers: Int64, poses: Float64) -> tuple[Float64, float]:
-    """Return where a standard camera is aimed in each frame, shape (n, 3), and its distance.
+    """Return what a standard camera looks at in each image, shape (n, 3), and its distance.
 
     The camera stands still. If bodies leave the view, it moves along, but no more than it must, so
     that bodies are seen to move.
@@ -371,7 +371,7 @@ def _framed(parts: Sequence[Part], numbers: Int64, poses: Float64) -> tuple[Floa
 
 
 def _distance_m(places_m: Float64, around_m: Float64) -> float:
-    """Return the distance at which the standard camera sees balls at positions in its axes.
+    """Return the distance at which all bodies, as balls, fit into a standard camera's view.
 
     A ball is in the picture if its centre is a radius or more from the planes that bound what the
     camera sees: for a slope s of such a plane, and a depth z, |x| + r √(1 + s²) ≤ s (distance − z).
@@ -384,7 +384,7 @@ def _distance_m(places_m: Float64, around_m: Float64) -> float:
 
 
 def _held(places_m: Float64) -> Float64:
-    """Fill gaps in positions, shape (frames, parts, 3), with the last known position."""
+    """Replace unknown positions, shape (images, parts, 3), by the last known ones."""
     there = np.any(np.isfinite(places_m[..., 0]), axis=1)
     if not there.any():
         return np.zeros_like(places_m)
@@ -403,7 +403,7 @@ def _looking(target_m: Float64, distance_m: float, view: View) -> Camera:
 
 
 def _body_of(seen: Seen, numbers: Int64, poses: Float64, which: str | None) -> int | None:
-    """Return the id of the given body, or of the body that moves farthest."""
+    """Return the id of the body to follow: the given one, or that which moves farthest."""
     if which is None:
         reach_m = np.fmax.reduce(poses) - np.fmin.reduce(poses)
         way_m = np.linalg.norm(reach_m[:, :3], axis=1)
@@ -428,7 +428,7 @@ def _marked(
     *,
     clock: bool,
 ) -> Image.Image:
-    """Draw marks and the clock over an image."""
+    """Draw a scene's marks, and the clock, over an image."""
     if scene is not None:
         draw_marks(picture, [*scene.marks(camera, time_s)], theme)
     if clock:

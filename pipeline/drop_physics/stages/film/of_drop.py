@@ -32,7 +32,7 @@ NAMES, BELOW = ("simulated", "free fall"), 1.15
 
 
 class FallScene:
-    """The dropped body, the same body in free fall, and the position of a ruler.
+    """What a drop's video shows besides the body: a copy in free fall, and a ruler.
 
     Parameters
     ----------

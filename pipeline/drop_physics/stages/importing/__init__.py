@@ -1,4 +1,4 @@
-"""Record the states that another program has left on disk, explained by MuJoCo's own steps.
+"""The command `import`: records states from a file, and compares them with MuJoCo's steps.
 
 The state after MuJoCo's step is compared with the next state of the file. Within rounding, the step
 is explained; otherwise the difference is the other engine's, and is reported once for each kind.
@@ -178,7 +178,7 @@ def import_states(asked: verbs.ImportArguments) -> Imported:
 
 
 class HeldAgainst:
-    """Compares states with MuJoCo's own steps, while the states are recorded.
+    """Records states of a file while comparing each with MuJoCo's step from the one before.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ class HeldAgainst:
         self.notes = [*found.notes, *self._of_steps()]
 
     def events(self) -> Iterator[Event]:
-        """Yield the events of the recording."""
+        """Yield the events of the recording, state by state."""
         with closing(MujocoDecoder()) as decoder:
             for payload in stream_of(self._steps, self._tell, stepped=self.stepped):
                 yield from decoder.take(payload)
@@ -212,7 +212,7 @@ class HeldAgainst:
             yield from decoder.explained(sys.executable)
 
     def ending(self) -> Ending:
-        """Return how the states end; call it after all events."""
+        """Return how the states end; call it after the last event."""
         ending = Ending("finished", made_with={"mujoco": mujoco.__version__})
         if self._found.ended is not None:
             growth = growth_of(self._steps, [*self._last])
@@ -241,7 +241,7 @@ class HeldAgainst:
         return self._found.states.rounding
 
     def _tell(self, step: ImportedStep) -> None:
-        """Count a step, and report progress."""
+        """Count a compared step, and report progress."""
         self.explained += step.near
         if not self._steps.infers:
             self.gaps.add(step)
@@ -250,7 +250,7 @@ class HeldAgainst:
             self._progress(step.number, len(self._found.states) - 1)
 
     def _of_steps(self) -> Iterator[Message]:
-        """Yield remarks on how the steps are computed."""
+        """Yield notes on how the file's times and controls are used."""
         step_s = self._found.states.step_s
         if not self.stepped:
             yield Message(

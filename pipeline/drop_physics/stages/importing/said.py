@@ -1,4 +1,4 @@
-"""Describe how another engine's steps deviate, in one sentence per kind of deviation."""
+"""Describes how another engine's steps deviate from MuJoCo's, a sentence per kind."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def said_of_gaps(
 
 
 def _said(gap: Gap) -> Message:
-    """Describe one kind of deviation."""
+    """Describe a group of steps that deviate in the same way."""
     of = {"steps": counted(gap.steps, "step"), "first": gap.first, "apart": gap.apart}
     kind, names = gap.kind, gap.names
     what = " ".join([kind, *names])

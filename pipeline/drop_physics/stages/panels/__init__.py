@@ -1,4 +1,4 @@
-"""Choose the panels that show a recording, the same for plot, video and viewer."""
+"""Chooses the curves that show a recording, the same for plot, video and viewer."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _verdict(analysis: Analysis) -> Iterator[str]:
 
 
 def _panels(analysis: Analysis) -> Iterator[Panel]:
-    """Yield the panels of findings, most severe first, then those of general interest."""
+    """Yield the panels (groups of curves): those of findings first, then of general interest."""
     subject, done = Drawable(analysis), frozenset[Kind]()
     for number, finding in enumerate(analysis.findings, 1):
         kind, panels = of_finding(subject, finding, str(number), done)
@@ -85,7 +85,7 @@ def _panels(analysis: Analysis) -> Iterator[Panel]:
 
 
 def plot_of_row(analysis: Analysis, rows: Sequence[AccountRow]) -> Plot:
-    """Return the curve for the account's first row that has one, with its moment marked.
+    """Return the curve for the account's first row that has one, its moment marked.
 
     The plot has no panels and no title where none has.
     """
@@ -97,7 +97,7 @@ def plot_of_row(analysis: Analysis, rows: Sequence[AccountRow]) -> Plot:
 
 
 def viewed(analysis: Analysis, bodies: Mapping[int, Body]) -> tuple[list[Panel], list[str]]:
-    """Return the panels for the viewer, and the labels of the relevant bodies, in order.
+    """Return the viewer's panels, and the bodies that matter, in order.
 
     The panels show joints, friction, flights and energy.
     """

@@ -1,4 +1,4 @@
-"""Kinds of panels for the motion of bodies: one function each, listed in `KINDS`.
+"""Kinds of panels (groups of curves) about bodies: one function each, listed in `KINDS`.
 
 A kind is asked with a finding, whether it shows what that says, or with None, whether it is worth a
 look in any case; it yields nothing where it has nothing to show. The plot, the film and the viewer
@@ -50,7 +50,7 @@ side."""
 
 
 class Drawable:
-    """The data that panels are drawn from: an analysis, its curves, and the relevant bodies."""
+    """What panels are drawn from: an analysis, its curves, and the bodies that matter."""
 
     def __init__(self, analysis: Analysis) -> None:
         self.analysis = analysis
@@ -73,7 +73,7 @@ class Drawable:
         """The bodies of findings, most severe first, those of the account, then those that move."""
 
     def span_s(self, finding: Finding, body: BodyAnalysis) -> tuple[float, float] | None:
-        """Return the time span of a finding; None if it covers nearly all of the time."""
+        """Return the time span of a finding; None if it covers almost the whole run."""
         steps = finding.steps
         if steps is None or steps.last - steps.first > WHOLE * self.analysis.samples:
             return None
@@ -243,7 +243,7 @@ KINDS: tuple[Kind, ...] = (joint, friction, heights, energy)
 def of_finding(
     subject: Drawable, finding: Finding, mark: str = "", done: frozenset[Kind] = frozenset()
 ) -> tuple[Kind | None, list[Panel]]:
-    """Return the first unused kind of panel that can show a finding, and the panels."""
+    """Return the first kind of panel, not used yet, that shows a finding, and its panels."""
     body = subject.bodies.get(finding.body or "")
     if body is None:
         return None, []
@@ -329,7 +329,7 @@ def _window(torque: Float64) -> int:
 
 
 def _limits(its: Curves, far: float = FAR) -> list[str]:
-    """Return the limits that a torque comes close to; the lower one is added to the curves."""
+    """Return the torque limits that a torque comes near; draw the lower one."""
     torque, limit = its.columns["torque"], its.columns["limit"]
     most = float(np.nanmax(np.abs(torque), initial=0.0))
     if np.nanmin(limit, initial=np.inf) > far * most:
@@ -340,7 +340,7 @@ def _limits(its: Curves, far: float = FAR) -> list[str]:
 
 
 def _stops(its: Curves, body: Body, row: JointRow) -> list[str]:
-    """Return the range limits that a joint comes close to; they are added to the curves."""
+    """Return the joint's range limits that its position comes near; draw them."""
     low, high = body.joints[row.index].limits
     at = its.columns["position"]
     its.columns.update(lowest=np.full(at.shape, low), highest=np.full(at.shape, high))

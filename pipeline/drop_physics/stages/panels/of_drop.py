@@ -72,7 +72,7 @@ def plot_of_drop(analysis: FallAnalysis) -> Plot:
 
 
 def _impact(analysis: FallAnalysis, timestep_s: float) -> Inset | None:
-    """Return the inset with the steps around the impact; None if it would cover curves."""
+    """Return an inset with the steps around the impact; None if it would cover curves."""
     impact, heights_m = analysis.impact, analysis.table["simulated_m"].to_numpy()
     if impact is None or impact.time_simulated_s is None or impact.step is None:
         return None

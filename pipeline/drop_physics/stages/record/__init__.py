@@ -1,4 +1,4 @@
-"""Run a script, and record everything that happens in its simulations.
+"""The command `record`: runs a script, and records everything that happens in its simulations.
 
 The writer loads Rerun, which takes as long as a script takes to load PyBullet: it is loaded while
 the script begins.
@@ -66,7 +66,7 @@ NOT_INSTALLED = re.compile(r"ModuleNotFoundError: No module named '(pybullet|muj
 
 @dataclass(frozen=True)
 class ReplayedSteps:
-    """Result of replaying recorded steps in the script's interpreter."""
+    """How many recorded steps were replayed and explained."""
 
     steps: int
     """Number of replayed steps."""
@@ -246,7 +246,7 @@ def record_script(asked: verbs.RecordArguments) -> Recorded:
 
 
 class Beside(NamedTuple):
-    """The recording of the second engine of a script that uses two."""
+    """The recording of the second engine, for a script that uses two."""
 
     engine: str
     recorded: Recorded
@@ -260,7 +260,7 @@ def recorded_beside(
     name: str,
     placed: Callable[..., contextlib.AbstractContextManager[Target]],
 ) -> Beside | None:
-    """Record the second engine of a script that uses two; return None for other scripts.
+    """Record the second engine of a script that uses two; return None if there is only one.
 
     Parameters
     ----------
@@ -295,7 +295,7 @@ def recorded_beside(
 
 
 def _replay(decoder: Decoder) -> ReplayedSteps | None:
-    """Return the result of replaying MuJoCo's steps."""
+    """Return how many MuJoCo steps were replayed and explained."""
     mujoco = decoder.mujoco
     if not mujoco.kept_steps or not mujoco.samples or mujoco.is_long:
         return None
@@ -322,7 +322,7 @@ def origin_of(program: Program, digest: str | None) -> dict[str, Any]:
 def _worth_knowing(
     process: running.Script, recorder: Recorder, ended: Ending, *, keep_sleeping: bool
 ) -> Iterator[str]:
-    """Yield remarks for the user after a script has ended."""
+    """Yield notes for the user after a script has ended."""
     decoder = process.decoder
     if not recorder.samples and not decoder.cut_off and not decoder.mujoco.version:
         nothing = Message(
@@ -464,7 +464,7 @@ def _silent(*_: object) -> None:
 
 
 def _named_later(note: Callable[[str], None]) -> Callable[[float, int], None]:
-    """Return a progress function that explains after a minute, once, how to stop a script."""
+    """Return a progress function that mentions after a minute how to stop a script."""
     at = time.monotonic() + NAMED_AFTER_S
 
     def tell(_: float, steps: int) -> None:
@@ -492,7 +492,7 @@ def _again(
     note: Callable[[str], None],
     tell: Callable[[float, int], None],
 ) -> tuple[bool, int | None]:
-    """Repeat a program's run; return whether it was compared, and the first differing step.
+    """Run a program again, and return whether it was compared, and the first differing step.
 
     `last` holds the number of steps of the first run, and its end; `recorders` have its events, by
     engine.

@@ -1,4 +1,4 @@
-"""Find a file that a script failed to load."""
+"""Finds the file that a script meant when it failed to load one."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SEARCH = Message("p.setAdditionalSearchPath(pybullet_data.getDataPath())")
 
 
 def missing_file(arguments: str, target: str) -> Message | None:
-    """Return where a file that `p.load…` did not find is, or what it lacks; None if unknown.
+    """Return where a file that was not found is, or what it refers to in vain; None if unknown.
 
     Parameters
     ----------
@@ -63,12 +63,12 @@ def missing_file(arguments: str, target: str) -> Message | None:
 
 
 def _complete(file: Path) -> bool:
-    """Return whether all meshes that a file refers to exist."""
+    """Return whether all meshes that a model file refers to exist."""
     return next(_lost_meshes(file), None) is None
 
 
 def _lost_meshes(file: Path) -> Iterator[str]:
-    """Yield the meshes that a file refers to, and that are found neither there nor nearby."""
+    """Yield the meshes that a model file refers to but that are missing."""
     if file.stat().st_size > LARGEST_BYTES:
         return
     for mesh in _MESH.findall(file.read_text(errors="replace")):

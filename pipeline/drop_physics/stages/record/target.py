@@ -1,4 +1,4 @@
-"""Choose the path of a script's recording, and which earlier recording it replaces.
+"""Chooses the path of a script's recording, and which earlier recording it replaces.
 
 It is written under a free name, and takes the earlier one's only once it is whole: until then, and
 if it has no step, the earlier one stays.
@@ -39,7 +39,7 @@ class Earlier:
 
 @dataclass(frozen=True)
 class Target:
-    """Path of a new recording, and the earlier recordings that it may replace."""
+    """The path of a new recording, and the earlier recordings that it may replace."""
 
     path: Path
     """Path under which the recording is written."""
@@ -52,7 +52,7 @@ class Target:
         return (self.earlier[0].path if self.earlier else self.path).stem
 
     def settled(self, *, stepped: bool) -> Path:
-        """Give the finished recording its final name, perhaps a replaced one's; return the path.
+        """Rename the finished recording, perhaps to that of a replaced one; return its path.
 
         A recording without a step replaces only one without.
         """
@@ -122,7 +122,7 @@ def target_of(
 def _earlier(
     stem: str, free: Path, script: str, *, is_module: bool, force: bool
 ) -> Iterator[Earlier]:
-    """Yield a script's recordings with numbered names before the first free name."""
+    """Yield a script's earlier recordings: those with numbered names before the first free one."""
     for path in numbered(FOLDER, stem):
         if path == free:
             return
@@ -145,7 +145,7 @@ def _has_step(path: Path) -> bool:
 
 
 def _replace(earlier: Path, path: Path) -> None:
-    """Replace an earlier recording by a new one; its layer and trials are deleted."""
+    """Replace an earlier recording by a new one; delete its analysis layer and trials."""
     layer, theirs = layer_of(earlier), None
     with contextlib.suppress(RecordingError):
         theirs = recording_id(earlier)

@@ -1,1 +1,1 @@
-"""Repeat a script's run with changes: which changes are possible, and how runs are made."""
+"""Runs a script again with changes: which are possible, and how the runs are made."""

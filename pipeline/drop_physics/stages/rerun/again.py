@@ -1,4 +1,4 @@
-"""Isolate repeated runs of a script, according to the resources that its first run accessed.
+"""Isolates repeated runs of a script, so that they cannot disturb files or each other.
 
 If the kernel offers private mounts, each run has a view of the file system of its own
 (`engines.watching.private`): files made by the first run are absent, and its writes are discarded.
@@ -48,7 +48,7 @@ BEYOND_FILES = ("connects", "opens")
 
 @dataclass(frozen=True)
 class Again:
-    """How a script is run again.
+    """How a script can be run again without side effects.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ class Again:
 def again_of(
     target: str, reached: Reached, *, is_module: bool, took_s: float, anyway: bool
 ) -> Again:
-    """Return how a script is to be run again.
+    """Decide how a script is run again, from what its first run accessed.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def _is_offered(folders: tuple[str, ...], here: str) -> bool:
 
 
 def is_offered(folders: Sequence[str]) -> bool:
-    """Return whether the kernel lets a process mount private overlays over folders."""
+    """Return whether the kernel allows private overlay mounts over these folders."""
     return _is_offered(tuple(folders), str(Path.cwd()))
 
 
@@ -208,5 +208,5 @@ def _memory_bytes() -> int | None:
 
 
 def _from_home(program: Program) -> str:
-    """Return the path of a script in a form that is valid in any working directory."""
+    """Return the path of a script, valid in any working directory."""
     return program.target if program.is_module else str(Path(program.target).absolute())

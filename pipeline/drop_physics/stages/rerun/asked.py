@@ -1,4 +1,4 @@
-"""Parse the interventions given by `--try` and `--vary`, such as `force=35,70`."""
+"""Parses the changes that `--try` and `--vary` name, such as `force=35,70`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ UNNAMED = ("without", "parameter")
 
 
 def cures_of(texts: Sequence[str], option: str, *, whole: bool) -> list[Cure]:
-    """Parse interventions, one for each value; each keeps its text as its call.
+    """Parse changes, one for each value; each keeps its text.
 
     A single change is one named `SINGLE`, whatever it changes.
 

@@ -1,4 +1,4 @@
-"""Run a script with changes, record each run, and compare it with the script's own."""
+"""Runs a script with changes, records each run, and compares it with the unchanged run."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def plain(name: str) -> str:
 
 @dataclass(frozen=True)
 class RunChanged(ABC, Generic[T]):
-    """Runs a candidate, called with its number; picklable while no run is in progress."""
+    """Runs a script with numbered changes; picklable while no run is in progress."""
 
     program: Program
     candidates: Sequence[Candidate]
@@ -48,7 +48,7 @@ class RunChanged(ABC, Generic[T]):
     """The shared run from which others may be forked; None if each run starts anew."""
 
     def run_of(self, number: int) -> ChangedRun | None:
-        """Return the changes of a run; None if the engine does not support them."""
+        """Return the changes of a numbered run; None if the engine does not support them."""
         return self.candidates[number].run
 
     def name_of(self, number: int) -> str:
@@ -61,14 +61,14 @@ class RunChanged(ABC, Generic[T]):
 
     @abstractmethod
     def not_made(self, number: int) -> T:
-        """Return the result for a run that was not made or was stopped, or raise an error."""
+        """Return the result for a run that was not made or was stopped; or raise an error."""
 
     @abstractmethod
     def has_failed(self, made: T) -> bool:
-        """Return whether a run failed on its own, rather than being stopped."""
+        """Return whether a run failed by itself, rather than being stopped by us."""
 
     def __call__(self, number: int) -> T:
-        """Run a candidate, record it, and compare it with the script's own run."""
+        """Make a numbered run, record it, and compare it with the unchanged run."""
         if self.run_of(number) is None or self.is_late(number):
             return self.not_made(number)
         ended, died = self._run(self.reruns or Reruns(self.program, self.again), number)
@@ -77,7 +77,7 @@ class RunChanged(ABC, Generic[T]):
         return self.made(number, ended)
 
     def _run(self, reruns: Reruns, number: int) -> tuple[Ended, bool]:
-        """Run and record a candidate; also return whether it was a fork that died."""
+        """Make a run and record it; return also whether it was a fork that died."""
         with reruns.begun(self.program_of(number), until=self.ends_by) as process:
             ended = self.recorded(process, number)
             return ended, isinstance(process, Fork) and process.has_died
@@ -88,7 +88,7 @@ class RunChanged(ABC, Generic[T]):
         return None
 
     def is_late(self, number: int) -> bool:
-        """Return whether too little time is left to start a candidate."""
+        """Return whether too little time is left to start a run."""
         del number
         return False
 
@@ -97,7 +97,7 @@ class RunChanged(ABC, Generic[T]):
         self.runs.stop()
 
     def program_of(self, number: int) -> Program:
-        """Return the program to run for a candidate that the engine supports."""
+        """Return the program for a run: the script with its changes."""
         run = self.run_of(number)
         assert run is not None
         return self.program.changed_by(run)
@@ -108,7 +108,7 @@ class RunChanged(ABC, Generic[T]):
 
     @property
     def own(self) -> Recording:
-        """Return the recording of the script's own run."""
+        """Return the recording of the unchanged run."""
         from drop_physics.recording.reader import read
 
         return self.base or read(self.recording)
@@ -119,7 +119,7 @@ class RunChanged(ABC, Generic[T]):
         return self.runs.varied(process, path, self.own, name, drawn=self.drawn)
 
     def finer(self, number: int) -> int:
-        """Return the number of engine steps for each of the script's steps."""
+        """Return how many engine steps make one step of the script."""
         run = self.run_of(number)
         return 1 if run is None else run.finer
 
@@ -133,7 +133,7 @@ def run_changed(
     progress: Progress,
     entered: Callable[[int, T], object] = lambda *_: None,
 ) -> dict[int, T]:
-    """Run candidates in this order, and return each one's result by number.
+    """Make numbered runs in the given order, and return the result of each.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Repeat runs of a script only to evaluate an expectation, without recording."""
+"""Runs a script again only to check an expectation, without recording."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ Answer = Mapping[str, Any]
 
 
 def evaluator_of(text: str | None, **how: object) -> dict[str, Any]:
-    """Return the program's parameters for evaluating an expectation in a run.
+    """Return the settings with which a script's process checks an expectation.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def evaluator_of(text: str | None, **how: object) -> dict[str, Any]:
 
 
 def outcome_of(answer: Answer, *, ended_well: bool) -> ChangeOutcome:
-    """Return the outcome of a run, from its evaluated expectation."""
+    """Return whether a run met the expectation, from what its process replied."""
     margin, value = answer["margin"], answer["value"]
     return ChangeOutcome(
         holds=bool(answer["holds"] and answer["finite"] and ended_well),
@@ -71,13 +71,13 @@ def outcome_of(answer: Answer, *, ended_well: bool) -> ChangeOutcome:
 
 
 def expression_is_of_end(program: Program) -> bool:
-    """Return whether evaluating only from some step on gives a run the same result."""
+    """Return whether an expectation concerns only the end of a run."""
     text = None if program.evaluator is None else program.evaluator["arguments"]["text"]
     return text is not None and Expression(text).is_of_end
 
 
 def _may_begin_later(change: Change) -> bool:
-    """Return whether a change can start at any step: not one of the text, the start or time."""
+    """Return whether a change can start in the middle of a run."""
     is_start = change.change.startswith("start.") or change.how[0] == "/"
     return change.engine != SOURCE and not is_start
 
@@ -88,7 +88,7 @@ NOT_MADE = ChangeOutcome(holds=False, margin=-math.inf, value=math.nan)
 
 @dataclass
 class EvaluatedRuns:
-    """Repeated runs of a script that evaluate an expectation, without recording.
+    """Runs a script again and again to check an expectation, without recording.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class EvaluatedRuns:
     def answered(
         self, run: ChangedRun, evaluator: Mapping[str, Any] | None = None
     ) -> tuple[Answer | None, str]:
-        """Run with a change; return the evaluated expectation, and how the run ended."""
+        """Run the script with a change; return the checked expectation, and the ending."""
         program = self.program.changed_by(run)
         program = program if evaluator is None else replace(program, evaluator=evaluator)
         with self._begun(program) as process:
@@ -136,13 +136,13 @@ class EvaluatedRuns:
         return (self.of_text if program.edits else self.reruns).begun(program)
 
     def changed(self, change: Change) -> ChangeOutcome | None:
-        """Return the outcome of a run with a change; None if no time is left."""
+        """Return whether a run with a change meets the expectation; None if no time is left."""
         if time.time() > self.until:
             return None
         return self._outcome(trial_of(change))
 
     def nudged(self, number: int, change: Change | None = None) -> ChangeOutcome | None:
-        """Return the outcome of a slightly nudged run, optionally with a change."""
+        """Return the outcome of a run from slightly displaced positions, with or without change."""
         if time.time() > self.until:
             return None
         nudge = ChangedRun(below={"nudge": NUDGE, "seed": number})
@@ -155,11 +155,11 @@ class EvaluatedRuns:
         return outcome_of(answer, ended_well=ended in self.ends)
 
     def all_of(self, changes: Iterator[Change]) -> Iterable[tuple[Change, ChangeOutcome | None]]:
-        """Run with each of the changes, and yield the outcomes as they arrive."""
+        """Run the script with each change, and yield the outcomes as they arrive."""
         return in_threads(self.changed, changes, jobs=self.jobs, stop=self.runs.stop)
 
     def nudges(self, change: Change | None = None, number: int = NUDGES) -> list[ChangeOutcome]:
-        """Return the outcomes of several nudged runs, of the script itself or with a change."""
+        """Return the outcomes of several runs from slightly displaced positions."""
         work = partial(self.nudged, change=change)
         made = in_threads(work, range(number), jobs=self.jobs, stop=self.runs.stop)
         return [outcome for _, outcome in made if outcome is not None]
@@ -167,7 +167,7 @@ class EvaluatedRuns:
     def recorded(
         self, change: Change, path: Path, own: Recording, name: str, *, drawn: bool
     ) -> None:
-        """Repeat a run with a change, and record it.
+        """Run the script with a change once more, and record the run.
 
         Parameters
         ----------
@@ -188,7 +188,7 @@ class EvaluatedRuns:
     def latest_of(
         self, changes: Sequence[Change], steps: int, besides: Iterable[int] = ()
     ) -> list[int | None]:
-        """Return for each change the latest start from which it still meets the expectation.
+        """Return for each change how late in the run it may begin and still help.
 
         None where it has to be there from the beginning, or no run can begin with it later.
 
@@ -221,7 +221,7 @@ class EvaluatedRuns:
     def open_loop_of(
         self, changes: Sequence[Change], first: int, last: int, played: Sequence[Operation]
     ) -> list[bool | None]:
-        """Return for each change whether it meets the expectation with the recorded commands.
+        """Return whether each change helps even if the script's commands stay as recorded.
 
         The runs part from the script's own after `first` steps. From there on, the recorded
         commands replace those of the script, so that no controller answers to what is changed. None
@@ -267,5 +267,5 @@ class EvaluatedRuns:
         return told
 
     def stands(self, change: Change) -> bool:
-        """Return whether a change still meets the expectation in nudged runs."""
+        """Return whether a change also helps from slightly displaced positions."""
         return all(each.holds for each in self.nudges(change, CONFIRMS))

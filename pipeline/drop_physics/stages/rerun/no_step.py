@@ -1,4 +1,4 @@
-"""The error for a script that makes no step, so that no run can be compared with it."""
+"""The error for a script that makes no step, so that its runs cannot be compared."""
 
 from __future__ import annotations
 

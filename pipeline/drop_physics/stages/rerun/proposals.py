@@ -1,4 +1,4 @@
-"""Propose trials: cures of findings, requested interventions, and calls to leave out."""
+"""Proposes changes to try: suggested fixes of findings, requested ones, and calls to omit."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ WITHOUT = ("left-out", "default")
 
 @dataclass
 class Candidate:
-    """An intervention to try, and the indices of the findings that propose it."""
+    """A change to try, and the indices of the findings that suggest it."""
 
     intervention: Intervention
     run: ChangedRun | None
@@ -41,7 +41,7 @@ class Candidate:
 
 
 class Proposals:
-    """Proposes trials of a script, based on its own run.
+    """Proposes changes to try in a script, from its unchanged run.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Proposals:
         self._commanded: frozenset[tuple[int, int]] | None = None
 
     def of_findings(self) -> list[Candidate]:
-        """Return the cures that findings propose, in order, each once."""
+        """Return the fixes that findings suggest, in order, without duplicates."""
         found: dict[Any, Candidate] = {}
         for place, finding in enumerate(self._findings):
             if finding.cure is None or finding.code == READING:  # not about what the bodies do
@@ -81,7 +81,7 @@ class Proposals:
         return [*found.values()]
 
     def always(self, *, damped: bool) -> list[Candidate]:
-        """Return the interventions that are always tried, as any outcome may depend on them.
+        """Return the changes that are always tried, such as a finer timestep.
 
         Damping is among them if it acts on a body in free flight.
         """
@@ -91,7 +91,7 @@ class Proposals:
         return [*map(self.whole, cures)]
 
     def asked(self, cures: Sequence[Cure], about: Sequence[int]) -> list[Candidate]:
-        """Return the requested interventions, applied to the bodies and joints of the findings."""
+        """Return the requested changes, applied to the bodies and joints of the findings."""
         found: list[Candidate] = []
         named = [self._findings[place] for place in about]
         for cure in cures:
@@ -146,7 +146,7 @@ class Proposals:
         return run
 
     def whole(self, cure: Cure) -> Candidate:
-        """Return a cure applied to the whole run, where some values become factors."""
+        """Return a change applied to the whole run, with factors for some values."""
         if cure.name == SINGLE:
             return self._single(cure, [], words=False)
         is_factor = f"{cure.name}:{FACTOR}" in self._cures.rows
@@ -156,7 +156,7 @@ class Proposals:
         return self._made(cure, scope, whole=True)
 
     def _single(self, cure: Cure, findings: list[int], *, words: bool) -> Candidate:
-        """Return the candidate for a single change requested by its text."""
+        """Return the candidate for a change that a user names, such as `geom_friction *10`."""
         change = named(cure.call, self._possible())
         operand = change.how[1]
         asked = Cure(
@@ -190,7 +190,7 @@ class Proposals:
         return Candidate(what, self._cures.applied(cure, scope))
 
     def _motors(self) -> frozenset[tuple[int, int]]:
-        """Return body and link of each joint that calls give a motor, but no torque."""
+        """Return the joints, by body and link, that calls drive by motors but never by torques."""
         if self._commanded is None:
             found = set()
             for piece in self._seen.pieces():

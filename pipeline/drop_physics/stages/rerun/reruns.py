@@ -1,4 +1,4 @@
-"""Repeat a script's run with changes, several at once; shared by all verbs.
+"""Runs a script again with changes, several runs at once; shared by several commands.
 
 Where a process can be forked without sharing anything, a run is a fork of one that stands before
 the script first uses its engine, or after some steps: imports, and what else comes before, are made
@@ -32,7 +32,7 @@ FORKS = sys.platform.startswith("linux")
 
 
 class Reruns:
-    """Repeats a script's run; use it in a `with` statement, within which runs may be forks.
+    """Runs a script again and again; in a `with` block, later runs are forked from one process.
 
     Outside such a block each run starts anew. `begun` may be called by several threads at once.
 
@@ -70,7 +70,7 @@ class Reruns:
         self._stack.__exit__(kind, error, trace)
 
     def go_on(self, steps: int) -> bool:
-        """Advance the run that others are forked from; return whether it has stopped at that step.
+        """Advance the process that runs are forked from; return whether it got to that step.
 
         Parameters
         ----------
@@ -84,14 +84,14 @@ class Reruns:
 
     @property
     def parts(self) -> bool:
-        """True if runs are forked."""
+        """True if runs are forked from one process."""
         return self._server is not None
 
     @contextmanager
     def begun(
         self, changed: Program, *, until: float | None = None, printed: int | None = None
     ) -> Iterator[Script | Fork]:
-        """Start a run and yield its reader; the run's child processes end with the block.
+        """Start a run and yield its stream; the run ends with the `with` block.
 
         Parameters
         ----------
@@ -120,7 +120,7 @@ class Reruns:
             yield process
 
     def _forked(self, stack: ExitStack, changed: Program, finer: int, printed: int) -> Fork | None:
-        """Return a forked run; None if the run cannot be forked."""
+        """Return a run as a fork; None if that is not possible."""
         alike = {name: getattr(self._program, name) for name in (*TRIES, "explain")}
         too_late = changed.edits and self._at != FIRST_LINE
         if self._server is None or too_late or replace(changed, **alike) != self._program:

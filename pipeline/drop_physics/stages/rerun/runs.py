@@ -1,4 +1,4 @@
-"""Record several runs of a script at once: the common part of `trust` and `why`.
+"""Makes several runs of a script at once and records them, for `trust` and `why`.
 
 Rerun and polars are imported where they are used: the script starts while they load.
 """
@@ -29,7 +29,7 @@ Progress = Callable[[int, int, int], None]
 
 
 def only_of(engine: str) -> Message:
-    """Return a remark if a script uses a second engine; None if it does not."""
+    """Return a note that only one engine is considered, if a script uses two."""
     return Message(
         "the script steps two engines: only {engine}'s steps are compared", engine=engine
     )
@@ -37,7 +37,7 @@ def only_of(engine: str) -> Message:
 
 @dataclass(frozen=True)
 class Ended:
-    """How a run ended."""
+    """The end of a run: how, and after how many steps."""
 
     how: str
     """Ending as in a recording; `interrupted` if we stopped it."""
@@ -52,13 +52,13 @@ class Ended:
 
 
 def id_of(own: Recording, name: str) -> str:
-    """Return the recording id of a changed run, derived from the script's own and a name."""
+    """Return the recording id of a changed run, derived from the unchanged run's id and a name."""
     return hashlib.sha256(f"{own.recording_id} {name}".encode()).hexdigest()[:32]
 
 
 @dataclass(frozen=True)
 class RunsUnderWay:
-    """The runs of this process in progress; picklable while there are none."""
+    """The runs that this process has in progress; picklable while there are none."""
 
     under_way: set[running.Script | Fork] = field(default_factory=set, compare=False)
 
@@ -108,7 +108,7 @@ class RunsUnderWay:
         *,
         drawn: bool,
     ) -> Ended:
-        """Record a started run, which differs from the script's own as its name says."""
+        """Record a started run that is a variation of the unchanged run."""
         return self.recorded(
             process,
             path,
@@ -163,7 +163,7 @@ def run_all(
     ray: tuple[Callable[[int], T], str] | None = None,
     entered: Callable[[int, T], object] = lambda *_: None,
 ) -> dict[int, T]:
-    """Do numbered jobs in this order, several at once, and return the results by number.
+    """Do numbered jobs, several at once, and return the results by number.
 
     On this machine each runs in a process of its own, which a thread of this one records.
 

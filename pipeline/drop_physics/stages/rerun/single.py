@@ -1,4 +1,4 @@
-"""The single changes that are possible in a run, and their text form.
+"""Lists the single changes that are possible in a run, such as `geom_friction *10 of left`.
 
 `--try` and `--vary` take these texts: `geom_friction *10 of left`.
 """
@@ -34,12 +34,12 @@ SINGLE = "change"
 
 
 def is_single(text: str) -> bool:
-    """Return whether a text has the form of a single change rather than an intervention."""
+    """Return whether a text names a single change, and not one from the table of fixes."""
     return text != RESIDUAL_0 and TEXT.fullmatch(text.strip()) is not None
 
 
 def text_of(change: Change) -> str:
-    """Return the text by which `--try` repeats a change."""
+    """Return the text by which `--try` names a change."""
     if not change.op:  # an intervention, which has a name
         return change.change
     names = [each for each in change.of if each]
@@ -96,7 +96,7 @@ def seen_changes(trials: EvaluatedRuns, engine: str) -> SeenChanges:
 
 
 def possible(program: Program, again: Again, engine: str) -> list[Change]:
-    """Return the single changes that are possible in a program's run.
+    """Run a program to find out which single changes are possible.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def possible(program: Program, again: Again, engine: str) -> list[Change]:
 
 
 def named(text: str, changes: Sequence[Change]) -> Change:
-    """Return the possible change that a text names; any factor is allowed.
+    """Return the change that a text names; any factor is allowed.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Find the texts that a user would edit: the script, its own modules, and models that they name."""
+"""Finds the files that a user would edit: the script, its own modules, and models they load."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NAMED = re.compile(rb"""["']([^"'\n]+\.(?:xml|mjcf|urdf|sdf))["']""")
 
 @dataclass(frozen=True)
 class SourceText:
-    """A text of the user's."""
+    """A file that the user may edit, with its text."""
 
     path: str
     """The file; empty for the script, whose text is replaced as it is run."""
@@ -30,7 +30,7 @@ class SourceText:
 
 
 def source_texts(script: Path | None, modules: Iterable[Path]) -> list[SourceText]:
-    """Return the texts of a script, of modules beside or below it, and of models that these name.
+    """Return a script's own files: the script, modules near it, and models that they name.
 
     A model is where a text's path leads from the text or the working directory, or else below.
 
@@ -61,7 +61,7 @@ def source_texts(script: Path | None, modules: Iterable[Path]) -> list[SourceTex
 
 
 def _named_in(path: Path, text: bytes) -> Iterator[Path]:
-    """Yield the models that a text names, as far as they lie below a folder that it can mean."""
+    """Yield the model files that a text names, if they are below the script's folders."""
     paths = {each.decode(errors="replace") for each in NAMED.findall(text)}
     within = dict.fromkeys((path.parent, Path.cwd()))
     names = {Path(each).name for each in paths}
@@ -82,7 +82,7 @@ def _named_in(path: Path, text: bytes) -> Iterator[Path]:
 
 
 def _shown(path: Path, folders: Iterable[Path]) -> str:
-    """Return a file's name relative to the first of some folders that it lies below."""
+    """Return a file's path relative to the first of the given folders that contains it."""
     within = next(filter(path.is_relative_to, folders), path.parent)
     return str(path.relative_to(within))
 

@@ -1,4 +1,4 @@
-"""The stored results of `drop why` for a recording: verdicts of trials on its findings."""
+"""Reads what `drop why` stored for a recording: which changes fixed which findings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PROVEN = "cured", "part"
 
 
 class Trials:
-    """Verdicts of trials on a recording's findings, if the trials are of this recording.
+    """What trial runs showed about a recording's findings, if it has any.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Trials:
                 }
 
     def with_verdict(self, finding: Finding) -> Finding:
-        """Return the finding together with its trials' verdicts."""
+        """Return a finding with the results of its trial runs added."""
         shown = self._by_message.get(str(finding.message))
         if shown is None:
             return finding
@@ -51,7 +51,7 @@ class Trials:
 
 
 def _is_trial(value: object) -> bool:
-    """Return whether a JSON value has the keys of a trial that are used here."""
+    """Return whether a JSON value has the fields of a stored trial."""
     return isinstance(value, dict) and all(
         isinstance(value.get(name), str) for name in ("name", "call", "verdict")
     )

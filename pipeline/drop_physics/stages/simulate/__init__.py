@@ -1,4 +1,4 @@
-"""Drop the body, and record everything that happens."""
+"""The command `simulate`: drops a body, and records everything that happens."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def simulate(asked: verbs.SimulateArguments) -> Simulation:
 
 
 def _note_gravity(scenario: Scenario, note: Callable[[str], None]) -> None:
-    """Note that gravity points upwards."""
+    """Tell the user if gravity points upwards."""
     up = scenario.gravity_m_s2
     if scenario.effective_gravity_m_s2 > 0:
         note(

@@ -1,4 +1,4 @@
-"""Simulate a world's fall as the chunks of a recording, for `simulate` and sweeps."""
+"""Simulates a drop and yields its recording, for `simulate` and sweeps."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def recorded(
     progress: Progress,
     watch: Callable[[Samples], object] = lambda _: None,
 ) -> Iterator[Chunk]:
-    """Simulate the fall of a world's body, and yield the chunks of its recording.
+    """Simulate a drop, and yield the chunks of its recording.
 
     `watch` is called with all samples, too.
     """
@@ -73,7 +73,7 @@ def recorded(
     floor_m = world.rest_height_m if scenario.floor else None
 
     def theory_m(time_s: Float64) -> tuple[Float64, Float64]:
-        """Return the heights of both theories, free and damped fall, down to the floor."""
+        """Return the heights of free and damped fall, down to the floor [m]."""
         return (
             theory.stopped_by_floor(theory.free_fall_height(fall, time_s), floor_m),
             theory.stopped_by_floor(theory.damped_fall_height(fall, time_s), floor_m),
@@ -106,13 +106,13 @@ def recorded(
 
 
 def case_of(world: World | OtherWorld, samples: Iterable[Samples]) -> Case:
-    """Return the case to analyze from a world's samples, without a recording."""
+    """Return what an analysis needs from a world's samples, without a recording."""
     engine = made_with(world)
     return Case(world.scenario, engine, seen_in([*bodies_of(world, engine), *samples]))
 
 
 def bodies_of(world: World | OtherWorld, engine: EngineReport) -> Iterator[Event]:
-    """Yield the initial events: the body, the floor, and the engine's settings."""
+    """Yield the events that precede the first step: body, floor, and engine settings."""
     at, scenario = At(0, 0.0, 0), world.scenario
     joints = world.joints
     rgb = bytes.fromhex(colours.ENGINES[scenario.engine].removeprefix("#"))

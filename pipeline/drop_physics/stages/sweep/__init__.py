@@ -1,4 +1,4 @@
-"""Run many scenarios; each gives a row with its error against free fall, and the error's terms."""
+"""The command `sweep`: runs many scenarios; each gives a row with its position error."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Sweep(Printable, reported_by="drop_physics.report.sweep"):
 
     @property
     def axes(self) -> list[tuple[str, str]]:
-        """Fields that vary between scenarios, with their display names."""
+        """The settings that vary between scenarios, with display names."""
         return [(field, name_of(field)) for field in self.plan.axes]
 
     def written(self, field: str, value: object) -> str:
@@ -88,7 +88,7 @@ class Sweep(Printable, reported_by="drop_physics.report.sweep"):
 
 @takes_those_of(verbs.SweepArguments)
 def sweep(asked: verbs.SweepArguments) -> Sweep:
-    """Run the scenarios of a plan whose results are not in the folder yet.
+    """Run those scenarios of a plan whose results are not in the folder yet.
 
     Raises
     ------
@@ -201,7 +201,7 @@ def _run(
 
 @contextlib.contextmanager
 def _answering(work: RunDrop, runs: int, jobs: int | None) -> Iterator[engines.Answering[Row]]:
-    """Yield the function that computes a row: in a worker, or here if that is as fast."""
+    """Yield the function that computes a row: in a worker process, or here if that is as fast."""
     try:
         steps = runs * Scenario(**work.plan.values(0)).steps
     except ScenarioError:
@@ -218,7 +218,7 @@ def _has_failed(row: Row) -> bool:
 
 
 def _identity(plan: Plan, at_s: float, record: bool, camera: Camera | None) -> dict[str, Any]:
-    """Return all settings that determine the rows, lest results of different sweeps mix."""
+    """Return all settings that determine the rows, so that different sweeps do not mix."""
     runs = json.dumps(asdict(plan), sort_keys=True).encode()
     packages = ["drop-physics", "numpy"]
     if "mujoco" in plan.engines and find_spec("mujoco"):

@@ -42,7 +42,7 @@ def name_of_run(run: int) -> str:
 
 @dataclass(frozen=True)
 class RunDrop:
-    """Computes rows of one sweep, called with the number of the run; picklable."""
+    """Computes the rows of a sweep, one per numbered run; picklable."""
 
     plan: Plan
     folder: Path
@@ -92,7 +92,7 @@ class RunDrop:
         }
 
     def _fall(self, scenario: Scenario, file: str) -> tuple[Moment, float]:
-        """Return the breakdown in the sample nearest to `at_s`, and the final height [m]."""
+        """Return the error terms in the sample nearest to `at_s`, and the final height [m]."""
         fall: list[Samples] = []
         with world_of(scenario) as world:
             if self.recorded:

@@ -1,4 +1,4 @@
-"""Run a script with every combination of interventions; each run gives a row."""
+"""Runs a script with every combination of requested changes; each run gives a row."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ GIVEN = re.compile(r"([^=/*]+)(?:[=/*](.*))?")
 
 @dataclass(frozen=True)
 class ScriptSweep(Printable, reported_by="drop_physics.report.sweep_script"):
-    """The runs of a script with different interventions."""
+    """The runs of a script with different changes."""
 
     script: str
     recording: Path
@@ -62,14 +62,14 @@ class ScriptSweep(Printable, reported_by="drop_physics.report.sweep_script"):
 
 @dataclass(frozen=True)
 class RunSwept(RunKept[Row]):
-    """Runs one combination of interventions, called with its number."""
+    """Runs a script with one combination of changes, by number."""
 
     def has_failed(self, made: Row) -> bool:
-        """Return whether a run failed on its own, rather than being stopped."""
+        """Return whether a run failed by itself, rather than being stopped by us."""
         return bool(made["ended"] == "failed")
 
     def compared(self, number: int, other: Recording) -> Row:
-        """Return a run's row, from its recording."""
+        """Return the row for a run, from its recording."""
         from drop_physics.analysis.story import Story
         from drop_physics.experiments.run_distance import apart
         from drop_physics.stages.analyze.explaining import explained
@@ -96,7 +96,7 @@ class RunSwept(RunKept[Row]):
 
 @takes_those_of(verbs.SweepScriptArguments)
 def sweep_script(asked: verbs.SweepScriptArguments) -> ScriptSweep:
-    """Run a script unchanged, and with every combination of interventions.
+    """Run a script unchanged, and with every combination of changes.
 
     Raises
     ------
@@ -155,14 +155,14 @@ def sweep_script(asked: verbs.SweepScriptArguments) -> ScriptSweep:
 
 
 def _together(candidates: Sequence[Candidate]) -> Candidate:
-    """Combine several interventions into one."""
+    """Combine several changes into one."""
     call = ", ".join(each.intervention.call for each in candidates)
     runs = (each.run for each in candidates if each.run is not None)
     return Candidate(Intervention(Cure("sweep", call=call)), functools.reduce(operator.add, runs))
 
 
 def _given(cure: Cure) -> tuple[str, float | str | bool]:
-    """Return an intervention's name and value; True if it has no value."""
+    """Return a change's name and value; the value is True for a change without one."""
     found = None if is_single(cure.call) else GIVEN.fullmatch(cure.call)
     name, value = (cure.call, None) if found is None else found.groups()
     if value is None:
@@ -174,7 +174,7 @@ def _given(cure: Cure) -> tuple[str, float | str | bool]:
 
 
 def _ends(track: Track) -> list[tuple[str, float]]:
-    """Yield the final position of a body or joint, by column; nothing for an orientation."""
+    """Return the final position of a body or joint, one column per coordinate."""
     if track.joint is not None and len(track.theirs) == 1:
         return [(f"{track.body} {track.joint}_{track.unit}", float(track.theirs[0]))]
     if track.unit != "m":

@@ -1,4 +1,4 @@
-"""Run a script again with variations, and report which results hold in all of them."""
+"""The command `trust`: runs a script with variations, and says which results hold in all."""
 
 from __future__ import annotations
 
@@ -151,21 +151,21 @@ def trust(asked: verbs.TrustArguments) -> Trust:
 
 @dataclass(frozen=True)
 class OwnRun:
-    """A script's own run, and how to run it again."""
+    """The unchanged run of a script, and how to run it again."""
 
     seen: Seen
     program: Program
     again: Again
 
     def possible(self) -> list[Change]:
-        """Return the single changes that are possible in this run."""
+        """Return the single changes that are possible in the unchanged run."""
         return possible(self.program, self.again, self.seen.engine.partition(" ")[0])
 
 
 def candidates_of(
     known: OwnRun, asked: Sequence[Cure], option: str, *, usual: bool
 ) -> list[Candidate]:
-    """Return the requested interventions on the whole run, as the engine supports them.
+    """Return the requested changes, applied to the whole run, if the engine supports them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Findings of `drop trust`: the effects of a script's variations, as sentences."""
+"""Says in sentences what the variations of a script changed."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def part_of(body: str, joint: str | None, unit: str = "m") -> str:
 def findings_of(
     varied: Sequence[Varied], grown: Growth | None, found: list[Converging], base: Made
 ) -> list[Finding]:
-    """Return the findings, most severe first."""
+    """Return sentences about the variations as findings, most severe first."""
     grows = [] if grown is None else [_grows(grown)]
     return sorted([*_ending(varied, base), *grows, *_converges(found)], key=lambda each: each.rank)
 

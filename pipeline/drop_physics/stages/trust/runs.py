@@ -1,4 +1,4 @@
-"""Runs of a script in a folder, which are resumed if interrupted, for `trust` and sweeps.
+"""Makes a script's runs in a folder, and resumes if interrupted; for `trust` and sweeps.
 
 Rerun and polars are imported where they are used: the script starts while they load.
 """
@@ -49,7 +49,7 @@ MOST_EXPLAINED = 20_000
 
 @dataclass(frozen=True)
 class Made:
-    """A recorded run."""
+    """A run that was made and recorded."""
 
     name: str
     recording: Path
@@ -63,7 +63,7 @@ class Made:
 
 @dataclass(frozen=True)
 class Varied:
-    """A run with a variation, and how far it is from the script's own."""
+    """A run with a variation, and its distance from the unchanged run."""
 
     made: Made
     apart: Apart
@@ -83,11 +83,11 @@ class Varied:
 
 @dataclass(frozen=True)
 class RunKept(RunChanged[T]):
-    """Runs a candidate, called with its number, or reads its recording if that exists."""
+    """Makes numbered runs, except those whose recordings already exist."""
 
     @abstractmethod
     def compared(self, number: int, other: Recording) -> T:
-        """Return the result of a run, from its recording."""
+        """Return the result for a run, from its recording."""
 
     def not_made(self, number: int) -> T:
         """Raise the error for a stopped run, which says how to resume."""
@@ -96,14 +96,14 @@ class RunKept(RunChanged[T]):
         )
 
     def __call__(self, number: int) -> T:
-        """Return the result of a run, which is made unless its recording exists."""
+        """Return the result for a run; make it unless its recording exists."""
         path, name = self.path_of(number), self.name_of(number)
         if not os.path.lexists(path):
             return super().__call__(number)
         return self.compared(number, whole(path, id_of(self.own, name)))
 
     def made(self, number: int, ended: Ended) -> T:
-        """Compare a run's recording with the script's own run, and return the result."""
+        """Compare a run's recording with the unchanged run, and return the result."""
         from drop_physics.recording.reader import read
 
         if ended.how == "interrupted":
@@ -113,14 +113,14 @@ class RunKept(RunChanged[T]):
 
 @dataclass(frozen=True)
 class RunVariation(RunKept[Varied]):
-    """Runs a variation, called with its number, and compares it with the script's own run."""
+    """Makes numbered variations, and compares each with the unchanged run."""
 
     def has_failed(self, made: Varied) -> bool:
-        """Return whether a run failed on its own, rather than being stopped."""
+        """Return whether a run failed by itself, rather than being stopped by us."""
         return made.made.ended == "failed"
 
     def compared(self, number: int, other: Recording) -> Varied:
-        """Compare a variation's recording with the script's own run."""
+        """Compare a variation's recording with the unchanged run."""
         from drop_physics.experiments.first_term import first_term
         from drop_physics.experiments.run_distance import apart
         from drop_physics.stages.analyze.explaining import WhatToExplain, explained
@@ -141,7 +141,7 @@ class RunVariation(RunKept[Varied]):
 
 
 def made_of(name: str, recording: Recording, *, finer: int = 1) -> Made:
-    """Describe a run by its recording, in which `finer` steps make one of the script's."""
+    """Describe a recorded run, in which `finer` engine steps make one step of the script."""
     steps = sum(samples - 1 for samples in recording.seen.samples.values()) // finer
     ended = recording.ended or {}
     return Made(
@@ -155,7 +155,7 @@ def made_of(name: str, recording: Recording, *, finer: int = 1) -> Made:
 
 
 def run_kept(work: RunKept[T], *, jobs: int | None, ray: str | None, progress: Progress) -> list[T]:
-    """Make all runs, those with the most steps first, and return the results in order."""
+    """Make all runs, the longest first, and return their results in order."""
     numbers = range(len(work.candidates))
     order = sorted(numbers, key=lambda number: -work.finer(number))
     try:
@@ -168,7 +168,7 @@ def run_kept(work: RunKept[T], *, jobs: int | None, ray: str | None, progress: P
 
 @dataclass(frozen=True)
 class FirstRun:
-    """Notes on the script's own run, stored next to its recording."""
+    """Notes on the unchanged run, stored next to its recording."""
 
     reached: Reached
     took_s: float
@@ -180,7 +180,7 @@ class FirstRun:
 
 @dataclass(frozen=True)
 class RunFolder:
-    """The recordings of a script's runs in one folder, each complete or absent.
+    """A folder with the recordings of a script's runs, each complete or absent.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ class RunFolder:
 
     @contextlib.contextmanager
     def claimed(self, names: Iterable[str]) -> Iterator[None]:
-        """Lock the folder for runs with these names, while the block runs.
+        """Lock the folder for runs with these names, until the `with` block ends.
 
         Raises
         ------
@@ -258,7 +258,7 @@ class RunFolder:
         stdout: int,
         note: Callable[[str], None] = lambda _: None,
     ) -> tuple[Recording, Program, Again]:
-        """Run and record a program unchanged, or read its recording if that exists.
+        """Make the unchanged run and record it, or read its recording if that exists.
 
         Also return it limited to the steps that it made, and how it is run again, `anyway` if it
         would not be.
@@ -306,7 +306,7 @@ class RunFolder:
 
     @property
     def id(self) -> str:
-        """Return the recording id of the script's own run, from which the others' are derived."""
+        """Return the recording id of the unchanged run, from which others are derived."""
         text = json.dumps(self.identity, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
@@ -315,7 +315,7 @@ class RunFolder:
         return self.path / "first-run.json"
 
     def _read_first_run(self) -> FirstRun:
-        """Return the notes on the script's own run, perhaps written by an earlier call.
+        """Return the stored notes on the unchanged run.
 
         Raises
         ------
@@ -348,7 +348,7 @@ class RunFolder:
 
 
 def whole(path: Path, recording_id: str) -> Recording:
-    """Read an existing recording of a run, and check it.
+    """Read and check the recording of an earlier run.
 
     Raises
     ------
@@ -373,7 +373,7 @@ def altered(path: Path) -> OutputError:
 
 
 def identity_of(program: Program) -> dict[str, Any]:
-    """Return all settings that determine a program's runs, as far as known beforehand."""
+    """Return all settings that determine a program's runs, as far as they are known before."""
     target = program.target
     return {
         "kind": "script",

@@ -1,4 +1,4 @@
-"""Fields of a verb's dataclass as arguments in Python and options on the command line.
+"""Turns the fields of a command's dataclass into Python arguments and command-line options.
 
 A field's type is annotated with its option, whose text serves both. Options of the command line
 alone, such as the form of output, are class variables; arguments of Python alone have a text and no
@@ -22,7 +22,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class TypedOption:
-    """The option, or argument, of a field."""
+    """The option or argument that a field becomes, with its type."""
 
     help: str
     metavar: str = ""
@@ -37,23 +37,23 @@ class TypedOption:
 
 
 def takes(metavar: str, text: str, *names: str, **how: Any) -> TypedOption:  # noqa: ANN401
-    """Return an option that takes a value."""
+    """Return an option that takes a value, such as `--out FILE`."""
     return TypedOption(text, metavar, names, **how)
 
 
 def flag(text: str, *names: str) -> TypedOption:
-    """Return an option without one."""
+    """Return an option without a value, such as `--force`."""
     return TypedOption(text, "", names)
 
 
 def argument(metavar: str, text: str, **how: Any) -> TypedOption:  # noqa: ANN401
-    """Return an argument."""
+    """Return a positional argument."""
     return TypedOption(text, metavar, is_argument=True, **how)
 
 
 @dataclass(frozen=True, slots=True)
 class VerbParameter:
-    """A field of a verb."""
+    """A field of a command's dataclass, as an option or argument."""
 
     name: str
     option: TypedOption
@@ -69,18 +69,18 @@ class VerbParameter:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of its option."""
+        """The names of the option, such as `--out` and `-o`."""
         plain = self.name.removesuffix("_s").removesuffix("_m").replace("_", "-")
         return () if self.option.is_argument else self.option.names or (f"--{plain}",)
 
     @property
     def is_inverse(self) -> bool:
-        """True if giving the flag means False."""
+        """True if the option sets the field to False."""
         return self.names != () and self.names[0].startswith("--no-")
 
 
 def parameters_of(verb: type) -> dict[str, VerbParameter]:
-    """Return the parameters of a verb, by name: its own, then the shared ones."""
+    """Return the parameters of a command, by name: its own first, then shared ones."""
     hints: dict[str, Any] = {}
     for each in verb.__mro__:
         hints |= {n: h for n, h in inspect.get_annotations(each).items() if n not in hints}
@@ -105,7 +105,7 @@ def _parameter(verb: type, name: str, hint: Any) -> VerbParameter:  # noqa: ANN4
 
 
 def _kinds(hint: Any) -> Iterator[Any]:  # noqa: ANN401
-    """Yield the types of a value within a type."""
+    """Yield the basic types that a type hint consists of."""
     if get_origin(hint) is Literal or not get_args(hint):
         yield hint
     else:
@@ -116,7 +116,7 @@ def _kinds(hint: Any) -> Iterator[Any]:  # noqa: ANN401
 def takes_those_of(
     verb: Callable[P, Asked],
 ) -> Callable[[Callable[[Asked], Result]], Callable[P, Result]]:
-    """Return a decorator: a function of a verb's dataclass takes its fields as arguments."""
+    """Return a decorator: a function of a command's dataclass takes the fields as arguments."""
 
     def decorated(do: Callable[[Asked], Result]) -> Callable[P, Result]:
         @functools.wraps(do)
@@ -131,7 +131,7 @@ def takes_those_of(
 
 
 def _documented(text: str, verb: Any) -> Iterator[str]:  # noqa: ANN401
-    """Yield a function's description, its parameters, and the errors that it raises."""
+    """Yield the lines of a function's docstring: description, parameters, errors."""
     about, errors, raised = inspect.cleandoc(text).partition("\n\nRaises\n")
     yield from (about, "", "Parameters", "----------")
     for parameter in parameters_of(verb).values():

@@ -1,4 +1,4 @@
-"""Run a script again with one change at a time, to prove causes by trials."""
+"""The command `why`: runs a script again with one change at a time, to prove causes by trials."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ run."""
 
 @dataclass(frozen=True)
 class Tried:
-    """One trial: a run with an intervention, and its effect."""
+    """One trial run: a change, and its effect."""
 
     intervention: Intervention
     shown: TrialVerdict | None
@@ -78,7 +78,7 @@ class Tried:
 
 @dataclass(frozen=True)
 class Proved:
-    """A finding, and the trials that test it."""
+    """A finding, and the trial runs that test its cause."""
 
     finding: Finding
     verdict: Verdict
@@ -88,7 +88,7 @@ class Proved:
 
 @dataclass(frozen=True)
 class Why(Printable, reported_by="drop_physics.report.why"):
-    """Result of `drop why`: the trials of a script."""
+    """Result of `drop why`: the trial runs of a script."""
 
     script: str
     recording: Path
@@ -114,7 +114,7 @@ class Why(Printable, reported_by="drop_physics.report.why"):
     """The expectation, with the changes that meet it; None without an expectation."""
 
     def filmed(self) -> tuple[Path, str] | None:
-        """Return the recording to show beside the script's own run, and its caption.
+        """Return the recording to show beside the unchanged run, with a caption.
 
         It shows the cure that moves the outcome most, otherwise the trial that moves it most; None
         without any.
@@ -131,7 +131,7 @@ class Why(Printable, reported_by="drop_physics.report.why"):
 
 @takes_those_of(verbs.WhyArguments)
 def why(asked: verbs.WhyArguments) -> Why:
-    """Record a script, try what its findings propose in one run each, and compare the runs.
+    """Record a script, make a trial run with each change that findings suggest, and compare.
 
     With an expectation, generic changes are tried in place of proposals.
 
@@ -275,7 +275,7 @@ def why(asked: verbs.WhyArguments) -> Why:
     )
 
     def run(which: RunTrial, numbers: Sequence[int]) -> dict[int, TrialRun]:
-        """Return the results of trials; after Ctrl-C the remaining ones are missing."""
+        """Return the results of trials; those not made before Ctrl-C are missing."""
         made: dict[int, TrialRun] = {}
         try:
             if not interrupted:
@@ -377,12 +377,12 @@ def why(asked: verbs.WhyArguments) -> Why:
 
 
 def _asks_else(asked: verbs.WhyArguments) -> bool:
-    """Return whether specific trials were requested, by `--try`, `--ablate` or `--about`."""
+    """Return whether the user named changes to try: `--try`, `--ablate` or `--about`."""
     return bool(asked.tries or asked.ablate or asked.about)
 
 
 def _only(expected: Expected, recorded: Recorded, seconds: float) -> Why:
-    """Return a result that has an expectation, but no trials of findings."""
+    """Return a result with an expectation, but without trials of findings."""
     return Why(
         expected=expected,
         script=recorded.script,
@@ -496,7 +496,7 @@ def _why(
 
 
 def _bounded(proved: Sequence[Proved]) -> list[Proved]:
-    """Drop the recordings of all but the best trials from the findings."""
+    """Return findings in which only the best trials keep their recordings."""
     from drop_physics.experiments.verdicts import VERDICTS
 
     recorded = {each.recording: each for one in proved for each in one.tried if each.recording}
@@ -524,7 +524,7 @@ def _others_cured(
     own: Outcome,
     nudge: Outcome | None,
 ) -> Iterator[int]:
-    """Yield the indices of other findings that a trial cures, too."""
+    """Yield the indices of other findings that a trial removes, too."""
     from drop_physics.experiments.verdicts import CAUSES, judged
 
     for place, finding in enumerate(findings):
@@ -535,7 +535,7 @@ def _others_cured(
 
 
 def _own(base: Recording, findings: Sequence[Finding]) -> Outcome:
-    """Return the outcome of the script's own run."""
+    """Return the outcome of the unchanged run."""
     from drop_physics.experiments.run_distance import Apart
     from drop_physics.experiments.verdicts import Outcome
 
@@ -546,7 +546,7 @@ def _own(base: Recording, findings: Sequence[Finding]) -> Outcome:
 
 
 def _is_idle(outcome: Outcome, base: Outcome) -> bool:
-    """Return whether leaving something out changed nothing, bit for bit."""
+    """Return whether omitting something changed nothing, bit for bit."""
     same = outcome.is_same and (outcome.ended, outcome.steps) == (base.ended, base.steps)
     return outcome.fired and same
 
@@ -563,7 +563,7 @@ def _tried(
 
 
 def _keep(folder: Path, result: Why, recording_id: str) -> None:
-    """Write the results next to the trials, and delete recordings that no result refers to."""
+    """Store the results beside the recording, and delete trial recordings that none refers to."""
     named = {each.recording for proved in result.findings for each in proved.tried}
     named |= set() if result.expected is None else {*result.expected.recordings}
     for path in folder.glob("*.rrd"):

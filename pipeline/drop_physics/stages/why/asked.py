@@ -1,4 +1,4 @@
-"""Check the arguments of `drop why`, and choose where it writes its recordings."""
+"""Checks the arguments of `drop why`, and chooses where to write its recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Search for single changes that meet an expectation: `drop why --expect`."""
+"""Searches for single changes that make a run meet an expectation: `drop why --expect`."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ SAME_GAP = 0.05
 
 @dataclass(frozen=True)
 class Expected:
-    """An expectation of a script, its outcome, and the changes that meet it."""
+    """An expectation, whether the run met it, and changes with which a run does."""
 
     text: str
     """The expectation as an expression."""
@@ -130,7 +130,7 @@ class Expected:
 
     @property
     def unit(self) -> str | None:
-        """The unit of the compared quantities; None if unknown."""
+        """The unit of the quantity in the expectation; None if unknown."""
         if self.row is not None:
             return self.row.unit
         return Expression(self.text).unit
@@ -143,15 +143,15 @@ class Expected:
         return self.recordings[0], self.words(self.makes_true[0].tried.change)
 
     def repeats(self, change: Change) -> str:
-        """Return the text by which `--try` repeats a change."""
+        """Return the text by which `--try` makes a change again."""
         return text_of(change)
 
     def does(self, change: Change) -> str:
-        """Describe the operator of a change: ×10, left out."""
+        """Describe what a change does to its value: ×10, left out."""
         return done(change.op)
 
     def follows(self, change: Change) -> str:
-        """Return the call to add where a change is made between two steps; empty if none is."""
+        """Return the call that must follow a change made between two steps; empty if none."""
         return follows(change)
 
     def words(self, change: Change) -> str:
@@ -160,7 +160,7 @@ class Expected:
 
 
 def parsed(text: str) -> Expression:
-    """Parse an expectation into an expression.
+    """Parse the text of an expectation.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def parsed(text: str) -> Expression:
 
 
 def own_of(answer: Answer, asked: verbs.WhyArguments) -> Expected | None:
-    """Return a script's expectation with its outcome; None if there is none.
+    """Return a script's expectation with its outcome in the unchanged run; None without one.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def own_of(answer: Answer, asked: verbs.WhyArguments) -> Expected | None:
 
 
 def of_row(row: RowExpectation) -> Expected:
-    """Return the expectation for a row of the account in which a run fell short."""
+    """Return the expectation that a row of the account suggests: that the request be fulfilled."""
     gap = math.nan if row.gap is None else row.gap
     return Expected(row.text, "row", ChangeOutcome(False, -gap, gap), row=row)
 
@@ -240,7 +240,7 @@ def searched(
     account: Callable[[], Sequence[AccountRow]],
     cures: Sequence[Cure] = (),
 ) -> Expected:
-    """Search for changes that meet a failed expectation, and return it with them.
+    """Search for changes that make a failed expectation pass, and return it with them.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ def searched(
 
 
 def _failure_of(seen: Seen) -> tuple[int, int, list[Operation]] | None:
-    """Return the last second of a failed episode, and the operations that play its commands.
+    """Return the last second of a failed episode, and operations that repeat its commands.
 
     The second is from one step to another. Steps are counted over all simulations: where there are
     several, none is known.
@@ -323,13 +323,13 @@ def _failure_of(seen: Seen) -> tuple[int, int, list[Operation]] | None:
 
 
 def _most_steps(own: Expected, made: int) -> int:
-    """Return the number of steps after which a run is stopped, given those of the script's own."""
+    """Return after how many steps a changed run is stopped, given the unchanged run's steps."""
     many = min(MANY_TIMES * made, MANY_STEPS) if Expression(own.text).reads_episodes else 0
     return max(MOST_STEPS * made, many)
 
 
 def _ends(own: Expected, recorded: Recorded) -> frozenset[str]:
-    """Return the ways in which a run may end for its outcome to count."""
+    """Return the ways in which a run may end so that its expectation counts as checked."""
     if own.source == "assert":  # where an assert fails, the script does: a change lets it end
         return frozenset({FINISHED})
     ends = frozenset({FINISHED, recorded.ended})
@@ -346,7 +346,7 @@ def _searched(
     asked_for: Callable[[Sequence[Change]], list[Change]] | None,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Return a search's results; nothing if a repeated run does not reproduce the shortfall."""
+    """Return the changes found; nothing if a repeated run does not reproduce the failure."""
     seen_run = seen_changes(trials, engine)
     seen, base = seen_run.answer, outcome_of(seen_run.answer, ended_well=True)
     if row is not None:
@@ -390,7 +390,7 @@ def _searched(
 
 
 def _asked_for(cures: Sequence[Cure], base: Recording, changes: Sequence[Change]) -> list[Change]:
-    """Return the changes that `--try` names: single changes, and interventions.
+    """Return the changes that `--try` names: single changes, and changes from the table.
 
     Raises
     ------
@@ -407,7 +407,7 @@ def _asked_for(cures: Sequence[Cure], base: Recording, changes: Sequence[Change]
 
 
 def _row_of(row: RowExpectation | None, rows: Sequence[AccountRow], change: Change) -> str | None:
-    """Describe the row that a change acts on: the expected row if possible, else another."""
+    """Describe the account's row that a change acts on: the expected one if it does."""
     if row is not None and row.names(change):
         return row.words
     found = row_of(change, rows[:MOST_ROWS])
@@ -428,7 +428,7 @@ def _line_of(said: SaidChange, texts: Mapping[str, str]) -> tuple[str, str] | No
 def _recorded(
     runs: EvaluatedRuns, said: Sequence[SaidChange], base: Recording, *, drawn: bool
 ) -> list[Path]:
-    """Record the runs of the first changes that meet the expectation; return the paths."""
+    """Record runs with the first changes that pass; return the paths of the recordings."""
     folder, paths = trials_of(base.path), []
     for number, each in enumerate(said[:NARROWED], 1):
         change = each.tried.change
@@ -440,7 +440,7 @@ def _recorded(
 
 
 def _standing(trials: EvaluatedRuns, said: Sequence[SaidChange]) -> list[SaidChange]:
-    """Leave out the changes, among the first ones, that fail in nudged runs."""
+    """Drop those of the first changes that fail from slightly displaced positions."""
     standing: list[SaidChange] = []
     for number, each in enumerate(said):
         if len(standing) == NARROWED:
@@ -451,7 +451,7 @@ def _standing(trials: EvaluatedRuns, said: Sequence[SaidChange]) -> list[SaidCha
 
 
 def _coincidences_last(search: Search, said: Sequence[SaidChange]) -> list[SaidChange]:
-    """Sort changes to the end that fail with a slightly different factor, among the first ones."""
+    """Move those of the first changes to the end that fail with a slightly different factor."""
     standing: list[SaidChange] = []
     alone: list[SaidChange] = []
     for number, each in enumerate(said):
@@ -465,7 +465,7 @@ def _coincidences_last(search: Search, said: Sequence[SaidChange]) -> list[SaidC
 
 
 def _likely(change: Change) -> int:
-    """Return a sort key of changes: those whose target is most often the cause come first."""
+    """Return a sort key for changes: first those of values that are most often to blame."""
     op = change.op
     if isinstance(change.how[1], Mapping):  # a call that is added, because it is often left out
         return 0

@@ -1,4 +1,4 @@
-"""The video of `drop why`: the script's own run and its best trial, side by side."""
+"""Writes the video of `drop why`: the unchanged run and the best trial, side by side."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def write_film(why: Why, film: Path, *, force: bool, progress: Progress) -> None:
-    """Write a video of the script's own run beside the trial that cures most.
+    """Write a video of the unchanged run beside the trial that fixes most findings.
 
     Raises
     ------

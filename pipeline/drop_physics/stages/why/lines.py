@@ -1,4 +1,4 @@
-"""Find the source line where a user would change a model: the tag of a named element."""
+"""Finds the source line where a user would change a model element: the XML tag by name."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 def line_of(
     texts: Mapping[str, str], names: Sequence[str], attribute: str, tags: str
 ) -> tuple[str, str] | None:
-    """Return file and line of the first tag with one of these names, and its attribute's text.
+    """Return file and line of the first tag with one of the names, and the attribute's text.
 
     The attribute is empty where the tag has none; None where there is no such tag.
 
@@ -33,7 +33,7 @@ def line_of(
 
 
 def _tags(texts: Mapping[str, str], name: str, tags: str) -> Iterator[tuple[str, int, str]]:
-    """Yield the tags with a name: the file, the line number, and the text."""
+    """Yield the XML tags with a name: file, line number, and text of the tag."""
     named = re.compile(rf"""<(?:{tags})\s[^<>]*?\bname\s*=\s*(["']){re.escape(name)}\1[^<>]*>""")
     for file, text in texts.items():
         for found in named.finditer(text):

@@ -1,4 +1,4 @@
-"""Derive expectations from rows of the account: a joint's target that was not reached."""
+"""Derives expectations from the account, such as a joint target that was not reached."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ OF_KIND = {
 
 @dataclass(frozen=True)
 class RowExpectation:
-    """An expectation derived from a row of the account, or from an episode that failed."""
+    """An expectation derived from the account's row, or from a failed episode."""
 
     text: str
     """An expression of the quantities that the engine knows by name."""
@@ -64,7 +64,7 @@ class RowExpectation:
     """Causes of the row's terms."""
 
     def names(self, change: Change) -> bool:
-        """Return whether a change acts on a term of the row."""
+        """Return whether a change acts on something that the row names."""
         return _acts_on(change, self.causes)
 
 
@@ -76,7 +76,7 @@ def _acts_on(change: Change, causes: Iterable[str]) -> bool:
 
 
 def row_of(change: Change, rows: Sequence[AccountRow]) -> AccountRow | None:
-    """Return the first row that concerns both cause and target of a change; None without one."""
+    """Return the account's first row about the target of a change and what it acts on."""
     its = _names(change)
     for row in rows:
         if not row.at_limit and row.asked and abs(row.gap or row.asked) < CAME * abs(row.asked):
@@ -88,13 +88,13 @@ def row_of(change: Change, rows: Sequence[AccountRow]) -> AccountRow | None:
 
 
 def _names(change: Change) -> set[str]:
-    """Return the names that a change concerns: its elements, and the links that have them."""
+    """Return the names that a change is about: elements, and the links that have them."""
     named = {part for each in change.of for part in re.split(" x | of | body", each)}
     return {*named, *change.on} - {""}
 
 
 def _names_of(row: AccountRow) -> set[str]:
-    """Return the names of the bodies, joints and links that a row concerns."""
+    """Return the names of bodies, joints and links that a row is about."""
     pair = row.pair or ()
     own = [row.joint, row.constraint, row.actuator, row.link, *row.joints, *pair]
     if not row.joint:
@@ -105,7 +105,7 @@ def _names_of(row: AccountRow) -> set[str]:
 def row_expectation(
     rows: Sequence[AccountRow], episodes: Sequence[EpisodeRow]
 ) -> RowExpectation | None:
-    """Return a run's first shortfall: a failed episode, or else a row about a joint.
+    """Return the first failed request in the account: an episode, or a joint's target.
 
     None where no joint is far from its target, or has moved though told to stand.
     """

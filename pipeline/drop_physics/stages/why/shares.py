@@ -1,4 +1,4 @@
-"""Compute each cause's share of an outcome, by switching causes off alone and together."""
+"""Computes how much each cause contributes, by runs with causes removed singly and together."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def shares(
 def _causes(
     work: RunTrial, done: Done, own: Outcome, nudge: Outcome
 ) -> list[tuple[int, Candidate]]:
-    """Return the trials that remove a cause or cure, and move the outcome, the most first."""
+    """Return the trials that remove a cause and change the outcome, largest effect first."""
     found = []
     for number, candidate in enumerate(work.candidates):
         outcome, what = done[number].outcome, candidate.intervention
@@ -86,7 +86,7 @@ def _causes(
 
 
 def _name(candidate: Candidate, causes: Sequence[tuple[int, Candidate]]) -> str:
-    """Return a cause's name; if several share it, with the object that the cause acts on."""
+    """Return a cause's name; if several share it, with the body or joint that it acts on."""
     what = candidate.intervention
     if what.name == "without":
         return what.short

@@ -1,4 +1,4 @@
-"""The trials of `drop why`: one run per intervention, and its effect."""
+"""Makes the trial runs of `drop why`, one per change, and measures their effects."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class TrialRun:
 
 @dataclass(frozen=True)
 class RunTrial(RunChanged[TrialRun]):
-    """Runs a candidate, called with its number.
+    """Makes numbered trial runs of a script.
 
     The nudge and an unchanged run follow the last candidate.
     """
@@ -46,7 +46,7 @@ class RunTrial(RunChanged[TrialRun]):
 
     @property
     def nudge(self) -> int:
-        """Number of the nudged run."""
+        """Number of the run from slightly displaced positions."""
         return len(self.candidates)
 
     @property
@@ -55,7 +55,7 @@ class RunTrial(RunChanged[TrialRun]):
         return len(self.candidates) + 1
 
     def __call__(self, number: int) -> TrialRun:
-        """Run a candidate, and record its duration."""
+        """Make a trial run, and note how long it took."""
         began = time.monotonic()
         made = super().__call__(number)
         if made.outcome is not None:
@@ -68,12 +68,12 @@ class RunTrial(RunChanged[TrialRun]):
         return self.until
 
     def is_late(self, number: int) -> bool:
-        """Return whether too little time is left to start a candidate."""
+        """Return whether too little time is left to start a trial."""
         del number
         return time.time() + max(self.took_s, default=0.0) > self.until
 
     def run_of(self, number: int) -> ChangedRun | None:
-        """Return the changes of a run; None if the engine does not support them."""
+        """Return the changes of a trial; None if the engine does not support them."""
         others = {self.nudge: NUDGED, self.unchanged: ChangedRun()}
         return others[number] if number in others else self.candidates[number].run
 
@@ -83,11 +83,11 @@ class RunTrial(RunChanged[TrialRun]):
         return TrialRun(None, None)
 
     def has_failed(self, made: TrialRun) -> bool:
-        """Return whether a run failed on its own, rather than being stopped."""
+        """Return whether a trial failed by itself, rather than being stopped by us."""
         return made.outcome is not None and made.outcome.ended == "failed"
 
     def name_of(self, number: int) -> str:
-        """Return the name of a run."""
+        """Return the name of a trial."""
         if number >= self.nudge:
             return "nudge" if number == self.nudge else "unchanged"
         each = self.candidates[number].intervention
@@ -114,7 +114,7 @@ class RunTrial(RunChanged[TrialRun]):
         return TrialRun(Outcome(fired, ended.how, error, steps, findings, far, began), path)
 
     def _findings(self, number: int, other: Recording) -> list[Finding]:
-        """Return the findings in a trial of a finding, or in the nudged run.
+        """Return the findings in a trial run, with the labels of the unchanged run.
 
         Bodies have the labels that they have in the script's own run.
         """
@@ -144,7 +144,7 @@ class RunTrial(RunChanged[TrialRun]):
 
 
 def _began(base: Recording, other: Recording) -> Distance | None:
-    """Return how far a body moves in a trial, if it rests in the script's own run; else None.
+    """Return how far a body moves in a trial, if it rests in the unchanged run; else None.
 
     A body that calls set between steps does not stand still, though no step moves it.
     """
@@ -162,7 +162,7 @@ def _began(base: Recording, other: Recording) -> Distance | None:
 
 
 def first_tried(candidates: Sequence[Candidate]) -> Iterator[int]:
-    """Yield the numbers of candidates in the order in which they are tried.
+    """Yield the numbers of candidates in the order to try: the first of each finding first.
 
     First proposals of all findings come before any second one.
     """
