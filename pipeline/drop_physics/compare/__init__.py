@@ -1,1 +1,1 @@
-"""Differences between two recordings: inputs, calls, samples."""
+"""Compares two recordings: inputs, calls, samples."""

@@ -1,4 +1,4 @@
-"""Compare the calls of two scripts in order."""
+"""Compares the calls of two scripts, in order."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class OtherCall:
 
 
 class CallComparison:
-    """Compares the calls of each simulation, batch by batch.
+    """Compares the calls of each simulation, chunk by chunk.
 
     From which lines they are made does not count, nor how those of several simulations alternate:
     threads take turns at random.
@@ -72,14 +72,14 @@ class CallComparison:
         return min(found, key=_when, default=None)
 
     def _does(self, call: Call) -> tuple[object, ...]:
-        """Return what a call does, without its source line and the folders of its files."""
+        """Return a call without its source line and folders, to compare what it does."""
         if call.site not in self._said:
             self._said[call.site] = call.function, FOLDER.sub("", call.site.form)
         return *self._said[call.site], _comparable(call.numbers), bool(call.raised)
 
 
 def _comparable(numbers: tuple[float, ...]) -> tuple[object, ...]:
-    """Replace nan in numbers by a value that equals itself."""
+    """Replace nan by a value that equals itself."""
     return tuple(number if number == number else None for number in numbers)
 
 
@@ -88,7 +88,7 @@ def _when(other: OtherCall) -> tuple[int, int]:
 
 
 def call_before(run: Seen, first: Dated) -> Call | None:
-    """Return the last call before a difference that may have caused it."""
+    """Return the last call before a difference, which may be the cause."""
     found = None
     (step, phase, number), client, _ = first
     for piece in run.pieces():

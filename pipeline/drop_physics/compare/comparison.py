@@ -1,4 +1,4 @@
-"""Test whether two recordings show the same physics: find the first difference, and its size.
+"""Decides whether two recordings show the same physics, and finds the first difference.
 
 Inputs count until a sample differs: from there on they may be a reaction to the difference, in a
 script that controls by its measurements. Calls are reported, but only their effects count. Motion
@@ -156,12 +156,12 @@ def _pieces(run: Seen, golden: Seen) -> Iterator[tuple[Piece, Piece]]:
 
 
 def _not_seen(seen: Seen) -> Iterator[str]:
-    """Yield the labels of bodies whose motion is not recorded, or not for all links."""
+    """Return the names of bodies whose motion is not, or not fully, recorded."""
     for body in seen.bodies.values():
         if body.soft or body.hides_links:
             yield body.label
 
 
 def _told(dated: Dated, run: Seen) -> Difference:
-    """Return a difference, with the simulated time of its step."""
+    """Return a difference with the simulated time of its step added."""
     return replace(dated.difference, time_s=StepTimes(run, dated.client).of(dated.when.step))

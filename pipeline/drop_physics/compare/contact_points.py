@@ -1,4 +1,4 @@
-"""Compare the contact points of two simulations."""
+"""Compares the contact points of two simulations."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def first_contact(
 
 
 def _numbers(points: Rows) -> Float64:
-    """Return the compared numbers of contact points, shape (k, numbers)."""
+    """Return the numbers of contact points that are compared, shape (k, numbers)."""
     friction = sum(
         points[f"friction_{k}_n"][:, None] * points[f"friction_{k}_direction"] for k in (1, 2)
     )
@@ -77,7 +77,7 @@ def _numbers(points: Rows) -> Float64:
 
 
 def _by_client(run: Seen, points: Rows) -> Rows:
-    """Sort contact points by step and simulation, each of which counts its own steps."""
+    """Sort contact points by simulation and step."""
     clients = {number: body.client for number, body in run.bodies.items()}
     client = np.array([clients.get(number, 0) for number in points["body_a"].tolist()], np.int64)
     ordered: Rows = points[np.lexsort((client, points["step"]))]

@@ -1,4 +1,4 @@
-"""The data model of differences between a recording and the golden one."""
+"""Data about differences between a recording and the golden one."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ LED, INPUT, FIRST = range(3)
 
 
 class Dated(NamedTuple):
-    """A difference, with its simulation and moment."""
+    """A difference, with its simulation and time."""
 
     when: When
     client: int

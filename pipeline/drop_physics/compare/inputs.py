@@ -1,4 +1,4 @@
-"""Compare the inputs of two scripts: bodies, their dynamics, the engine's settings."""
+"""Compares the inputs of two scripts: bodies, their dynamics, engine settings."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _keep_shared(
     mine: Mapping[Key, Mapping[int, tuple[int, Values]]],
     theirs: Mapping[Key, Mapping[int, tuple[int, Values]]],
 ) -> None:
-    """Remove values that only one of two engines, or versions, ever reports."""
+    """Remove values that one of the two engines, or versions, never reports."""
     sides = (
         [
             values
@@ -129,7 +129,7 @@ def _first(
 def _inputs(
     seen: Seen, numbers: Mapping[int, int], clients: Mapping[int, int], common: Set[int]
 ) -> dict[Key, dict[int, tuple[int, Values]]]:
-    """Return the inputs after each change, by step, with the number of calls before."""
+    """Return the inputs after each change, by step, with the number of earlier calls."""
     inputs: dict[Key, dict[int, tuple[int, Values]]] = {}
     for came in seen.appearances:
         key = "bodies", clients.get(came.body.client, -1), numbers[came.body.number]

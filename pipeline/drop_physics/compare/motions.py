@@ -1,4 +1,4 @@
-"""Collect the samples of bodies in a batch of steps, to compare two recordings."""
+"""Collects bodies' samples in a range of steps, to compare two recordings."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def motions(bases: Rows, joints: Mapping[int, Joints]) -> dict[int, BodySamples]
 def together(
     mine: BodySamples, theirs: BodySamples, *, finer: int = 1
 ) -> tuple[BodySamples, BodySamples]:
-    """Return the samples at common times; `theirs` has `finer` steps for each of `mine`."""
+    """Return the samples at common times; the second run has `finer` steps for one of the first."""
     due = mine.steps * finer
     if np.array_equal(due, theirs.steps):
         return mine, theirs

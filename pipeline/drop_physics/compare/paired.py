@@ -1,4 +1,4 @@
-"""Arrange positions and velocities of bodies in two recordings in corresponding columns."""
+"""Puts coordinates and velocities of bodies in two recordings into corresponding columns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Match the simulations and bodies of two recordings.
+"""Matches the simulations and bodies of two recordings.
 
 Numbers say nothing about contents: an earlier connection, even an unused one, shifts those of
 clients; and bodies are numbered in the order of their appearance, which depends on how threads take

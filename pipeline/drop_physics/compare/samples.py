@@ -1,4 +1,4 @@
-"""Compare the samples of two simulations in batches: bases, joints, constraints."""
+"""Compares the samples of two simulations: bases, joints, constraints."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class SampleComparison:
             self.first = earliest(*found)
 
     def end(self) -> None:
-        """Compare the lengths of the simulations, in which nothing may move."""
+        """Compare how long the simulations are, even if nothing moves."""
         for client, (mine, theirs) in lengths(self._run, self._golden, self._pairs).items():
             step, there = min(mine, theirs), (float(mine > theirs), float(theirs > mine))
             ended = Dated(When(step, LED), client, Difference(step, None, None, "there", *there))
@@ -120,7 +120,7 @@ class SampleComparison:
         return Dated(self._when(number, step), body.client, difference)
 
     def _first_of_body(self, number: int, mine: BodySamples, theirs: BodySamples) -> Dated | None:
-        """Return the first number of a body that differs in this batch."""
+        """Return a body's first number that differs in these steps."""
         dated = [self._lacking(number, mine.steps, theirs.steps)]
         mine, theirs = together(mine, theirs)
         steps = mine.steps
@@ -197,7 +197,7 @@ class SampleComparison:
         tracks: tuple[BodySamples, BodySamples],
         parts: tuple[Float64, Float64],
     ) -> None:
-        """Update the largest differences of a body, by quantity."""
+        """Update a body's largest differences, by quantity."""
         x, y = parts
         with np.errstate(invalid="ignore", over="ignore"):
             for quantity, vector in zip(QUANTITIES, VECTORS, strict=True):
@@ -218,7 +218,7 @@ class SampleComparison:
     def _note(
         self, number: int, quantity: str, steps: Int64, size: Float64, links: range | list[int]
     ) -> None:
-        """Update the largest difference of a quantity, from sizes of shape (n, links)."""
+        """Update the largest difference of one quantity, from sizes of shape (n, links)."""
         size = np.where(np.isfinite(size), size, 0.0)
         most = float(size.max(initial=0.0))
         held = self.largest.get((number, quantity))
@@ -245,7 +245,7 @@ def _joint_columns(body: Body) -> Iterator[tuple[str, int]]:
 
 
 def _worst(differ: Flags, base: Flags | None, track: BodySamples) -> int:
-    """Return the index of the number to report: one of the base, if it is beyond a tolerance."""
+    """Return the index of the number to report, preferably one of the base."""
     named = differ.copy()
     if base is not None and track.base is not None:
         named[: len(base)] = base

@@ -1,4 +1,4 @@
-"""Compare the settings of two drops: their options, and the engines' reports."""
+"""Compares two drops: their options, and the engines' reports."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def _scenario_differences(run: DropInputs, golden: DropInputs) -> list[Differenc
 
 
 def _alike(run: DropInputs, golden: DropInputs, name: str) -> bool:
-    """Return whether one engine's default equals the value given for the other."""
+    """Return whether an option left to one engine's default agrees with the other drop's value."""
     if run.scenario.engine == golden.scenario.engine:
         return False
     mine, theirs = (_in_effect(side, name) for side in (run, golden))
@@ -91,7 +91,7 @@ def _engine_settings(run: DropInputs, golden: DropInputs) -> list[Difference]:
 
 
 def _apart(name: str, value: Any, other: Any) -> bool:  # noqa: ANN401
-    """Return whether values make drops different experiments, beyond float32 rounding."""
+    """Return whether two values differ by more than float32 rounding."""
     if name not in OF_EVERY_ENGINE:
         return False
     return isinstance(value, str) or not np.allclose(value, other, rtol=SINGLE, atol=0)

@@ -1,1 +1,1 @@
-"""One folder for each engine: its worlds, the watching of scripts, and the explanation of steps."""
+"""The physics engines, a folder each: worlds for drops, watching of scripts, explaining steps."""

@@ -1,4 +1,4 @@
-"""Lookup of an engine's table of interventions, which words suggested fixes and makes trials."""
+"""Finds an engine's table of changes: how a suggested fix is written, and how it is tried."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ PARAMETERS = BULLET.parameters | MUJOCO.parameters
 
 
 def cures_of(engine: str) -> Interventions:
-    """Return the table of interventions for the engine of a recording."""
+    """Return the table of changes for a recording's engine."""
     return TABLES[engine.partition(" ")[0]]
 
 
@@ -60,7 +60,7 @@ def words_of(change: Change) -> str:
 
 
 def written_as(change: Change) -> tuple[str, str] | None:
-    """Return the attribute that a change edits, and a pattern of the tags that have it.
+    """Return the XML attribute that a change edits, and a pattern of the tags that have it.
 
     None of a change that is of none.
     """
@@ -69,7 +69,7 @@ def written_as(change: Change) -> tuple[str, str] | None:
 
 
 def follows(change: Change) -> str:
-    """Return the call to add where a change is made between two steps; empty if there is none."""
+    """Return the call that must follow a change made between two steps; empty if none is needed."""
     table = TABLES.get(change.engine)
     return "" if table is None else table.follows(change)
 

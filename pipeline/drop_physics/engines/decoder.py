@@ -1,4 +1,4 @@
-"""Decodes the stream of a watched script: from frames to events, for any engine.
+"""Decodes the byte stream of a watched script into events, for any engine.
 
 The other end of `watching`; the stream is described in its `pipe`. Frames of an engine go to the
 decoder in its folder.
@@ -105,7 +105,7 @@ class Decoder:
         return [name for name, is_there in known.items() if is_there]
 
     def close(self) -> None:
-        """Delete the kept frames."""
+        """Delete the temporary files."""
         self.mujoco.close()
         if self._kept is not None:
             self._kept.close()
@@ -130,7 +130,7 @@ class Decoder:
         return other, events()
 
     def _begin(self, engine: str) -> Iterator[Event]:
-        """Yield an engine's kept events, and keep only the other engine's from now on."""
+        """Yield the events kept for an engine, and from now on keep only the other engine's."""
         self.engine = engine
         kept, self._kept = self._kept, None
         for kind, payload in _frames_in(kept):
@@ -185,7 +185,7 @@ class Decoder:
             self.faults.append(Message("its steps are not explained: {why}", why=str(error)))
 
     def rest(self) -> Iterator[Event]:
-        """Yield the events that were collected but not yet yielded, at the end of the stream."""
+        """Yield the remaining events after the end of the stream."""
         if not self.engine:
             yield from self._begin(PYBULLET)
         if self.engine == PYBULLET and not self.also_steps:  # it says what of MuJoCo is not caught
@@ -237,7 +237,7 @@ class Decoder:
         self.waits = begins
 
     def _on_again(self) -> None:
-        """Forget a program that made no step before a watched program replaced it."""
+        """Forget a program that made no step, as another one replaced it (`exec`)."""
         if self._kept is not None:
             self._kept.close()
         self.mujoco.close()

@@ -1,4 +1,4 @@
-"""Check that an engine's numbers are finite, and conversion into samples of a drop."""
+"""Checks that an engine's numbers are finite, and converts them to samples of a drop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trial runs as forks of one run of a script, which pauses where the trials begin to differ."""
+"""Makes trial runs as forks of one run, which pauses where the trials start to differ."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Fork(Listener):
         self.decoder.close()
 
     def begin(self) -> bool:
-        """Begin; return False if the trial would share resources with the paused run."""
+        """Start the trial; return False if it would share resources with the paused run."""
         files = [self._writing, self._block.fileno(), self._printed]
         fields = {name: getattr(self._trial, name) for name in TRIES}
         try:
@@ -71,7 +71,7 @@ class Fork(Listener):
         return self._process > 0
 
     def stop(self, why: str) -> None:
-        """Stop the trial, for a reason."""
+        """Stop the trial; `why` is the reason to report."""
         if not self._why:
             self._why = why
             end_group(self._process)
@@ -163,7 +163,7 @@ class ForkServer:
             return Fork(self, self._asked, trial, printed)
 
     def ask(self, request: dict[str, Any], files: list[int]) -> None:
-        """Send a request to the paused run."""
+        """Send a request to the process of the paused run."""
         text = json.dumps(request).encode()
         with self._lock:
             try:

@@ -1,4 +1,4 @@
-"""The table of interventions: one row for each kind of change that can be made to a run.
+"""The table of changes that can be suggested and tried: one row for each kind of change.
 
 The rows of an engine are in its own folder (`interventions`); those of all engines are here.
 """
@@ -32,13 +32,13 @@ magnitude of gravity [m/s²]."""
 
 
 def to(usual: object) -> Becomes:
-    """Return a function that sets a value to a fix's number, or to a default without one."""
+    """Return a function that sets a value to a suggested number or, without one, to a default."""
     return lambda number: ("=", usual if number is None else number)
 
 
 @dataclass(frozen=True)
 class always:  # noqa: N801 - it reads as `to` does
-    """An operation that ignores the number of a fix."""
+    """An operation with a fixed value, whatever number a suggested change has."""
 
     operator: str
     value: object
@@ -49,18 +49,18 @@ class always:  # noqa: N801 - it reads as `to` does
 
 
 def raised(number: float | None) -> How:
-    """Return the operation that sets a fix's number; without one, multiplies by a default."""
+    """Return the operation that sets a number or, without one, multiplies by a default."""
     return ("*", MORE) if number is None else ("=", number)
 
 
 def times(number: float | None) -> How:
-    """Return the operation that multiplies by a fix's number."""
+    """Return the operation that multiplies by a number."""
     return ("*", number or MORE)
 
 
 @dataclass(frozen=True)
 class ChangeRow:
-    """One intervention: its name, the code that a user would write, and the changed run."""
+    """A kind of change: its name, the code that a user would write, and how a run makes it."""
 
     name: str
     """The name, as `--try` takes it; after a colon its variant, if there are several. Empty if only
@@ -98,7 +98,7 @@ class ChangeRow:
 
     @property
     def tried(self) -> dict[str, Any]:
-        """The row in the format of the search that runs in the script's interpreter."""
+        """Description of this change for the search for causes, in the script's process."""
         return {
             "change": self.change,
             "tries": self.tries.split(),
@@ -108,17 +108,17 @@ class ChangeRow:
         }
 
     def number(self, cure: Cure) -> float | None:
-        """Return the value of a fix, or the default value."""
+        """Return the number of a suggested change, or the default."""
         value = self.usual if cure.value is None else cure.value
         return None if value is None else value * self.share
 
     def changes(self, cure: Cure) -> dict[str, How]:
-        """Return the changes of arguments or fields."""
+        """Return which arguments or fields change, and how."""
         number = self.number(cure)
         return {name: becomes(number) for name, becomes in self.sets.items()}
 
     def call_of(self, cure: Cure) -> str:
-        """Return the code that a user would write for a fix."""
+        """Return the code that a user would write to make a suggested change."""
         if not self.words:
             return cure.name
         known = self.known(cure)
@@ -126,7 +126,7 @@ class ChangeRow:
         return Message(self.words, **{name: known.get(name, NOT_SAID) for name in names})
 
     def known(self, cure: Cure) -> dict[str, Any]:
-        """Return the values that the code template may use, by name."""
+        """Return the values that may fill in a suggested change's code template, by name."""
         number = self.number(cure) or 0.0
         given = {
             name: ", ".join(map(str, each)) if isinstance(each, list) else each
@@ -135,12 +135,12 @@ class ChangeRow:
         return {**self.unsaid, **given, "value": number, "mm": 1e3 * number}
 
     def operations(self, cure: Cure, scope: Scope) -> Iterable[Operation]:
-        """Return the operations that the engine's hooks carry out."""
+        """Return the operations that the engine's hooks carry out to make a change."""
         del cure, scope
         return ()
 
     def applied(self, cure: Cure, scope: Scope) -> ChangedRun | None:
-        """Return the run with the fix applied; None if that changes nothing."""
+        """Return the run with a suggested change; None if that would change nothing."""
         if self.needs and self.needs not in cure.given:
             return None
         operations, number = [*self.operations(cure, scope)], self.number(cure)
@@ -169,7 +169,7 @@ OPERATORS = {
 
 
 def done(op: str) -> str:
-    """Describe the effect of an operator of the causal search."""
+    """Describe what an operator does to a value, such as ×10."""
     if op in OPERATORS or op[0] == "^":
         return OPERATORS.get(op, OPERATORS["^"])
     signs = {"*": "×", "/": "÷", "=": "= "}
@@ -177,7 +177,7 @@ def done(op: str) -> str:
 
 
 def named(names: Sequence[str]) -> str:
-    """Return the names of elements as text: all of them, or their number if there are many."""
+    """Return the names of elements as text, or their number if there are many."""
     return ", ".join(names) if len(names) <= MOST_NAMES else Message("all {n}", n=len(names))
 
 
@@ -191,7 +191,7 @@ OF_ANY = (
 
 
 class Interventions:
-    """The table of interventions of an engine.
+    """An engine's table of changes.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ class Interventions:
         self._set_parameter = set_parameter
 
     def row_of(self, cure: Cure) -> ChangeRow | None:
-        """Return the row for a fix; None if the engine has none.
+        """Return the row for a suggested change; None if the engine has none.
 
         A row of the form `given` takes numbers of cures without a form.
         """
@@ -251,12 +251,12 @@ class Interventions:
         return self.rows.get(f"{cure.name}:{form}") or self.rows.get(cure.name)
 
     def call_of(self, cure: Cure) -> str:
-        """Return the call or attribute that a user would write for a fix."""
+        """Return the call or attribute that a user would write to make a suggested change."""
         row = self.row_of(cure)
         return cure.name if row is None else row.call_of(cure)
 
     def applied(self, cure: Cure, scope: Scope) -> ChangedRun | None:
-        """Return the run with the fix applied; None if the engine does not support it."""
+        """Return the run with a suggested change; None if the engine does not support it."""
         if cure.name == PARAMETER.name:
             name, value = cure.given["name"], whole_number(cure.value or 0.0)
             return self._set_parameter(name, value) if name in self.parameters else None

@@ -33,7 +33,7 @@ class OtherProcesses:
         """Next time to examine each process, and the interval before [s]."""
 
     def look(self) -> None:
-        """Examine the processes that are due: new ones often, old ones rarely."""
+        """Check the processes whose turn it is: new ones often, old ones rarely."""
         now, (first, last) = time.monotonic(), LOOKS_S
         if self.found or now < self._due:
             return

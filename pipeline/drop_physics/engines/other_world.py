@@ -71,7 +71,7 @@ class OtherWorld:
     """The inertial frame in the body's own frame: identical, as a pose of shape (1, 7)."""
 
     def dynamics(self, _: int = BODY) -> dict[str, Float64]:
-        """Return the engine's further reports on the body, beyond mass and inertia: none."""
+        """Return what the engine reports beyond mass and inertia: nothing."""
         return {}
 
     def __enter__(self) -> Self:

@@ -1,4 +1,4 @@
-"""What a script's run accessed outside its simulation, and changes in its working directory."""
+"""Notes which files, devices and networks a script's run used, besides its simulation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MAKES = "makes"
 
 @dataclass(frozen=True)
 class Reached:
-    """What a script's run accessed outside its simulation."""
+    """Which files, devices and networks a script's run used."""
 
     noted: tuple[tuple[str, str], ...] = ()
     """The run's reports: `connects`, `starts`, `opens`, `writes`, `removes`, `keeps` or `keeps
@@ -35,7 +35,7 @@ class Reached:
     """Processor time of the run [s]."""
 
     def names(self, *kinds: str) -> list[str]:
-        """Return the names of resources accessed in the given ways."""
+        """Return the names of the resources that were used in the given ways."""
         return [name for kind, name in self.noted if kind in kinds]
 
     @property

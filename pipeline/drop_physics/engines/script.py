@@ -163,7 +163,7 @@ def _from_home(path: str) -> str:
 
 
 class Listener(ABC):
-    """Reads the stream of a watched process; consume its `events` to the end.
+    """Reads the event stream of a watched process, until the process ends.
 
     Parameters
     ----------
@@ -232,10 +232,10 @@ class Listener(ABC):
 
     @abstractmethod
     def _is_over(self) -> bool:
-        """Return whether the process has stopped sending."""
+        """Return whether the process has finished sending."""
 
     def _tick(self) -> None:
-        """Check on the process; called at least every `TICK_S`."""
+        """Check whether the process still runs; called at least every `TICK_S`."""
         if self._others is not None:
             self._others.look()
 
@@ -252,7 +252,7 @@ class Listener(ABC):
             return memory[start : pipe.BLOCK.size + used]
 
     def _counters(self) -> Sequence[int]:
-        """Return how often each reading line was executed."""
+        """Return how often each script line read simulation values."""
         with mmap.mmap(self._memory, pipe.SHARED_BYTES, access=mmap.ACCESS_READ) as memory:
             return array("Q", memory[pipe.BLOCK_BYTES :])
 
@@ -315,7 +315,7 @@ class OtherEngine(Listener):
 
 
 def end_group(leader: int) -> None:
-    """End a process group of ours, by the process id of its leader."""
+    """End all processes of a group that we started, given its leader's id."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(leader, signal.SIGKILL)
 
@@ -452,7 +452,7 @@ class Script(Listener):
         self.decoder.close()
 
     def interrupt(self) -> None:
-        """Note a Ctrl-C that the terminal has sent to the script, too."""
+        """Note that the script got a Ctrl-C from the terminal, too."""
         self._interrupts += 1
         if self._interrupted_at is None:
             self._interrupted_at = time.monotonic()

@@ -1,4 +1,4 @@
-"""Single edits of a user's texts for the causal search: numbers, attributes, statements.
+"""Finds single edits of the user's files to try: numbers, attributes, statements.
 
 The texts are the script, its own modules, and the models that these name. Edits are what their user
 would make: each number, also in the attributes of models that stand in the
@@ -101,7 +101,7 @@ BEGINS = re.compile(
 
 @dataclass(frozen=True)
 class TextPart:
-    """A part of the script's text that can be replaced."""
+    """A piece of a source file that an edit may replace."""
 
     name: str
     """The variable, argument or attribute whose value it is: `KP`,
@@ -123,17 +123,17 @@ class TextPart:
 
     @property
     def breaks(self) -> bool:
-        """True if it sets an initial value, before the first step."""
+        """True if the piece sets an initial value, before the first step."""
         return not self.again and BEGINS.search(self.name) is not None
 
     @property
     def is_geometry(self) -> bool:
-        """True if it sets a position or a size."""
+        """True if the piece sets a position or a size."""
         return SHAPES.match(self.name.rpartition(".")[2]) is not None
 
 
 class PlacedText(NamedTuple):
-    """The element of a change of a text: where it is, and what is there."""
+    """A piece of a source file, with its location."""
 
     path: str
     """The file; empty for the script."""
@@ -148,7 +148,7 @@ class PlacedText(NamedTuple):
 
 
 def changes_of(text: bytes, file: str, expected: str, path: str = "") -> list[Change]:
-    """Return the possible changes to a text; none of Python that is not valid.
+    """Return the edits that may be tried in a file; none if it is invalid Python.
 
     Attributes that many elements of a model have are changed of all of them at once.
 
@@ -194,7 +194,7 @@ def _told_apart(names: Sequence[str]) -> Iterator[str]:
 def _of_places(
     group: Sequence[tuple[TextPart, str]], text: bytes, file: str, path: str
 ) -> Iterator[Change]:
-    """Yield the changes that edit a group of places together."""
+    """Yield the changes that edit several places of a file together."""
     first, _ = group[0]
     for op in dict.fromkeys(op for each, _ in group for op in each.tries):
         its = [
@@ -226,7 +226,7 @@ def edits_of(change: Change) -> list[list[Any]]:
 
 
 def repeats(change: Change) -> float:
-    """Return how many times as many steps a run may make, whose inner loop is repeated more often.
+    """Return by what factor a change may lengthen a run, as by repeating an inner loop.
 
     1 of other changes.
     """
@@ -302,7 +302,7 @@ def _becomes(change: Change, place: PlacedText) -> str:
 
 
 def _feeding(tree: ast.AST, expected: str) -> set[str]:
-    """Return the script's constants in an expectation: names of numbers, not of moving quantities.
+    """Return the names of the script's constants that an expectation refers to.
 
     They come from numbers by arithmetic alone.
     """
@@ -367,7 +367,7 @@ def _is_computed(values: Sequence[ast.expr | None]) -> bool:
 
 
 class _TextParts:
-    """Finds the replaceable parts of a script's text."""
+    """Finds the pieces of a source file that an edit may replace."""
 
     def __init__(self, tree: ast.Module, text: bytes, feeding: set[str]) -> None:
         self._tree, self._text, self._feeding = tree, text, feeding
@@ -378,16 +378,16 @@ class _TextParts:
         self._counts = {*_counting(tree)}
 
     def all(self) -> Iterator[TextPart]:
-        """Yield the replaceable parts in the order of the text."""
+        """Yield the replaceable pieces in the order of the file."""
         for each in self._tree.body:
             yield from self._of(each, "", "")
 
     def of_model(self) -> Iterator[TextPart]:
-        """Yield the replaceable parts of a text that is a model."""
+        """Yield the replaceable pieces of a text that contains a model."""
         return self._of_markup(0, len(self._text))
 
     def _of_loop(self, node: ast.For | ast.While) -> Iterator[TextPart]:
-        """Yield the parts of a loop, except the numbers over which it iterates.
+        """Yield the pieces of a loop, without the numbers that it iterates over.
 
         How often an inner loop is repeated is a part, since what is around goes on after it: the
         steps for each command.
@@ -409,7 +409,7 @@ class _TextParts:
         return start, self._lines[node.end_lineno - 1] + node.end_col_offset
 
     def _of(self, node: ast.AST, name: str, function: str) -> Iterator[TextPart]:
-        """Yield the parts below a syntax node, given the assigned name and the called function."""
+        """Yield the pieces below a syntax node, given the assigned name and the called function."""
         if isinstance(node, ast.Assert | ast.Import | ast.ImportFrom | ast.FormattedValue):
             return
         if isinstance(node, ast.Compare) and _asks_for_arguments(node):
@@ -545,7 +545,7 @@ class _TextParts:
 
 
 def _asks_for_arguments(node: ast.AST) -> bool:
-    """Return whether an expression concerns the script's arguments or how it is run."""
+    """Return whether an expression depends on command-line arguments."""
     return any(
         getattr(each, "attr", getattr(each, "id", None)) in ARGUMENTS for each in ast.walk(node)
     )
@@ -564,7 +564,7 @@ def _counts(node: ast.AST) -> TypeGuard[ast.Call]:
 
 
 def _counting(tree: ast.AST) -> Iterator[str]:
-    """Yield the variables that say how often loops are repeated."""
+    """Yield the variables that set how often loops are repeated."""
     for call in filter(_counts, ast.walk(tree)):
         yield from (each.id for each in call.args if isinstance(each, ast.Name))
 

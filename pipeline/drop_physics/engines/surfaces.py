@@ -67,7 +67,7 @@ def _is_hollow_file(file: str, hull_m: tuple[float, ...]) -> bool:
 
 
 def _is_one(hull_m: Float64) -> bool:
-    """Return whether vertices form a single convex hull."""
+    """Return whether vertices are those of a single convex hull."""
     hull = _hull(hull_m)
     return hull is not None and len(hull.vertices) == len(hull_m)
 

@@ -37,7 +37,7 @@ class WholeEpisodes:
 
     @property
     def leaves_out(self) -> bool:
-        """True if certain episodes were requested, so that others are omitted."""
+        """True if only certain episodes are recorded step by step."""
         return self._which not in ("all", None)
 
     @property
@@ -46,7 +46,7 @@ class WholeEpisodes:
         return self._which == "all" or (self._which is None and self.kept_bytes < MANY_BYTES)
 
     def decide(self, how: str, *, success: bool | None, **_: Any) -> Decision:  # noqa: ANN401
-        """Return what happens to an episode, given its environment's report."""
+        """Return whether to record an episode's steps, given its environment's report."""
         self.ended += 1
         if self.all_so_far or self._which == self.ended:
             return "whole"

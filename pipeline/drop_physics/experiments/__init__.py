@@ -1,1 +1,1 @@
-"""Run a script with changes, and compare these runs with its own run."""
+"""Runs a script with changes, and compares these runs with the unchanged one."""

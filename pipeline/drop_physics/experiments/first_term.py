@@ -1,4 +1,4 @@
-"""Find the term of the sum in which two runs first differ.
+"""Finds the impulse term in which two runs first differ.
 
 From a common state on, a position is the sum of its velocity's displacements and the steps' own
 additions; and the velocity is the sum of the terms' contributions, M^-1 P. So the distance between
@@ -38,7 +38,7 @@ LEAST, MOST = 256, 4096
 
 @dataclass
 class _Way:
-    """How one position of a run came about since a call last set it."""
+    """What moved one coordinate since a call last set it, term by term."""
 
     began: int = -1
     """The script's own last step before that."""
@@ -51,7 +51,7 @@ class _Way:
 
 
 class _TermPart:
-    """The columns of a body's state in which a position is."""
+    """Which columns of a body's state belong to one position."""
 
     def __init__(self, body: Body, joint: str | None, unit: str) -> None:
         self._joint, self._unit = joint, unit
@@ -93,7 +93,7 @@ def first_term(base: Seen, other: Seen, found: Apart, *, finer: int = 1) -> str 
 
 
 def _way(seen: Seen, number: int, track: Track, end: int, times: StepTimes, *, finer: int) -> _Way:
-    """Return the contributions to a position up to a script's step, which is `finer` steps here."""
+    """Return the contributions of all terms to a position, up to a step of the script."""
     part, way = _TermPart(seen.bodies[number], track.joint, track.unit), _Way()
     whole = Explanation(seen) if seen.engine == PYBULLET else Replayed(seen)
     for explained in whole.pieces(min(MOST, max(LEAST, end + 2))):
@@ -110,7 +110,7 @@ def _way(seen: Seen, number: int, track: Track, end: int, times: StepTimes, *, f
 def _follow(
     way: _Way, steps: Steps, part: _TermPart, end: int, times: StepTimes, finer: int, unknown: Int64
 ) -> None:
-    """Add the contributions of several steps."""
+    """Add the contributions of several steps to a position."""
     mine = -(-steps.steps // finer)  # the script's own step that each belongs to
     rows = np.flatnonzero(mine <= end)
     if not len(rows):

@@ -1,4 +1,4 @@
-"""An intervention as a value: a cure, and what it is applied to.
+"""A change to try, with its target, as one value.
 
 The table (`engines/…/interventions`) says how it is written, and how a run with it is made.
 """
@@ -16,7 +16,7 @@ WITHIN = re.compile(r"[\w.]+\(…, (.*)\)")
 
 @dataclass(frozen=True)
 class Intervention:
-    """One change of a run: a cure, and what it is applied to."""
+    """A suggested or requested change, with the bodies or joints that it applies to."""
 
     cure: Cure
     bodies: tuple[int, ...] | None = None
@@ -30,22 +30,22 @@ class Intervention:
 
     @property
     def name(self) -> str:
-        """Name of the intervention, as `--try` expects it."""
+        """Name of the change, as `--try` expects it."""
         return self.cure.name
 
     @property
     def value(self) -> float | None:
-        """The intervention's numeric value; None if it has none."""
+        """The change's number; None if it has none."""
         return self.cure.value
 
     @property
     def target(self) -> str | None:
-        """The body or joint that it applies to, as findings name it; None for the whole run."""
+        """The body or joint that the change applies to; None for the whole run."""
         return self.cure.target
 
     @property
     def call(self) -> str:
-        """The call that a user would write."""
+        """The call that a user would write to make the change."""
         return self.cure.call
 
     @property
@@ -57,6 +57,6 @@ class Intervention:
 
 
 def short(call: str) -> str:
-    """Return only the given arguments of a call, without the open ones: `force=70`."""
+    """Shorten a call to its given arguments: `force=70`."""
     within = WITHIN.fullmatch(call)
     return call if within is None else within[1]

@@ -1,4 +1,4 @@
-"""The motion of all bodies in a run, and distances between the motions of two runs."""
+"""Compares the motion of all bodies between two runs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ POINTS = 3
 
 @dataclass(frozen=True)
 class RunMotion:
-    """The positions of all bodies of a simulation, at regularly sampled steps."""
+    """Positions of all bodies at regularly sampled steps of a run."""
 
     stride: int
     """Number of steps between samples."""
@@ -32,7 +32,7 @@ class RunMotion:
 
 
 def motion_of(told: Mapping[str, Any]) -> RunMotion:
-    """Build a motion from the data that a run reports."""
+    """Build a motion from the positions that a run's process reports."""
     bodies = tuple(told["bodies"])
     flat = np.frombuffer(base64.b64decode(told["positions"]))
     size = len(bodies) * 3 * POINTS  # none where a run was stopped before it had a body
@@ -71,7 +71,7 @@ def apart_m(one: Sequence[RunMotion], other: Sequence[RunMotion]) -> dict[str, f
 
 
 def worse(one: Sequence[RunMotion], other: Sequence[RunMotion]) -> list[str]:
-    """Return the names of the commands that another run follows less well."""
+    """Return which commands a run follows less well than another."""
     return [
         name
         for first, second in zip(one, other, strict=False)
@@ -94,12 +94,12 @@ def size_m(motion: RunMotion) -> float:
 
 
 def is_still(far: Mapping[str, float]) -> bool:
-    """Return whether everything moves as in the run that the distances were measured from."""
+    """Return whether everything moves as in the reference run."""
     return all(value <= SAME_M for value in far.values())
 
 
 def same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
-    """Return whether two runs have the same distances from a third in all bodies, to 1 %."""
+    """Return whether two runs are equally far from a reference run, in all bodies to 1 %."""
     if one.keys() != other.keys():
         return False
     return all(math.isclose(one[name], other[name], rel_tol=SAME, abs_tol=SAME_M) for name in one)

@@ -1,4 +1,4 @@
-"""Rank the reported changes that meet an expectation.
+"""Sorts the changes with which an expectation is met, for the report.
 
 Measured on 75 questions: changes that remove nothing come first, then those that change other
 motion least; in between, changes that follow commands as before precede those that follow one much
@@ -29,7 +29,7 @@ ADDED = 0.8
 
 @dataclass(frozen=True)
 class SaidChange:
-    """A change that meets the expectation, with similar changes that it represents."""
+    """A change that meets the expectation, and similar changes that it stands for."""
 
     tried: TriedChange
     alike: Sequence[TriedChange]
@@ -50,7 +50,7 @@ def ranked(
     besides: Sequence[str] = (),
     row_of: Callable[[Change], str | None] = lambda _: None,
 ) -> list[SaidChange]:
-    """Return the changes that meet the expectation, without duplicates, in the order of the report.
+    """Return the changes that meet the expectation, sorted, and similar ones merged.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def _is_text(said: SaidChange) -> bool:
 
 
 def _takes(said: SaidChange) -> bool:
-    """Return whether a change removes something, or follows a command less well."""
+    """Return whether a change removes something, or worsens how commands are followed."""
     return said.tried.change.breaks or bool(said.tried.worse)
 
 
@@ -110,7 +110,7 @@ def _order(said: SaidChange, farthest_m: float) -> tuple[Any, ...]:
 
 
 def _by_field(said: Sequence[SaidChange]) -> Iterator[SaidChange]:
-    """Yield one change for each field of the same elements, with the others listed in it."""
+    """Yield one change for all fields of the same elements, with the others listed in it."""
     of_field: dict[tuple[Any, ...], list[SaidChange]] = {}
     for each in said:
         change = each.tried.change
@@ -123,7 +123,7 @@ def _by_field(said: Sequence[SaidChange]) -> Iterator[SaidChange]:
 
 
 def _has_smaller(each: TriedChange, true: Sequence[TriedChange]) -> bool:
-    """Return whether a change of fewer elements also meets the expectation."""
+    """Return whether a change of fewer elements helps, too."""
     mine = {*map(str, each.change.ids)}
     return any(
         other.family == each.family and {*map(str, other.change.ids)} < mine
@@ -140,7 +140,7 @@ def _are_alike(one: TriedChange, other: TriedChange) -> bool:
 
 
 def _plainness(each: TriedChange) -> tuple[Any, ...]:
-    """Return a sort key for equal motions: nothing removed, few named elements, a small change."""
+    """Return a sort key for changes with equal motion: the simplest first."""
     change = each.change
     size = change.is_geometry, size_of(change), each.number
     is_text = change.engine == SOURCE  # it says the line of what is found in the model

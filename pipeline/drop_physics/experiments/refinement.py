@@ -1,4 +1,4 @@
-"""Extrapolate solutions to a timestep of zero: plain functions of solutions and timesteps.
+"""Extrapolates results to a timestep of zero, by Richardson's method.
 
 Timesteps are always ordered coarse to fine. Richardson's extrapolation needs no exact solution,
 only a sequence that converges.
@@ -38,7 +38,7 @@ def solution_order(timesteps_s: Sequence[float], solutions: Sequence[float]) -> 
 
 
 def richardson(coarse: float, fine: float, *, ratio: float, order: float) -> float:
-    """Return the limit of two solutions of order p: f1 + (f1 - f2)/(r^p - 1).
+    """Return the limit of two results that converge with order p: f1 + (f1 - f2)/(r^p - 1).
 
     Source: L. F. Richardson, *Phil. Trans. R. Soc. A* 210, 307 (1911); Oberkampf and Roy, 8.3.
     """

@@ -1,4 +1,4 @@
-"""Results of varied runs: growth of a small displacement, convergence, reliable digits."""
+"""Measures how robust results are: growth of displacements, convergence, reliable digits."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ROUNDED = 1e-12
 
 @dataclass(frozen=True)
 class Growth:
-    """Growth of a small displacement."""
+    """How a slight displacement of the start grows over time."""
 
     rate_per_s: float | None
     """Exponential rate, as in exp(rate t); None if the growth is not exponential."""
@@ -104,7 +104,7 @@ class Converging:
 
 
 def converging(timesteps_s: Sequence[float], runs: Sequence[Apart | None]) -> list[Converging]:
-    """Return how final positions converge, the one that changes most first.
+    """Return how final positions converge with the timestep, the least converged first.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def standing(runs: Mapping[str, Apart]) -> list[Standing]:
 
 
 def _digits(moved: float, off: float) -> int | None:
-    """Return how many digits of a distance are unaffected by an error of `off`."""
+    """Return how many digits of a distance an error of `off` leaves intact."""
     if not off:
         return None
     if not math.isfinite(off) or not moved:
@@ -230,7 +230,7 @@ def _digits(moved: float, off: float) -> int | None:
 
 
 def geometric(factors: Sequence[int]) -> tuple[int, int, int] | None:
-    """Return the three finest refinements with a constant ratio, coarsest first; else None."""
+    """Return the three finest timesteps with a constant ratio, coarsest first; else None."""
     ordered = sorted({1, *factors}, reverse=True)
     for fine, middle, coarse in itertools.combinations(ordered, 3):
         if middle * middle == fine * coarse:

@@ -1,4 +1,4 @@
-"""The distance between two runs of one script."""
+"""Measures the distance between two runs of one script."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Distance:
 
 @dataclass
 class Track:
-    """One position compared in both runs: a base's position or orientation, or a joint's."""
+    """One position that is compared: a base's position or orientation, or a joint's."""
 
     number: int
     """Id of the body in the script's own run."""
@@ -92,7 +92,7 @@ class Track:
         return off
 
     def distance(self, value: float, time_s: float) -> Distance:
-        """Return a distance value as one of this position."""
+        """Return a `Distance` of this position, with the given value and time."""
         return Distance(value, self.unit, self.body, self.joint, time_s)
 
 
@@ -137,7 +137,7 @@ class Apart:
 
     @property
     def furthest(self) -> tuple[Float64, Float64]:
-        """Return times [s] and the largest distance at each, of either unit."""
+        """Return the largest distance of any position at each time, with the times [s]."""
         if not self.curves:
             return np.empty(0), np.empty(0)
         times_s, _ = next(iter(self.curves.values()))
@@ -185,7 +185,7 @@ def apart(base: Seen, other: Seen, *, finer: int = 1) -> Apart:
 
 
 def paired(base: Seen, other: Seen) -> dict[int, int]:
-    """Map the body ids of a run to those in another run of the same script.
+    """Map the body ids of one run to those of another run of the same script.
 
     Bodies correspond by name. The rest, such as bodies of temporary files with changing names,
     correspond in the order of their appearance, if links and joints are the same.

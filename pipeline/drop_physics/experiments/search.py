@@ -1,4 +1,4 @@
-"""Search for single changes of a run that would meet an expectation.
+"""Searches for single changes with which a run would meet an expectation.
 
 A kind of change is tried on all elements at once, then on each of them, then with the least factor
 that suffices; where none makes it true, factors are tried by their roots, too, and on both sides of
@@ -51,7 +51,7 @@ class ChangeOutcome:
     motion: Sequence[RunMotion] = ()
 
     def off(self, other: ChangeOutcome) -> float:
-        """Return how far the quantity of another run is off, as far as that is a finite number.
+        """Return how far the quantity of another run is from this one's, if finite.
 
         The margin of `==` is the same on both sides of the number that is expected.
         """
@@ -109,7 +109,7 @@ class Search:
     """Whether nothing was left out for lack of time."""
 
     def all_of(self, changes: Sequence[Change]) -> None:
-        """Try changes in this order, each first on all of its elements together.
+        """Try changes in the given order, each first on all of its elements together.
 
         Changes of an earlier call are not tried again.
         """
@@ -134,13 +134,13 @@ class Search:
 
     @property
     def _has_found(self) -> bool:
-        """True if a change meets the expectation that takes nothing away."""
+        """True if a change that removes nothing meets the expectation."""
         return any(each.outcome.holds and not each.change.breaks for each in self.tried)
 
     def _powers(
         self, factors: Sequence[TriedChange], *powers: float
     ) -> list[tuple[TriedChange, TriedChange]]:
-        """Try powers of factors; return each that was tried, with that of the factor itself."""
+        """Try powers of factors; yield each result with that of the factor itself."""
         of: dict[Any, TriedChange] = {}
         for each in factors:
             for power in powers:
@@ -153,11 +153,11 @@ class Search:
         return [(each, of[each.change.key]) for each in tried if each.change.key in of]
 
     def _is_peak(self, root: TriedChange, each: TriedChange) -> bool:
-        """Return whether the root of a factor is nearer than the factor, and than no change."""
+        """Return whether the root of a factor comes nearer to the expectation than the factor."""
         return root.outcome.margin > max(each.outcome.margin, self.base.margin)
 
     def least_of(self, each: TriedChange) -> float | None:
-        """Return the least factor that still meets the expectation; None for other changes."""
+        """Return the smallest factor that still meets the expectation; None for other changes."""
         operator, factor = each.change.how
         if operator != "*" or factor <= 0:
             return None
@@ -172,7 +172,7 @@ class Search:
         return float(factor**holds)
 
     def is_alone(self, each: TriedChange) -> bool:
-        """Return whether neither a slightly larger nor a smaller factor meets the expectation."""
+        """Return whether slightly larger and smaller factors both fail, so that one is chance."""
         operator, factor = each.change.how
         if operator != "*":
             return False
@@ -181,12 +181,12 @@ class Search:
         return not any(outcome is None or outcome.holds for outcome in outcomes)
 
     def moves(self, each: TriedChange) -> bool:
-        """Return whether a change moves the quantity by more than nudges do."""
+        """Return whether a change moves the quantity more than slight displacements do."""
         far = abs(each.outcome.margin - self.base.margin)
         return math.isfinite(far) and far > NOISE * self.noise + 1e-12
 
     def _factors(self, tried: Iterable[TriedChange]) -> list[TriedChange]:
-        """Return factors that move the quantity, up or down: the nearest and the farthest."""
+        """Return the factors that move the quantity: nearest and farthest, in each direction."""
         moving = [
             each
             for each in tried
@@ -196,14 +196,14 @@ class Search:
         return [*order[:MOST_MOVERS], *order[MOST_MOVERS:][-MOST_MOVERS:][::-1]]
 
     def movers(self) -> list[TriedChange]:
-        """Return the changes that move the quantity in the expected direction, farthest first."""
+        """Return the changes that move the quantity as expected, the largest effect first."""
         near = [each for each in self.tried if self.moves(each) and not each.outcome.holds]
         near = [each for each in near if each.outcome.margin > self.base.margin]
         return sorted(near, key=lambda each: -each.outcome.margin)
 
     @property
     def _size_m(self) -> float:
-        """Size of the scene in the script's own run [m]."""
+        """Size of the scene in the unchanged run [m]."""
         return max(map(size_m, self.base.motion), default=0.0)
 
     def _drain(self, queue: _Queue) -> None:

@@ -1,4 +1,4 @@
-"""Compute each cause's share of an outcome, from runs without the causes.
+"""Computes each cause's share of a result, from runs without the causes.
 
 A part is the outcome minus its value with that cause alone switched off; the total is the outcome
 minus its value with all of them off; the difference between total and parts is their interaction.
@@ -29,7 +29,7 @@ TIMESTEP = "timestep"
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One number of an outcome: a joint's final position, or a base's along an axis."""
+    """One number of a result: a joint's final position, or a base's along an axis."""
 
     body: str
     joint: str | None
@@ -42,7 +42,7 @@ class Coordinate:
         return self.joint or f"{self.body} {'xyz'[self.axis]}"
 
     def of(self, run: Apart) -> tuple[float, float, float] | None:
-        """Return final values in a run and in the script's own, and the time; None if missing."""
+        """Return final values in a run and in the unchanged one, with the time."""
         track = next((each for each in run.tracks if self._is_of(each)), None)
         if track is None:
             return None
@@ -54,7 +54,7 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Shares:
-    """One number of an outcome, as a sum over its causes."""
+    """One number of a result, as a sum over its causes."""
 
     quantity: str
     """Description of the number: a joint, or a body and an axis, at the end of the run."""
@@ -69,7 +69,7 @@ class Shares:
 
 
 def coordinate_of(trials: Mapping[str, Apart], noise: Mapping[str, float]) -> Coordinate | None:
-    """Return the number that trials move most, if clearly by more than chance.
+    """Return the number that trials move most, if by more than chance.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def shares_of(
 
 
 def _limit(ends: Mapping[int, float]) -> float | None:
-    """Extrapolate an outcome to a timestep of 0; None if it shows no order of convergence."""
+    """Extrapolate a result to a timestep of 0; None if it does not converge."""
     if any(by not in ends for by in FINER):
         return None
     values = [ends[by] for by in FINER]

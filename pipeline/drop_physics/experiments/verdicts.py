@@ -1,4 +1,4 @@
-"""Judge findings by trials: a proved cause, no effect, or undecided.
+"""Judges findings by trial runs: cause proved, no effect, or undecided.
 
 A trial is a run with one intervention. It is compared with the script's own run, and with one whose
 bodies were moved by 1e-9 before their first step: a change that is not clearly larger is no result.
@@ -81,7 +81,7 @@ so that only the outcome decides."""
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of a run with an intervention."""
+    """The result of a trial run."""
 
     fired: bool
     """Whether the intervention changed any call."""
@@ -96,13 +96,13 @@ class Outcome:
 
     @property
     def is_same(self) -> bool:
-        """True if every position equals that of the script's own run, bit for bit."""
+        """True if every position equals that of the unchanged run, bit for bit."""
         return self.apart.same and self.began is None
 
 
 @dataclass(frozen=True)
 class TrialVerdict:
-    """The verdict of a trial on one finding."""
+    """What a trial run shows about one finding."""
 
     verdict: Verdict
     before: float | None
@@ -117,7 +117,7 @@ class TrialVerdict:
 
 
 def moved(trial: Apart, nudge: Apart | None, about: Finding | None = None) -> Distance | None:
-    """Return how far a trial moves the outcome; None if a nudge moves it as much.
+    """Return how far a trial moves the result; None if a slight displacement does the same.
 
     The final distance, if it exceeds `APART` and ten times the nudge's change; else on the way,
     while it does, and if the nudge never moves as much. For the joint or body of a finding, if that
@@ -151,7 +151,7 @@ def moved(trial: Apart, nudge: Apart | None, about: Finding | None = None) -> Di
 
 
 def _matters(far: Distance | None, trial: Apart) -> bool:
-    """Return whether an outcome has moved by more than the limit of equality, and considerably.
+    """Return whether a result has moved by more than rounding and a trifle.
 
     A trifle is less than a thousandth of the largest motion in the script's own run.
     """
@@ -193,7 +193,7 @@ def judged(
     base: Outcome,
     nudge: Outcome | None,
 ) -> TrialVerdict:
-    """Judge a finding of the script's own run by a trial."""
+    """Return what a trial run shows about a finding."""
     before = None if finding.effect is None else finding.effect.value
     unit = None if finding.effect is None else finding.effect.unit
     unseen = not trial.apart.tracks and trial.began is None
@@ -221,7 +221,7 @@ def judged(
 
 
 def _goes(finding: Finding, trial: Outcome) -> bool:
-    """Return whether a trial moves the body or joint that a finding concerns.
+    """Return whether a trial moves the body or joint that a finding is about.
 
     If the finding states a distance, by a share of this distance: a subject that stays in place is
     off as before, whether or not it is found so.
@@ -239,7 +239,7 @@ def _goes(finding: Finding, trial: Outcome) -> bool:
 
 
 def _still_as_fast(finding: Finding, trial: Apart) -> float:
-    """Return the remaining share of an unstable joint's or body's rate; 0 for other findings."""
+    """Return the share of an unstable velocity that remains; 0 for other findings."""
     if finding.code != GROWS or finding.effect is None:
         return 0.0
     rates = [
@@ -252,7 +252,7 @@ def _still_as_fast(finding: Finding, trial: Apart) -> float:
 
 
 def _throws(trial: Apart) -> bool:
-    """Return whether a body is thrown in a trial but not in the script's own run."""
+    """Return whether a body is thrown in a trial but not in the unchanged run."""
     bases = [track for track in trial.tracks if track.joint is None]
     return any(
         max((track.their_fastest for track in bases if track.unit == unit), default=0.0)
@@ -265,7 +265,7 @@ def _throws(trial: Apart) -> bool:
 
 
 def _left(finding: Finding, other: Finding | None) -> float:
-    """Return the remaining share of a finding's effect."""
+    """Return the share of a finding's effect that remains in a trial."""
     if other is None:
         return 0.0
     if finding.effect is None or other.effect is None or not finding.effect.value:

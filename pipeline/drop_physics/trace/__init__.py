@@ -1,1 +1,1 @@
-"""Recorded data of a script's simulations, for any engine: events, states, contacts, calls."""
+"""What is recorded of simulations, for any engine: events, states, contacts, calls."""

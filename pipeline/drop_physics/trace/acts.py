@@ -1,4 +1,4 @@
-"""The meanings of engine calls, by function name.
+"""Translates engine functions into acts, such as "apply a force", for rules of any engine.
 
 Rules and laws ask for acts, and never for a function: only here, and in the engine's own room, is
 its name known.
@@ -14,7 +14,7 @@ PICTURE = "Renderer.render"
 
 
 class Act(Enum):
-    """The meaning of a call; its value lists the PyBullet functions with that meaning.
+    """What a call does, such as applying a force; the value lists PyBullet's functions.
 
     For an engine whose memory scripts write, a field's name stands for a function.
     """
@@ -90,7 +90,7 @@ class Act(Enum):
 
     @property
     def function(self) -> str:
-        """The function with this meaning, as messages name it."""
+        """The function that does this, as messages name it."""
         functions: tuple[str, ...] = self.value
         return functions[0]
 
@@ -107,5 +107,5 @@ SETS_TIMESTEP = Act.SET_TIMESTEP, Act.SET_ENGINE
 
 
 def act_of(function: str) -> Act:
-    """Return the meaning of a function's calls."""
+    """Return what the calls of a function do."""
     return ACTS.get(function, Act.OTHER)

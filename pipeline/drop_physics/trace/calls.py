@@ -1,4 +1,4 @@
-"""Engine calls of a script, and the forces and body properties that they set.
+"""Calls of a script to its engine, with the forces and properties that they set.
 
 A recording holds a call as its site and its numbers. Here, in `log` and in `motors`, they get their
 meaning, by the names of PyBullet's functions and arguments; another engine's would stand beside.
@@ -49,7 +49,7 @@ class Call:
 
     @property
     def act(self) -> Act:
-        """The meaning of the call."""
+        """What the call does."""
         return self.site.act
 
     @property
@@ -97,7 +97,7 @@ class Push:
 
 @dataclass(frozen=True)
 class Given:
-    """Body properties set by a call, some of which the engine never reports."""
+    """Properties of a body that a call set; the engine never reports some of them."""
 
     at: At
     body: Body

@@ -1,4 +1,4 @@
-"""A suggested fix as data, for any engine, and the changed run that tries it.
+"""Suggested changes as data, for any engine, and the run in which one is tried.
 
 The table of interventions (`engines/…/interventions`) has the call that makes a cure, and the run
 in which it is made; `engines.cures` finds it by the name of the engine.
@@ -15,7 +15,7 @@ from drop_physics.trace.events import Body
 
 @dataclass(frozen=True)
 class Cure:
-    """A suggested change that a trial run can make: an intervention with its target and value."""
+    """A suggested change, which a trial run can make: its kind, target and number."""
 
     name: str
     """Name of the intervention: `force`, `gains`, `timestep-first` …"""
@@ -36,7 +36,7 @@ class Cure:
 
 @dataclass(frozen=True)
 class Scope:
-    """The part of a run that an intervention changes."""
+    """Which bodies, joints or elements of a run a change applies to."""
 
     bodies: Sequence[Body]
     joint: str | None = None
@@ -55,7 +55,7 @@ class Scope:
     """Whether the change applies to the whole run, because nothing else is named."""
 
     def links(self, body: Body) -> list[int]:
-        """Return the link indices of the selected movable joints."""
+        """Return the link indices of the joints that the change applies to."""
         return [
             joint.link
             for joint in body.joints
@@ -65,7 +65,7 @@ class Scope:
 
 @dataclass(frozen=True)
 class ChangedRun:
-    """The ways in which a changed run differs from the recorded one."""
+    """How a changed run differs from the recorded one."""
 
     operations: list[dict[str, Any]] = field(default_factory=list)
     """The operations, as passed to the engine's hooks."""

@@ -66,7 +66,7 @@ def episode_at(episodes: Sequence[Episode], client: int, steps: Int64 | Sequence
 
 
 def looked_at(episodes: Sequence[Episode], number: int | None) -> Episode | None:
-    """Return the episode with this number; without a number, the last recorded one that failed.
+    """Return the episode with this number; without a number, the last failed one.
 
     Raises
     ------
@@ -169,7 +169,7 @@ def _there(appearances: Iterable[Appearance], at: At) -> set[int]:
 
 
 def _moves(seen: Seen, step: int, puts: Iterable[Put]) -> bool:
-    """Return whether calls move bodies away from the poses that the previous step left."""
+    """Return whether calls moved bodies away from where the previous step left them."""
     piece = seen.sampled.piece(step, step + 1)
     bases = by_body(piece.bases)
     for put in puts:

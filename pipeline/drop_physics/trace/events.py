@@ -33,7 +33,7 @@ class At:
 
 
 def order(at: At) -> tuple[int, int]:
-    """Return the sort key of a moment."""
+    """Return a key that sorts moments."""
     return at.step, at.call
 
 
@@ -211,7 +211,7 @@ class Keyframe:
 
 @dataclass(frozen=True)
 class Body:
-    """A body when it was added to the simulation."""
+    """A body, as it was when it was added to the simulation."""
 
     number: int
     """Id in the recording: the engine's own id, unless an earlier body had it."""
@@ -341,7 +341,7 @@ def located(file: str, line: int) -> str:
 
 @dataclass(frozen=True)
 class Site:
-    """A line of the script that calls an engine function with arguments of one structure."""
+    """A line of the script that calls an engine function, with arguments of one structure."""
 
     number: int
     """Index in the recording, in the order of the first calls."""
@@ -359,7 +359,7 @@ class Site:
 
     @property
     def act(self) -> Act:
-        """The meaning of the calls."""
+        """What the calls do."""
         return act_of(self.function)
 
     @property
@@ -378,7 +378,7 @@ class Site:
 
 @dataclass(frozen=True)
 class Calls:
-    """Consecutive calls that change a simulation, m in all."""
+    """Consecutive calls that changed a simulation, m in all."""
 
     client: int
     steps: Int64
@@ -594,7 +594,7 @@ class Controls:
 
 @dataclass(frozen=True, eq=False)
 class ContactRows:
-    """Contact points that are added to samples sent earlier."""
+    """Contact points for samples that were sent before."""
 
     client: int
     steps: Int64

@@ -1,4 +1,4 @@
-"""What an engine needs to replay recorded steps: its model, and a frame for each step.
+"""What an engine needs to replay recorded steps: the model, and a frame per step.
 
 A frame is the full state before a step, including hidden parts such as a solver's warm start, and
 the inputs from outside. Names are the engine's own, values its numbers to the bit; nothing here
@@ -34,7 +34,7 @@ class ModelPart:
 
 
 class FrameColumn(NamedTuple):
-    """The values of one part of the state or inputs at some steps of a chunk."""
+    """A state array or input, such as `ctrl`, at some steps of a chunk."""
 
     at: Int64
     """The steps, counted from the first of the chunk, ascending, shape (k,)."""
@@ -42,13 +42,13 @@ class FrameColumn(NamedTuple):
     """The values at those steps, shape (k, width)."""
 
     def held(self, step: int) -> Float64:
-        """Return the row in effect at a step: the last one at or before it, shape (width,)."""
+        """Return the row in effect at a step: the last one stored so far, shape (width,)."""
         found: Float64 = self.rows[np.searchsorted(self.at, step, side="right") - 1]
         return found
 
 
 class ModelEdit(NamedTuple):
-    """Elements of a model that a script changed in place."""
+    """A script's edit of model elements during the run."""
 
     step: int
     """The first step that uses the new values, counted from the first of the chunk."""
@@ -61,7 +61,7 @@ class ModelEdit(NamedTuple):
 
 
 class SharedColumns(NamedTuple):
-    """Columns of a part of the state that are bitwise equal to columns of the samples."""
+    """Columns of a state array that equal columns of the samples, and are stored once."""
 
     body: int
     """Id of the body whose joints they describe."""
@@ -75,7 +75,7 @@ class SharedColumns(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """The frames of n consecutive steps of a simulation."""
+    """Start states and inputs of n consecutive steps of a simulation."""
 
     client: int
     model: int
@@ -107,7 +107,7 @@ class Frames:
         return len(self.clock_s)
 
     def state(self, step: int) -> dict[str, Float64]:
-        """Return the state before a step, counted from the first: `clock_s` and named parts."""
+        """Return the state before a step, counted from the first: `clock_s` and arrays by name."""
         at = self.before[CLOCK].at
         which = int(np.searchsorted(at, step))
         if which < len(at) and at[which] == step:
@@ -116,7 +116,7 @@ class Frames:
         return {CLOCK: self.clock_s[step - 1 : step], **left}
 
     def starts(self, name: str) -> Float64:
-        """Return a part of the state before each step, shape (n, width); width 0 if absent."""
+        """Return a state array before each step, shape (n, width); width 0 if absent."""
         if name not in self.after:  # of a model in which nothing moves
             return np.zeros((len(self), 0))
         rows = self.after[name]

@@ -1,4 +1,4 @@
-"""Everything recorded of simulations, in order, as the analysis reads it."""
+"""Everything recorded of a run, in order, as the analysis reads it."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ DEFAULT_ENGINE = "PyBullet"
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A chunk of consecutive steps of all simulations: the samples and the calls between them."""
+    """A chunk of consecutive steps of all simulations: samples, and the calls between them."""
 
     first: int
     """The first of these steps."""
@@ -94,7 +94,7 @@ class Sampled(Protocol):
 
 @dataclass(frozen=True)
 class HeldSamples:
-    """Samples held in memory instead of a recording."""
+    """Samples in memory, where there is no recording."""
 
     bases: Rows
     """States of dtype `BASE_STATE`, in step order."""
@@ -105,7 +105,7 @@ class HeldSamples:
 
     @classmethod
     def of(cls, parts: Sequence[Samples]) -> HeldSamples:
-        """Combine consecutive samples of one simulation, in which the same bodies move."""
+        """Join consecutive samples of one simulation."""
         return cls(
             np.concatenate([rows_of_bases(part) for part in parts]),
             np.concatenate([part.contacts for part in parts]),
@@ -141,7 +141,7 @@ Softness = tuple[tuple[float, ...], tuple[float, ...]]
 
 @dataclass(frozen=True)
 class Seen:
-    """Everything recorded of simulations; lists are in the order of events."""
+    """Everything recorded of a run; lists are in the order of events."""
 
     bodies: Mapping[int, Body]
     """Bodies by id, each in its latest state."""

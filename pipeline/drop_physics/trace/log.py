@@ -19,7 +19,7 @@ PAIR = ("bodyUniqueIdA", "bodyUniqueIdB", "bodyUniqueId")
 
 
 class Log:
-    """Calls as recorded: those from one site are rows of numbers.
+    """The calls in a range of steps, with the bodies that they are about.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ class Log:
         return came, which
 
     def _life(self) -> dict[tuple[int, int], list[tuple[int, int | None]]]:
-        """Return the calls that created and removed each body, by client and engine id."""
+        """Return the calls that created and removed each body, by simulation and engine id."""
         if self._lives is None:
             self._lives = {}
             for call in self.of(*MAKES, Act.REMOVE, Act.CLEAR):

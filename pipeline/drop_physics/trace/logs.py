@@ -1,4 +1,4 @@
-"""The calls that build and drive a simulation, as a log that an engine can repeat."""
+"""A log of the calls that build and drive a simulation, which an engine can repeat."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def _elements(element: Xml.Element, of: str) -> Iterator[tuple[str, str, dict[st
 
 @dataclass(frozen=True, eq=False)
 class KnownDifference:
-    """A difference between the defaults of two engines, and the calls that remove it."""
+    """A difference between two engines' defaults, and the calls or edits that remove it."""
 
     name: Message
     is_setting: bool = False

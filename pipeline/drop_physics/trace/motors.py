@@ -1,4 +1,4 @@
-"""Motor commands to joints (motors, torques and PD_CONTROL), as rows of numbers."""
+"""Motor commands in calls, as rows of numbers: motors, torques and PD control."""
 
 from __future__ import annotations
 

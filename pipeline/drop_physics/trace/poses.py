@@ -1,4 +1,4 @@
-"""Poses of links: forward kinematics from the recorded base and joints."""
+"""Computes poses of links from recorded bases and joints, by forward kinematics."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def links_of(tree: Tree, base: Float64, joints: Joints | None) -> Float64:
 
 
 def within(frames: Float64, poses: Float64) -> Float64:
-    """Express poses relative to other frames: position and orientation each, shape (n, 7)."""
+    """Convert world poses to poses relative to frames, shape (n, 7)."""
     backwards = frames[:, 3:] * [-1.0, -1.0, -1.0, 1.0]
     return np.hstack(
         (

@@ -1,4 +1,4 @@
-"""The link that PyBullet's `changeDynamics` really changes: the named one, or the base.
+"""Tells which link PyBullet's `changeDynamics` really changes: the named one, or the base.
 
 PyBullet sends one link with all properties of a call, and each of its setters writes which one it
 is: most write the link that the call names, some the base. So the last setter decides for all of

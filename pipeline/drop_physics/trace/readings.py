@@ -1,4 +1,4 @@
-"""What a script reads from a simulation: line, function, subject, number of readings, and time.
+"""What a script read from its simulation: line, function, subject, how often and when.
 
 They include the first and the last, the least and the greatest answer of a line; other values can
 be computed from states and contacts.
@@ -13,7 +13,7 @@ from drop_physics.trace.acts import Act, act_of
 
 @dataclass(frozen=True)
 class Subject:
-    """What a reading is about: a body, a link, or its contact with others."""
+    """What a reading is about: a body, a link, or a contact between two."""
 
     body: int
     """Body id in the recording."""
@@ -37,7 +37,7 @@ m]."""
 
 @dataclass(frozen=True)
 class Answer:
-    """One number in the return values of a line's counted readings."""
+    """One number that a script line reads: first, last, least and greatest value."""
 
     name: str
     """Name: `points`, `force of all`, `reaction fx`, `x` …; its index in the return value if it has
@@ -87,7 +87,7 @@ class Lens:
 
 @dataclass(frozen=True)
 class Reading:
-    """A line of the script that reads the simulation, with arguments of one structure."""
+    """A script line that reads the simulation, with arguments of one structure."""
 
     number: int
     """Index in the recording, in the order of the first readings."""
@@ -125,5 +125,5 @@ class Reading:
 
     @property
     def act(self) -> Act:
-        """The meaning of its function."""
+        """What its function does."""
         return act_of(self.function)

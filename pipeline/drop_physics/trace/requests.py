@@ -1,4 +1,4 @@
-"""Values that calls requested, compared with those that the engine reports before the next step.
+"""Compares properties that calls requested with those that the engine then reported.
 
 The recorder reads a body again, once, before the step that follows a call about it, and the
 engine's settings likewise; changed values are written. So both are in any recording.
@@ -39,7 +39,7 @@ Numbers = tuple[float, ...]
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """A property that a call set, for a link or for the engine itself."""
+    """A property that a call set on a link, or on the engine itself."""
 
     call: Call
     name: str
@@ -122,7 +122,7 @@ def requests(
 def _around(
     rows: Sequence[Row], call: Call, at: At, since: tuple[int, int] = (0, -1)
 ) -> tuple[Row | None, Row | None]:
-    """Return the reports before a call and before the next step; None if there is no report."""
+    """Return the engine's reports before a call and before the next step."""
     first = bisect_left(rows, since, key=lambda row: order(row.at))
     later = max(first, bisect_left(rows, call.at.call, key=lambda row: row.at.call))
     before = rows[later - 1] if later > first else None

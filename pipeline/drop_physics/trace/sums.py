@@ -1,4 +1,4 @@
-"""Explanations of recorded steps that were computed after the recording was made."""
+"""Explanations of steps that were computed after recording."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Window = tuple[int, int, int]
 
 
 class EventPlace(NamedTuple):
-    """Where an event is stored in the file, and the samples that it covers."""
+    """Where in a file an event is stored, and the samples that it covers."""
 
     first: int
     """The first of its samples."""
@@ -110,7 +110,7 @@ def _joined(windows: Iterable[Window]) -> list[Window]:
 
 
 class WithSums:
-    """Samples combined with explanations that were added later."""
+    """Samples, completed by explanations that were added later."""
 
     def __init__(self, samples: Sampled, sums: LaterSums) -> None:
         self._samples, self._sums = samples, sums

@@ -1,4 +1,4 @@
-"""What two compared runs have in common, in corresponding columns, and the effects of swaps.
+"""Interface to compare two runs: their common columns, and steps with swapped values.
 
 An engine delivers both: here is the form that it gives them, without a word of its own.
 """
@@ -18,7 +18,7 @@ written during the run."""
 
 @dataclass(frozen=True, eq=False)
 class Paired:
-    """The numbers of one name in both runs: n steps in k corresponding columns."""
+    """One quantity in both runs: n steps in k corresponding columns."""
 
     name: str
     """The name that the engine uses."""
@@ -73,7 +73,7 @@ class StageApart(NamedTuple):
 
 @dataclass(frozen=True)
 class TermPut:
-    """A force term of one engine, applied as an external force in the other."""
+    """A force term of one engine, applied in the other as an external force."""
 
     name: str
     left: float
@@ -82,7 +82,7 @@ class TermPut:
 
 @dataclass(frozen=True, eq=False)
 class EndApart:
-    """The distance between two poses."""
+    """How far two runs are apart at the end, and in which coordinate."""
 
     value: float
     unit: str
@@ -129,7 +129,7 @@ class Common:
 
 
 class OneStep(Protocol):
-    """Takes single steps with the second run's engine, from states of the first run."""
+    """Makes single steps with the second run's engine from states of the first run."""
 
     common: Common
 
@@ -162,12 +162,12 @@ class OneStep(Protocol):
         """
 
     def sizes(self, steps: Int64, swapped: Sequence[int]) -> Float64:
-        """Return the largest velocity difference after each of these steps, shape (k,)."""
+        """Return the largest velocity difference between the engines after each step, (k,)."""
 
     def stages(
         self, steps: Int64, swapped: Sequence[int]
     ) -> list[tuple[StageApart, StageApart | None]]:
-        """Return each step's first stage that differs at all, and first beyond rounding.
+        """Return each step's first computation stage that differs, and first beyond rounding.
 
         Raises
         ------
@@ -176,17 +176,17 @@ class OneStep(Protocol):
         """
 
     def features(self, step: int, swapped: Sequence[int]) -> list[str]:
-        """Return the features each of which, if disabled, makes both engines' steps equal."""
+        """Return the engine features that, if disabled, make both engines' steps agree."""
 
     def term(self, step: int, swapped: Sequence[int]) -> TermPut | None:
-        """Return the force term whose difference, applied as a force, makes both steps agree."""
+        """Return the force term that explains why both engines' steps differ, if there is one."""
 
     def nudged(self, step: int, size: float, count: int) -> tuple[bool, list[float]]:
-        """Continue the first run from a step with nudged velocities, to measure sensitivity.
+        """Repeat the first run from a step on with slightly changed velocities.
 
         Returns whether the unnudged run equals the first run to the bit, and the final distances of
         the nudged ones, ascending.
         """
 
     def apart(self, step: int) -> EndApart:
-        """Return where, and by how much, the runs differ most after a step."""
+        """Return the coordinate in which the runs differ most after a step, and by how much."""

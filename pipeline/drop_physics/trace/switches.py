@@ -1,4 +1,4 @@
-"""Parts of the physics that a flag of the model can disable."""
+"""Model flags that disable parts of the physics."""
 
 from __future__ import annotations
 

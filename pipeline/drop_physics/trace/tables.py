@@ -10,7 +10,7 @@ VECTORS = STATE_COLUMNS | CONTACT_COLUMNS
 
 
 def columns_of(field: str) -> tuple[str, ...]:
-    """Return the table columns of a state or contact field; a scalar field is its own column."""
+    """Return the names of the table columns that a field of states or contacts becomes."""
     return VECTORS.get(field, (field,))
 
 

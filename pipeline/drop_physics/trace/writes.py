@@ -1,4 +1,4 @@
-"""A script's direct writes into engine memory: the elements of a field, and their new values.
+"""A script's writes into engine memory: which elements of a field, and their new values.
 
 A recording holds a write as a call by the name of the field (`trace.acts`), whose arguments are the
 elements: all of them, or `[index]=value` for some; for a model's field, with the former values.

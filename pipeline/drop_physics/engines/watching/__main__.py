@@ -17,7 +17,7 @@ _PACKAGE = "_drop_engines"
 
 
 def _module(name: str) -> ModuleType:
-    """Import a module below the package by name, and take this folder off the module path."""
+    """Import a module of this folder by name, and take the folder off the module path."""
     if sys.path and os.path.abspath(sys.path[0]) == _HERE:
         del sys.path[0]
     folder = os.path.dirname(_HERE)

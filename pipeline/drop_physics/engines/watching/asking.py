@@ -1,4 +1,4 @@
-"""Clears the progress line while a script waits for user input."""
+"""Reports when a script waits for user input, so that the progress line is cleared."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ its start."""
 
 
 def install(watch: ScriptWatch) -> None:
-    """Report when the script begins and ends waiting for a line of input."""
+    """Report the start and the end of waiting for a line of input."""
     original = builtins.input
 
     def ask(*prompt: Any) -> str:

@@ -34,7 +34,7 @@ class Assertion:
         self.text, self.file, self.line, self.frame = text, file, line, frame
 
     def told(self) -> dict[str, Any]:
-        """Return the assertion as a message for the recorder."""
+        """Return the assertion as a JSON message for the recorder."""
         return {"text": self.text, "file": self.file, "line": self.line}
 
 
@@ -56,7 +56,7 @@ def assertion_of(error: BaseException) -> Assertion | None:
 
 
 def _test_at(file: str, line: int) -> str | None:
-    """Return the condition of the `assert` at a line of a file; None if there is none."""
+    """Return the condition that an `assert` statement tests; None if there is no `assert` there."""
     try:
         tree = ast.parse("".join(linecache.getlines(file)))
     except (SyntaxError, ValueError):
@@ -68,7 +68,7 @@ def _test_at(file: str, line: int) -> str | None:
 
 
 def install(watch: ScriptWatch) -> None:
-    """Report the exceptions of tests that pytest runs."""
+    """Report exceptions of tests that pytest runs, which pytest catches."""
 
     def on_runner(module: ModuleType) -> None:
         info: Any = module.CallInfo

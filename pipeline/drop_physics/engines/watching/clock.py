@@ -35,7 +35,7 @@ _OTHERS = LIBRARY + "site-packages" + os.sep
 
 
 class Clock:
-    """A virtual clock, or with `real` the real one; starts at `begins_s` or the current time.
+    """A virtual clock for the script, or the real one with `real`.
 
     It starts at `begins_s`, or at the current time.
     """
@@ -68,7 +68,7 @@ class Clock:
         self.idle_s, self._asks = 0.0, 0
 
     def wait(self, seconds: float) -> None:
-        """Advance the clock."""
+        """Advance the clock by a sleep, which returns at once."""
         if self.real:
             self.passed()
             return
@@ -77,11 +77,11 @@ class Clock:
         self.passed()
 
     def ask(self) -> None:
-        """Advance by the virtual duration of polling for input."""
+        """Advance the clock a little because the script polls for input."""
         self.wait(self._asking_s())
 
     def read(self) -> None:
-        """Advance by the virtual duration of reading the clock, or catch up with the real clock."""
+        """Advance the clock a little as the script reads it; with `real`, follow the real clock."""
         lag_s = self.simulated_s - self.waited_s
         self.waited_s += max(READ_S, min(self._asking_s(), lag_s))
         self.passed()
@@ -103,7 +103,7 @@ class Clock:
         time.sleep = self._sleeping(self._theirs["sleep"])
 
     def remove(self) -> None:
-        """Restore the original functions of the module `time`."""
+        """Restore the original functions of the `time` module."""
         for name, function in self._theirs.items():
             setattr(time, name, function)
         self._theirs = {}
@@ -142,7 +142,7 @@ class Clock:
         return sleep
 
     def _is_real(self) -> bool:
-        """Return whether the code that called us should see the real clock."""
+        """Return whether the caller is not the script, so that it should see the real clock."""
         if not self._theirs or get_ident() != _MAIN:
             return True
         name = _getframe(2).f_code.co_filename

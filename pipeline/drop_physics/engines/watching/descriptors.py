@@ -1,4 +1,4 @@
-"""Resources that a forked process would share with its parent: file descriptors, mappings, threads.
+"""Finds what a forked process would share with its parent: open files, mappings, threads.
 
 A child inherits open files: both move one offset, and write to one file. So in a child each regular
 file is opened again, and one that is open for writing is a copy of its own. What cannot be copied,
@@ -43,7 +43,7 @@ KEPT_FLAGS = WRITES | os.O_APPEND
 
 
 def shared(ours: Collection[int], block: int) -> str:
-    """Return the reason that forbids a fork of this process; empty if there is none.
+    """Return what forbids forking this process; empty if nothing does.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def flush() -> None:
 
 
 def replace(ours: Collection[int], private: Private | None, printed: int) -> None:
-    """Give a forked child its own copies of the regular files that are open for writing.
+    """Give a forked process its own copies of the files that are open for writing.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def _reopened(number: int) -> int:
 
 
 def _copied(number: int, private: Private | None) -> int:
-    """Return a descriptor for a child's own copy of a file.
+    """Return a descriptor of a fork's own copy of a file.
 
     Through a private view, the path leads to the copy. A file without a path is copied.
     """
@@ -121,7 +121,7 @@ def _copied(number: int, private: Private | None) -> int:
 
 
 def _is_at(path: str, status: os.stat_result) -> bool:
-    """Return whether a path leads to a file, as far as an overlay shows it."""
+    """Return whether a path leads to an open file, as far as an overlay shows it."""
     try:
         there = os.stat(path)
     except OSError:
@@ -160,7 +160,7 @@ def _flags(number: int) -> int:
 
 
 def _kind(number: int) -> str:
-    """Return what a descriptor is if a child must not share it; empty if it may."""
+    """Return the kind of a descriptor that a fork must not share; empty for others."""
     mode, path = os.fstat(number).st_mode, os.readlink(link(number))
     if stat.S_ISREG(mode):
         return "a database" if _is_database(number) else ""
@@ -187,7 +187,7 @@ def _is_database(number: int) -> bool:
 
 
 def _mapping(block: int) -> str:
-    """Return a memory mapping that other processes may write to, except our shared block."""
+    """Return a memory mapping that other processes may write to, except our own."""
     with open("/proc/self/maps", encoding="utf-8", errors="surrogateescape") as file:
         for line in file:
             _, how, _, _, inode, *path = line.split(maxsplit=5)
@@ -197,7 +197,7 @@ def _mapping(block: int) -> str:
 
 
 def _thread() -> str:
-    """Return a description of threads besides this one and those of known pools."""
+    """Describe the threads besides this one and harmless pools; empty if there are none."""
     if threading.active_count() > 1:
         return "a thread"
     here = _thread_name(str(os.getpid()))
@@ -217,7 +217,7 @@ def _thread_name(number: str) -> str:
 
 
 def _pools() -> int:
-    """Return the number of threads in pools that survive a fork: those of OpenBLAS."""
+    """Return how many threads belong to pools that survive a fork, such as OpenBLAS's."""
     with open("/proc/self/maps", encoding="utf-8", errors="surrogateescape") as file:
         libraries = set(POOL.findall(file.read()))
     return sum(_pool(library) - 1 for library in libraries)

@@ -1,4 +1,4 @@
-"""Random numbers: generators are seeded on request, or the first unseeded draw is reported.
+"""Seeds random generators, or reports the script's first unseeded random number.
 
 Draws of a library during its import are ignored: it tests itself, or makes examples for its
 documentation.
@@ -31,7 +31,7 @@ SEEDED_STATE = re.compile(r"RandomState\((?!\s*(None\s*)?\))")
 
 
 class Draws:
-    """Seeds or observes the generators of `random` and `numpy.random`.
+    """Seeds or watches the generators of `random` and `numpy.random`.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Draws:
             random.seed(self._seed)
 
     def on_numpy(self, module: ModuleType) -> None:
-        """Continue with numpy's generators, once `numpy.random` is imported."""
+        """Include numpy's generators, once `numpy.random` is imported."""
         if self._seed is None:
             self._watch(module, "numpy.random", getattr(module.mtrand, "_rand"))  # noqa: B009
         else:
@@ -83,7 +83,7 @@ class Draws:
             self._undo.pop()()
 
     def _seed_generators(self) -> None:
-        """Make `random.seed()` and `random.Random()` use the same seeds in every run."""
+        """Make `random.seed()` and `random.Random()` without arguments reproducible."""
         original, entropy = random.Random.seed, self._entropy
 
         @functools.wraps(original)

@@ -34,7 +34,7 @@ def edited(text: bytes, edits: Iterable[Edit], file: str = "") -> bytes:
 
 
 def write(edits: Sequence[Edit], private: Private | None) -> None:
-    """Replace the files that are edited, in the layers of this process alone.
+    """Write edited files into this process's private view of the file system.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def write(edits: Sequence[Edit], private: Private | None) -> None:
 
 
 class InTwoParts:
-    """A script's code in two parts: its imports, and the rest, whose text may be edited.
+    """A script's code in two parts, its imports and the rest; the rest may be edited.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class InTwoParts:
         self.first: CodeType = self._compiled(lines[: self._length], 0)
 
     def second(self, edits: Iterable[Edit]) -> CodeType:
-        """Return the code of the second part, with parts of its text replaced."""
+        """Return the code of the second part, with edits."""
         import __future__
 
         import ast
@@ -97,7 +97,7 @@ class InTwoParts:
 
 
 def _is_import(ast: Any, line: Any, folder: str) -> bool:
-    """Return whether a line imports third-party code, or prepares such an import."""
+    """Return whether a line imports a library, or prepares such an import."""
     if isinstance(line, ast.Import):
         return not any(_lies_in(each.name, folder) for each in line.names)
     if isinstance(line, ast.ImportFrom):

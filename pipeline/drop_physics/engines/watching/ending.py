@@ -1,4 +1,4 @@
-"""The end of a script: unchanged for the script, and reported to the recorder."""
+"""Ends a watched script as it would end unwatched, and reports how it ended."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def run(watch: ScriptWatch, script: Callable[[], None]) -> None:
 
 
 def end(watch: ScriptWatch, how: str, error: str = "", site: tuple[str, int] = NOWHERE) -> None:
-    """Send all remaining data to the recorder, and the script's ending: nothing follows."""
+    """Send all unsent data, and how the script ended; nothing follows."""
     watch.finish()
     watch.lock.remove()
     watch.tell_answer()
@@ -74,7 +74,7 @@ def _note_end(watch: ScriptWatch, how: str, error: str, site: tuple[str, int]) -
 
 
 def _end_last(watch: ScriptWatch) -> None:
-    """Send the remaining data after all other `atexit` functions have run.
+    """Make the last data be sent after all other `atexit` functions have run.
 
     Only finalizers follow, in this thread: their events stay in the block. The turn is kept from
     other threads, which end wherever they are.
@@ -86,7 +86,7 @@ def _end_last(watch: ScriptWatch) -> None:
 
 
 def place_of(error: BaseException, ours: str = "") -> tuple[str, int]:
-    """Return file and line of the script's innermost frame in an exception's traceback.
+    """Return file and line at which an exception arose in the script.
 
     Frames of the file `ours` are not the script's.
     """

@@ -1,4 +1,4 @@
-"""Episodes of gymnasium environments, reported by wrapping their `reset` and `step`.
+"""Watches gymnasium environments, by wrapping `reset` and `step`, to report episodes.
 
 The two methods of all classes of environments are replaced by ones that call them. Where they call
 each other, through wrappers, only the outermost counts: a time limit around an environment is part
@@ -28,7 +28,7 @@ LONGEST = 100
 
 
 class EpisodeReturns:
-    """Return values of an environment's `step` since its `reset`."""
+    """Rewards and length of an episode so far."""
 
     def __init__(self) -> None:
         self.length = 0
@@ -43,7 +43,7 @@ class EpisodeReturns:
 
 
 class _Inside(threading.local):
-    """The methods that a thread is running, and the environments that are reset within a step."""
+    """Which of the wrapped methods a thread is running, as they call each other."""
 
     def __init__(self) -> None:
         self.methods: list[Any] = []
@@ -74,12 +74,12 @@ class Environments:
 
     @property
     def running(self) -> int:
-        """The index of the episode that goes on, or of the one whose first step is being made."""
+        """The index of the current episode, or of the one whose first step is being made."""
         last = len(self.episodes) - 1
         return last + bool(last < 0 or self.episodes[last].how)
 
     def outcome(self, only: int | None = None) -> dict[str, Any]:
-        """Return the quantities of ended episodes that an expectation may use; empty without any.
+        """Return reward, length and ending of episodes, for use in an expectation.
 
         If no episode has ended, the values are those of the current one.
 
@@ -99,7 +99,7 @@ class Environments:
         }
 
     def settle(self) -> None:
-        """Report the episodes that are unfinished at the script's end."""
+        """Report episodes that are unfinished when the script ends."""
         for episode in self.episodes:
             if not episode.how:
                 self._end(episode, "run")
@@ -128,7 +128,7 @@ class Environments:
                 self._host.on_removal(partial(setattr, cls, name, original))
 
     def call(self, original: Any, then: Any, args: Any, kwargs: Any) -> Any:
-        """Call an environment's method; report the result if it is the outermost call."""
+        """Call an environment's method; if it is the outermost call, report the result."""
         inside = self._inside
         if not self._host.on or not args or then in inside.methods or self._reset in inside.methods:
             return original(*args, **kwargs)
@@ -210,7 +210,7 @@ class Environments:
 
 
 class _Method:
-    """A replacement for an environment's method; it pickles as the plain method."""
+    """A wrapper for an environment's method, which pickles as the original method."""
 
     def __init__(self, environments: Environments, original: Any, then: Any) -> None:
         update_wrapper(self, original)
@@ -227,7 +227,7 @@ class _Method:
 
 
 def _success(info: Any) -> bool | None:
-    """Return whether an environment reports its goal as reached; None if it does not report it."""
+    """Return whether an environment says that its goal is reached; None if it does not say."""
     for name in ("is_success", "success"):
         if name in info:
             return bool(info[name])
@@ -235,7 +235,7 @@ def _success(info: Any) -> bool | None:
 
 
 def _why(environment: Any, info: Any) -> str:
-    """Return the reason for an episode's end, as far as healthy ranges and `info` show it."""
+    """Return why an episode ended, as far as the environment's state and `info` show it."""
     said = [name for name, value in info.items() if _is_true(value)]
     with suppress(Exception):  # another kind of environment
         said += _unhealthy(environment)
@@ -247,7 +247,7 @@ def _is_true(value: Any) -> bool:
 
 
 def _unhealthy(environment: Any) -> list[str]:
-    """Return the quantities that are outside of gymnasium's healthy ranges."""
+    """Return the quantities outside the ranges that gymnasium's environment calls healthy."""
     model, data = environment.model, environment.data
     rooted = int(model.jnt_type[0]) == 0  # mjJNT_FREE: x, y and z; else x, z and the pitch
     values = {

@@ -1,4 +1,4 @@
-"""Evaluation inside a run, with access to the script's own variables and its engine.
+"""Interface for code that checks something inside a run, such as an expectation.
 
 An evaluator is a class of a module beside this one: it runs in the script's interpreter.
 """
@@ -15,25 +15,25 @@ if TYPE_CHECKING:
 
 
 class Evaluator(ABC):
-    """Evaluates something inside a run; its `answer` can be written as JSON."""
+    """Checks something inside a run; the answer can be written as JSON."""
 
     @abstractmethod
     def step(self, engine: EngineWatch, frame: Any) -> None:
-        """Observe an engine step, called from a frame of the script."""
+        """Note an engine step, called from the given frame of the script."""
 
     def failed(self, error: BaseException) -> None:  # noqa: B027
-        """Observe an exception that ends the script or one of its tests."""
+        """Note an exception that ends the script or one of its tests."""
 
     def before_end(self) -> None:  # noqa: B027
-        """Observe that a simulation is about to end, after which its names are invalid."""
+        """Note that a simulation is about to end, so that it cannot be read any more."""
 
     @abstractmethod
     def answer(self) -> Any:
-        """Return the evaluator's result, after the end of the script."""
+        """Return the result, after the script has ended."""
 
 
 def evaluator_of(given: Mapping[str, Any] | None) -> Evaluator | None:
-    """Create the evaluator; None if nothing is evaluated.
+    """Create the evaluator from its description; None if nothing is checked.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Evaluates an expectation inside a run, and records the motion of all bodies to compare runs."""
+"""Checks an expectation at the end of a run, and notes the motion of all bodies."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?!\w)"
 
 
 class ExpectationEvaluator(Evaluator):
-    """Evaluates an expression at the end of a run.
+    """Evaluates an expectation's expression at the end of a run.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class ExpectationEvaluator(Evaluator):
         self._printed = printed() if reads_prints else None
 
     def step(self, engine: EngineWatch, frame: Any) -> None:
-        """Observe an engine step, called from a frame of the script."""
+        """Note an engine step, called from the given frame of the script."""
         if frame is not self._frame:
             self._frame, self._frames = frame, _frames_of(frame)
         self._engines[id(engine)] = engine
@@ -93,18 +93,18 @@ class ExpectationEvaluator(Evaluator):
         track.step()
 
     def failed(self, error: BaseException) -> None:
-        """Observe an exception that ends the script or one of its tests."""
+        """Note an exception that ends the script or one of its tests."""
         if self._assertion is None and self._asserted:
             self._assertion = assertion_of(error)
 
     def before_end(self) -> None:
-        """Evaluate before a simulation ends, after which its names may be invalid."""
+        """Evaluate the expression before a simulation ends, while it can be read."""
         self._before = self._judged()
         if self._rows is not None:
             self._could = self._changes(self._rows)
 
     def answer(self) -> Any:
-        """Return the result of the expectation, after the end of the script."""
+        """Return whether the expectation held, after the script has ended."""
         found = self._judged()
         if found["error"] is not None and self._before is not None:
             found = self._before
@@ -176,7 +176,7 @@ class ExpectationEvaluator(Evaluator):
 
 
 class ObservedSeries:
-    """Series of quantities of a simulation, one value after each step.
+    """Time series of the quantities that an expectation reads, one value per step.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ class ObservedSeries:
         self._steps += 1
 
     def series(self, kind: str, names: tuple[Any, ...]) -> Any:
-        """Return a series by function and names."""
+        """Return a time series, given its function (`z`, `joint` …) and its arguments."""
         from .series import series_of
 
         key = kind, names
@@ -258,7 +258,7 @@ class ObservedSeries:
 
 
 def printed() -> list[str]:
-    """Return the list of printed texts, which is filled from the first call on."""
+    """Return the list to which the script's printed texts are added from now on."""
     write = sys.stdout.write
     kept: list[str] | None = getattr(write, "drop_kept", None)
     if kept is not None:
@@ -285,7 +285,7 @@ def _modules() -> Iterator[str]:
 
 
 def _frames_of(frame: Any) -> list[Any]:
-    """Return the script's frames from which a call comes, the innermost first."""
+    """Return the script's frames that led to a call, the innermost first."""
     frames = []
     while frame is not None:
         if not is_library(frame.f_code.co_filename):
@@ -297,7 +297,7 @@ def _frames_of(frame: Any) -> list[Any]:
 
 
 def _names_of(frames: Sequence[Any]) -> dict[str, Any]:
-    """Return the variables that are visible in frames of a script, and in their modules."""
+    """Return the variables that are visible in frames of the script."""
     names: dict[str, Any] = {}
     for frame in reversed(frames):
         names.update(frame.f_globals)

@@ -1,4 +1,4 @@
-"""An expectation of a run: a Python expression, and the margin by which it holds.
+"""Parses an expectation, a Python expression, and computes by which margin it holds.
 
 It is parsed before anything runs, and evaluated in the script's interpreter. Its names are the
 script's own, and series over the steps.
@@ -54,7 +54,7 @@ class Expression:
         self._tree = ast.parse(text.strip(), mode="eval")
 
     def reads(self) -> Iterator[tuple[str, tuple[Any, ...] | None]]:
-        """Yield the series that it uses: function and arguments, None if they vary."""
+        """Yield the time series that the expression uses: functions with their arguments."""
         for node in ast.walk(self._tree):
             if isinstance(node, ast.Call) and _called(node) in SERIES:
                 given = [each.value for each in node.args if isinstance(each, ast.Constant)]
@@ -77,7 +77,7 @@ class Expression:
 
     @property
     def is_of_end(self) -> bool:
-        """True if only the end of a run matters, not the steps before it nor its output."""
+        """True if only the end of a run matters, neither earlier steps nor printed output."""
         called = {_called(node) for node in ast.walk(self._tree) if isinstance(node, ast.Call)}
         return not (called & {*TAKEN} - {"end"} or self.reads_prints)
 
@@ -98,7 +98,7 @@ class Expression:
         return any(getattr(node, "id", None) in ended for node in ast.walk(self._tree))
 
     def judged(self, script: Mapping[str, Any], ours: Mapping[str, Any]) -> Judged:
-        """Return whether the expression holds, its margin, and the first compared quantity.
+        """Return whether the expression holds, by which margin, and the compared quantity.
 
         Parameters
         ----------
@@ -122,7 +122,7 @@ class Expression:
 
 
 class _Renamed(ast.NodeTransformer):
-    """Redirects calls to our functions where the script has a number of the same name."""
+    """Renames calls of our functions, such as `end`, where the script has a number of that name."""
 
     def __init__(self, covered: set[str]) -> None:
         self._covered = covered
@@ -135,7 +135,7 @@ class _Renamed(ast.NodeTransformer):
 
 
 def _judged(node: ast.expr, names: dict[str, Any]) -> Judged:
-    """Evaluate a part of the expression: `and` by its worst operand, `or` by its best."""
+    """Evaluate a part of the expression: `and` counts as its worst operand, `or` as its best."""
     if isinstance(node, ast.BoolOp):
         parts = [_judged(each, names) for each in node.values]
         best = isinstance(node.op, ast.Or)
@@ -167,7 +167,7 @@ def _judged(node: ast.expr, names: dict[str, Any]) -> Judged:
 
 
 def _compared(op: ast.cmpop, left: ast.expr, right: ast.expr, names: dict[str, Any]) -> Judged:
-    """Evaluate a comparison; the reported quantity is the side that is not constant."""
+    """Evaluate a comparison; the reported quantity is the side that varies."""
     one, other = _value(left, names), _value(right, names)
     holds = bool(_COMPARES[type(op)](one, other))
     first, second = _number(one), _number(other)

@@ -1,4 +1,4 @@
-"""Trial runs forked from a run that pauses before an engine call.
+"""Forks trial runs from a run that pauses before an engine call.
 
 Interpreter, imports, generators, clock and inputs are the same memory in all of them, so nothing
 has to be repeated. The recorder asks for a trial through a socket, with a pipe and a block of
@@ -37,7 +37,7 @@ LOOKS_EVERY_S = 0.02
 
 
 class Forks:
-    """The trials that are forked from a run.
+    """The forking of trial runs from this run.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Forks:
         self._is_trial = False
 
     def stop(self, *, steps: bool) -> bool:
-        """Pause before an engine call, if this is the one; return whether this is now a trial.
+        """Pause if this engine call is the one to pause at; return True in a trial that continues.
 
         Parameters
         ----------
@@ -71,11 +71,11 @@ class Forks:
 
     @property
     def at_first_line(self) -> bool:
-        """True if the run pauses before the first line of the script after its imports."""
+        """True if the run pauses after the script's imports."""
         return self._at == FIRST_LINE
 
     def stop_at_first_line(self) -> None:
-        """Pause before the first line after the imports; what continues is a trial."""
+        """Pause after the script's imports; only trials continue from there."""
         self._stop()
 
     def _stop(self) -> bool:
@@ -89,13 +89,13 @@ class Forks:
                 return True
 
     def end(self) -> None:
-        """End a trial at once: Python's own exit frees memory, and so copies shared pages."""
+        """End a trial process at once, without Python's slow cleanup."""
         if self._is_trial:
             atexit._run_exitfuncs()
             os._exit(0)
 
     def _next(self) -> list[Any]:
-        """Return the next request and its descriptors; end if there are no more."""
+        """Return the next request, with its descriptors; end the process if there are no more."""
         while not select.select([self._socket], [], [], LOOKS_EVERY_S if self._children else None)[
             0
         ]:
@@ -126,7 +126,7 @@ class Forks:
             self._watch.pipe.flush()
 
     def _forked(self, trial: dict[str, Any], pipe: int, block: int, printed: int) -> bool:
-        """Fork from the paused run; return whether this process is the trial."""
+        """Fork a trial from the paused run; return whether this process is the trial."""
         watch, files = self._watch, (pipe, block, printed)
         begun, child = b"", -1
         if not self._shared(*files) and watch.can_become(trial):
@@ -162,7 +162,7 @@ class Forks:
         return False
 
     def _begin(self, trial: dict[str, Any], files: tuple[int, int, int], ready: int) -> None:
-        """Give a new fork its own files and streams; the paused run waits until then."""
+        """Give a new trial process its own files and streams, while the paused run waits."""
         limits.lead_a_group()
         if trial["limits"] is not None:
             limits.keep(trial["limits"])
@@ -185,7 +185,7 @@ class Forks:
 
 @contextlib.contextmanager
 def _ending_where_it_fails() -> Iterator[None]:
-    """End this new fork if an exception occurs, so that its parent notices."""
+    """End a new trial process if an exception occurs, so that its parent notices."""
     try:
         yield
     except BaseException:  # noqa: BLE001 - the script must not go on

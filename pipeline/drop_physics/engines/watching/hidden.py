@@ -1,4 +1,4 @@
-"""Hides our frames in tracebacks, as if errors came from the engine's function itself."""
+"""Hides drop's frames in tracebacks, so that errors look as without drop."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ WRAPPERS = (
 
 
 def hide(error: BaseException) -> None:
-    """Remove our frames from the near end of a traceback; follow it with a bare `raise`.
+    """Remove drop's frames from the near end of a traceback; follow the call with a bare `raise`.
 
     Such a `raise` adds no frame: Python notes one where an error arises and where a call returns
     with it, but not where it is raised again. So a script that catches the error, prints it or

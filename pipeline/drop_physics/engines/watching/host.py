@@ -1,4 +1,4 @@
-"""A watched script: the parts that are the same for all engines.
+"""Watches a script: everything that is the same for all engines.
 
 An engine's own part (`EngineWatch`) is in the engine's folder: it replaces its functions, sends
 their effects, and counts steps here.
@@ -40,11 +40,11 @@ TOLD_EVERY = 8
 
 
 class Stop(SystemExit):
-    """Exception that ends a script at its limit; few scripts catch it, and threads end silently."""
+    """Exception that ends a script at its step or time limit."""
 
 
 class EngineWatch(ABC):
-    """Watches an engine's functions; methods that an engine does not need do nothing.
+    """Interface of an engine's watch, which wraps the engine's functions.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class EngineWatch(ABC):
         host.engines.append(self)
 
     def guarded(self, world: Any, do: Callable[..., object], *arguments: Any) -> None:
-        """Run our own code; if it fails, stop following its simulation.
+        """Run code of drop; if it fails, stop following the simulation, not the script.
 
         The script continues: our errors must not reach it.
         """
@@ -73,14 +73,14 @@ class EngineWatch(ABC):
 
     @abstractmethod
     def lose(self, world: Any, error: Exception) -> None:
-        """Stop following a simulation, and report why."""
+        """Stop following a simulation after an error, and report that."""
 
     @abstractmethod
     def become(self, trial: dict[str, Any]) -> None:
-        """Continue as a trial run, in a new fork."""
+        """Continue this process, a new fork, as a trial run with other changes."""
 
     def can_become(self, trial: dict[str, Any]) -> bool:
-        """Return whether a trial differs only in steps not yet made."""
+        """Return whether a trial differs only in steps that are not yet made."""
         del trial
         return True
 
@@ -98,10 +98,10 @@ class EngineWatch(ABC):
         return None
 
     def catch_up(self) -> None:  # noqa: B027
-        """Make the steps that real-time simulations are due; the caller holds the lock."""
+        """Make the steps that are due in real-time mode; the caller holds the lock."""
 
     def stop(self) -> None:  # noqa: B027
-        """End the script at its next engine call."""
+        """Make the script end at its next engine call."""
 
     def settle(self) -> None:  # noqa: B027
         """Send all unsent data of all simulations; the caller holds the lock."""
@@ -111,7 +111,7 @@ class EngineWatch(ABC):
 
 
 class ScriptWatch:
-    """State of a watched script while it runs.
+    """Watches a script while it runs: steps, limits, clock, engines.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ class ScriptWatch:
             os.register_at_fork(after_in_child=partial(_leave, ref(self)))
 
     def become(self, trial: dict[str, Any], pipe: int, block: int) -> None:
-        """Continue as a trial run, in a new fork.
+        """Continue this process, a new fork, as a trial run.
 
         Parameters
         ----------
@@ -243,7 +243,7 @@ class ScriptWatch:
         self.lock.remove()
 
     def leave(self) -> None:
-        """Stop watching, in a forked child; only the fact that it makes steps is noted."""
+        """Stop watching in a process that the script forked; only note if it makes steps."""
         self.remove()
         self._left = self.pipe.counters
         self.pipe.leave()
@@ -251,12 +251,12 @@ class ScriptWatch:
             setattr(owner, name, hook)
 
     def step_apart(self) -> None:
-        """Note an unwatched step in a forked child."""
+        """Note that a process which the script forked makes a step."""
         if self._left is not None:
             self._left[APART] = 1
 
     def standing(self, original: Call, call: Call) -> Call:
-        """Return the replacement of a function: `call`, as long as the script is watched.
+        """Wrap a function: `call` replaces it as long as the script is watched.
 
         Its frames are in no traceback of the script's.
         """
@@ -278,16 +278,16 @@ class ScriptWatch:
             self.pipe.note(what, **values)
 
     def tell_place(self, what: str, frame: Any, **values: Any) -> None:
-        """Send a message about a line of the script."""
+        """Send a message about the script's line that a frame belongs to."""
         file, line = self.sites.place(frame)
         self.tell(what, file=file, line=line, **values)
 
     def tell_draw(self, called: str, frame: Any) -> None:
-        """Report an unseeded random number, with the script's line that caused the draw."""
+        """Report an unseeded random number, with the script's line."""
         self.tell_place("unseeded", self.sites.outside(frame), called=called)
 
     def tell_intervention(self, number: int) -> None:
-        """Report, once, that an intervention had an effect."""
+        """Report, once, that a trial change had an effect."""
         if number not in self._intervened:
             self._intervened.add(number)
             self.tell("intervened", number=number)
@@ -297,7 +297,7 @@ class ScriptWatch:
         self.tell_place("timing", frame)
 
     def listen_outside(self) -> None:
-        """Report what the script accesses outside its simulation, until the interpreter ends."""
+        """Report which files, devices and networks the script uses, until it ends."""
         self._outside = Outside(self._tell_outside, lambda: {self.pipe.descriptor})
         self._outside.listen()
 
@@ -312,7 +312,7 @@ class ScriptWatch:
     # -- steps and time ---------------------------------------------------------------------------
 
     def count(self, time_s: float, engine: EngineWatch) -> None:
-        """Count a step that leads to a time [s]; end the script at its limit."""
+        """Count a step that leads to the given time [s]; end the script at a limit."""
         self.steps_made += 1
         self.engine = engine
         if engine is not self._first:
@@ -341,7 +341,7 @@ class ScriptWatch:
             self.tell("answer", value=None, error=f"{type(error).__name__}: {error}")
 
     def tell_answer(self) -> None:
-        """Send the evaluator's result after the run."""
+        """Send the evaluator's answer after the run."""
         if self.evaluator is None:
             return
         try:
@@ -352,18 +352,18 @@ class ScriptWatch:
         self.tell("answer", value=value, error=error)
 
     def failed(self, error: BaseException) -> None:
-        """Pass an exception that ends the script, or one of its tests, to the evaluator."""
+        """Tell the evaluator of an exception that ends the script, or one of its tests."""
         if self.evaluator is not None:
             evaluator = self.evaluator
             self._apart(lambda: evaluator.failed(error))
 
     def before_end(self) -> None:
-        """Let the evaluator evaluate before a simulation ends."""
+        """Tell the evaluator that a simulation is about to end."""
         if self.evaluator is not None:
             self._apart(self.evaluator.before_end)
 
     def _apart(self, evaluate: Callable[[], Any]) -> Any:
-        """Evaluate with the engines' original functions, unwatched and without changes."""
+        """Evaluate something with the original engine functions, unwatched and unchanged."""
         on, self.on = self.on, False
         try:
             return evaluate()
@@ -387,7 +387,7 @@ class ScriptWatch:
             self.stop("idle")
 
     def stop(self, why: str) -> None:
-        """End the script: here, and at any further engine call."""
+        """End the script at once, and again at any further engine call."""
         self.stopped = why
         for engine in self.engines:
             engine.stop()
@@ -396,7 +396,7 @@ class ScriptWatch:
         raise Stop(0)
 
     def check(self) -> None:
-        """Raise again if the script caught `Stop`; also end the script if the recorder is gone."""
+        """End the script if it should have ended, or if the recorder is gone."""
         if self.stopped or self.pipe.gone:
             raise Stop(0)
 
@@ -424,7 +424,7 @@ class ScriptWatch:
 
 
 def _leave(kept: ref[ScriptWatch]) -> None:
-    """Stop watching in a forked child, whose parent is watched."""
+    """Stop watching in a process that a watched script has forked."""
     watch = kept()
     if watch is None or watch.is_parting:
         return

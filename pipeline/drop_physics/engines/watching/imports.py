@@ -59,7 +59,7 @@ def _nothing() -> None:
 
 
 class _OnImport:
-    """Calls a function with a module on the script's import of it: every time, or once.
+    """An import hook that calls a function when a module is imported.
 
     Python asks it as a finder (`sys.meta_path`); `importlib.abc` has a class for those, and takes
     as long to import as all of ours.
@@ -70,7 +70,7 @@ class _OnImport:
         self._over = False
 
     def remove(self) -> None:
-        """Stop waiting for the import."""
+        """Remove the import hook."""
         self._over = True
         finders: list[Any] = sys.meta_path
         if self in finders:

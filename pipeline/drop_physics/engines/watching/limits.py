@@ -1,4 +1,4 @@
-"""Limits of a run: a process group that ends with its parent, processor time, and memory."""
+"""Limits a run: its processor time and memory; and ends it with its parent."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def end_with_parent() -> None:
 
 
 def keep(limits: dict[str, Any]) -> None:
-    """Limit this process and its forks.
+    """Limit processor time and memory of this process and its forks.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def keep(limits: dict[str, Any]) -> None:
 
 
 def lead_a_group() -> None:
-    """Make this new fork the leader of a process group, which can be ended as a whole."""
+    """Make this new process lead a process group, which can be ended as a whole."""
     os.setpgid(0, 0)
     end_with_parent()
     signal.signal(signal.SIGXCPU, signal.SIG_DFL)

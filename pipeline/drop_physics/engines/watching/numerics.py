@@ -1,4 +1,4 @@
-"""What a script's numbers depend on besides its text: numpy, its BLAS, threads, hash seed."""
+"""Notes what a script's results may depend on besides its text: numpy, BLAS, hash seed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PREFIXES, SUFFIXES = ("scipy_openblas_", "openblas_"), ("64_", "")
 
 
 def hashes() -> str:
-    """Return the seed that orders sets: `random` if none is set."""
+    """Return the seed for Python's hashes, which order sets: `random` if none is set."""
     return os.environ.get("PYTHONHASHSEED") or "random"
 
 

@@ -1,4 +1,4 @@
-"""A simulation in the form that expectations read: the parts that all engines share."""
+"""Interface of a running simulation, from which expectations read quantities."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ NEAREST = 5
 
 
 class UnknownNameError(Exception):
-    """An unknown name, with the most similar known ones."""
+    """Raised for an unknown body or joint; names the most similar ones."""
 
     def __init__(self, name: str, known: Iterable[object]) -> None:
         super().__init__(name)
@@ -29,7 +29,7 @@ def nearest(name: str, known: Iterable[object]) -> list[str]:
 
 
 class Observed(ABC):
-    """A simulation whose steps are observed."""
+    """A running simulation, from which expectations read times, positions and forces."""
 
     @property
     @abstractmethod
@@ -38,7 +38,7 @@ class Observed(ABC):
 
     @abstractmethod
     def reader(self, kind: str, *names: Any) -> Callable[[], Any]:
-        """Return a function that reads the current value of a number or a vector.
+        """Return a function that reads a quantity's current value, a number or a vector.
 
         Parameters
         ----------
@@ -57,7 +57,7 @@ class Observed(ABC):
 
     @abstractmethod
     def positions(self) -> list[float]:
-        """Return the positions of three points of each body [m], in a constant order of bodies.
+        """Return positions of three points on each body, which also show its rotation [m].
 
         They are its centre of mass, and two points at its radius of gyration along axes of its own,
         so that a body that turns on the spot moves, too.
@@ -65,15 +65,15 @@ class Observed(ABC):
 
     @abstractmethod
     def bodies(self) -> list[str]:
-        """Return the names of the bodies of `positions`."""
+        """Return the names of the bodies, in the order of `positions`."""
 
     @abstractmethod
     def astray(self) -> dict[str, float]:
-        """Return the distance of joints from their current targets, by the name of the command.
+        """Return how far joints are from their targets, by the name of the command.
 
         The distance is one of positions [rad, m], or of velocities [rad/s, m/s].
         """
 
     @abstractmethod
     def is_finite(self) -> bool:
-        """Return whether the state is finite, and the engine has not reset it."""
+        """Return whether the state is finite and the engine has not reset it."""

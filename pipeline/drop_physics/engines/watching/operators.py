@@ -1,4 +1,4 @@
-"""Operators of interventions on numbers, vectors and arrays."""
+"""Applies the operators of trial changes, such as ×10, to numbers and arrays."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ clear bits, and apply lower and upper bounds."""
 
 
 def becoming(held: Any, how: Sequence[Any]) -> Any:
-    """Return a value after an operator; applied to each element of a list."""
+    """Apply an operator to a value, or to each element of a list."""
     name, given = how
     if name != "=" and isinstance(held, (list, tuple)):
         each = given if isinstance(given, (list, tuple)) else [given] * len(held)

@@ -1,4 +1,4 @@
-"""What a script accesses outside its simulation, to know whether it may be run again.
+"""Notes which files, programs and networks a script uses, to know whether it may run again.
 
 Sockets, other programs, devices, and files that it writes elsewhere than in its working directory
 or in the system's folder for temporary ones; of the files there, those that another run of it would
@@ -39,7 +39,7 @@ MOST_MADE = 1000
 
 
 class Outside:
-    """Reports what a script accesses outside its simulation, each resource once.
+    """Reports each file, device, program or network that a script uses, once.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Outside:
         sys.addaudithook(self._hear)
 
     def look(self) -> None:
-        """Report all open resources, whichever code opened them."""
+        """Report what is open now, whichever code opened it."""
         if not sys.platform.startswith("linux"):
             return
         networks = _network_sockets()

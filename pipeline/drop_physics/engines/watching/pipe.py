@@ -110,7 +110,7 @@ class Pipe:
         self.flush()
 
     def hand_on(self) -> None:
-        """Leave the pipe to the program that replaces this process."""
+        """Leave the pipe open for the program that replaces this process."""
         os.set_inheritable(self._pipe, True)
 
     def note(self, what: str, **values: Any) -> None:
@@ -122,7 +122,7 @@ class Pipe:
             self.send(NOTE, payload)
 
     def mute(self) -> None:
-        """Send only messages from now on; drop other contents of the block."""
+        """From now on send JSON messages only."""
         self.flush()
         self.muted, self.counts = True, [0, 0]
 
@@ -132,7 +132,7 @@ class Pipe:
         self.tick()
 
     def write(self, data: bytes) -> None:
-        """Append bytes to the block, which is sent when it is full enough."""
+        """Append bytes to the shared block, which is sent when it is full enough."""
         at, size = self.end, len(data)
         if at > self.limit or at + size > BLOCK_BYTES:
             at = self.make_room(size)
@@ -145,12 +145,12 @@ class Pipe:
                 self.make_room(size)
 
     def sent(self, end: int) -> None:
-        """Set the end of the block's contents after a direct write."""
+        """Set the end of the shared block's contents, after writing to it directly."""
         self.end = end
         self.counts[1] = end - BLOCK.size
 
     def make_room(self, size: int = SHORT_BYTES) -> int:
-        """Send the block's contents; return the offset for the next bytes."""
+        """Send the shared block's contents; return the offset for the next bytes."""
         self.flush()
         if self._closed and self.open and self.end + size > BLOCK_BYTES - CUT_BYTES:
             end = self.end + len(_CUT)
@@ -165,7 +165,7 @@ class Pipe:
             self.flush()
 
     def flush(self) -> None:
-        """Send the contents of the block."""
+        """Send the contents of the shared block."""
         if not self.open or self.muted:
             self.end = BLOCK.size
         elif self.end > BLOCK.size and not self._closed:
@@ -182,7 +182,7 @@ class Pipe:
         return self._before
 
     def become(self, pipe: int, block: int) -> None:
-        """Switch to another pipe and block, in a new fork with nothing unsent."""
+        """Switch to another pipe and shared block, in a new fork with nothing unsent."""
         os.pwrite(block, bytes(self.memory), 0)
         # In place: what is sent at every call keeps the memory's address.
         address = ctypes.addressof(ctypes.c_char.from_buffer(self.memory))
@@ -203,14 +203,14 @@ class Pipe:
         self.leave()
 
     def leave(self) -> None:
-        """Close the pipe without sending, in a forked child, which shares the block."""
+        """Close the pipe without sending, in a process that the script forked."""
         if self.open:
             self._forget()
             if self._is_ours():
                 close(self._pipe)
 
     def _forget(self) -> None:
-        """Drop everything that is sent from now on."""
+        """Stop sending: drop everything from now on."""
         self.open = False
         self.memory, self.counts = bytearray(BLOCK_BYTES), [0, 0]
         self.counters = [0] * (APART + 1)

@@ -33,7 +33,7 @@ MOUNTED = 4
 
 
 class Private:
-    """The private file-system view of a process.
+    """A private file-system view, whose writes go to a scratch folder.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class Private:
         _keep_capabilities(on=False)
 
     def part(self, name: str) -> None:
-        """Switch to layers of its own, in a new fork; its parent waits."""
+        """Switch to writable layers of its own, in a new fork."""
         here, before = os.getcwd(), self._name
         _keep_capabilities(on=True)
         _unshare(CLONE_NEWNS)
@@ -153,12 +153,12 @@ class Private:
 
 
 def private_of(given: dict[str, Any] | None) -> Private | None:
-    """Return the view for the given options; None for the real file system."""
+    """Return the file-system view for the given options; None for the real file system."""
     return None if given is None else Private(**given)
 
 
 def _apart(folders: list[str]) -> Iterator[str]:
-    """Yield folders that lie in no other one, and contain no mount that a layer would hide.
+    """Yield the folders to overlay: outermost ones that contain no other mount.
 
     The outermost come first: folders within one need no layer of their own.
     """
@@ -198,7 +198,7 @@ def _remove(path: str) -> None:
 
 
 def _copy(source: str, target: str) -> None:
-    """Copy a layer: files, links, folders, and marks of removed files."""
+    """Copy the files of a layer, with links and deletion marks."""
     of_source = os.lstat(source)
     mode = of_source.st_mode
     if stat.S_ISDIR(mode):
@@ -279,7 +279,7 @@ def _set_attributes(path: str, attributes: _Attributes, flags: int) -> None:
 
 
 def _keep_capabilities(*, on: bool) -> None:
-    """Use the capabilities granted in our own namespace, or none.
+    """Use the capabilities that our own namespace grants, or drop them.
 
     With them a user could read and write files whose modes forbid it. The system's own
     administrator keeps all.
@@ -295,5 +295,5 @@ def _keep_capabilities(*, on: bool) -> None:
 
 
 def main(options: str) -> None:
-    """Enter a view, to test whether the kernel supports it."""
+    """Enter a private view, to test whether the kernel supports it."""
     Private(**json.loads(options)).enter()

@@ -1,4 +1,4 @@
-"""Scripts that replace their process (`os.exec…`), as some do to set variables before an import.
+"""Follows scripts that replace their process (`os.exec…`), as some do to set variables.
 
 If the new program is Python that runs a file or a module, and no step was made yet, the new program
 is watched instead. Otherwise its steps are reported as missing.
@@ -28,7 +28,7 @@ MODULE = "watching.running"
 
 
 class Programs:
-    """Follows a script into the program that replaces its process.
+    """Continues to watch a script in the program that replaces its process.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ def main(options: str, *command: str) -> None:
 
 
 def _enter(folder: str) -> None:
-    """Put a folder first on the module path, as Python does with a script's.
+    """Put a folder first on the module path, as Python does with a script's own.
 
     Modules that we have imported but that folder has too are forgotten: the script's own count.
     """

@@ -1,4 +1,4 @@
-"""Series of quantities over the steps of a run, and the functions of expressions on them.
+"""Time series in expectations, and functions on them, such as `end`, `peak` and `drift`.
 
 A bare series stands for its end. This needs numpy, which the script's interpreter has to have.
 """
@@ -13,7 +13,7 @@ import numpy as np
 
 
 class Series(np.ndarray):
-    """Numbers, or vectors, after each step; shape (n,) or (n, size).
+    """A number or vector after each step of a run; shape (n,) or (n, size).
 
     As a truth value and as a number, a series is its end. Attribute `times_s` has the times [s],
     shape (n,).

@@ -1,4 +1,4 @@
-"""A single change to a run, as the causal search tries it, for any engine.
+"""A single change of a run, as the search for causes tries it, for any engine.
 
 The rows of the table define the changes. `single_changes` of an engine's `watch` returns those that
 would change something in a run, and their effects there.
@@ -20,7 +20,7 @@ MOST_NAMES = 6
 
 @dataclass(frozen=True)
 class Change:
-    """One change applied to some elements."""
+    """A single change: an operator, applied to a quantity of some elements."""
 
     change: str
     """Target of the change: a field of the compiled model, `option.timestep`, `flag.CONTACT`,
@@ -75,11 +75,11 @@ class Change:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """The identity of the change: equal changes of the same elements have the same key."""
+        """A key that is equal for equal changes of the same elements."""
         return self.change, self.op, self.site, str(self.ids)
 
     def by(self, factor: float) -> Change:
-        """Return the same change with another factor.
+        """Return the same change with another number.
 
         Raises
         ------
@@ -92,7 +92,7 @@ class Change:
 
 
 def change_of(told: Mapping[str, Any]) -> Change:
-    """Return a change from a run's message."""
+    """Parse a change from a message of the run's process."""
     lists = ("how", "ids", "of", "site", "model", "bodies", "on")
     pairs = {name: told[name] if told[name] is None else tuple(told[name]) for name in lists}
     sites = tuple(None if each is None else tuple(each) for each in told["sites"])
@@ -100,7 +100,7 @@ def change_of(told: Mapping[str, Any]) -> Change:
 
 
 def how_of(op: str, default: Any = 0.0) -> tuple[str, Any]:
-    """Return operator and operand for a row's text: `=0`, `*10`, `=default`, `held`."""
+    """Parse a row's operator text into operator and operand: `=0`, `*10`, `=default`, `held`."""
     if op == "=default":
         return "=", default
     try:

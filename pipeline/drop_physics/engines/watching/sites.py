@@ -1,4 +1,4 @@
-"""Sites of a script's calls: file and line, without this machine's folders."""
+"""Names the lines of a script from which calls come: file and line."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Sites:
         self._libraries: dict[str, bool] = {}
 
     def place(self, frame: Any) -> tuple[str, int]:
-        """Return file and line of a frame."""
+        """Return file and line of a frame, without this machine's folders."""
         name = frame.f_code.co_filename
         shown = self._shown.get(name)
         if shown is None:
@@ -40,7 +40,7 @@ class Sites:
         return shown, frame.f_lineno
 
     def outside(self, frame: Any) -> Any:
-        """Return the innermost frame that is not in a library; the frame itself if all are."""
+        """Return the innermost frame outside libraries; the frame itself if there is none."""
         outer, libraries = frame, self._libraries
         while outer is not None:
             name = outer.f_code.co_filename
@@ -53,7 +53,7 @@ class Sites:
         return frame
 
     def _tell_main(self, name: str) -> None:
-        """Send the digest of the file that runs as a script, if it is one."""
+        """Send the digest of the script's file."""
         try:
             with FileIO(name) as file:
                 digest = sha256(file.read()).hexdigest()
@@ -63,14 +63,14 @@ class Sites:
 
 
 def caller_of(frame: Any) -> Any:
-    """Return the script's frame that called; another recording may wrap this one."""
+    """Return the frame that called the engine, past the frames of nested recordings."""
     while frame.f_back is not None and frame.f_code.co_filename.startswith(WRAPPERS):
         frame = frame.f_back
     return frame
 
 
 def caller() -> Any:
-    """Return the script's frame that called a replaced function."""
+    """Return the script's frame that called a wrapped function."""
     return caller_of(_getframe(1))
 
 

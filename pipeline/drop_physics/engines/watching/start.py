@@ -1,4 +1,4 @@
-"""Starts watching: from now on, the script's use of its engines is reported."""
+"""Starts the watching of a script's use of its engines."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def watch(
     keeps_files: bool = False,
     again: bool = False,
 ) -> ScriptWatch:
-    """Watch all engines, each as soon as it is imported.
+    """Watch all engines, each from the moment that the script imports it.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def watch(
 
 
 def enter(scratch: str | None) -> None:
-    """Change to a copy of the working directory; files are named as in the original."""
+    """Change to a copy of the working directory, but show paths of the original."""
     if scratch is not None:
         HOME.append(os.getcwd())
         os.chdir(scratch)

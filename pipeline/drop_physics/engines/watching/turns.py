@@ -1,4 +1,4 @@
-"""A lock: one thread at a time sends to the recorder, and no signal interrupts it."""
+"""A lock for sending to the recorder: one thread at a time, not interrupted by signals."""
 
 from __future__ import annotations
 

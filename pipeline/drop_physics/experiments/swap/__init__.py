@@ -1,1 +1,1 @@
-"""Find why two runs differ: swap one thing between them, and repeat a single step."""
+"""Finds why two runs differ: swaps one thing between them, and repeats a single step."""

@@ -1,4 +1,4 @@
-"""The data model of why two runs differ: causes, and their proof."""
+"""The result of a comparison of two runs: the causes of differences, and their proof."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ What = Literal["state", "input", "field", "element", "order", "step", "call", "k
 
 @dataclass(frozen=True)
 class DifferenceCause:
-    """One difference due to which two runs diverge, and the bodies or elements that it acts on."""
+    """One cause of a difference between runs, and the bodies or elements that it is about."""
 
     what: What
     """Kind of cause: `state`, `input`: a number that was given before a step; `field`: of the
@@ -94,7 +94,7 @@ class SwapProof:
 
 @dataclass(frozen=True)
 class End:
-    """Distance between the two runs at the end."""
+    """How far the two runs are apart at the end."""
 
     value: float
     """Largest distance of a body or joint."""
@@ -106,7 +106,7 @@ class End:
 
 @dataclass(frozen=True)
 class Nudges:
-    """How the end depends on the first difference: the effect of random nudges of the same size."""
+    """How far random changes of the first difference's size move the end."""
 
     size: float
     """Size of each nudge of the velocities."""

@@ -1,4 +1,4 @@
-"""Find why two runs differ by swapping calls, for an engine whose state cannot be read.
+"""Finds why two PyBullet runs differ by swapping calls, as its hidden state cannot be read.
 
 The log of the first run's calls is repeated, unwatched, with some of the second's calls in place of
 its own. Calls that turn it into the second run to the bit, until both are apart and beyond, are the
@@ -44,7 +44,7 @@ States = Callable[[Sequence[LoggedCall], int], dict[int, Float64] | None]
 
 @dataclass(frozen=True, eq=False)
 class CallUnit:
-    """One difference between two call logs."""
+    """One difference between two call logs, which can be swapped by itself."""
 
     at: int
     """Index in the first log."""
@@ -60,19 +60,19 @@ class CallUnit:
 
     @property
     def sets(self) -> set[Sets]:
-        """Quantities that the calls of this difference set."""
+        """What the calls of this difference set."""
         return {each.sets for each in (*self.removed, *self.added)}
 
     @property
     def kind(self) -> object:
-        """A key that equals for differences in the same calls of the script, at any step."""
+        """A key that is equal for differences in the same script calls, at any step."""
         calls = [[(e.function, e.site) for e in s] for s in (self.removed, self.added)]
         return str(calls), self.argument
 
 
 @dataclass
 class WhyCalls:
-    """Finds why two runs differ, from their call logs.
+    """Finds which calls make two runs differ.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class WhyCalls:
     _units: list[CallUnit] = field(default_factory=list)
 
     def answer(self) -> ProvedDifference:
-        """Find the reason, and return it."""
+        """Find the calls that make the runs differ, and return the result."""
         paired, count = [body for _, body in self.bodies], min(self.lengths)
         common = Common(("", ""), self.lengths, (self.times_s, self.times_s), columns_of(paired))
         first = first_apart(common, self.tolerance)
@@ -148,7 +148,7 @@ class WhyCalls:
         return [*least], self._same_until(states, count)
 
     def _second(self, swapped: Sequence[CallUnit], until: int) -> list[CallUnit]:
-        """Return the calls due to which the runs diverge again after the first cause is swapped."""
+        """Return the calls that make the runs differ again, once the first cause is swapped."""
         first = {*map(id, swapped)}
         others = [unit for unit in self._units if id(unit) not in first and unit.step <= until]
         if not others or len(others) > MOST_UNITS:
@@ -161,7 +161,7 @@ class WhyCalls:
         return minimal(others, holds) if holds(others) else []
 
     def _without_effect(self, before: Sequence[CallUnit], acting: Sequence[CallUnit]) -> list[str]:
-        """Return the names of differences in calls other than those that act."""
+        """Return the differing calls that have no effect."""
         kinds = {each.kind for each in acting}
         names = self._names([each for each in before if each.kind not in kinds])
         return [name for name in names if name not in self._names(acting)]
@@ -217,7 +217,7 @@ def units_of(a: Sequence[LoggedCall], b: Sequence[LoggedCall]) -> Iterator[CallU
 
 
 def _split(at: int, mine: Sequence[LoggedCall], theirs: Sequence[LoggedCall]) -> Iterator[CallUnit]:
-    """Yield differences one by one: by argument where calls correspond."""
+    """Yield the differences of a step one by one; by argument for corresponding calls."""
     functions = [[each.function for each in calls] for calls in (mine, theirs)]
     if functions[0] == functions[1]:
         for number, (x, y) in enumerate(zip(mine, theirs, strict=True)):
@@ -286,7 +286,7 @@ def _class_of(units: Sequence[CallUnit]) -> Class:
 
 
 def _told(units: Sequence[CallUnit], acting: Sequence[CallUnit] = ()) -> Iterator[DifferenceCause]:
-    """Yield causes, merging equal differences; their elements include those of `acting` units."""
+    """Return differences as causes, equal ones merged."""
     removed, added = (
         [call for unit in units for call in (unit.added if which else unit.removed)]
         for which in (0, 1)
@@ -311,7 +311,7 @@ def _told(units: Sequence[CallUnit], acting: Sequence[CallUnit] = ()) -> Iterato
 
 
 def _of_any(cause: DifferenceCause) -> DifferenceCause:
-    """Return a cause without its element and its step."""
+    """Return a cause without element and step, to compare it with others."""
     return replace(cause, element=None, step=None)
 
 

@@ -1,4 +1,4 @@
-"""Find why two runs differ by swapping values, and repeating single steps from recorded states.
+"""Finds why two runs differ by swapping values and repeating single steps.
 
 In one step there is no chaos: its result is the first run's to the bit, or not. Tried in order are
 inputs before the first difference, the compiled models, and the engine's step. Steps that the first
@@ -57,7 +57,7 @@ Site = Callable[[str, int], tuple[str | None, str | None]]
 
 @dataclass(frozen=True)
 class Alike:
-    """What two runs have in common besides their recorded steps."""
+    """What two runs have in common besides recorded steps, such as script and engine."""
 
     script: bool
     """Whether both have the same script text and arguments."""
@@ -66,11 +66,11 @@ class Alike:
 
 
 class HaltedError(Exception):
-    """Raised if the user asks for the results so far."""
+    """Raised to end a search early, with the results so far."""
 
 
 class CauseSearch:
-    """Finds why two runs differ, by repeating single steps.
+    """Finds which input, model field or engine makes two runs differ.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class CauseSearch:
         self._whole = False
 
     def answer(self) -> ProvedDifference:
-        """Find the reason, and return it."""
+        """Find the cause of the difference, and return it."""
         return self._numbered(self._found())
 
     def _numbered(self, answer: ProvedDifference) -> ProvedDifference:
@@ -122,7 +122,7 @@ class CauseSearch:
         )
 
     def _found(self) -> ProvedDifference:
-        """Find the reason; its steps are numbered as they are compared."""
+        """Find the cause; count steps as they are compared."""
         common, first = self._common, first_apart(self._common, self._tolerance)
         if first is None and any(common.moves_alone.values()):
             told = alone(common.moves_alone)
@@ -147,13 +147,13 @@ class CauseSearch:
             return replace(answer, is_halted=True)
 
     def _idle(self) -> list[str]:
-        """Return the names of what differs between runs with the same motion."""
+        """Return the names of what differs although the motion is the same."""
         given = [column for column in self._common.columns if column.kind in ("input", "edit")]
         differ = [each.name for each in given if first_given([each], self._common.steps - 1)]
         return [*dict.fromkeys([*self._others(()), *differ, *self._common.other_fields])]
 
     def _others(self, named: Collection[str | None]) -> list[str]:
-        """Return the differing fields besides the named ones, leaving out derived fields."""
+        """Return the other fields that differ, without those that the engine derives."""
         others = (each for each in self._fields if not each.is_derived and not each.is_structure)
         return [*dict.fromkeys(each.field for each in others if each.field not in named)]
 
@@ -196,7 +196,7 @@ class CauseSearch:
     def _by_given(
         self, answer: ProvedDifference, given: FirstInput, step: int, crossed: Flags, redone: Flags
     ) -> ProvedDifference:
-        """Return the reason if states and inputs of the first run reproduce its step."""
+        """Return the cause if states and inputs explain the step, else None."""
         cause = [self._told(each) for each in self._needed(given, step)]
         wrong = np.flatnonzero(~crossed & redone)
         by = {"input": "inputs", "edit": "written"}.get(given.paired.kind, "state")
@@ -228,7 +228,7 @@ class CauseSearch:
         return "input"
 
     def _needed(self, given: FirstInput, step: int) -> list[FirstInput]:
-        """Return the differing numbers before a step that actually change the step."""
+        """Return those differing numbers before a step that really change the step."""
         units = [*given_at(self._common.columns, step)]
         of_first = [unit for unit in units if unit.paired is given.paired]
         if len(units) < 2 or not of_first:
@@ -270,7 +270,7 @@ class CauseSearch:
         )
 
     def _second(self, wrong: Int64) -> list[DifferenceCause]:
-        """Return further causes, in steps that swapped states and inputs do not explain."""
+        """Return further causes: of steps that swapped states and inputs do not explain."""
         if not len(wrong):
             return []
         sample = _sample(wrong)
@@ -288,7 +288,7 @@ class CauseSearch:
         return self._one.crossed(steps, fields, whole=self._whole)
 
     def _least(self, holds: Callable[[list[int]], bool]) -> list[int]:
-        """Return the smallest set of fields that has an effect: whole fields first, then elements.
+        """Return the smallest set of fields whose swap explains the step.
 
         Fields that the engine derives from others are left out first.
         """
@@ -349,7 +349,7 @@ class CauseSearch:
         return not self._one.crossed(np.array([step]), fields, kept, whole=self._whole)[0]
 
     def _in_words(self, least: list[int]) -> list[int]:
-        """Return the fields to report: those that others are derived from, if possible."""
+        """Return the fields to report: those from which others are derived, if possible."""
         order = sorted(least, key=lambda n: (self._fields[n].is_derived, _rank(self._fields[n])))
         sources = [n for n in order if not self._fields[n].is_derived]
         return (sources or order)[:MOST_CAUSES]
@@ -364,7 +364,7 @@ class CauseSearch:
     def _by_step(
         self, answer: ProvedDifference, crossed: Flags, fixed: Flags, redone: Flags
     ) -> ProvedDifference:
-        """Return the reason if neither inputs nor the model explain the step."""
+        """Return the cause if neither inputs nor the model explain the step: the engine."""
         every = [*range(len(self._fields))]
         differ = np.flatnonzero(redone & ~fixed)
         sizes = self._one.sizes(differ, every)
@@ -416,7 +416,7 @@ class CauseSearch:
     def _by_structure(
         self, answer: ProvedDifference, differ: Int64, sizes: object, of: int
     ) -> ProvedDifference:
-        """Return the reason if one engine made both runs, so that only the models can differ."""
+        """Return the cause if one engine made both runs: differently built models."""
         only = self._common.only
         beyond = int((np.asarray(sizes) > REAL).sum())
         told = alone(only)
@@ -436,7 +436,7 @@ class CauseSearch:
     # -- the end ----------------------------------------------------------------------------------
 
     def _nudged(self, answer: ProvedDifference) -> ProvedDifference:
-        """Add the effect of random nudges that have the first difference's size."""
+        """Add how far random changes of the first difference's size move the end."""
         first = answer.first
         if first is None or not 0 < first.size <= SMALL or len({*answer.steps}) > 1:
             return answer
@@ -462,7 +462,7 @@ def _is_apart(given: FirstInput, step: int, column: int) -> bool:
 
 
 def _rank(told: FieldApart) -> float:
-    """Return a sort key by which the field with the largest relative change comes first."""
+    """Return a sort key for fields: the largest relative change first."""
     a, b = np.array(told.a), np.array(told.b)
     if a.shape != b.shape or not a.size:
         return 0.0
@@ -471,7 +471,7 @@ def _rank(told: FieldApart) -> float:
 
 
 def _changed(told: FieldApart) -> tuple[float | tuple[float, ...], float | tuple[float, ...]]:
-    """Return the numbers of an element that differ, in both models."""
+    """Return the differing numbers of an element, in both models."""
     if len(told.a) != len(told.b):
         return told.a, told.b
     which = [n for n, (x, y) in enumerate(zip(told.a, told.b, strict=True)) if x != y]

@@ -1,4 +1,4 @@
-"""Find why runs of two engines differ, by removing known differences between the engines.
+"""Finds why runs of two engines differ, by removing known differences of their defaults.
 
 Nothing is the same to the bit there, but without contact both agree to rounding if nothing in the
 table differs. Known differences are removed alone, then all together and as few as possible; those
@@ -35,7 +35,7 @@ k), with some known differences removed; None where that is impossible."""
 
 @dataclass(frozen=True, eq=False)
 class WhyEngines:
-    """Finds why runs of two engines differ.
+    """Finds which known differences make runs of two engines differ.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class WhyEngines:
     apart: Callable[[], EndApart]
 
     def answer(self) -> ProvedDifference:
-        """Find the reason, and return it."""
+        """Find the differences that explain how the runs differ, and return the result."""
         count = min(self.lengths)
         first = self._first(self.trails((), count))
         if first is None:

@@ -1,4 +1,4 @@
-"""Find the first difference between two runs, and the first differing number that was given."""
+"""Finds the first difference between two runs, and the first differing input."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ORDER = ("motion", "hidden", "input", "edit")
 
 @dataclass(frozen=True, eq=False)
 class FirstInput:
-    """Numbers given to both runs before a step, some of which differ."""
+    """Inputs of both runs before a step, some of which differ."""
 
     paired: Paired
     step: int
@@ -24,7 +24,7 @@ class FirstInput:
 
     @property
     def values(self) -> tuple[float, float]:
-        """The first differing number, in each run."""
+        """The first differing number, one value per run."""
         row, column = self.step, self.columns[0]
         return float(self.paired.before_a[row, column]), float(self.paired.before_b[row, column])
 
@@ -104,7 +104,7 @@ def _given(paired: Paired, until: int) -> FirstInput | None:
 
 
 def first_hidden(common: Common, until: int) -> int | None:
-    """Return the first step after which states differ, hidden parts included; None if none does."""
+    """Return the first step after which whole states differ, hidden arrays included, or None."""
     steps = [
         int(rows[0])
         for column in common.columns
@@ -116,7 +116,7 @@ def first_hidden(common: Common, until: int) -> int | None:
 
 
 def given_at(columns: Iterable[Paired], step: int) -> Iterator[FirstInput]:
-    """Yield the numbers that differ before a step, grouped by element."""
+    """Yield the inputs that differ before a step, grouped by element."""
     for paired in columns:
         apart = np.flatnonzero(differs(paired.before_a[step], paired.before_b[step]))
         by_element: dict[str, list[int]] = {}
@@ -127,7 +127,7 @@ def given_at(columns: Iterable[Paired], step: int) -> Iterator[FirstInput]:
 
 
 def lateness(given: FirstInput) -> str:
-    """Return which run, `a` or `b`, changes a number one step later; empty for neither."""
+    """Return which run, `a` or `b`, changes an input one step later; empty for neither."""
     row, column = given.step, given.columns[0]
     a, b = (each[:, column] for each in _both(given.paired))
     if not row or a[row - 1] != b[row - 1]:

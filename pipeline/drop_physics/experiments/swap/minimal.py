@@ -1,4 +1,4 @@
-"""Find a minimal set of changes that still has an effect, by delta debugging.
+"""Finds a minimal set of differences that still has an effect, by delta debugging.
 
 A. Zeller and R. Hildebrandt, Simplifying and Isolating Failure-Inducing Input, IEEE Transactions on
 Software Engineering 28 (2002): halves are left out first, then ever smaller parts.
