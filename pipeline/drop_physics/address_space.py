@@ -1,4 +1,4 @@
-"""Check that enough address space is free before loading a library that would abort without it."""
+"""Checks that enough memory can be reserved for a library that would abort without it."""
 
 from __future__ import annotations
 

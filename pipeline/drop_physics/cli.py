@@ -1,4 +1,4 @@
-"""The command `drop`: parse, call a stage, print. No physics and no files here.
+"""The command `drop`: parses arguments, calls a function of `stages`, prints the result.
 
 Each command imports what it needs when it runs, so that `drop --help` is quick.
 """
@@ -82,7 +82,7 @@ def _verb(
     name: str | None = None,
     **how: Any,  # noqa: ANN401 - handed on
 ) -> Callable[[Callable[[TypedLine], None]], Callable[[TypedLine], None]]:
-    """Return a decorator that turns a function with typed arguments into a CLI command."""
+    """Return a decorator that makes a command of the command line from a typed function."""
     if "target" in parameters_of(kinds[-1]):  # all after a script is its own
         how["context_settings"] = {"allow_interspersed_args": False}
 
@@ -400,7 +400,7 @@ def script(given: TypedLine) -> None:
 
 
 def _note_ours(given: TypedLine) -> None:
-    """Print a note if script arguments are also options of `drop`, in case `drop` was meant."""
+    """Note that options after the script belong to the script, if `drop` has them, too."""
     ours = {name for param in given.context.command.params for name in param.opts}
     names = dict.fromkeys(argument.partition("=")[0] for argument in given["arguments"])
     both = [name for name in names if name.startswith("-") and name in ours]
@@ -416,7 +416,7 @@ def _note_ours(given: TypedLine) -> None:
 
 
 def _again(given: TypedLine) -> Callable[[str], str]:
-    """Return a function that writes this command with another verb; it omits a seed of 0."""
+    """Return a function that writes this command line with another command of drop."""
     from drop_physics.stages.program import command_of
 
     options = {name: given[name] for name in ("steps", "python")}
@@ -465,7 +465,7 @@ def trust(given: TypedLine) -> None:
 
 
 def _told() -> dict[str, Any]:
-    """Return the progress callbacks of verbs that run a script repeatedly."""
+    """Return the progress callbacks for commands that run a script repeatedly."""
     return {"stdout": output.descriptor(sys.stderr), "note": output.note}
 
 
@@ -476,7 +476,7 @@ def _told() -> dict[str, Any]:
     example="drop why --about arm my_script.py --its-own option",
 )
 def why(given: TypedLine) -> None:
-    """Run a script again, with one thing changed in each run."""
+    """Run a script again with one change at a time."""
     from drop_physics.stages.program import digest_of_script
 
     target, film, force = Path(given["target"]), given["film"], given["force"]

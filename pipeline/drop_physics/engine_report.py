@@ -1,4 +1,4 @@
-"""The engine's report about itself and both bodies, read back after set-up.
+"""What an engine reports about itself and the bodies of a drop, after set-up.
 
 Values that an engine does not report are None. Damping, contact ERP and the solver's residual are
 missing: PyBullet has no call that returns them. For a btRigidBody, `getDynamicsInfo` fills in mass,

@@ -1,4 +1,4 @@
-"""Dataclass fields that carry their command-line option: text form, and allowed values.
+"""Dataclass fields with their command-line option: text form, and allowed values.
 
 One declaration serves the command line, the recording and sweeps.
 """

@@ -1,4 +1,4 @@
-"""Parameters of the verbs in Typer's form: own options, those of scenario and camera."""
+"""Converts the dataclasses of commands, scenarios and cameras to command-line options."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def an_integer(given: Any) -> Any:  # noqa: ANN401
 
 
 class TypedLine:
-    """The typed values of one command line, which may belong to several verbs.
+    """The parsed values of one command line, which may belong to several commands.
 
     Parameters
     ----------
@@ -53,13 +53,13 @@ class TypedLine:
         return self._values[name]
 
     def of(self, verb: type) -> dict[str, Any]:
-        """Return a verb's arguments, for its function."""
+        """Return the arguments of one command, for its function."""
         taken = (name for name, parameter in parameters_of(verb).items() if parameter.in_python)
         return {name: self._values[name] for name in taken if name in self._values}
 
 
 def command_of(do: Callable[[TypedLine], None], *verbs: type) -> Callable[..., None]:
-    """Return a CLI command that has the parameters of the given verbs, and calls a function.
+    """Make a command of the command line from the dataclasses of its arguments.
 
     If names are equal, the last verb's counts; the arguments are those of the last verb.
     """
@@ -95,7 +95,7 @@ PARSERS = {float: a_number, int: an_integer}
 
 
 def _taken(each: VerbParameter) -> inspect.Parameter:
-    """Return a verb's parameter in Typer's form."""
+    """Return a command's parameter as a Typer option."""
     option = each.option
     how: dict[str, Any] = {"help": option.help, "metavar": option.metavar or None}
     several = each.several or each.name == "target"
@@ -118,7 +118,7 @@ def _taken(each: VerbParameter) -> inspect.Parameter:
 
 
 def _read(each: VerbParameter, given: Any) -> Any:  # noqa: ANN401
-    """Convert a parsed parameter to the verb's Python value."""
+    """Convert a parsed option to the value of its field."""
     if each.is_inverse:
         return not given
     if each.option.read is not None:
@@ -179,7 +179,7 @@ def _parameter(
 
 
 def _dropped_here(texts: Texts) -> Texts:
-    """Set the engine to MuJoCo where PyBullet is not installed and no engine was given.
+    """Choose MuJoCo if PyBullet is not installed and the user chose no engine.
 
     Raises
     ------

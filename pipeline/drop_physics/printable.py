@@ -1,4 +1,4 @@
-"""Results that print as the command does on a terminal, and as HTML with a plot in notebooks.
+"""Results that print as on the terminal, and in notebooks as HTML with a plot.
 
 A result names the module that builds its report: in a room above, so loaded on demand.
 """
@@ -24,7 +24,7 @@ class Printable:
         cls._repr_pretty_ = Printable._repr_pretty_  # type: ignore[method-assign]  # before a dataclass's __repr__
 
     def report(self, **how: object) -> Any:  # noqa: ANN401 - a Report, of a room above
-        """Return the report of the result, for any renderer; `how` are options of the report."""
+        """Return the report of the result, for any renderer."""
         return importlib.import_module(self.reported_by).report_of(self, **how)
 
     def as_json(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Worker processes that call our functions: send a request, and collect the result when needed.
+"""Worker processes that call our functions: send a request, and take the result when needed.
 
 PyBullet and matplotlib hold Python's lock while they draw, so threads gain nothing. These are plain
 subprocesses fed through pipes: unlike `multiprocessing`, they do not import the caller's main
@@ -323,7 +323,7 @@ def _work() -> None:
 
 
 def _listen(questions: queue.SimpleQueue[tuple[str, bytes] | None]) -> None:
-    """Queue incoming requests; if the parent dies, end at once or, with `finishes`, after them."""
+    """Queue incoming requests; if the parent process dies, end at once or after the queue."""
     with contextlib.suppress(EOFError, pickle.UnpicklingError):
         while True:
             questions.put(pickle.load(sys.stdin.buffer))

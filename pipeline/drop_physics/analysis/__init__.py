@@ -1,1 +1,1 @@
-"""The analysis of recordings, which judges runs independently of engines and of the recorder."""
+"""Analyzes recordings, without using an engine or the recorder."""

@@ -1,4 +1,4 @@
-"""The analysis of one body, chunk by chunk."""
+"""Analyzes one body, chunk by chunk."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ KEPT = ("set", "integrator", "remainder")
 
 
 class BodyStory:
-    """The analysis of one body: `add` takes its chunks, `result` returns its motion.
+    """Collects the analysis of one body: `add` takes chunks, `result` returns the analysis.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ class BodyStory:
         return counts
 
     def _there(self, last: int) -> int:
-        """Return the number of samples during which a body without recorded samples existed."""
+        """Return how many samples a body existed that has no samples of its own."""
         there = 0
         mine = [
             appearance

@@ -1,4 +1,4 @@
-"""Match findings with the account rows of the same content, which they replace and cite."""
+"""Finds the account rows that say the same as a finding, and lets the finding cite them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ same joint or pair, where a row uses its worst moment and a finding the mean, AL
 
 
 def citing(findings: Iterable[Finding], account: Sequence[AccountRow]) -> Iterator[Finding]:
-    """Yield findings, each with the account row that has the same subject and content."""
+    """Yield findings, each with the account row that says the same."""
     for finding in findings:
         rows = [row for row in account if _tells(row, finding)]
         rows.sort(key=lambda row: row.who in (row.body, ""))  # of a joint or a pair first
@@ -22,7 +22,7 @@ def citing(findings: Iterable[Finding], account: Sequence[AccountRow]) -> Iterat
 
 
 def _tells(row: AccountRow, finding: Finding) -> bool:
-    """Return whether a row has the same subject and number as a finding."""
+    """Return whether a row of the account says the same as a finding."""
     effect = finding.effect
     if effect is None or finding.body is None or finding.body not in (row.body, row.other):
         return False

@@ -1,4 +1,4 @@
-"""The flights of a body: phases of free fall, each compared with theory from its start."""
+"""Finds the flights of a body, and compares each with free fall from its start."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class _OpenFlight:
 
 
 class Flights:
-    """The flights of one single-link body; grow chunk by chunk."""
+    """The flights of one single-link body; filled chunk by chunk."""
 
     def __init__(self, times: StepTimes, asked_steps: Sequence[int]) -> None:
         self._times, self._asked = times, np.array(sorted(asked_steps), np.int64)
@@ -66,7 +66,7 @@ class Flights:
         return self._done
 
     def _take(self, steps: Steps, first: int, end: int, counted: int) -> None:
-        """Add steps in flight under a single law."""
+        """Add consecutive steps in free flight."""
         reported, before = steps.reported, motion_of(steps.before)
         law = law_of(steps.config, float(reported.timestep_s[first]), reported.gravity_m_s2[first])
         assert law is not None  # it was explained

@@ -1,4 +1,4 @@
-"""The contact phases of a body: consecutive samples in contact, and the bodies that pushed."""
+"""Finds when a body was in contact, and which bodies pushed it."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def pushers_in(steps: Steps, row: int) -> dict[tuple[int, int], tuple[Float64, f
 
 
 class BodyContacts:
-    """The contact phases of one body; grow chunk by chunk."""
+    """The contact phases of one body; filled chunk by chunk."""
 
     def __init__(self, times: StepTimes, bodies: Mapping[int, Body]) -> None:
         self._times, self._bodies = times, bodies

@@ -1,4 +1,4 @@
-"""The pipeline from a recording to its analysis: every body explained, every rule applied."""
+"""From a recording to its analysis: explains every body, and applies every rule."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ class Story:
         }
 
     def see(self, explained: recording.ExplainedPiece) -> None:
-        """Add a chunk."""
+        """Add a chunk of explained steps."""
         self.scene.see(explained)
         if self._also is not None:
             self._also(explained.piece)
@@ -152,7 +152,7 @@ class Story:
         self.scene.forget()
 
     def _is_told(self, piece: Piece) -> bool:
-        """Return whether the account covers a chunk, which it does completely or not at all."""
+        """Return whether the account includes a chunk; it includes chunks only as a whole."""
         if self._window is None:
             return True
         _, first, last = self._window
@@ -192,7 +192,7 @@ class Story:
         )
 
     def findings(self, *, reported: bool = True) -> list[Finding]:
-        """Return the findings of rules, or the suppressed ones, the gravest first.
+        """Return the findings of all rules, or the suppressed ones, most severe first.
 
         After the last chunk.
         """
@@ -213,7 +213,7 @@ class Story:
 
     @cached_property
     def _told(self) -> list[AccountRow]:
-        """The rows of the account, in no order."""
+        """The rows of the account, unsorted."""
         totals = self.explanation.totals if self._window is None else {}
         return [] if self._account is None else self._account.rows(totals)
 

@@ -1,4 +1,4 @@
-"""Comparison of a recorded fall with the free-flight formula, before the first contact."""
+"""Compares a recorded fall with the free-flight formula, before the first contact."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The input of the analysis: a scenario, the engine's report, the first and last sample."""
+"""What the analysis of a drop starts from: scenario, engine report, and samples."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FLOOR_REACH_M = 100.0
 
 @dataclass(frozen=True)
 class Case:
-    """One drop, as passed to all parts of the analysis; its samples are read chunk by chunk."""
+    """One drop: what was dropped, how, and the recorded samples."""
 
     scenario: Scenario
     engine: EngineReport
@@ -189,7 +189,7 @@ class Case:
         return self.is_rigid and self.engine.shape == "box"
 
     def over_floor(self, position_m: Float64) -> bool:
-        """Return whether all positions [m], shape (n, 3), are within the edges of the floor.
+        """Return whether all positions [m], shape (n, 3), are above the floor's area.
 
         In other engines the floor has no edge.
         """

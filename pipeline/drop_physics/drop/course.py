@@ -1,4 +1,4 @@
-"""The motion of a fall, gathered chunk by chunk: positions, tilt and contacts."""
+"""Follows a fall chunk by chunk: positions, tilt and contacts."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Course:
         return before, [step for step in steps if step is not None]
 
     def phases(self) -> Phases:
-        """Return the phases, once all samples are added."""
+        """Return when the body fell, touched the floor and rested, after the last sample."""
         return self._settling.phases(self.air.contact_step)
 
     @property
@@ -130,7 +130,7 @@ class Course:
             self.altered = [first, count + len(rows)]
 
     def _look(self, part: DropSamples, before: Motion) -> None:
-        """Note the height of the centre, and when it comes down to the floor."""
+        """Note the height of the centre, and when the centre comes down to the floor."""
         case, heights_m = self.case, part.height_m
         low = int(np.argmin(heights_m))
         if self.lowest is None or heights_m[low] < self.lowest[0].position_m[0, 2]:

@@ -1,4 +1,4 @@
-"""The same drop in two engines: the first difference, its size, and its error terms."""
+"""Compares the same drop in two engines: first difference, its size, and its error terms."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def _distance(run: Flight, golden: Flight, last: int) -> Message:
 
 
 def _undamped(flight: Flight, other: Flight, last: int) -> Message | None:
-    """State that Bullet without damping would agree with the other engine, if it would."""
+    """Say that Bullet without damping would agree with the other engine, if it would."""
     law = flight.case.law
     if not isinstance(law, BulletLaw) or not (law.linear_damping or law.angular_damping):
         return None

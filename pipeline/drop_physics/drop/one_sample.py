@@ -1,4 +1,4 @@
-"""The error of one sample in flight, from the samples up to it alone: for sweeps.
+"""Computes the error terms of one sample in flight from the samples up to it, for sweeps.
 
 The result is to the bit that of `Story` for the same sample of the whole recording, or None.
 """

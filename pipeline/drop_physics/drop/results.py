@@ -74,7 +74,7 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Landing:
-    """Theoretical time at which the body, oriented as released, reaches the floor."""
+    """The time at which the body would reach the floor, in theory."""
 
     time_free_fall_s: float
     """Theoretical landing time without air."""
@@ -189,7 +189,7 @@ class Conservation:
 
 @dataclass(frozen=True, kw_only=True)
 class FallAnalysis:
-    """Additions of a scenario to an analysis: comparison with theory, landing and rest."""
+    """What a scenario adds to an analysis: comparison with theory, landing and rest."""
 
     scenario: dict[str, Any]
     """The scenario's options, by field."""

@@ -1,4 +1,4 @@
-"""The complete analysis of a drop: its bodies explained, and its fall compared with theory."""
+"""Analyzes a drop: explains its bodies, and compares the fall with theory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write images as an animation, in the format that the file's suffix names."""
+"""Writes images as an animation, in the format that the file's suffix names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Combine an image with a caption below it and a growing plot beside it."""
+"""Combines an image with a caption below and a growing plot beside it."""
 
 from __future__ import annotations
 

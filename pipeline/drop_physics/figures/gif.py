@@ -1,4 +1,4 @@
-"""Write gifs: every frame is kept, up to 256 colours are exact, and memory is constant.
+"""Writes gifs frame by frame, with up to 256 exact colours each, in constant memory.
 
 Pillow's own writer merges frames that do not differ, holds all of them at once, and picks new
 palettes for colours that it could keep. So the container is written here, one block per frame as

@@ -1,4 +1,4 @@
-"""Draw over images: the time, a ruler, names; and place images side by side."""
+"""Draws over images: the time, a ruler, names; and places images side by side."""
 
 from __future__ import annotations
 

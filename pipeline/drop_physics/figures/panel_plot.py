@@ -1,4 +1,4 @@
-"""Draw the plot of a run: a title, its meaning, and panels on a common time axis."""
+"""Draws the plot of a run: a title, its meaning, and panels on a common time axis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The style of plots on light and dark pages, and numbers in readable units.
+"""Styles plots for light and dark pages, and chooses readable units.
 
 The user's own matplotlib settings have no effect: the same table gives the same bytes.
 """

@@ -1,4 +1,4 @@
-"""A law of motion: how an engine steps one rigid body."""
+"""The interface of a free-flight integration rule: how an engine steps one rigid body."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Motion(Rowed):
         return Motion(*(getattr(self, field.name)[samples] for field in fields(Motion)))
 
     def before(self) -> Motion:
-        """Return the sample before each one; the first sample is its own predecessor."""
+        """Return each sample's predecessor; the first sample is its own."""
         return self.at(np.maximum(np.arange(len(self)) - 1, 0))
 
 
@@ -108,7 +108,7 @@ class FreeBody:
 
 
 class Law(FreeBody, ABC):
-    """An engine's discrete law of one rigid body in the air; arrays have one row per sample.
+    """An engine's integration rule for one rigid body in the air; arrays have one row per sample.
 
     Its defaults are those of an engine without a limit of velocities.
     """
@@ -132,7 +132,7 @@ class Law(FreeBody, ABC):
         """True if `moved` reproduces the engine's positions to the last bit."""
 
     def released(self, start: Motion) -> Motion:
-        """Return a state as the engine stores it when a body is released."""
+        """Return a release state as the engine stores it, with the engine's rounding."""
         return start
 
     @abstractmethod
@@ -156,7 +156,7 @@ class Law(FreeBody, ABC):
 
     @abstractmethod
     def bits(self, before: Motion) -> Flags:
-        """Flag the samples from which `step` reproduces the engine's velocities bitwise, (n,)."""
+        """Flag the samples from which `step` gives the engine's velocities bit for bit, (n,)."""
 
     @abstractmethod
     def terms(self, before: Motion) -> tuple[Float64, Float64]:

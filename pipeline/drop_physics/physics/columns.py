@@ -71,6 +71,6 @@ def product(a: Float64, b: Float64) -> Float64:
 
 
 def skew(vector: Float64) -> Float64:
-    """Return the matrix that performs the cross product with one vector, shape (3, 3)."""
+    """Return the matrix whose product with a vector is the cross product, shape (3, 3)."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -1,4 +1,4 @@
-"""A step of a tree as a sum of named impulses, for any engine.
+"""Writes a step of a kinematic tree as a sum of named impulses, for any engine.
 
     M (u' - u) = the sum of all terms + remainder
 
@@ -108,7 +108,7 @@ EXPLAINED = 1e-9
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Summed:
-    """The n steps of a tree as sums of impulses, with changes of energy and momentum by cause."""
+    """The n steps of a tree as sums of impulses; energy and momentum changes by cause."""
 
     terms: Mapping[str, Float64]
     """Impulses by cause [N s, N m s], shape (n, size) each."""
@@ -159,7 +159,7 @@ class Sum:
 
     @cached_property
     def largest(self) -> Float64:
-        """The largest entry of any term, or impulse of a single force, in each step, shape (n,).
+        """The largest impulse in each step, shape (n,), as the scale of rounding errors.
 
         The scale of the numbers that were added. Terms alone do not show it: a force may pass
         through all axes, or be balanced by another. Where next to nothing acts, a share of the

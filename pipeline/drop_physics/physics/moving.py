@@ -1,4 +1,4 @@
-"""Integrate a body's pose over a step, from the velocities at the step's end.
+"""Integrates a body's pose over a step, from the velocities at the step's end.
 
 x' = x + v' dt        q' = q + q̇' dt        orientations turn by the exponential map
 """
@@ -21,7 +21,7 @@ TURNED = 1e-12
 def moved(
     tree: Tree, before: States, velocity: Float64, timestep_s: Float64, most_rad: float
 ) -> States:
-    """Integrate velocities over a step, shape (n, size); rotations end at `most_rad`.
+    """Integrate velocities, shape (n, size), over a step; a rotation is limited to `most_rad`.
 
     Source: `btMultiBody::stepPositionsMultiDof`; MuJoCo's `mj_integratePos`, which has no limit.
     """
@@ -62,7 +62,7 @@ def moved_on(
 
 
 def way_between(tree: Tree, states: States, others: States) -> Float64:
-    """Return the displacement between two nearby states, in the order of u, shape (n, size)."""
+    """Return the displacement between two nearby states, one entry per degree of freedom."""
     way = np.zeros((len(states), tree.size))
     if not tree.fixed:
         way[:, :3] = _turn_between(states.orientation, others.orientation)

@@ -1,4 +1,4 @@
-"""Contacts, pushes and frames, converted to forces on links, in world axes."""
+"""Converts contacts, applied forces and constraints to forces on links, in world axes."""
 
 from __future__ import annotations
 

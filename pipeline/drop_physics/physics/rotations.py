@@ -1,4 +1,4 @@
-"""Rotate vectors between world axes and body axes."""
+"""Rotates vectors between world axes and body axes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def products(a: Float64, b: Float64) -> Float64:
 
 
 def same_way(orientation: Float64, reference: Float64) -> Float64:
-    """Return quaternions, (n, 4), negated where needed to match others: q and -q are equivalent."""
+    """Return quaternions, (n, 4), with signs chosen to match others: q and -q are equal."""
     agree = sums(orientation * reference)[:, None]
     return np.where(agree < 0, -orientation, orientation)
 

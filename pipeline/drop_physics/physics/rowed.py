@@ -23,7 +23,7 @@ class Rowed:
         return type(self)(*(column[rows] for column in self._columns()))
 
     def then(self, more: Self) -> Self:
-        """Return these rows, followed by further ones."""
+        """Return these rows followed by further ones."""
         return self.joined((self, more))
 
     @classmethod

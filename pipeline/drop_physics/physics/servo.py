@@ -38,7 +38,7 @@ RANGE = 1e12
 
 @dataclass(frozen=True, eq=False)
 class Servos:
-    """Coupled degrees of freedom with springs and dampers, and the integrator that steps them."""
+    """Joints as coupled springs and dampers, with the integrator that steps them."""
 
     timestep_s: float
     inertia: Float64
@@ -54,7 +54,7 @@ class Servos:
 
     @property
     def growth(self) -> float:
-        """The factor by which a step multiplies a gap, in the long run."""
+        """The factor by which a deviation grows per step, in the long run."""
         h, one = self.timestep_s, np.eye(len(self.inertia))
         pull, damping = np.diag(self.stiffness), np.diag(self.ends + self.begins)
         if self.fourth_order:
@@ -68,7 +68,7 @@ class Servos:
 
     @property
     def grows(self) -> bool:
-        """True if gaps grow by more than rounding error."""
+        """True if deviations grow by more than rounding error."""
         return self.growth > 1 + 1e-7
 
     def alone(self, place: int) -> Servos:
@@ -83,7 +83,7 @@ class Servos:
         )
 
     def calmed(self, name: str, place: int, factor: float) -> Servos:
-        """Return the servos with a parameter of one joint divided, or its inertia multiplied."""
+        """Return the servos with one joint's gain divided, or inertia multiplied, by a factor."""
         if name == "timestep_s":
             return replace(self, timestep_s=self.timestep_s / factor)
         values = np.array(getattr(self, name))
@@ -95,7 +95,7 @@ class Servos:
         return replace(self, **changed)
 
     def limit(self, name: str, place: int) -> float | None:
-        """Return the least factor for `calmed` with which nothing grows; None if there is none."""
+        """Return the smallest factor for `calmed` that makes them stable; None if there is none."""
         return _first(lambda factor: not self.calmed(name, place, factor).grows)
 
 
@@ -118,7 +118,7 @@ def pd_effort(
 
 
 def _first(holds: Callable[[float], bool]) -> float | None:
-    """Return the least factor, at least 1, from which a condition holds; None if there is none."""
+    """Return the smallest factor, at least 1, from which a condition holds; None without one."""
     low, high = 1.0, 2.0
     while not holds(high):
         low, high = high, high * high

@@ -1,4 +1,4 @@
-"""The known inputs of a tree's steps, and the interface of an engine's integration rule."""
+"""Inputs of a step of a kinematic tree, and the interface of an engine's integration rule."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drop_physics.physics.tree import States, Tree
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DampedTree:
-    """A tree with damping and limits."""
+    """A kinematic tree with joint damping and limits."""
 
     tree: Tree
     joint_damping: Float64
@@ -31,7 +31,7 @@ class DampedTree:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reported:
-    """Everything known about n steps besides the states; rows of Forces carry a step index."""
+    """What an engine reports about n steps, besides the states."""
 
     timestep_s: Float64
     """Timestep of each step, shape (n,)."""
@@ -83,7 +83,7 @@ Reason = Literal[
 
 @dataclass(frozen=True, kw_only=True)
 class StepConditions:
-    """Properties of engine and body that decide whether a step can be written as a sum."""
+    """What decides whether a step can be written as a sum: engine and body settings."""
 
     other_engine: bool = False
     """Whether another engine, with its own law, steps the body."""

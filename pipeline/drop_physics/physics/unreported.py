@@ -1,4 +1,4 @@
-"""Assign the remainder of a step to causes whose impulses the engine does not report.
+"""Divides the remainder of a step among causes whose impulses the engine does not report.
 
 Such a cause can act only in some directions: a stop on its joint, inwards; a clamp on one entry of
 u; rolling and spinning friction as torques on the links that touch. What of the remainder lies in
@@ -23,7 +23,7 @@ DEPENDENT = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class Unreported:
-    """Directions of possible unreported impulses in n steps."""
+    """The directions in which unreported impulses may act, in n steps."""
 
     UP: ClassVar[int] = 1
     DOWN: ClassVar[int] = 2
@@ -40,7 +40,7 @@ class Unreported:
 
 
 class Shared(NamedTuple):
-    """A remainder divided among unreported causes; arrays have shape (n, size)."""
+    """A remainder, divided among unreported causes; arrays have shape (n, size)."""
 
     rolling: Float64
     stops: Float64
@@ -69,7 +69,7 @@ def shared_out(left: Float64, matrices: Float64, kin: Kinematics, may: Unreporte
 
 
 def _outwards(pushed: Float64, stops: Int64) -> Flags:
-    """Flag the entries that push in a direction in which no stop pushes, shape (n, size)."""
+    """Flag the impulses that push a joint towards its stop, as no stop does, shape (n, size)."""
     up, down = stops & Unreported.UP != 0, stops & Unreported.DOWN != 0
     return np.asarray(((pushed > 0) & ~up) | ((pushed < 0) & ~down))
 
@@ -84,7 +84,7 @@ def _touching(may: Unreported, steps: int, links: int) -> Flags:
 def _fit(
     left: Float64, matrices: Float64, kin: Kinematics, keys: Flags, steps: Int64, shared: Shared
 ) -> None:
-    """Fit these steps by all directions at once, grouping steps with the same directions.
+    """Fit the remainders of steps by the possible directions; equal sets of directions together.
 
     `keys` tells the directions of each step: links that touch, stops and clamped entries.
     """

@@ -1,1 +1,1 @@
-"""Sweeps over many scenarios: plan the runs, execute them, and store a table of their results."""
+"""Sweeps over many scenarios: plans the runs, makes them, and stores their results."""

@@ -1,4 +1,4 @@
-"""Execute runs concurrently: in threads, worker processes, or on a Ray cluster.
+"""Makes many runs at once: in threads, worker processes, or on a Ray cluster.
 
 The functions here take a function of a run's number, request runs only as they have room, and yield
 results as they arrive, in any order. If a worker dies nothing is lost: its run is repeated.

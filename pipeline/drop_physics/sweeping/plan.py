@@ -1,4 +1,4 @@
-"""Plan a sweep: from value lists and samples, derive each run from its number.
+"""Plans a sweep: derives each run from value lists, random samples and its number.
 
 The runs are the product of all lists, in the order of `drop simulate --help`: the last option that
 has a list changes fastest, and the samples of a scenario are adjacent. Nothing is computed in

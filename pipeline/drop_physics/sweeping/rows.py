@@ -1,4 +1,4 @@
-"""The results table of a sweep: each row is stored at once, so that a sweep can resume."""
+"""Stores the rows of a sweep one by one, so that an interrupted sweep can resume."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Draw fields at random: `height=uniform:0.5:2`, with a separate random stream per sample."""
+"""Draws fields at random: `height=uniform:0.5:2`, from a random stream for each sample."""
 
 from __future__ import annotations
 

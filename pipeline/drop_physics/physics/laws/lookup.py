@@ -1,4 +1,4 @@
-"""Find the integration rule of the engine that made a recording."""
+"""Chooses the integration rule of the engine that made a recording."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def step_law(engine: str) -> StepLaw | None:
 
 
 def fall_of(scenario: Scenario) -> TheoreticalFall:
-    """Return a scenario's release and drag, as the engine represents them."""
+    """Return a scenario's release state and drag, as the engine represents them."""
     if scenario.engine == "bullet":
         damping = effective_damping(scenario.linear_damping, scenario.coordinates)
         drag = drag_of(damping, scenario.coordinates)
@@ -39,7 +39,7 @@ def fall_of(scenario: Scenario) -> TheoreticalFall:
 
 
 def law_for(scenario: Scenario, report: EngineReport) -> Law:
-    """Return the law of one rigid body in the air, under the engine's settings."""
+    """Return the integration rule of one rigid body in the air, under the engine's settings."""
     body: dict[str, Any] = {
         "timestep_s": scenario.timestep_s,
         "gravity_m_s2": (0.0, 0.0, scenario.effective_gravity_m_s2),

@@ -1,4 +1,4 @@
-"""The velocity part of Bullet's step in the air, and its path in exact arithmetic.
+"""Bullet's velocity update in the air, and the path in exact arithmetic.
 
 The float version keeps the engine's order of operations. On x86-64, where each operation rounds
 once, it equals PyBullet 3.2.7 in every bit, for a body that neither spins nor is turned (for others

@@ -1,4 +1,4 @@
-"""Bullet's law of one rigid body in the air: advance many samples by one step."""
+"""Bullet's integration rule for one rigid body in the air, for many samples at once."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class BulletLaw(BulletBody, Law):
         return _in_blocks(stepped, before)
 
     def bits(self, before: Motion) -> Flags:
-        """Flag the samples from which `step` reproduces the engine's velocities bitwise, (n,).
+        """Flag the samples from which `step` gives the engine's velocities bit for bit, (n,).
 
         On x86-64. All substeps but the first begin with an orientation computed here.
         """

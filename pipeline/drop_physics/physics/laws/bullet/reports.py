@@ -1,4 +1,4 @@
-"""Convert PyBullet's constraint reports to forces on links and efforts on joints.
+"""Converts PyBullet's constraint reports to forces on links and efforts on joints.
 
 Axes, points of action and signs follow its sources, with file names and line numbers of bullet3,
 and were measured with PyBullet 3.2.7 (`docs/validation.md`).
