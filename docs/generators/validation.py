@@ -284,8 +284,8 @@ def made(known: list[Figure] | None = None) -> dict[str, str]:
 PAGE = """\
 # Validation
 
-Exact results about a thrown, sliding, rolling or spinning body, beside PyBullet's. Each figure is
-computed from a recording that `drop record` makes of a short script; the scripts are in
+Exact results for thrown, sliding, rolling and spinning bodies, compared with PyBullet's. Each
+figure is computed from a recording that `drop record` makes of a short script; the scripts are in
 `docs/generators/validation.py`, and `tests/test_validation.py` checks every row.
 
 | what | formula | theory | PyBullet | difference | from |
@@ -293,8 +293,8 @@ computed from a recording that `drop record` makes of a short script; the script
 {rows}
 
 A freely tumbling body conserves neither its energy nor its angular momentum exactly: half the
-timestep halves the drift, so both kinds of coordinates integrate rotation with a first-order error.
-The error of the fall, term by term, is in [the walkthrough](walkthrough.md).
+timestep halves the drift, so both kinds of coordinates integrate rotation with a first-order
+error. The error of the fall, term by term, is in [the walkthrough](walkthrough.md).
 
 ## A published pendulum
 
@@ -312,21 +312,22 @@ the rows, `tests/test_pendulum_benchmark.py` checks them.
 | --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |
 {pendulum}
 
-Without damping the error is the timestep's, and of first order. With PyBullet's default of 0.04 it
-is the damping's, which no smaller timestep makes smaller: the model is another one.
+Without damping the error comes from the timestep, and is of first order. With PyBullet's default
+of 0.04 it comes from the damping, and no smaller timestep reduces it: the model is different.
 
 ## Every step of a tree of links
 
 The [sum of impulses](record.md#what-its-bodies-did-and-why) of a step is computed from the state
-before it and what PyBullet reports after it (`physics/laws/bullet/tree`). Stops, the velocity clamp
-behind the solver and friction against rolling and spinning are reported nowhere: the part of the
-remainder in the only directions in which they can act is theirs. Of a tree with few degrees of
-freedom these may span everything.
+before it and what PyBullet reports after it (`physics/laws/bullet/tree`). Stops, the velocity
+clamp after the solver and rolling and spinning friction are never reported: the part of the
+remainder in the only directions in which they can act is attributed to them. For a tree with few
+degrees of freedom these directions may span everything.
 
-The largest remainder of any step, over the largest term or single force of that step; in brackets
-over the largest entry of a term alone, in steps in which one exceeds 1e-6 N s or N m s.
-`python tests/tree_figures.py` prints the table; `tests/test_tree_law.py` asserts 1e-11 of every
-scene, and that without any one of the terms it would not close.
+The table has the largest remainder of any step, relative to the largest term or single force of
+that step; in brackets relative to the largest entry of a term alone, for steps in which one
+exceeds 1e-6 N s or N m s. `python tests/tree_figures.py` prints the table;
+`tests/test_tree_law.py` asserts 1e-11 for every scene, and that the sum would not close without
+any one of the terms.
 
 | scene | robots | median | largest | of |
 | --- | ---: | ---: | ---: | --- |
@@ -346,22 +347,22 @@ scene, and that without any one of the terms it would not close.
 | energy by cause over 1,000 steps, of the largest cause | 68 | 1e-16 | 2e-15 | swimmer |
 | momentum by cause over 1,000 steps, of the largest cause | 38 | 6e-15 | 3e-14 | minitaur |
 
-For a push on a link PyBullet takes frame and moment from the link's pose of one step earlier,
-unless forward kinematics were asked for since. `tests/test_tree_law.py` has further scenes: a
-constraint to the world, a gear, a motor that is cut off at 100 rad/s, a ball that rolls and spins,
-a cube in a gripper. There too, links are where `getLinkState` has them to 1e-14 m, and M is that of
-`calculateMassMatrix` to 1e-14 of its largest entry.
+For a push on a link PyBullet uses the link's pose of one step earlier, unless forward kinematics
+were requested since. `tests/test_tree_law.py` has further scenes: a constraint to the world, a
+gear, a motor that is cut off at 100 rad/s, a ball that rolls and spins, a cube in a gripper.
+There, link positions agree with `getLinkState` to 1e-14 m, and M with `calculateMassMatrix` to
+1e-14 of its largest entry.
 
-**Robots.** All of `pybullet_data` that have joints and that PyBullet loads, and a cube. It does not
-load `kuka_iiwa/model_for_sdf.urdf`, `kuka_iiwa/model2.sdf` and `kuka_iiwa/kuka_world.sdf`; loading
-`gripper/wsg50_one_motor_gripper_free_base.sdf` ends the process. None of those that load is left
-out.
+**Robots.** All of `pybullet_data` that have joints and that PyBullet loads, and a cube. It does
+not load `kuka_iiwa/model_for_sdf.urdf`, `kuka_iiwa/model2.sdf` and `kuka_iiwa/kuka_world.sdf`;
+loading `gripper/wsg50_one_motor_gripper_free_base.sdf` ends the process. None of those that load
+is left out.
 
 **Where the sum need not hold**, a step [says why](record.md#what-its-bodies-did-and-why).
 
 **Substeps.** With `numSubSteps=N`, PyBullet reports motors and contacts of the last substep alone.
-`physics/laws/bullet/substeps` takes them for all, and looks whether velocities and pose are then
-those at the end of the step (`tests/test_substeps.py`):
+`physics/laws/bullet/substeps` assumes the same in all substeps, and tests whether that leads to
+the velocities and pose at the end of the step (`tests/test_substeps.py`):
 
 | with N = 2 and 4 | largest remainder | so |
 | --- | ---: | --- |
@@ -376,16 +377,16 @@ those at the end of the step (`tests/test_substeps.py`):
 
 ## Worlds of MuJoCo that others ship
 
-Environments of gymnasium's MuJoCo set and dm_control's suite (all but quadruped/escape, which needs
-OpenGL), and some of gymnasium-robotics and robosuite, run in a script with zero actions and then
-with random ones, at least 250 steps each. Each runs a second time without drop: *same* counts those
-whose last states are then equal to the bit. *Replayed* steps lead to the recorded state again, to
-the bit; in *explained* ones the named impulses close the sum up to *remainder* of the largest;
+Environments of gymnasium's MuJoCo set and dm_control's suite (all but quadruped/escape, which
+needs OpenGL), and some of gymnasium-robotics and robosuite, run in a script with zero actions and
+then with random ones, at least 250 steps each. Each runs a second time without drop: *same* counts
+those whose final states are bitwise equal. *Replayed* steps lead to the recorded state again, bit
+for bit; in *explained* ones the named impulses close the sum up to *remainder* of the largest;
 *bytes* are those of the recording, per step. `python docs/generators/mujoco_worlds.py` runs them;
-`mujoco_worlds.jsonl` beside it keeps what came of each, with all sentences.
+`mujoco_worlds.jsonl` beside it keeps the results of each, with all sentences.
 
-Nothing is wrong with these worlds, so each finding of the levels `broken` and `asked` (*grave*) was
-read and compared with the model. Those that are left are so: resets put bodies inside others
+Nothing is wrong with these worlds, so each finding of the levels `broken` and `asked` (*grave*)
+was read and compared with the model. The remaining ones are true: resets put bodies inside others
 (HalfCheetah, HumanoidStandup, dog/fetch, the Fetch tasks; PickPlace parks objects that it does not
 need in one place, out of sight), fingers are sent beyond their range, servos of the Shadow hand
 give way to its weight, and two steps of dm_control's cheetah use what was computed for the pose
