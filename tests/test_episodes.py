@@ -24,6 +24,7 @@ from drop_physics.errors import ScenarioError
 from drop_physics.recording.reader import read
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.record import record_script
+from drop_physics.stages.rerun.evaluated import BranchedTrial
 from drop_physics.stages.why import why
 from drop_physics.trace.episodes import episodes_of
 
@@ -576,18 +577,18 @@ POLE["PyBullet, several joints in a call"] = POLE["PyBullet"].replace(
     "setJointMotorControl2(self.pole, 0, p.TORQUE_CONTROL, force=action)", ARRAY
 )
 PLAYED = [
-    ("MuJoCo", "actuator_gear *10", False),
-    ("MuJoCo", "actuator_gear *1.2", True),
-    ("PyBullet", "setJointMotorControl2.force *10", False),
-    ("PyBullet", "setGravity.gravZ =0", True),
-    ("PyBullet", "setJointMotorControl2.force *1.2", True),
-    ("PyBullet, several joints in a call", "setJointMotorControlArray.forces *10", False),
-    ("PyBullet, several joints in a call", "setJointMotorControlArray.forces *1.2", True),
+    ("MuJoCo", "actuator_gear *10", False, True),
+    ("MuJoCo", "actuator_gear *1.2", True, False),
+    ("PyBullet", "setJointMotorControl2.force *10", False, True),
+    ("PyBullet", "setGravity.gravZ =0", True, True),
+    ("PyBullet", "setJointMotorControl2.force *1.2", True, False),
+    ("PyBullet, several joints in a call", "setJointMotorControlArray.forces *10", False, True),
+    ("PyBullet, several joints in a call", "setJointMotorControlArray.forces *1.2", True, False),
 ]
 
 
 @pytest.mark.parametrize(
-    ("engine", "change", "holds"),
+    ("engine", "change", "repeated", "answered"),
     [
         pytest.param(
             *each,
@@ -598,27 +599,29 @@ PLAYED = [
     ],
 )
 def test_a_change_is_tried_with_the_recorded_commands_too(
-    tmp_path: Path, engine: str, change: str, *, holds: bool
+    tmp_path: Path, engine: str, change: str, *, repeated: bool, answered: bool
 ) -> None:
     """A motor ten times as strong holds the pole up, but only if the controller notices.
 
     The recorded torque is -0.5 N m in the last second, the inertia 0.25 kg m²: ten times that
     throws the pole over to the other side, by -10 rad. 0.6 N m balance it near 0.12 rad, where it
-    is a second before. Without gravity 0.5 N m turn it by -1 rad.
+    is a second before: it stays up for that second, but not for ever. Without gravity 0.5 N m turn
+    it by -1 rad.
     """
     script = tmp_path / "script.py"
     script.write_text(POLE[engine] + CONTROLLED)
     made = why(str(script), expect="not terminated", tries=(change,), out=tmp_path / "why")
     found = made.expected
     assert found is not None
-    assert [*found.open_loop] == [holds]
+    assert [*found.branched] == [BranchedTrial(open_loop=repeated, closed_loop=answered)]
     (row,) = _rows(script, tmp_path / "run.rrd")
-    assert found.branched == row.last_step - 100
+    assert found.second_before == row.last_step - 100
     (told,) = made.as_json()["makes_true"]
-    assert told["open_loop"] == {"from_step": found.branched, "holds": holds}
-    shown = " ".join(str(made).split())
-    assert "open loop, with the recorded commands" in shown
-    assert ("not open loop" in shown) != holds
+    loops = {"open_loop": repeated, "closed_loop": answered}
+    assert told["second_before"] == {"from_step": found.second_before, **loops}
+    yes, no = ("yes" if holds else "no" for holds in (repeated, answered))
+    said = f"a second before the failure: open loop {yes}, closed loop {no}"
+    assert said in " ".join(str(made).split())
 
 
 def test_without_the_recorded_motion_no_open_loop_is_told(tmp_path: Path) -> None:
@@ -636,7 +639,7 @@ def test_without_the_recorded_motion_no_open_loop_is_told(tmp_path: Path) -> Non
         out=tmp_path / "why",
     ).expected
     assert found is not None
-    assert [*found.open_loop] == [None]
+    assert [*found.branched] == [BranchedTrial(open_loop=None, closed_loop=True)]
 
 
 @pytest.mark.parametrize("text", some(["terminated", "length < 1e3", "reward < 1e3"], 1))

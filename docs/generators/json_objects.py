@@ -613,14 +613,17 @@ MAKES_TRUE = Object(
         "place": int | None,
         "row": str | None,
         "from_step": int | None,
-        "open_loop": (
+        "second_before": (
             Object(
-                {"from_step": int, "holds": bool},
+                {"from_step": int, "open_loop": bool | None, "closed_loop": bool | None},
                 {
-                    "from_step": "The step from which on the commands are the recorded ones.",
-                    "holds": "Whether it makes it true with these, too.",
+                    "from_step": "The step, a second before the failure.",
+                    "open_loop": "Whether it makes it true with the recorded commands in place of "
+                    "the script's; null where a run without a change is not the same to the bit "
+                    "with these, or the change does nothing that late.",
+                    "closed_loop": "The same with the script's own commands, which answer to it.",
                 },
-                frozenset({"from_step", "holds"}),
+                frozenset({"from_step", "open_loop", "closed_loop"}),
             ),
         ),
         "alone": bool,
@@ -641,17 +644,16 @@ MAKES_TRUE = Object(
         "place": "Its place; outcomes that are alike share one.",
         "row": "The row of the account that names what it acts on, if there is one.",
         "from_step": "The latest step, of the quarters of the run and a second before an episode's "
-        "failure, from which on it still makes it true, with the script's controller in the "
-        "loop; null where it does so from the beginning alone, or that was not tried.",
-        "open_loop": "The same from a second before the failure on, with the recorded commands and "
-        "no controller in the loop, of the first three; null where there is no failed episode, or "
-        "a run without a change is not the same to the bit with the recorded commands.",
+        "failure, from which on it still makes it true; null where it does so from the beginning "
+        "alone, or that was not tried.",
+        "second_before": "Whether it keeps a failed episode from failing if it is made a second "
+        "before, of the first three; null where that was not tried.",
         "alone": "Whether it is a factor of which neither 5 % more nor 5 % less makes it true, "
         "of the first three: a coincidence.",
         "recording": "The recording of that run, if it was recorded.",
     },
     frozenset({*TIE, "value", "least", "try", "call", "result", "side", "breaks", "worse", "ties",
-               "also", "place", "row", "from_step", "open_loop", "alone", "recording"}),
+               "also", "place", "row", "from_step", "second_before", "alone", "recording"}),
 )  # fmt: skip
 WHY = Object(
     {

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from drop_physics.fields import all_of, counted
 from drop_physics.messages import Message, joined
 from drop_physics.quantities import DIGITS, number, quantity
 from drop_physics.report.blocks import Column, DataTable, Section, Words
+from drop_physics.stages.rerun.evaluated import BranchedTrial
 
 if TYPE_CHECKING:
     from drop_physics.experiments.ranking import SaidChange
@@ -46,10 +48,10 @@ def json_of(found: Expected) -> dict[str, Any]:
     least = [*found.least, *[None] * len(found.makes_true)]
     recordings = [*found.recordings, *[None] * len(found.makes_true)]
     latest = [*found.latest, *[None] * len(found.makes_true)]
-    open_loop = [*found.open_loop, *[None] * len(found.makes_true)]
+    branched = [*found.branched, *[BranchedTrial()] * len(found.makes_true)]
     lines = [None if each is None else each[0] for each in found.lines]
     places = _places(found)
-    made = zip(found.makes_true, least, places, recordings, lines, latest, open_loop, strict=False)
+    made = zip(found.makes_true, least, places, recordings, lines, latest, branched, strict=False)
     return {
         "expectation": {
             "text": found.text,
@@ -72,10 +74,10 @@ def json_of(found: Expected) -> dict[str, Any]:
                 "recording": recording,
                 "site": line,
                 "from_step": step,
-                "open_loop": _open_loop(found, holds),
+                "second_before": _second_before(found, trial),
                 "alone": each.is_alone,
             }
-            for each, factor, place, recording, line, step, holds in made
+            for each, factor, place, recording, line, step, trial in made
         ],
         "moves": [
             {**_json_of(found, each, None, None), "ties": [], "also": [], "place": None}
@@ -84,8 +86,10 @@ def json_of(found: Expected) -> dict[str, Any]:
     }
 
 
-def _open_loop(found: Expected, holds: bool | None) -> dict[str, Any] | None:
-    return None if holds is None else {"from_step": found.branched, "holds": holds}
+def _second_before(found: Expected, trial: BranchedTrial) -> dict[str, Any] | None:
+    if trial == BranchedTrial():
+        return None
+    return {"from_step": found.second_before, **asdict(trial)}
 
 
 def _json_of(
@@ -105,7 +109,7 @@ def _json_of(
         "worse": [*tried.worse],
         "row": None,
         "from_step": None,
-        "open_loop": None,
+        "second_before": None,
         "alone": False,
         "recording": None,
     }
@@ -151,9 +155,8 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
     shown = found.makes_true if every else found.makes_true[:SHOWN]
     if shown:
         places = [*_places(found)]
-        least, latest, open_loop = (
-            [*each, *[None] * len(shown)] for each in (found.least, found.latest, found.open_loop)
-        )
+        least, latest = ([*each, *[None] * len(shown)] for each in (found.least, found.latest))
+        branched = [*found.branched, *[BranchedTrial()] * len(shown)]
         blocks.append(
             DataTable(
                 [
@@ -168,7 +171,7 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
                         [
                             _told(found, *each)
                             for each in zip(
-                                shown, least, found.lines, latest, open_loop, strict=False
+                                shown, least, found.lines, latest, branched, strict=False
                             )
                         ],
                         wraps=True,
@@ -245,7 +248,7 @@ def _told(
     least: float | None,
     line: tuple[str, str] | None,
     latest: int | None,
-    open_loop: bool | None,
+    branched: BranchedTrial,
 ) -> str:
     """Describe a change that helps, with notes on its limits."""
     parts = [found.words(each.tried.change)]
@@ -268,14 +271,23 @@ def _told(
         parts.append(Message("from step {step} of {steps} on, too", step=latest, steps=found.steps))
         if call := found.follows(each.tried.change):
             parts[-1] = Message("{later}, with {call} after the edit", later=parts[-1], call=call)
-    if open_loop is not None:
-        yes = Message(
-            "open loop, with the recorded commands from step {step} on, too", step=found.branched
+    tried = {
+        Message("open loop"): branched.open_loop,
+        Message("closed loop"): branched.closed_loop,
+    }
+    loops = [
+        Message("{loop} {holds}", loop=loop, holds=Message("yes") if holds else Message("no"))
+        for loop, holds in tried.items()
+        if holds is not None
+    ]
+    if loops:
+        parts.append(
+            Message(
+                "from step {step}, a second before the failure: {loops}",
+                step=found.second_before,
+                loops=joined(", ", loops),
+            )
         )
-        no = Message(
-            "not open loop, with the recorded commands from step {step} on", step=found.branched
-        )
-        parts.append(yes if open_loop else no)
     if each.also:
         does = joined(
             ", ",

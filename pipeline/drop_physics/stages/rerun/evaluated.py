@@ -82,6 +82,19 @@ def _may_begin_later(change: Change) -> bool:
     return change.engine != SOURCE and not is_start
 
 
+@dataclass(frozen=True)
+class BranchedTrial:
+    """Whether a change meets the expectation if it is made a second before a failure."""
+
+    open_loop: bool | None = None
+    """With the recorded commands; None where that is not known: of a change that has to begin with
+    the run or does nothing that late, and of all changes if the run without a change is not the
+    same to the bit with the recorded commands."""
+    closed_loop: bool | None = None
+    """With the script's controller; None of a change that has to begin with the run or does nothing
+    that late."""
+
+
 NOT_MADE = ChangeOutcome(holds=False, margin=-math.inf, value=math.nan)
 """Outcome of a run that was stopped or died."""
 
@@ -218,53 +231,58 @@ class EvaluatedRuns:
         self.made += trials.made
         return latest
 
-    def open_loop_of(
+    def branched_of(
         self, changes: Sequence[Change], first: int, last: int, played: Sequence[Operation]
-    ) -> list[bool | None]:
-        """Return whether each change helps even if the script's commands stay as recorded.
+    ) -> list[BranchedTrial]:
+        """Try changes on the last steps of a failed episode, in an open and in a closed loop.
 
-        The runs part from the script's own after `first` steps. From there on, the recorded
-        commands replace those of the script, so that no controller answers to what is changed. None
-        where that is not known: of a change that has to begin with the run or does nothing that
-        late, and of all changes if the run without a change is not the same to the bit with the
-        recorded commands. The runs are short, and are made even if the time is up.
+        The runs part from the script's own after `first` steps. In an open loop, the recorded
+        commands replace those of the script from there on, so that no controller answers to what is
+        changed; in a closed loop it does. Of the environments' episodes only the failed one counts.
+        The runs are short, and are made even if the time is up.
 
         Parameters
         ----------
         changes
-            Changes that make it true in a closed loop.
+            Changes that make it true from the beginning.
         first, last
             The steps after which the recorded commands begin and end.
         played
             The operations that give the recorded commands.
         """
-        told: list[bool | None] = [None for _ in changes]
         asked = self.program.evaluator
-        if asked is None or not (played and expression_is_of_end(self.program)):
-            return told
-        # One step more, so that the environment can return that its episode ends with the last.
-        program = replace(
-            self.program,
-            steps=last + 1,
-            evaluator=evaluator_of(**{**asked["arguments"], "of_running": True}),
-        )
+        if asked is None or not expression_is_of_end(self.program):
+            return [BranchedTrial() for _ in changes]
+        evaluator = evaluator_of(**{**asked["arguments"], "of_running": True})
+        program = replace(self.program, evaluator=evaluator)
         with Reruns(program, self.reruns.again, at=first) as reruns:
             if not reruns.parts:
-                return told
-            trials = replace(self, program=program, reruns=reruns, made=0)
-            recorded = ChangedRun([*played])
-            own, same = map(trials.answered, (ChangedRun(), recorded))
-            if own != same or own[0] is None or own[0]["holds"]:
-                changes = ()
-            for n, change in enumerate(changes):
-                if not _may_begin_later(change):
-                    continue
-                answer, ended = trials.answered(recorded + trial_of(change))
-                too_late = (answer, ended) == same  # to act
-                if answer is not None and ended in self.ends and not too_late:
-                    told[n] = outcome_of(answer, ended_well=True).holds
-        self.made += trials.made
-        return told
+                return [BranchedTrial() for _ in changes]
+            closed = replace(self, program=program, reruns=reruns, made=0)
+            # One step more, so that the environment can return that its episode ends with the last.
+            open_ = replace(closed, program=replace(program, steps=last + 1))
+            commands = ChangedRun([*played])
+            own, same = map(open_.answered, (ChangedRun(), commands))
+            is_exact = bool(played) and own == same and own[0] is not None and not own[0]["holds"]
+            found = []
+            for change in changes:
+                trial = BranchedTrial()
+                if _may_begin_later(change):
+                    run = trial_of(change)
+                    played_too = open_.answered(commands + run) if is_exact else same
+                    if played_too != same or not is_exact:  # else it came too late to act
+                        holds = closed.holds(closed.answered(run))
+                        trial = BranchedTrial(open_.holds(played_too) if is_exact else None, holds)
+                found.append(trial)
+        self.made += open_.made + closed.made
+        return found
+
+    def holds(self, answered: tuple[Answer | None, str]) -> bool | None:
+        """Return whether a run met the expectation; None if its outcome does not count."""
+        answer, ended = answered
+        if answer is None or ended not in self.ends:
+            return None
+        return outcome_of(answer, ended_well=True).holds
 
     def stands(self, change: Change) -> bool:
         """Return whether a change also helps from slightly displaced positions."""

@@ -30,6 +30,7 @@ from drop_physics.stages.rerun.changed import plain
 from drop_physics.stages.rerun.evaluated import (
     FINISHED,
     Answer,
+    BranchedTrial,
     EvaluatedRuns,
     evaluator_of,
     outcome_of,
@@ -114,14 +115,13 @@ class Expected:
     recordings: Sequence[Path] = ()
     """Recordings of the first changes that meet the expectation."""
     latest: Sequence[int | None] = ()
-    """Latest start from which each of the first changes still meets the expectation in a closed
-    loop [steps]; None if it must begin with the run."""
-    open_loop: Sequence[bool | None] = ()
-    """Whether each of the first changes meets the expectation in an open loop, with the recorded
-    commands; None if that is not known."""
-    branched: int | None = None
-    """The step after which the recorded commands replace those of the script in an open loop: one
-    second before the end of a failed episode; None without one."""
+    """Latest start from which each of the first changes still meets the expectation [steps]; None
+    if it must begin with the run."""
+    branched: Sequence[BranchedTrial] = ()
+    """Outcomes of the first changes if they are made a second before the end of a failed
+    episode."""
+    second_before: int | None = None
+    """The step after which these are made; None without a failed episode."""
     steps: int = 0
     """Number of steps of the script's own run."""
     moves: Sequence[TriedChange] = ()
@@ -295,10 +295,8 @@ def searched(
         failure = _failure_of(base.seen)
         if failure is not None and not Expression(own.text).reads_whole_episodes:
             begins, ends, played = failure
-            found |= {
-                "open_loop": trials.open_loop_of(first, begins, ends, played),
-                "branched": begins,
-            }
+            found["branched"] = trials.branched_of(first, begins, ends, played)
+            found["second_before"] = begins
         latest = trials.latest_of(first, made_steps, [] if failure is None else failure[:1])
         found |= {"latest": latest, "steps": made_steps}
         recordings = _recorded(trials, found.get("makes_true", ()), base, drawn=asked.drawn)
