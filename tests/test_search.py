@@ -249,6 +249,8 @@ def test_the_least_factor_that_does_it_is_found() -> None:
     least = search.least_of(search.tried[0])
     assert least is not None
     assert 3 < least < 3 * 10 ** (1 / 16)
+    assert f"{least:.3g}" == f"{least}"
+    assert FRICTION.of_some([0]).by(least) in runs.made
 
 
 @pytest.mark.parametrize(("most", "alone"), [(10.2, True), (10.6, False), (100.0, False)])

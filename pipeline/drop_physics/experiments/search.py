@@ -16,6 +16,7 @@ from typing import Any
 from drop_physics.engines.source import SOURCE
 from drop_physics.engines.watching.single_changes import ORDERS, Change
 from drop_physics.experiments.motion import RunMotion, apart_m, is_still, size_m, worse
+from drop_physics.experiments.verdicts import BEYOND
 
 ONE_BY_ONE = 8
 """Most elements that are tried one by one; larger sets are split into halves."""
@@ -26,8 +27,6 @@ NEARBY = 1.05
 """Ratio between a factor and its neighbours, one of which must also meet the expectation."""
 NARROWED = 3
 """Number of changes that are bisected and tested further: the first ones reported."""
-NOISE = 10.0
-"""A change must move the quantity by this many times the effect of nudges."""
 THROWN = 5.0
 """A change of the text that moves a body farther off than this many times the size of the scene
 counts as throwing it away, which destroys the scene."""
@@ -157,19 +156,25 @@ class Search:
         return root.outcome.margin > max(each.outcome.margin, self.base.margin)
 
     def least_of(self, each: TriedChange) -> float | None:
-        """Return the smallest factor that still meets the expectation; None for other changes."""
+        """Return the smallest factor that still meets the expectation; None for other changes.
+
+        The factors that are tried have three digits, as they are written.
+        """
         operator, factor = each.change.how
         if operator != "*" or factor <= 0:
             return None
-        fails, holds = 0.0, 1.0  # as shares of the factor's logarithm
+        fails, holds, least = 0.0, 1.0, float(factor)  # shares of the factor's logarithm
         for _ in range(HALVINGS):
             middle = (fails + holds) / 2
-            changed = each.change.by(factor**middle)
-            for _, outcome in self.run(iter([changed])):
+            less = float(f"{factor**middle:.3g}")
+            for _, outcome in self.run(iter([each.change.by(less)])):
                 if outcome is None:
                     return None
-                fails, holds = (fails, middle) if outcome.holds else (middle, holds)
-        return float(factor**holds)
+                if outcome.holds:
+                    holds, least = middle, less
+                else:
+                    fails = middle
+        return least
 
     def is_alone(self, each: TriedChange) -> bool:
         """Return whether slightly larger and smaller factors both fail, so that one is chance."""
@@ -183,7 +188,7 @@ class Search:
     def moves(self, each: TriedChange) -> bool:
         """Return whether a change moves the quantity more than slight displacements do."""
         far = abs(each.outcome.margin - self.base.margin)
-        return math.isfinite(far) and far > NOISE * self.noise + 1e-12
+        return math.isfinite(far) and far > BEYOND * self.noise + 1e-12
 
     def _factors(self, tried: Iterable[TriedChange]) -> list[TriedChange]:
         """Return the factors that move the quantity: nearest and farthest, in each direction."""

@@ -24,7 +24,8 @@ CURED = 0.2
 REFUTED = 0.8
 """Remaining share of a symptom from which a trial counts as without effect."""
 BEYOND = 10.0
-"""The outcome counts as moved if it moves by this many times the effect of a nudge."""
+"""An outcome, or an expected quantity, counts as moved from this many times the effect of nudges
+on."""
 TRIFLE = 1e-3
 """Least motion of an outcome that counts, as a share of the largest motion."""
 GRAVE = LEVELS.index("model")

@@ -299,7 +299,7 @@ class WhyArguments(OfScript):
     ] = ()
     ablate: Annotated[
         bool,
-        flag("Leave out in turn each call that sets something, and each optional argument."),
+        flag("Leave out in turn each call or statement that sets something, each argument."),
     ] = False
     budget_s: Annotated[
         float, takes("SECONDS", "Longest time that all of it takes, once the script has run [s].")

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drop_physics.engines.watching.single_changes import Change
+from drop_physics.experiments.verdicts import CURED
 from drop_physics.messages import joined
 
 if TYPE_CHECKING:
     from drop_physics.account.episodes import EpisodeRow
     from drop_physics.account.rows import AccountRow
 
-LEFT = 0.2
-"""Share of a row's gap that may remain, as for a finding that counts as cured."""
 FAR = 0.2
 """Least salience of a row for which changes that close its gap are searched."""
 CAME = 0.01
@@ -124,7 +123,7 @@ def row_expectation(
         assert row.gap is not None
         text = (
             f"abs(at({series}({row.joint!r}), {row.time_s:.6g}) - {row.asked:.6g}) < "
-            f"{LEFT * abs(row.gap):.2g}"
+            f"{CURED * abs(row.gap):.2g}"
         )
         causes = tuple(dict.fromkeys(term.cause for term in row.terms))
         return RowExpectation(
