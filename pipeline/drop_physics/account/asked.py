@@ -7,6 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drop_physics.account.balance import (
+    JointBalance,
+    forces_by_cause,
+    holder_of,
+    is_at_rest,
+    since_target,
+)
 from drop_physics.account.ledger import OWN
 from drop_physics.account.names import main_axis
 from drop_physics.account.rows import AccountRow
@@ -129,6 +136,28 @@ def position_row(
             told = told + Message(", holding its target takes {needs}", needs=holding)
     told = told + (turned_axis(subject, axis) if axis.unit == "m" else Message(""))
     salience = float(gap[at]) / axis.scale / (asked / axis.scale + 0.1)
+    row = at if is_at_rest(series, k, since_target(series, k, at), at) else last
+    since, around = (
+        since_target(series, k, row),
+        words.around(subject, int(steps[row]), len(series)),
+    )
+    towards = subject.ledger.forces(axis.rate, around, float(np.sign(target[row] - after[row])))
+    holder, held = holder_of(towards)
+    balance = JointBalance(
+        joint_rate=k,
+        goal=float(target[row]),
+        gap=float(off[row]),
+        ends=row == last,
+        rests=is_at_rest(series, k, since, row),
+        at_limit=bool(series.at_limit[row, k]),
+        limited=float(series.at_limit[since : row + 1, k].mean()),
+        limit=float(series.limit[row, k]),
+        needs=needs,
+        forces=forces_by_cause(towards, {term: words.drives(term, DRIVES) for term in towards}),
+        fixed=subject.tree.fixed,
+        holder=holder,
+        held=held,
+    )
     return AccountRow(
         kind="asked",
         joint=axis.name,
@@ -144,6 +173,9 @@ def position_row(
         subject=subject.body,
         group=("position", subject.kind, words.opposing(forces), magnitude(salience)),
         gives_j=given_j(subject, axis, words),
+        cause="position",
+        span=(int(steps[since]), int(steps[row]), row - since + 1),
+        noted={"balance": balance},
     )
 
 

@@ -41,6 +41,8 @@ class JointSeries:
     """Maximum torque of the motor."""
     at_limit: Flags
     at_stop: Flags
+    resting: Flags
+    """Whether the joint has been at rest for some steps."""
 
     @staticmethod
     def of(driven: JointTelemetry) -> JointSeries:
@@ -58,6 +60,7 @@ class JointSeries:
             torque=driven.torque.copy(),
             limit=driven.limit.copy(),
             at_limit=driven.at_limit.copy(),
+            resting=driven.resting.copy(),
             at_stop=driven.at_stop.copy(),
         )
 

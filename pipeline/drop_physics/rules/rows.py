@@ -115,7 +115,9 @@ class Case:
     @staticmethod
     def of_row(row: AccountRow, scene: Scene) -> Case:
         """Convert a row of the account to a case of a rule."""
-        about = {name: getattr(row, name) for name in ("cause", "joint", "other")}
+        about: dict[str, Any] = {name: getattr(row, name) for name in ("cause", "joint", "other")}
+        about["unit"] = row.unit or "m"
+        about["effort"] = "N m" if about["unit"].startswith("rad") else "N"
         values = {"scene": scene, "size": row.got, **about, **row.noted}
         span = None if row.span is None else Span(*row.span)
         call = row.noted.get("call")

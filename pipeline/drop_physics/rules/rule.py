@@ -20,7 +20,7 @@ has rows likewise:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, TypeVar
@@ -136,7 +136,7 @@ class Sized:
         return np.column_stack([graver, self.sizes])
 
 
-Measure = Callable[..., Sized | Float64]
+Measure = Callable[..., Sized | Float64 | float]
 """A function that computes the sizes of runs from their columns; runs of size 0 are ignored."""
 Notes = Callable[..., Mapping[str, object] | None]
 Noting = TypeVar("Noting", bound=Notes)
@@ -404,7 +404,7 @@ class Rules:
     def _sized(self, place: int, runs: Runs) -> Sized:
         rule = self._rules[place]
         found = called(rule.sizes, RunsOfBodies(runs, self.scene))
-        sized = found if isinstance(found, Sized) else Sized(found)
+        sized = found if isinstance(found, Sized) else Sized(np.asarray(found))
         return replace(sized, sizes=np.where(runs["count"] < rule.least_count, 0.0, sized.sizes))
 
     def findings(self, account: Sequence[AccountRow] = ()) -> Iterator[Finding]:
@@ -437,13 +437,25 @@ class Rules:
                 if finding is not None:
                     yield replace(finding, episodes=self._episodes(place, mine.keys))
         for rule in [each for each in self._rules if each.table in TABLES[:2]]:
-            for case in (
-                rule.matches(self.scene.inputs)
-                if rule.table == "inputs"
-                else (Case.of_row(row, self.scene) for row in filter(rule.matches, account))
-            ):
+            inputs = rule.table == "inputs"
+            for case in rule.matches(self.scene.inputs) if inputs else self._of(rule, account):
                 if (finding := rule.finding(case, self.scene)) is not None:
                     yield finding
+
+    def _of(self, rule: Rule, account: Sequence[AccountRow]) -> Iterator[Case]:
+        """Yield the rows of the account in which a rule holds: for a body's joints the worst."""
+        found: dict[Hashable, list[tuple[float, Case]]] = {}
+        for place, row in enumerate(account):
+            if rule.matches(row):
+                case = Case.of_row(row, self.scene)
+                if (size := float(np.asarray(called(rule.sizes, case)))) > 0:
+                    key = (row.body, None) if row.joint else (row.body, place)
+                    found.setdefault(key, []).append((size, case))
+        for cases in found.values():
+            most, worst = max(cases, key=lambda each: each[0])
+            among = sum(size >= MINOR * most for size, _ in cases)
+            worst.values |= {"size": most, "joints": len(cases), "more": and_more(among)}
+            yield worst
 
     @np.errstate(all="ignore")
     def _finding(self, rule: Rule, worst: Runs, among: int, joints: int) -> Finding | None:
