@@ -20,7 +20,8 @@ from drop_physics.account.rows import KINDS, AccountRow
 from drop_physics.analysis.citing import citing
 from drop_physics.analysis.results import Analysis
 from drop_physics.errors import ScenarioError
-from drop_physics.report.account import rows_beside
+from drop_physics.quantities import quantity
+from drop_physics.report.account import rows_beside, who_of
 from drop_physics.report.bodies import joint_table
 from drop_physics.report.markdown import markdown_of
 from drop_physics.report.terminal import block_lines
@@ -524,6 +525,36 @@ def test_a_flexible_body_is_one_row_of_each_kind(told: Told) -> None:
     assert {row.who for row in rows} == {"cloth"}
     assert len({row.kind for row in rows}) == len(rows)
     assert not [row for row in rows if row.terms]  # its steps have no sum
+
+
+def test_a_flexible_body_is_told_with_its_fastest_mode(told: Told) -> None:
+    """Against MuJoCo's forces on nodes that are moved by 1 µm; one corner is pinned.
+
+    Beyond the frequency that an explicit step allows, it flies apart after a small push.
+    """
+    world = """<flexcomp name="pad" type="grid" dim="3" count="3 3 2" spacing="0.05 0.05 0.05"
+    pos="0 0 1" radius="0.005" mass="1"><contact selfcollide="none"/><pin id="0"/>
+    <elasticity young="3e5" poisson="0.2" damping="0.001"/></flexcomp>"""
+    free = "<option gravity='0 0 0' integrator='Euler'/>"
+    pushed = "data.qvel[0] = 1e-3 if step == 0 else data.qvel[0]"
+    row = the(told(world, free, pushed, steps=100), "moved", "pad")
+    model = mujoco.MjModel.from_xml_string(MODEL.format(world=world, more=free))
+    data = mujoco.MjData(model)
+    stiffness = np.zeros((model.nv, model.nv))
+    for k in range(model.nv):
+        for way in (1e-6, -1e-6):
+            data.qpos[:] = model.qpos0
+            data.qpos[k] += way
+            mujoco.mj_forward(model, data)
+            stiffness[:, k] -= data.qfrc_passive / way / 2
+    masses = model.body_mass[model.dof_bodyid]
+    highest = math.sqrt(np.linalg.eigvals(stiffness / masses[:, None]).real.max())
+    assert f"natural frequencies of up to {quantity(highest, 'rad/s')}" in row.told
+    most = 2 / math.sqrt(0.002 * (0.002 + 2 * 0.001))
+    assert f"is stable up to {most:.3g} rad/s" in row.told
+    assert highest > most
+    assert abs(row.got or 0.0) > 1.0
+    assert who_of(row) == "pad"
 
 
 def test_what_falls_on_a_flexible_body_is_told_without_terms(told: Told) -> None:

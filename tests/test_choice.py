@@ -13,6 +13,7 @@ import os
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -21,8 +22,9 @@ import jsonschema
 import pytest
 import scenes
 from conftest import Drop
+from drop_physics.account.rows import AccountRow
 from drop_physics.messages import Message
-from drop_physics.rules.answer import LEVELS, Finding, Level
+from drop_physics.rules.answer import LEVELS, Effect, Finding, Level, Proof
 from drop_physics.rules.choice import Choice, minor
 from drop_physics.rules.codes import CODES
 from drop_physics.stages.analyze.sources import Sources, comments_in
@@ -523,3 +525,43 @@ def test_what_explains_little_is_folded_away() -> None:
     assert minor([large, small]) == []
     assert minor([of("asked", 0.01), large]) == []
     assert minor([large, of("note", 0.01)]) == [of("note", 0.01)]
+
+
+def test_what_nothing_proves_leads_only_if_it_is_most_of_what_acted() -> None:
+    """A note without a proof, alone: that of a quarter is folded, that of the most is shown."""
+
+    def of(share: float, proof: Proof) -> Finding:
+        energy = Effect(value=share, unit="J")
+        return Finding(
+            code="default-damping",
+            level="note",
+            message="",
+            share=share,
+            proof=proof,
+            effect=energy,
+        )
+
+    quarter, most = of(0.27, "none"), of(0.83, "none")
+    assert minor([quarter]) == [quarter]
+    assert minor([most]) == []
+    assert minor([of(0.27, "sum")]) == []
+
+
+def test_a_joint_that_the_account_has_far_farther_off_does_not_lead() -> None:
+    """Off by 3 mm before it presses, and by 105 mm after: the former is not what is asked for."""
+    off = Finding(
+        code="off-target",
+        level="asked",
+        message="",
+        share=0.003,
+        body="2_gripper",
+        joint="lift",
+        effect=Effect(value=0.003, unit="m"),
+    )
+    row = AccountRow(
+        kind="asked", body="2_gripper", joint="lift", told="", gap=0.105, unit="m", salience=1.0
+    )
+    assert minor([off], [row]) == [off]
+    assert minor([off], [replace(row, gap=-0.02)]) == []
+    assert minor([off], [replace(row, joint="turn")]) == []
+    assert minor([off], [replace(row, unit="rad")]) == []

@@ -767,6 +767,8 @@ def test_each_number_of_a_joint_has_its_unit(
         needs_at_target=None,
         at_force_limit_steps=0,
         at_stop_steps=0,
+        reaction_n=None,
+        reaction_n_m=None,
     )
     slides = replace(turns, name="finger", index=1, kind="prismatic", control="velocity")
     monkeypatch.setattr("drop_physics.report.terminal.width", lambda: columns)

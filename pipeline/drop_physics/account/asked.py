@@ -213,7 +213,7 @@ def rate_row(
     if at_limit:
         told = told + Message("; its drive at its limit")
     along, off = _axis_at_end(subject, axis), off_axle(subject, axis.joint)
-    told = told + Message("; about the world's {axis}", axis=along) + off
+    told = told + Message("; axis along the world's {axis}", axis=along) + off
     return AccountRow(
         kind="asked",
         joint=axis.name,

@@ -137,14 +137,14 @@ def across_joints(
             continue
         force_n, weight_n = float(sizes_n[joint.link]), mass_beyond_kg(subject, {joint.link}) * pull
         torque_n_m = float(np.linalg.norm(across.torque_n_m[joint.link]))
+        turns = torque_n_m > ROUNDED * force_n * subject.size_m
         yield AccountRow(
             kind="held",
             joint=joint.name,
-            told=Message(
-                "carries {force} and {torque} at the end; what hangs on it weighs {weight}",
-                force=quantity(force_n, "N"),
-                torque=quantity(torque_n_m, "N m"),
-                weight=quantity(weight_n, "N"),
+            told=Message("transmits {force}", force=quantity(force_n, "N"))
+            + (Message(" and {torque}", torque=quantity(torque_n_m, "N m")) if turns else "")
+            + Message(
+                " at the end; the links beyond it weigh {weight}", weight=quantity(weight_n, "N")
             ),
             asked=weight_n,
             got=force_n,

@@ -64,7 +64,9 @@ def joint_row(
     if way[at] / axis.scale <= MOVED:
         return None
     gave, took = given_and_taken(ledger.works([axis.rate], ledger.window(ledger.first, step)))
-    if driven:
+    if subject.body.node_of:
+        why = _elastic(subject, float(words.timesteps_s(subject, series.steps[-1:])[0]))
+    elif driven:
         why = Message("driven by {actuator}", actuator=driven[0])
     elif np.isfinite(series.asked_rate[:, k]).any():
         why = Message("told to stand")
@@ -105,6 +107,29 @@ def joint_row(
         subject=subject.body,
         group=("moved", axis.unit, subject.kind, _most(gave), magnitude(way[at] / axis.scale)),
     )
+
+
+def _elastic(subject: MeasuredBody, timestep_s: float) -> Message:
+    """Describe the elasticity that moves a node, and the timestep that it allows.
+
+    An explicit step of duration h, which takes v from the forces at its start and x from the new
+    v, is stable up to the frequency ω with ω² h (h + 2 β) = 4, where β is the damping.
+    """
+    told = Message("its elasticity moves it")
+    if not subject.body.elastic:
+        return told
+    highest, *damping_s = subject.body.elastic
+    told = told + Message(
+        ", with natural frequencies of up to {highest}", highest=quantity(highest, "rad/s")
+    )
+    for damping in damping_s:
+        most = 2 / np.sqrt(timestep_s * (timestep_s + 2 * damping))
+        told = told + Message(
+            "; an explicit step of {timestep} is stable up to {most}",
+            timestep=quantity(timestep_s, "s"),
+            most=quantity(float(most), "rad/s"),
+        )
+    return told
 
 
 def _mimicked(subject: MeasuredBody, axis: Axis) -> Message:
@@ -320,7 +345,7 @@ def _turn(
     ledger, step, angle_rad = subject.ledger, track.most_turned_step, track.most_turned_rad
     whole = ledger.window(ledger.first, ledger.last)
     spun_rad = float(np.linalg.norm(ledger.way[whole, :3].sum(axis=0)))
-    if spun_rad > np.pi and ledger.covers(whole) and not written.way:
+    if spun_rad > np.pi and ledger.covers(whole) and not written.way.any():
         step, angle_rad = ledger.last, spun_rad  # an orientation tells no more than half a turn
     window = ledger.window(ledger.first, step)
     gave, took = given_and_taken(ledger.works([0, 1, 2], window))

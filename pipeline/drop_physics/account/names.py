@@ -95,14 +95,14 @@ class Names:
                 return Message("contact {other}", other=other)
             return Message("friction {other}", other=other)
         if term.cause == DRAG and term.name:
-            return Message("drag of other parts")
+            return Message("acceleration of other parts")
         if term.cause == DRAG and term.rate is None:
-            return Message("drag of its base")
+            return Message("acceleration of its base")
         if term.cause == DRAG:
             assert term.rate is not None
             if term.rate < first_rate:
-                return Message("drag of its base")
-            return Message("drag of {joint}", joint=self.rate(body, term.rate - first_rate))
+                return Message("acceleration of its base")
+            return Message("acceleration of {joint}", joint=self.rate(body, term.rate - first_rate))
         if term.cause == HELD and term.other is not None:
             return Message("constraint to {partner}", partner=self.partner(body.number, term))
         if term.cause == HELD and term.name:

@@ -172,8 +172,8 @@ class HeldConstraint:
             for body, link in zip(self.last.bodies, self.last.links, strict=True)
         ]
         told = Message(
-            "its ends are {gap} apart at {time} ({end} at the end), where it pulls with {pull} of "
-            "{limit}; at most with {most}, {weights} times the weight of {lighter}",
+            "its ends are {gap} apart at {time} ({end} at the end); it pulls with {pull} then, and "
+            "with {most} at most, {weights} times the weight of {lighter}; its limit is {limit}",
             gap=quantity(self.gap.most, "m"),
             time=words.time(lighter, self.gap.step),
             end=quantity(self.gap.end, "m"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,12 +12,12 @@ from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.terms import CONTACT, FRICTION, GIVEN, HELD, Term
 from drop_physics.account.touching import DEEP
 from drop_physics.account.words import RowWords
-from drop_physics.arrays import Int64
+from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.contact_points import Points
 from drop_physics.explain.steps import BodySteps
-from drop_physics.messages import Message
-from drop_physics.physics.tree import States
-from drop_physics.quantities import number, quantity
+from drop_physics.messages import Message, joined
+from drop_physics.physics.tree import States, Tree
+from drop_physics.quantities import quantity
 
 ODD = ("integrator", "solver", "clamp", "remainder")
 """Non-physical causes, which give energy only if a step is wrong."""
@@ -37,11 +37,11 @@ class WrittenStates:
     """Number of steps of the body."""
     written: int = 0
     """Number of steps before which the script wrote the body's state."""
-    way: float = 0.0
-    """Total displacement and rotation due to calls [m] and [rad]."""
-    stepped: float = 0.0
-    """Total displacement and rotation due to steps [m] and [rad]."""
-    velocity: float = 0.0
+    way: Float64 = field(default_factory=lambda: np.zeros(2))
+    """Total path due to calls: of the base and of slides [m], and of other joints [rad]."""
+    stepped: Float64 = field(default_factory=lambda: np.zeros(2))
+    """Total path due to steps, likewise."""
+    velocity: Float64 = field(default_factory=lambda: np.zeros(2))
     """Total change of velocities due to calls [m/s] and [rad/s]."""
     first_step: int | None = None
     """The first sample after a step from a state that the script wrote."""
@@ -58,15 +58,14 @@ class WrittenStates:
         put = np.flatnonzero(steps.put)
         if len(put):
             self._meet(steps.body.number, points, steps.steps[put])
-        moved = np.linalg.norm(after.position_m - before.position_m, axis=1)
+        tree, last = steps.law.tree, self._last
         self.steps += len(steps)
-        self.stepped += float(moved.sum() + np.abs(after.joints - before.joints).sum())
-        last = self._last
+        self.stepped += _path(tree, before, after)
         if put[:1].tolist() == [0] and last and last.joints.shape == before.joints[:1].shape:
-            self._jump(int(steps.steps[0]), last, before.at(np.array([0])))
+            self._jump(tree, int(steps.steps[0]), last, before.at(np.array([0])))
         for row in put[put > 0].tolist():
             end = after.at(np.array([row - 1]))
-            self._jump(int(steps.steps[row]), end, before.at(np.array([row])))
+            self._jump(tree, int(steps.steps[row]), end, before.at(np.array([row])))
         self._last = after.at(np.array([len(steps) - 1]))
 
     def _meet(self, number: int, points: Points, steps: Int64) -> None:
@@ -79,40 +78,41 @@ class WrittenStates:
             self.deepest_m = float(-points.distance_m[row])
             self.into = int(points.body[row, other]), int(points.link[row, other])
 
-    def _jump(self, step: int, end: States, begin: States) -> None:
+    def _jump(self, tree: Tree, step: int, end: States, begin: States) -> None:
         """Add how far calls moved the body between a step and the next one."""
         self.written += 1
         self.first_step = step if self.first_step is None else self.first_step
         self.last_step = step
-        self.way += float(np.linalg.norm(begin.position_m - end.position_m))
-        self.way += float(np.abs(begin.joints - end.joints).sum())
-        self.velocity += float(np.abs(begin.velocity - end.velocity).sum())
+        self.way += _path(tree, end, begin)
+        changed, slides = np.abs(begin.velocity - end.velocity)[0], _slides(tree)
+        self.velocity += changed[slides].sum(), changed[~slides].sum()
 
     def row(
         self, subject: MeasuredBody, subjects: Mapping[int, MeasuredBody], words: RowWords
     ) -> AccountRow | None:
         """Return the row for a body that calls have moved; None if no call changed anything."""
-        way = self.way / subject.size_m
-        if not self.written or (way <= 0.01 and self.velocity <= 0.01):
+        way = self.way[0] / subject.size_m + self.way[1]
+        if not self.written or (way <= 0.01 and self.velocity.sum() <= 0.01):
             return None
         told = Message(
             "the script wrote its state before {written:,} of {steps:,} steps",
             written=self.written,
             steps=self.steps,
         )
-        if self.way:
+        if self.way.any():
             told = told + Message(
-                ": that moved it by {way} m or rad in all, its steps by {stepped}",
-                way=number(self.way),
-                stepped=number(self.stepped),
+                "; these writes moved it by {way} in total, its steps by {stepped}",
+                way=_with_units(self.way, ("m", "rad")),
+                stepped=_with_units(self.stepped, ("m", "rad")),
             )
-        if self.velocity:
+        if self.velocity.any():
             told = told + Message(
-                "; it changed its velocities by {velocity} in all", velocity=number(self.velocity)
+                "; they changed its velocity by {velocity} in total",
+                velocity=_with_units(self.velocity, ("m/s", "rad/s")),
             )
         other = None if self.into is None else subjects.get(self.into[0])
         size_m = min(subject.size_m, np.inf if other is None else other.size_m)
-        if self.way and self.into is not None and self.deepest_m > DEEP * size_m:
+        if self.way.any() and self.into is not None and self.deepest_m > DEEP * size_m:
             told = told + Message(
                 ", up to {depth} into {other}",
                 depth=quantity(self.deepest_m, "m"),
@@ -121,11 +121,11 @@ class WrittenStates:
         return AccountRow(
             kind="set",
             told=told,
-            got=self.way,
+            got=float(self.way[0] or self.way[1]),
+            unit="m" if self.way[0] else "rad",
             besides=(
-                (self.way, "m"),
-                (self.way, "rad"),
-                (self.velocity, "m/s"),
+                (float(self.way[1]), "rad"),
+                (float(self.velocity[0]), "m/s"),
                 (self.deepest_m, "m"),
             ),
             step=self.last_step,
@@ -133,6 +133,31 @@ class WrittenStates:
             subject=subject.body,
             group=("set", subject.kind, self.written),
         )
+
+
+def _slides(tree: Tree) -> Flags:
+    """Flag the entries of u that are speeds [m/s], not rates of a rotation, shape (size,)."""
+    slides = np.zeros(tree.size, np.bool_)
+    slides[3 : tree.first_rate] = True
+    for joint, place in zip(tree.joints, tree.rates, strict=True):
+        slides[place] = joint == "prismatic"
+    return slides
+
+
+def _path(tree: Tree, start: States, end: States) -> Float64:
+    """Return the path between states, of base and slides [m] and of other joints [rad], (2,)."""
+    moved = np.abs(end.joints - start.joints).sum(axis=0)
+    slides = np.zeros(tree.joint_coordinates, np.bool_)
+    for joint, place in zip(tree.joints, tree.coordinates, strict=True):
+        slides[place] = joint == "prismatic"
+    way_m = np.linalg.norm(end.position_m - start.position_m, axis=1).sum()
+    return np.array([way_m + moved[slides].sum(), moved[~slides].sum()])
+
+
+def _with_units(values: Float64, units: tuple[str, str]) -> Message:
+    """Format a length and an angle, or their rates; of two the one that is not 0."""
+    told = [quantity(float(each), unit) for each, unit in zip(values, units, strict=True) if each]
+    return joined(" and ", told or [quantity(0.0, units[0])])
 
 
 def energy_row(

@@ -68,7 +68,7 @@ def facts_of(row: AccountRow) -> list[Fact]:
 
 def who_of(row: AccountRow) -> str:
     """Return what a row is about, and how many similar ones it stands for."""
-    if row.alike:
+    if row.alike and (row.subject is None or not row.subject.node_of):
         return Message("{who} and {alike} more", who=row.who, alike=row.alike)
     return row.who
 
@@ -77,9 +77,12 @@ def sides_of(terms: Sequence[RowTerm]) -> Message:
     """Describe a row's terms in one line: those that push towards the target, and those against."""
     towards = _terms([term for term in terms if term.towards])
     against = _terms([term for term in terms if not term.towards])
-    if terms[0].unit == "J":
-        return Message("by {towards}   against {against}", towards=towards, against=against)
-    return Message("towards {towards}   against {against}", towards=towards, against=against)
+    gave = terms[0].unit == "J"
+    if not towards:
+        return Message("against {against}", against=against)
+    template = Message("by {towards}") if gave else Message("towards {towards}")
+    told = Message(template, towards=towards)
+    return told + Message("   against {against}", against=against) if against else told
 
 
 def _terms(terms: Sequence[RowTerm]) -> str:
@@ -88,6 +91,4 @@ def _terms(terms: Sequence[RowTerm]) -> str:
         Message("{cause} {value}", cause=term.words, value=number(term.value, "+"))
         for term in terms[:SHOWN_TERMS]
     ]
-    return (
-        Message("{terms} {unit}", terms=joined(", ", shown), unit=terms[0].unit) if shown else "–"
-    )
+    return Message("{terms} {unit}", terms=joined(", ", shown), unit=terms[0].unit) if shown else ""

@@ -72,7 +72,7 @@ def one_screen(
     """Choose what to show on one screen; `most_rows` overrides the limit for the account."""
     failed = next((finding for finding in analysis.findings if finding.code == FAILED), None)
     findings = [finding for finding in analysis.findings if finding.code != FAILED]
-    little = [] if verbose else minor(findings)
+    little = [] if verbose else minor(findings, analysis.account)
     shown = [finding for finding in findings if finding not in little]
     shown.sort(key=lambda each: each.proof == "none")  # the surest first
     most = len(shown) if verbose else min(len(shown), MOST_FINDINGS)
@@ -127,7 +127,7 @@ def looked_at(analysis: Analysis) -> Message:
     """Say what was examined, for an analysis that finds nothing."""
     joints = sum(len(body.joints) for body in analysis.bodies)
     return Message(
-        "no finding in {bodies}, {joints}, {steps}; what no rule asks is not looked at",
+        "no finding in {bodies}, {joints}, {steps}; the rules know common mistakes only",
         bodies=counted(len(analysis.bodies), "body", "bodies"),
         joints=counted(joints, "joint"),
         steps=counted(max(0, analysis.samples - 1), "step"),

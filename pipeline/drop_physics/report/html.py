@@ -7,7 +7,6 @@ from functools import singledispatch
 from html import escape
 from pathlib import Path
 
-from drop_physics.fields import counted
 from drop_physics.messages import Message, harmless, joined, translated
 from drop_physics.quantities import number
 from drop_physics.report.blocks import (
@@ -21,7 +20,7 @@ from drop_physics.report.blocks import (
     Words,
     lines_of,
 )
-from drop_physics.report.words import beneath, besides
+from drop_physics.report.words import beneath, besides, folded
 from drop_physics.rules.answer import Finding
 
 CURVES = "<!-- curves -->"
@@ -117,8 +116,9 @@ def _(found: FindingList, moment: Moment) -> Iterator[str]:  # noqa: ARG001
     yield from _listed(found.findings[: found.most], found.first, found.sources)
     hidden = found.findings[found.most :]
     if hidden:
-        more = counted(len(hidden), "more finding")
-        yield f"<details><summary>{_said(Message('and {more}', more=more))}</summary>"
+        more = folded(found)
+        summary = Message("and {more}", more=more) if found.most else more
+        yield f"<details><summary>{_said(summary)}</summary>"
         yield from _listed(hidden, found.first + found.most, found.sources)
         yield "</details>"
 

@@ -23,7 +23,6 @@ from drop_physics.console.output import (
     width,
     wrapped,
 )
-from drop_physics.fields import counted
 from drop_physics.messages import Message, joined, translated
 from drop_physics.printable import Printable
 from drop_physics.report import blocks
@@ -39,7 +38,7 @@ from drop_physics.report.blocks import (
     Report,
     Words,
 )
-from drop_physics.report.words import NEXT, beneath, besides
+from drop_physics.report.words import NEXT, beneath, besides, folded
 
 if TYPE_CHECKING:
     from drop_physics.rules.answer import Finding
@@ -314,7 +313,7 @@ def _(found: FindingList) -> Iterator[str]:
         yield from _finding(number, finding)
     hidden = len(found.findings) - found.most
     if hidden > 0:
-        more = Message("{findings}: --verbose", findings=counted(hidden, "more finding"))
+        more = Message("{findings}: --verbose", findings=folded(found))
         yield f"[dim]{' ' * NUMBER}{escape(translated(more))}[/]"
     if (words := besides(found)) is not None:
         yield ""

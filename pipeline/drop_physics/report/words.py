@@ -81,6 +81,14 @@ def besides(found: FindingList) -> Message | None:
     return None if found.findings or found.looked_at is None else found.looked_at
 
 
+def folded(found: FindingList) -> Message:
+    """Return the number of findings that are not shown."""
+    hidden = len(found.findings) - found.most
+    if found.most:
+        return counted(hidden, "more finding")
+    return counted(hidden, "finding of little weight", "findings of little weight")
+
+
 TRIED = {
     "cured": Message("tried {call}: cured"),
     "part": Message("tried {call}: cured in part"),

@@ -7,6 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from drop_physics.account.rows import AccountRow
 from drop_physics.errors import ScenarioError
 from drop_physics.fields import alternatives
 from drop_physics.messages import Message
@@ -17,6 +18,8 @@ from drop_physics.rules.thresholds import MINOR
 MEANT = frozenset(("no-gravity",))
 """Codes of behaviour that may be intended; such a finding is collapsed even if it is the
 only one."""
+HALF = 0.5
+"""Share of what acted below which a note that nothing proves does not lead the answer."""
 ALL, NEVER = "all", "never"
 """Keywords that replace a list of codes, or a level."""
 
@@ -108,13 +111,42 @@ def level_of(name: str, path: Path | None = None) -> Level | None:
     )
 
 
-def minor(findings: Sequence[Finding]) -> list[Finding]:
-    """Return the findings that are only observations and explain little."""
+def minor(findings: Sequence[Finding], account: Sequence[AccountRow] = ()) -> list[Finding]:
+    """Return the findings that explain little of the problem.
+
+    Those are: an observation that is no mistake, and small beside the gravest finding; a note
+    without a proof, about less than half of what acted; and a joint's gap that is small beside the
+    one in `account`.
+    """
     mistakes = [finding for finding in findings if finding.level in ("broken", "asked")]
     most = max((mistake.share for mistake in mistakes or findings), default=0.0)
     return [
         finding
         for finding in findings
-        if finding not in mistakes
-        and (finding.share < MINOR * most or (finding.code in MEANT and finding.reason is None))
+        if _beside(finding, account)
+        or (
+            finding not in mistakes
+            and (
+                finding.share < MINOR * most
+                or (finding.code in MEANT and finding.reason is None)
+                or (
+                    finding.level == "note"
+                    and finding.proof == "none"
+                    and finding.effect is not None
+                    and finding.share < HALF
+                )
+            )
+        )
     ]
+
+
+def _beside(finding: Finding, account: Sequence[AccountRow]) -> bool:
+    """Return whether the account has a far larger gap of the finding's joint."""
+    effect = finding.effect
+    return effect is not None and any(
+        row.kind == "asked"
+        and (row.body, row.joint, row.unit) == (finding.body, finding.joint, effect.unit)
+        and row.joint is not None
+        and abs(row.gap or 0.0) * MINOR > effect.value
+        for row in account
+    )

@@ -248,6 +248,9 @@ class Body:
     link."""
     node_of: str = ""
     """The flexible body of which it is a node; empty if it is none."""
+    elastic: tuple[float, ...] = ()
+    """The largest natural frequency of that flexible body [rad/s], empty if unknown; and its
+    damping [s], where steps are explicit in its forces."""
 
     @cached_property
     def coordinates(self) -> tuple[slice, ...]:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.engines.mujoco.elastic import elasticity_of
 from drop_physics.physics.rotations import products, rotate, rotate_inverse
 from drop_physics.trace.events import Actuator, Body, Collision, Joint, Keyframe, Shape
 from drop_physics.trace.states import BASE
@@ -170,8 +171,12 @@ def described(
         for k, dof in enumerate(made.rates.tolist()):
             dof_of[dof] = number, begin + k
     nodes = _nodes(arrays, names["flex"])
+    elastic = {name: elasticity_of(arrays, flex) for flex, name in enumerate(names["flex"])}
     bodies = [
-        replace(made, body=replace(made.body, node_of=nodes[made.root]))
+        replace(
+            made,
+            body=replace(made.body, node_of=nodes[made.root], elastic=elastic[nodes[made.root]]),
+        )
         if made.root in nodes
         else made
         for made in bodies

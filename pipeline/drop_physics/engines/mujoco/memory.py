@@ -38,7 +38,7 @@ EDITABLE = re.compile(
 
 LOOKS = re.compile(
     r"tex_\w+|light_\w+|vis\w*|bvh_\w+|oct_\w+|\w+_user|mesh_(normal|texcoord|facenormal"
-    r"|facetexcoord|poly\w*|pathadr|bvh\w*|oct\w*)|skin_\w+|flex(?!_vertbodyid|_vertadr|_vertnum)\w*|efm\w*|plugin_attr\w*"
+    r"|facetexcoord|poly\w*|pathadr|bvh\w*|oct\w*)|skin_\w+|flex(?!_(vert(bodyid|adr|num)?|elem(num|dataadr)?|stiffness(adr)?|damping|dim|interp)$)\w*|efm\w*|plugin_attr\w*"
     r"|mat_tex\w+|paths|text_\w+|map\w+|[BM]_\w+|D_\w+|cam_(mat0|pos0|poscom0)|names_map"
 )
 """Arrays of a model that no analysis needs: appearance, and acceleration structures."""
