@@ -593,7 +593,7 @@ PLAYED = [
         pytest.param(
             *each,
             marks=[pytest.mark.pybullet] * each[0].startswith("PyBullet")
-            + [pytest.mark.long] * (n > 3),
+            + [pytest.mark.long] * (n not in (0, 2)),
         )
         for n, each in enumerate(PLAYED)
     ],
@@ -624,6 +624,7 @@ def test_a_change_is_tried_with_the_recorded_commands_too(
     assert said in " ".join(str(made).split())
 
 
+@pytest.mark.long
 def test_without_the_recorded_motion_no_open_loop_is_told(tmp_path: Path) -> None:
     """A controller with noise of its own does not repeat what was recorded."""
     script = tmp_path / "script.py"

@@ -248,8 +248,9 @@ for _ in range(100):
 """
 
 
+@pytest.mark.long
 @pytest.mark.pybullet
-@pytest.mark.parametrize(("forces", "told"), some([({0: 0.1}, []), ({0: 0.1, 1: 0.4}, [0.1])], 1))
+@pytest.mark.parametrize(("forces", "told"), [({0: 0.1}, []), ({0: 0.1, 1: 0.4}, [0.1])])
 def test_a_drive_is_not_compared_with_the_motor_that_the_engine_adds(
     tmp_path: Path, forces: dict[int, float], told: list[float]
 ) -> None:
