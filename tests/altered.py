@@ -1,4 +1,4 @@
-"""Recordings whose samples are altered after they were recorded."""
+"""Replaces samples of a recording after it was made."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Held:
 
 
 def otherwise(seen: Seen, **parts: Any) -> Seen:
-    """Return a recorded history with `bases`, `joints`, `forces`, `contacts` or `calls` replaced.
+    """Return a recording with its `bases`, `joints`, `forces`, `contacts` or `calls` replaced.
 
     Bases and contacts may be tables.
     """

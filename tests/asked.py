@@ -20,7 +20,7 @@ def findings(scene: str, path: Path, **origin: str) -> list[Finding]:
 
 
 def told_whole(seen: Seen, **origin: str) -> list[Finding]:
-    """Return a recording's findings, computed in a single chunk."""
+    """Return a recording's findings, analyzed as a single chunk."""
     return Story(seen, COMPLETE | origin, call_of=call_of(seen.engine)).analysis().findings
 
 
@@ -30,7 +30,7 @@ def codes(scene: str, path: Path) -> list[str]:
 
 
 def told_in_pieces(seen: Seen, **origin: str) -> list[Finding]:
-    """Return a recording's findings, computed in ten chunks of at least seven steps each."""
+    """Return a recording's findings, analyzed in ten chunks."""
     story = Story(seen, COMPLETE | origin, call_of=call_of(seen.engine))
     steps = max(7, max(seen.samples.values()) // 10)
     for piece in story.explanation.pieces(steps):

@@ -1,4 +1,4 @@
-"""PyBullet's client 0, which calls without a client id use."""
+"""Frees PyBullet's client 0, which calls without a client id use."""
 
 from __future__ import annotations
 

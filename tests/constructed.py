@@ -1,4 +1,4 @@
-"""Scenes whose correct diagnosis is known by construction: a formula says whether they are faulty.
+"""Scenes of which a formula says whether they are faulty, with the findings that are due.
 
     python tests/constructed.py --seeds 20              # each kind 20 times, wrong and right ones
     python tests/constructed.py --kind arm --seeds 200  # one kind

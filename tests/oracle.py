@@ -385,7 +385,7 @@ def matrices(orientation: Float64) -> Float64:
 
 
 def body_only(drop: Drop) -> Drop:
-    """Return a drop with only the settings that define the body, so that caches are hit."""
+    """Return a drop with only the settings that define its body, as a cache key."""
     return Drop(
         body=drop.body,
         mass_kg=drop.mass_kg,
@@ -483,7 +483,7 @@ def turn_rad(a: Sequence[float] | Float64, b: Sequence[float] | Float64) -> floa
 
 @functools.lru_cache(maxsize=4096)
 def _is_ball(drop: Drop) -> bool:
-    """Whether the body is a ball: it touches the floor at the same height in any orientation."""
+    """Return whether a body is a ball: it touches the floor at one height in any orientation."""
     turns = np.random.default_rng(0).normal(size=(6, 4))
     heights = [touching_height(drop, turn / np.linalg.norm(turn)) for turn in turns]
     known = [one for one in heights if one is not None]
@@ -685,7 +685,7 @@ class Truth:
         return math.atan2(float(np.linalg.norm(np.sort(up)[:2])), float(up.max()))
 
     def is_flat(self, step: int, within_rad: float) -> bool:
-        """Whether the body lies as contact laws assume: a box on a face, others as released."""
+        """Return whether the body lies flat: a box on a face, other bodies as released."""
         if self.is_ball:
             return True
         is_box = self.facts.is_rigid and [kind for kind, _ in self.facts.shapes] == [p.GEOM_BOX]

@@ -1,4 +1,4 @@
-"""Record third-party scripts, and check for each that `drop record` keeps its promises.
+"""Records scripts by other authors, and checks that each runs as without `drop`.
 
     python tests/public_scripts.py                   # those of PyBullet's wheel
     python tests/public_scripts.py FOLDER …          # those below some folders
@@ -88,7 +88,7 @@ class Tried:
 
 
 def is_runnable(path: Path) -> bool:
-    """Whether a file is a script: has a main guard, or calls pybullet at import."""
+    """Return whether a file is a script: it has a main guard, or calls pybullet when imported."""
     try:
         tree = ast.parse(path.read_text(encoding="utf-8", errors="replace"))
     except (SyntaxError, ValueError, OSError):

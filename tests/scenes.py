@@ -1,4 +1,4 @@
-"""Record a few lines of PyBullet in a tenth of a second; `drop record` takes two seconds.
+"""Records a few lines of PyBullet in a tenth of a second, within this process.
 
 The same watching half, the same recorder, the same file; only that one process has both, a worker
 that records one scene after the other, and that Rerun's own programs are left out.

@@ -1,4 +1,4 @@
-"""Small scripts as users write them, for the tests of `drop record`; none of them imports drop.
+"""Small scripts as users write them, for the tests of `drop record`.
 
 Each ends by printing, to the last bit, what the engine has: the same with and without recording.
 """

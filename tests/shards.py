@@ -1,4 +1,4 @@
-"""Tasks for tests of worker processes; imports very little."""
+"""Functions for the tests of worker processes."""
 
 from __future__ import annotations
 
@@ -29,5 +29,5 @@ def first_is_quick(shard: int) -> int:
 
 
 def always_dies(_: int) -> None:
-    """Kill the worker process."""
+    """Kill the worker process that runs this."""
     os.kill(os.getpid(), signal.SIGKILL)

@@ -1,4 +1,4 @@
-"""Code size of each room of the package, compared with the last version: `python tests/sizes.py`.
+"""Prints the code size of each folder of the package, compared with the last version.
 
 A statement is any statement of Python but a docstring or an import. Tokens are those of the code,
 without comments, docstrings and line ends: formatting cannot squeeze either. The last version is

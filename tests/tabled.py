@@ -1,4 +1,4 @@
-"""The joint table of a recorded scene."""
+"""Records a scene and returns the table of joints."""
 
 from __future__ import annotations
 

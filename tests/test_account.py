@@ -411,7 +411,7 @@ def test_a_connect_is_told_by_its_gap(told: Told) -> None:
 
 
 def test_an_equality_counts_only_while_it_is_active(told: Told) -> None:
-    """A weld that was inactive while its body fell away is not reported to have had a gap."""
+    """A weld that is off while its body falls away has no error in that time."""
     body = """<body name="one" pos="0 0 1"><freejoint/><geom size="0.1"/></body>"""
     weld = "<equality><weld name='hold' body1='one'/></equality>"
     row = the(told(body, weld, "data.eq_active[0] = step < 100", steps=400), "asked", "hold")
@@ -557,7 +557,7 @@ def test_a_flexible_body_is_told_with_its_fastest_mode(told: Told) -> None:
 
 
 def test_what_falls_on_a_flexible_body_is_told_without_terms(told: Told) -> None:
-    """The body ends at rest, so its whole energy loss is potential energy; no step has a sum."""
+    """No step of such a run has a sum; the body ends at rest, and has lost its potential energy."""
     world = """<flexcomp name="cloth" type="grid" count="3 3 1" spacing="0.1 0.1 0.1" pos="0 0 .3"
     radius="0.01" dim="2" mass="0.5"><contact selfcollide="none"/></flexcomp>
     <body name="ball" pos="2 0 0.3"><freejoint/><geom size="0.1" mass="1"/></body>"""
@@ -612,7 +612,7 @@ def analysis(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
 
 @pytest.fixture
 def parts(analysis: Analysis) -> list[AccountRow]:
-    """Return the rows of that scene."""
+    """Return the account's rows for the scene of `analysis`."""
     return [*analysis.account]
 
 
@@ -1099,7 +1099,7 @@ def test_a_fall_along_a_slanted_gravity_is_told_once(told: Told) -> None:
 
 
 def test_a_torque_that_begins_small_is_told_with_its_most(told: Told) -> None:
-    """A controller that starts on its target needs little torque at first; here only at the end."""
+    """A controller that starts on target needs torque only at the end; the largest is reported."""
     more = "<actuator><motor name='m' joint='up'/></actuator>"
     before = "data.ctrl[0] = 0 if step < 60 else 0.01 if step < 90 else 5.0"
     row = the(told(SLIDE.format(damping=1), more, before, 64), "given", "up")

@@ -1,4 +1,4 @@
-"""Validation: requested against actual results in PyBullet, for each script and its cure."""
+"""Validation: calls without the intended effect in PyBullet are found, and the fix works."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_what_calls_alone_move_is_not_said_to_stand_still(tmp_path: Path) -> Non
 
 
 def test_what_is_true_of_nearly_every_run_stands_beside_nothing_graver(tmp_path: Path) -> None:
-    """Damping takes 84 J of the box that slipped out, but the cause is the friction."""
+    """Damping takes 84 J from a box that slipped out, but the finding is about friction."""
     assert "default-damping" not in {each.code for each in found("friction_to_base", tmp_path)}
 
 

@@ -59,7 +59,7 @@ CPU_S = 30
 
 @dataclass(frozen=True)
 class Sound:
-    """A recording as it was written, and the correct result of reading it."""
+    """An undamaged recording, and the correct result of reading it."""
 
     path: Path
     data: bytes = field(repr=False)
@@ -398,7 +398,7 @@ def at_step(row: int, step: int) -> Change:
 
 
 def taken(steps: Callable[[int], list[int]], *entities: str) -> Change:
-    """Select and reorder rows of states, contacts, or both by index."""
+    """Select and reorder rows of states, contacts, or both, by index."""
 
     def changed(entity: str, batch: Batch) -> Iterator[Batch] | None:
         if entity not in (entities or ENTITIES):
@@ -437,7 +437,7 @@ def with_property(name: str, key: str, value: Any) -> Change:
 
 
 def both(*changes: Change) -> Change:
-    """Apply one change after the other."""
+    """Apply two changes, one after the other."""
 
     def changed(entity: str, batch: Batch) -> Iterator[Batch] | None:
         batches, touched = [batch], False

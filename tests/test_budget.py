@@ -1,4 +1,4 @@
-"""Verification: the error's terms are those predicted by theory, and they add up to the error."""
+"""Verification: the terms of a position error are as theory predicts, and add up to the error."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def test_where_an_edge_was_deeper_the_centre_does_not_say_how_deep(
 
 
 def test_numbers_of_things_are_the_same_as_json(recorded: Recorder) -> None:
-    """A message is copied on its way into the JSON output."""
+    """Messages with counts survive the conversion to JSON."""
     analysis = judge(recorded(restitution=0.9, height_m=0.1, timestep_s=1 / 960, duration_s=2.0))
     messages = [finding.message for finding in analysis.findings]
     assert messages
@@ -183,7 +183,7 @@ def test_numbers_of_things_are_the_same_as_json(recorded: Recorder) -> None:
 
 
 def test_an_apex_of_one_sample_is_counted(recorded: Recorder) -> None:
-    """Its bounce leaves the floor and returns within two steps, and the recording goes on."""
+    """A bounce that leaves the floor for a single sample counts as a bounce."""
     drop = {
         "body": "cube.urdf",
         "height_m": 2.493832761794609,

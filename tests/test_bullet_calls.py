@@ -99,7 +99,7 @@ def reached(link: int, given: Mapping[str, Any]) -> int:
 
 
 def shown(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a call's arguments, preceded by a friction, whose reported change shows the link."""
+    """Return a call's arguments after a friction value, whose effect shows the changed link."""
     probe = "rollingFriction" if "spinningFriction" in given else "spinningFriction"
     return {probe: 0.33, **given}
 

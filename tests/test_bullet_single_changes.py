@@ -1,4 +1,4 @@
-"""The causal search's single changes in PyBullet: bitwise equal to the user's edit of the script.
+"""Single changes tried on a PyBullet run: bitwise equal to the user's own edit of the script.
 
 Verification: a run with a change equals a bare run of PyBullet whose calls were written that way.
 """
@@ -83,7 +83,7 @@ def simulation() -> Iterator[None]:
 
 
 def changes() -> list[Change]:
-    """Return the changes of the script."""
+    """Return the single changes that are possible in the script."""
     run = Watched(BULLET.sees)
     states = script(run)
     found = possible(p, BULLET.tried, run.interventions.seen)
@@ -92,7 +92,7 @@ def changes() -> list[Change]:
 
 
 def the(found: list[Change], change: str, op: str, *of: str) -> Change:
-    """Return the change of a property with an operator, if needed the one for given names."""
+    """Return the change of one property by one operator."""
     alike = [each for each in found if (each.change, each.op) == (change, op)]
     if of:
         return next(each for each in alike if each.of == of)
@@ -175,7 +175,7 @@ EDITS: dict[tuple[str, ...], dict[str, Any]] = {
 
 
 def found_of(found: list[Change], key: tuple[str, ...]) -> Change:
-    """Return a change: of one line among several, of all lines, or of an added call."""
+    """Return a change from the list of possible ones, by its key."""
     alike = [each for each in found if (each.change, each.op) == key[:2]]
     added = [each for each in alike if isinstance(each.how[1], dict)]
     made = [each for each in alike if each not in added]
@@ -254,7 +254,7 @@ def test_a_change_of_some_elements_or_by_another_factor() -> None:
 
 
 def test_a_change_may_begin_at_any_step() -> None:
-    """From the step at which a trial branches, calls are added once, and others modified."""
+    """From the step at which a trial is forked, calls are added once, and others changed."""
     found = changes()
     added = found_of(found, ("changeDynamics.linearDamping", "=0"))
     run, later = Watched([]), Watched(trial_of(added)["interventions"])

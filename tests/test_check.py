@@ -56,7 +56,7 @@ def side(recording: Recording) -> Side:
 
 
 def with_samples(golden: Side, **change: Any) -> Side:
-    """Return a side with its bases, joints, forces, contacts or calls replaced."""
+    """Return one recording of a comparison with its samples or calls replaced."""
     return replace(golden, seen=otherwise(golden.seen, **change))
 
 
@@ -69,7 +69,7 @@ def with_contacts(golden: Side, contacts: pl.DataFrame) -> Side:
 
 
 def with_drop(golden: Side, **change: object) -> Side:
-    """Return a side with the engine's report replaced."""
+    """Return one recording of a comparison with the engine's report replaced."""
     assert golden.drop is not None
     engine = replace(golden.drop.engine, **change)  # type: ignore[arg-type]
     return replace(golden, drop=golden.drop._replace(engine=engine))
@@ -345,7 +345,7 @@ def test_a_contact_that_only_one_of_them_has_differs(recorded: Recorder) -> None
 
 
 def test_what_differs_first_comes_first(recorded: Recorder) -> None:
-    """After a step with more points in one recording, contact points no longer correspond."""
+    """Once the number of contact points differs, later differences of points are not reported."""
     golden = side(recorded())
     less = with_contacts(golden, table_of(golden.seen.contacts).filter(pl.col("step") != 150))
     assert where(compare(less, golden).first) == (150, "contact_points", 0.0, 4.0)
@@ -1053,7 +1053,7 @@ def test_an_image_that_differs(recording: Record, golden: Path, drop: Drop) -> N
 
 
 def test_an_image_that_one_lacks_is_called_that(recording: Record) -> None:
-    """The following images are the same."""
+    """An image that only one recording has is reported, and the following images still match."""
     taking = (
         ("import pybullet as p", "import sys, pybullet as p"),
         (

@@ -1,4 +1,4 @@
-"""Selection of findings, as in a linter: by a command's option, a project, or a script's comment.
+"""Selection of findings as in linters: by an option, a project's settings, or a comment.
 
 And which let an analysis fail; where each stands.
 """
@@ -376,7 +376,7 @@ def test_a_plot_is_of_what_is_reported(
 def test_a_comment_spares_its_line_and_no_other(
     arms: Callable[..., None], analyzed: Analyzed
 ) -> None:
-    """Equal findings on two arms merge into the worse, which the other's comment does not spare."""
+    """Equal findings on two arms are merged; a comment on one line does not suppress both."""
     arms(two="  # drop: ignore[off-target]")
     assert analyzed() == (["arms.py:14"], 1)
     arms(one="  # it is weak  # drop: ignore[slides, off-target]")

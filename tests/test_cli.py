@@ -1,4 +1,4 @@
-"""The command line keeps its contract: clean streams, exit codes, one line per error."""
+"""The command line: clean output streams, exit codes, one line per error."""
 
 from __future__ import annotations
 

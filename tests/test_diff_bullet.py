@@ -1,4 +1,4 @@
-"""Why two runs of PyBullet differ, or PyBullet and MuJoCo: calls are swapped in the log.
+"""Why two PyBullet runs differ, or a PyBullet and a MuJoCo run: found by swapping calls.
 
 PyBullet hides part of its state, so no step of it can be made alone: the log of its calls is made
 again, bare, and has to be the recorded run to the bit before anything is claimed.

@@ -1,4 +1,4 @@
-"""Validation: `--renderer egl` renders without a display, and records the driver, or falls back.
+"""Validation: `--renderer egl` renders without a display, or falls back to TinyRenderer.
 
 Debian needs: libegl1 libegl-mesa0 libgl1-mesa-dri.
 """

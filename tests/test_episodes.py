@@ -473,7 +473,7 @@ def test_what_happens_in_twenty_episodes_is_one_finding_with_a_count(
 def test_an_episode_that_would_go_on_for_ever_is_what_was_expected(
     tmp_path: Path, text: str
 ) -> None:
-    """Without gravity the ball never falls: the trial ends after twice the episode's steps."""
+    """Without gravity the ball never falls, which meets the expectation; the trial has an end."""
     script = tmp_path / "script.py"
     script.write_text(f"""{ENVIRONMENT}
 env = Falling()
@@ -491,7 +491,7 @@ while not env.step(0)[2]:
 
 @pytest.mark.long
 def test_a_change_is_tried_from_a_second_before_a_failure_on(tmp_path: Path) -> None:
-    """A ball is pressed into the ground after 5.5 s: the force before that does not matter."""
+    """A ball is pressed into the ground after 5.5 s; only a change in that last second matters."""
     script = tmp_path / "script.py"
     script.write_text(f"""{ENVIRONMENT}
 env = Falling(0.04)

@@ -191,7 +191,7 @@ def test_what_is_recorded_after_the_last_state_is_no_sample(recorded: Recorder) 
 
 
 def test_a_robot_is_explained_by_the_sum(recorded: Recorder) -> None:
-    """The integration rule for a free fall is that of one rigid body."""
+    """The free-flight rule applies to a single rigid body only; a robot needs the sum."""
     recording = recorded(body="r2d2.urdf", duration_s=0.1)
     analysis = judge(recording)
     assert analysis.explained.samples == analysis.explained.of == 25

@@ -304,7 +304,7 @@ def test_every_sample_is_explained(name: str, seen: Callable[[str], Seen]) -> No
 
 @pytest.mark.parametrize("name", some(["push", "hold", "set", "again", "kuka torque"], 1))
 def test_pieces_come_to_the_same(name: str, seen: Callable[[str], Seen]) -> None:
-    """The state carried from chunk to chunk makes the result independent of where a run is cut."""
+    """An analysis in chunks gives the same result, wherever the run is cut."""
     whole, pieces = explanation(seen(CASES[name].scene)), Explanation(seen(CASES[name].scene))
     for _ in pieces.pieces(7):
         pass
@@ -458,7 +458,7 @@ def test_a_body_that_nothing_moves_is_still(seen: Callable[[str], Seen]) -> None
 
 
 def forgotten(name: str) -> Callable[[Any], Any]:
-    """Return a function that builds a `Reported` with one of its fields zeroed."""
+    """Return a function that builds a `Reported` with one field set to zero."""
 
     def made(**given: Any) -> Reported:
         nothing = Forces() if isinstance(given[name], Forces) else given[name] * 0
@@ -545,7 +545,7 @@ def test_what_calls_set_matters(
 def test_pd_control_outlives_the_body(
     seen: Callable[[str], Seen], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """PyBullet keeps the target by id beyond `resetSimulation`; without it, no sum closes."""
+    """PyBullet keeps PD targets by id even after `resetSimulation`; without them no sum closes."""
     monkeypatch.setattr(
         commands.Commanded,
         "servos",
@@ -565,7 +565,7 @@ def test_a_gear_between_joints_that_do_not_move_gives_nothing(seen: Callable[[st
 
 
 def test_the_first_that_applies(seen: Callable[[str], Seen]) -> None:
-    """A cube that is held, touches the arm and is pushed is `pushed`, and later `constrained`."""
+    """A step belongs to the first kind that applies: `pushed` before `constrained`."""
     found: dict[int, SampleStatus] = {}
     for piece in Explanation(seen(HOLD)).pieces():
         found |= piece.bodies

@@ -57,7 +57,7 @@ def test_an_expression_holds_by_a_margin(
 
 
 def test_a_number_of_the_script_covers_no_function_of_ours_and_a_function_does() -> None:
-    """`end` and `z` are common names for numbers in a script."""
+    """A script's number named `end` does not hide our function `end`; a script's function does."""
     script = {"end": 0.75, "z": 3.0}
     assert Expression("end > 0.7 and end(z('cube')) < 0.3").judged(script, OURS)[0]
     own = {"low": lambda _: 5.0}

@@ -58,7 +58,7 @@ def test_a_control_that_only_brakes_has_no_aim() -> None:
 
 
 def test_the_largest_states_of_a_run_that_diverges_are_not_all_of_it() -> None:
-    """The first half of the run has half the stiffness, but the large last states outweigh it."""
+    """Large last states must not hide that the first half of the run had half the stiffness."""
     position, rate = motion()
     grown = np.exp(np.linspace(0, 24, CONTROLS))[:, None]
     position, rate = position * grown, rate * grown
@@ -116,7 +116,7 @@ def test_the_delay_of_the_whole_state_is_found(late: int) -> None:
 
 
 def test_no_delay_is_told_where_several_fit_or_none_does() -> None:
-    """In a motion that is linear itself each state follows from any earlier one."""
+    """If the motion is linear, any delay fits equally well, so that none is reported."""
     position, rate = motion()
     every = np.ones(CONTROLS, np.bool_)
     random = np.random.default_rng(2)

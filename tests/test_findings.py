@@ -67,7 +67,7 @@ def test_a_finding_is_not_reported_without_its_cause(recorded: Recorder, code: s
 
 
 def test_a_cure_is_the_scenarios_option(recorded: Recorder) -> None:
-    """It is structured like a script's cure: an intervention, its value, and the user's edit."""
+    """A suggested change for a drop has the same form as one for a script."""
     standard, weightless = judge(recorded()), judge(recorded(gravity_set=False))
     cures = {
         each.code: (each.cure.name, each.cure.value, each.cure.call)

@@ -1,4 +1,4 @@
-"""The first hour of a new user: typical first commands, and scripts that fail, prompt, or restart.
+"""A new user's first hour: typical commands, and scripts that fail, wait or restart.
 
 Each verb ends with what to type next, each error with what to try.
 """

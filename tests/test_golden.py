@@ -1,4 +1,4 @@
-"""Validation: the drop reproduces the experiment's published results and Bullet's bits."""
+"""Validation: the standard drop gives the published results, bit for bit."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def reach(file: str, link: int, point: list[float], **how: object) -> str:
 
 
 def said(scene: str, path: Path) -> list[Finding]:
-    """Return the findings of the code under test."""
+    """Return the findings with the code that this file tests."""
     return [finding for finding in findings(scene, path / "a.rrd") if finding.code == "ik-off"]
 
 

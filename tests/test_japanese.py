@@ -1,4 +1,4 @@
-"""Japanese readers get whole sentences in Japanese; output read by programs stays English."""
+"""Japanese users get whole sentences in Japanese; machine-readable output stays English."""
 
 from __future__ import annotations
 

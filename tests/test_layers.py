@@ -1,4 +1,4 @@
-"""Architecture: the rooms match `docs/architecture.md`, and imports only point downwards."""
+"""Imports between the package's folders match `docs/architecture.md`, and only point downwards."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ FILES = {str(path.relative_to(PACKAGE)): path for path in sorted(PACKAGE.rglob("
 
 
 def room_of(*parts: str) -> str:
-    """Return the room of a path or module in the package; `scenario` consists of three files."""
+    """Return the folder of the package (the room) to which a module belongs."""
     first = parts[0].removesuffix(".py")
     parts_of = {"scenario": ("fields", "option_types")}
     parts_of["workers"] = ("loading", "installed", "temporary", "address_space")
@@ -67,7 +67,7 @@ def room_of(*parts: str) -> str:
 
 @cache
 def knows(room: str) -> set[str]:
-    """Return the rooms that a room imports from, except those that every room may import."""
+    """Return the folders of the package that a folder imports from."""
     paths = [path for name, path in FILES.items() if room_of(*Path(name).parts) == room]
     modules = [
         module
@@ -142,7 +142,7 @@ def names_in(path: Path) -> set[str]:
 
 
 def test_nothing_of_the_judge_is_named_after_an_engine() -> None:
-    """Engines' integration rules are imported in `physics/laws` alone, and chosen in `lookup`."""
+    """Outside `physics/laws`, the judge imports nothing that is named after an engine."""
     neutral = [
         name
         for name in FILES

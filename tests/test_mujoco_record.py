@@ -94,7 +94,7 @@ def test_the_script_prints_the_same(recorded: tuple[Recorded, str], tmp_path: Pa
 
 
 def test_links_are_where_mujoco_has_them(recorded: tuple[Recorded, str], held: Recording) -> None:
-    """Covers several joints per body, a ball joint, reference poses, mocap: equal to rounding."""
+    """Recorded poses equal MuJoCo's, for several joints per body, ball joints and mocap bodies."""
     places = np.array(json.loads(recorded[1]))
     numbers = {body.name: number for number, body in held.seen.bodies.items()}
     states, puts = held.seen.states, held.seen.puts
@@ -322,7 +322,7 @@ def test_a_chain_of_hundreds_of_links_is_recorded(tmp_path: Path) -> None:
 
 
 def test_names_may_be_longer_than_an_entity_s(tmp_path: Path) -> None:
-    """The chain's links are nested one below the other, as deep as there are links."""
+    """A chain of links with long names is nested, as deep as it has links."""
     deep = 64
     links = "".join(
         f'<body name="{number}{"n" * 6000}" pos="0 .1 0"><joint/><geom size=".02" contype="0"/>'

@@ -321,7 +321,7 @@ def analyzed(folder: Path, *arguments: str) -> Analysis:
 
 @pytest.fixture(scope="module")
 def wrong(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Finding]:
-    """Return the findings about all simulations, by code and joint or body."""
+    """Return the findings of all faulty simulations, by code and by joint or body."""
     findings = analyzed(tmp_path_factory.mktemp("wrong")).findings
     return {f"{each.code} {each.joint or each.body or ''}": each for each in findings}
 
@@ -514,7 +514,7 @@ def test_a_control_in_degrees_is_told(tmp_path: Path) -> None:
 def servos(
     *inertia: float, stiffness: float = 0, ends: float = 0, begins: float = 0, fourth: bool = False
 ) -> Servos:
-    """Return servos with one degree of freedom, or two, of which the second is a tenth as stiff."""
+    """Return coupled servos with one or two degrees of freedom, to test their stability."""
     n = round(len(inertia) ** 0.5)
     springs, late, early = (
         np.array([value, value / 10][:n]) for value in (stiffness, ends, begins)

@@ -1,4 +1,4 @@
-"""The causal search's single changes in MuJoCo: bitwise equal to the user's edit of the script.
+"""Single changes tried on a MuJoCo run: bitwise equal to the user's own edit of the script.
 
 Verification: a run with a change equals a bare run of MuJoCo whose model, state or inputs were
 edited by hand; the script still reads its own.
@@ -99,7 +99,7 @@ def bare(edit: Callable[[Any, Any], object], *, script: Any = scripted, finer: i
 
 @pytest.fixture(scope="module")
 def found() -> dict[tuple[str, str], Change]:
-    """Return the changes to the script, keyed by target and kind of change."""
+    """Return the possible changes of the script, by target and kind of change."""
     own = Script({"do": "see"})
     states = own.run()
     assert states.tobytes() == bare(nothing).tobytes()
@@ -257,7 +257,7 @@ def test_an_input_is_another_and_the_script_reads_its_own(
 def test_what_is_undone_is_not_how_the_script_begins(
     found: dict[tuple[str, str], Change],
 ) -> None:
-    """The initial pose and velocities are the script's, which are not written again."""
+    """Undoing a script's writes does not undo the initial pose and velocities."""
 
     def begins(_: Any, d: Any) -> None:
         d.qvel[-1] = 0.5
@@ -313,7 +313,7 @@ def test_changes_are_those_that_change_something(found: dict[tuple[str, str], Ch
 
 
 def test_what_holds_a_robot_from_outside_takes_a_part_of_the_scene_away() -> None:
-    """An unactuated joint at its base is not the robot's brake; a door's hinge may have one."""
+    """Braking a robot's unactuated base joint counts as support from outside; a door may brake."""
     scene = """<mujoco><worldbody><body name="torso"><joint name="rail" type="slide"/>
     <joint name="pitch" axis="0 1 0"/><geom size="0.1"/><body name="leg" pos="0 0 -0.3">
     <joint name="knee" axis="0 1 0"/><geom size="0.1"/></body></body>

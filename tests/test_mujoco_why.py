@@ -35,7 +35,7 @@ SCENE = """<mujoco><option timestep="0.002"/><worldbody>
 
 
 class RunChanged:
-    """A model whose functions are called with changes applied."""
+    """A model whose mujoco functions apply trial changes."""
 
     def __init__(
         self, *operations: dict[str, Any], pair: str = "", at: Any = None, **variation: Any
@@ -375,7 +375,7 @@ for step in range(50):
 
 @pytest.mark.long
 def test_why_cures_by_what_the_sum_says(tmp_path: Path) -> None:
-    """With kp 1, as the corpus says, none of 250 automatic resets is left."""
+    """Lowering kp to 1 removes all of 250 automatic resets, as `drop why` finds."""
     found = why(str(CORPUS / "gain_explodes.py"), out=tmp_path, jobs=1)
     by_code = {finding.finding.code: finding for finding in found.findings}
     assert by_code["unstable"].verdict == by_code["auto-reset"].verdict == "cured"

@@ -1,4 +1,4 @@
-"""The pages are correct: what they say to type works, with the output and images that they show."""
+"""The documentation's commands work, and print what the pages show."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The value of a golden recording on another processor, as docs/ci.md states it.
+"""Golden recordings on another processor: the tolerances that docs/ci.md states.
 
 The GNU C library's sines and cosines round otherwise where a processor cannot multiply and add in
 one step. It can be told that ours cannot, so that one machine stands for both. Elsewhere than on

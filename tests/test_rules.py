@@ -1,4 +1,4 @@
-"""Verification: each name that a rule's functions, rows and cures ask for is a declared one.
+"""Verification: every name that a rule's functions, messages and suggested changes use exists.
 
 Columns, notes and rows meet by name, which no type checker sees. A misspelt name would be found
 only where a script makes the row speak.
@@ -28,7 +28,7 @@ MECHANISM = {"runs", "noted", "worst", "scene", "call", "why"}
 
 @cache
 def given(module: ModuleType) -> set[object]:
-    """Return the names that a module gives to numbers: keys, listed names, fields of classes."""
+    """Return the names under which a module of rules provides numbers."""
     found: set[object] = set()
     for node in ast.walk(ast.parse(inspect.getsource(module))):
         match node:
@@ -42,7 +42,7 @@ def given(module: ModuleType) -> set[object]:
 
 
 def declared(one: Rule) -> set[object]:
-    """Return the names that a rule may ask for: its own, its table's and the mechanism's."""
+    """Return the names that a rule may use: its own, its table's, and common ones."""
     module = sys.modules[one.matches.__module__]
     modules = {module, rule, rows}
     for each in vars(module).values():
@@ -56,7 +56,7 @@ def declared(one: Rule) -> set[object]:
 
 
 def asked(one: Rule) -> Iterator[str]:
-    """Yield the names that a rule's functions, sentences and cures ask for."""
+    """Yield the names that a rule's functions, messages and suggested changes use."""
     functions = [one.sizes, one.noting, *(row.when for row in one.told if row.when)]
     yield from (name for function in functions for name in parameters(function))
     for row in one.told:

@@ -1,4 +1,4 @@
-"""The causal search: which changes it tries, which it reports, and in which order.
+"""The search for a change that meets an expectation: what is tried, reported, in which order.
 
 Verification: the runs are a function of what is changed, so it is known what makes it true.
 """
@@ -132,7 +132,7 @@ SPEED = Change(
 
 
 def test_another_text_with_which_everything_moves_as_before_is_not_said() -> None:
-    """Such a change affects only how the expected quantity is measured."""
+    """A change that affects only how the quantity is measured is not reported."""
     still = ChangeOutcome(True, 0.2, 0.5, [motion(0.1)])
     search = Search(
         ChangeOutcome(False, -0.2, 0.1, [motion(0.1)]),
@@ -143,7 +143,7 @@ def test_another_text_with_which_everything_moves_as_before_is_not_said() -> Non
 
 
 def test_another_text_that_throws_things_out_of_the_scene_takes_it_apart() -> None:
-    """The scene of the original run is 0.1 m high."""
+    """A change that throws bodies far beyond the scene (0.1 m high) counts as destructive."""
     for aside_m, breaks in ((0.4, False), (0.6, True)):
         search = searched(Runs(lambda _: 0.5, lambda _, by=aside_m: by), SPEED, TIMESTEP)
         said = {each.tried.change.change: each.tried.change.breaks for each in ranked(search.tried)}
@@ -205,7 +205,7 @@ def test_what_follows_a_command_worse_comes_after_what_follows_it_as_before() ->
 
 
 def test_where_ten_times_is_too_much_its_root_is_tried() -> None:
-    """A motor has a third of its strength, and ten times that throws the cube."""
+    """A motor has a third of the needed strength; ten times that throws the cube; √10 works."""
     heights = {"*10": -0.4, "*3.16": 0.5}
     gear = Change("actuator_gear", "*10", ("*", 10.0), (0, 1), ("lift", "turn"))
     runs = Runs(lambda change: heights.get(change.op, 0.1) if len(change.ids) == 2 else 0.1)
@@ -218,7 +218,7 @@ def test_where_ten_times_is_too_much_its_root_is_tried() -> None:
 
 
 def test_a_factor_between_a_root_and_its_factor_is_tried() -> None:
-    """Commands of a fifth of their size lift the cube if they are five times as large."""
+    """Commands at a fifth of their size lift the cube at five times, between √10 and 10."""
     heights = {"*10": 0.15, "*3.16": 0.28, "*5.62": 0.5}
     ctrl = Change("input.ctrl", "*10", ("*", 10.0), (0, 1), ("lift", "turn"))
     gear = Change("actuator_gear", "*10", ("*", 10.0), (0, 1), ("lift", "turn"))

@@ -1,4 +1,4 @@
-"""The second hour: an edited script is recorded and analyzed again, and the results are updated.
+"""A user's second hour: an edited script is recorded and analyzed again.
 
 What is recorded under the default name, which recording is meant where none is named, and what the
 commands say about it.

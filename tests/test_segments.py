@@ -1,4 +1,4 @@
-"""Verification: PyBullet's motion is explained sample by sample, and nothing else is.
+"""Verification: PyBullet's motion of single bodies is explained sample by sample.
 
 The bodies are thrown about in PyBullet itself (`watched.py`), with none of our code; the law, the
 balance and the segments then have its samples and its contact points, as a recording has them.

@@ -1,4 +1,4 @@
-"""The page for coding assistants is correct: each command works, and prints the keys it names."""
+"""The page for coding assistants: each command works, and prints the JSON keys that it names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers and statements in a script's source, as single changes of the causal search.
+"""Single changes of a script's source: its numbers and statements.
 
 Verification: an edit makes of the text what its user would write, and what only says what is
 measured is none.

@@ -1,4 +1,4 @@
-"""Causes found in public forum threads, as similar scripts: finding and cure are right."""
+"""Problems from public forums, as scripts: the finding and the suggested change are right."""
 
 from __future__ import annotations
 

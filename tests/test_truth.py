@@ -373,7 +373,7 @@ class WrongError(AssertionError):
 
 @dataclass(frozen=True)
 class Said:
-    """A statement in the JSON output, with its context."""
+    """A statement in the JSON output of an analysis, with the drop that it is about."""
 
     value: Any
     beside: Mapping[str, Any]
@@ -410,13 +410,13 @@ def checks(*statements: str) -> Callable[[Checker], Checker]:
 
 
 def hold(condition: Any, what: str) -> None:
-    """Fail unless a condition holds for the oracle."""
+    """Raise an error unless a condition holds for the oracle."""
     if not condition:
         raise WrongError(what)
 
 
 def near(said: float, true: float | None, tolerance: float, what: str) -> None:
-    """Fail unless a number is close to the oracle's."""
+    """Raise an error unless a number is close to the oracle's."""
     hold(true is not None, f"{what}: said {said!r}, and nothing tells")
     assert true is not None
     hold(
@@ -639,7 +639,7 @@ def _at_simulated(said: Said) -> None:
 
 
 def _theory_m(said: Said, step: int) -> float:
-    """Return the height in free fall, which ends at the height at which the body touches."""
+    """Return the height in free fall, which ends where the body touches the floor."""
     fallen = oracle.free_fall_m(said.drop, step * said.drop.timestep_s)
     held = said.truth.release_height_m if said.drop.floor else None
     return fallen if held is None else max(fallen, held)
@@ -651,7 +651,7 @@ def _at_free_fall(said: Said) -> None:
 
 
 def _far(said: Said) -> float:
-    """Return the distance of free fall [m]."""
+    """Return the distance travelled in free fall [m]."""
     return abs(oracle.free_fall_m(said.drop, said.drop.steps * said.drop.timestep_s)) + 1
 
 
@@ -811,7 +811,7 @@ def _time_free(said: Said) -> None:
 
 
 def _root(said: Said) -> float:
-    """Return the time tolerance near the release height: √(2 δ / g) for δ = 1e-9 m."""
+    """Return the time tolerance for a body that starts at the height to reach: √(2 δ / g)."""
     close = abs(said.drop.height_m - (said.truth.release_height_m or 0.0)) < 1e-6
     return 1e-4 if close else 0.0
 
@@ -1621,7 +1621,7 @@ def _flight_steps(said: Said) -> None:
 
 
 def _hangs(said: Said, step: int) -> bool:
-    """Whether a step changed nothing: without gravity a body may hang in the air."""
+    """Return whether a step changed nothing: without gravity a body may hang in the air."""
     links = said.run.links
     return bool((links[step] == links[step - 1]).all())
 
@@ -1735,7 +1735,7 @@ class Tally:
 
     @property
     def statements(self) -> list[str]:
-        """All statements that occurred."""
+        """All kinds of statements that occurred so far."""
         return sorted({*self.confirmed, *self.null, *self.wrong})
 
     def table(self) -> str:

@@ -347,7 +347,7 @@ def test_web_is_served_on_loopback_only_and_nobody_is_counted(here: Path) -> Non
 
 
 def test_the_names_of_a_scripts_curves_stand_where_no_flight_is() -> None:
-    """A fall starts at the upper left; its error starts at zero, and first goes below."""
+    """The legend is where the curves of a fall are not: they start at the upper left."""
     entities = {schema.FINDINGS, f"{schema.ERROR_MM}/1_box", f"{schema.HEIGHT}/1_box"}
     eye = Eye((1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
     shown = _views(layout(Described(eye, frozenset(entities))).root_container)

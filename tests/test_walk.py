@@ -1,4 +1,4 @@
-"""The walk in `docs/architecture.md` follows a script from `drop record` to the verdict."""
+"""The walk through the code in `docs/architecture.md` matches the code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Validation: slipping wheels slip by as much in bare PyBullet, and no others are reported."""
+"""Validation: findings about slipping wheels agree with the slip in bare PyBullet."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Validation: halving the timestep halves a robot's drift, and overflow causes no warnings.
+"""Validation: half the timestep halves a robot's drift; overflow causes no warnings.
 
 What else is said of the whole of a motion is in `corpus/attacks/whole.toml`.
 """

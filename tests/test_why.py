@@ -1,4 +1,4 @@
-"""Causes found by trials: the effect of an intervention on a run, and verdicts about findings.
+"""Causes proved by trial runs: the effect of one change on a run, and the verdict on a finding.
 
 Verification: a changed call is the script written that way by hand, to the last bit; the script
 reads what it would have read. Verdicts are held against scripts whose cause is known.

@@ -1,4 +1,4 @@
-"""Who carries a body: its fixed base, the contacts, and each joint what hangs on it."""
+"""Rows for what carries a body: its fixed base or contacts, and the load on each joint."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def momentum_n_s(tree: Tree, state: States) -> Float64:
 def across_joints(
     subject: MeasuredBody, across: Reactions, *, of_base: bool
 ) -> Iterator[AccountRow]:
-    """Yield a row for each joint with what it carries in the last step.
+    """Yield a row for each joint with the force that it transmits in the last step.
 
     `of_base` says whether a row of the base tells what the joints on it carry.
     """

@@ -1,4 +1,4 @@
-"""How far a constraint is from what it demands: a distance and an angle between two frames."""
+"""The error of a constraint: distance and angle between the two frames that it should join."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ which gives no scale."""
 
 @dataclass(eq=False)
 class Gap:
-    """How far a constraint is from what it demands, after each step; grows chunk by chunk."""
+    """The error of a constraint after each step, collected chunk by chunk."""
 
     most: float = 0.0
     step: int = -1
@@ -32,7 +32,7 @@ class Gap:
     """The gap after the last step in which the constraint is active."""
 
     def add(self, off: Float64, samples: Int64, active: Flags) -> None:
-        """Add the gap after the steps to some samples, shape (n,)."""
+        """Add errors after the steps to given samples, shape (n,)."""
         off = np.where(active & np.isfinite(off), np.abs(off), 0.0)
         at = int(np.argmax(off))
         if off[at] > self.most:
@@ -43,7 +43,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class Side:
-    """A frame on one of the links that a constraint holds together."""
+    """One of the two frames that a constraint joins, on a link."""
 
     body: int
     """Id of the body; NOBODY for a frame of the world."""
@@ -86,7 +86,7 @@ def apart(places_m: Float64, axes: Float64) -> tuple[Float64, Float64]:
 
 
 def turned_by(gap: Gap, beside: float, subject: MeasuredBody, words: RowWords) -> Message:
-    """Describe the angle between two orientations; nothing if it is small beside a share."""
+    """Describe the angle error of a constraint; nothing if it is negligible."""
     if gap.most <= 0.1 * beside:
         return Message("")
     return Message(
@@ -98,7 +98,7 @@ def turned_by(gap: Gap, beside: float, subject: MeasuredBody, words: RowWords) -
 
 
 def with_gap(row: AccountRow, gap: Gap, unit: str, size: float) -> AccountRow:
-    """Return a row with a gap; `size` is that to which it is compared."""
+    """Return a row with an error added, compared with the given size."""
     return replace(
         row,
         asked=0.0,
@@ -111,7 +111,7 @@ def with_gap(row: AccountRow, gap: Gap, unit: str, size: float) -> AccountRow:
 
 
 def with_gaps(row: AccountRow, gap: Gap, turned: Gap, size_m: float) -> AccountRow:
-    """Return a row with the larger of a distance and an angle, and the other besides."""
+    """Return a row with the more important of a distance and an angle, and the other in words."""
     if turned.most > gap.most / size_m:
         return replace(with_gap(row, turned, "rad", 1.0), besides=((gap.most, "m"),))
     return replace(with_gap(row, gap, "m", size_m), besides=((turned.most, "rad"),))

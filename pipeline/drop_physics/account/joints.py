@@ -89,7 +89,7 @@ class JointTable:
         return JointSeries.joined(parts) if parts else None
 
     def efforts(self, body: int) -> PoseEfforts | None:
-        """Return the efforts at the last sample of a body, by body id; None without joints."""
+        """Return the joint torques at a body's last sample; None if it has no joints."""
         return self._efforts.get(body)
 
     def rows(self, body: int) -> Sequence[JointRow]:
@@ -108,7 +108,7 @@ class JointTable:
 def _row_of(
     series: JointSeries, efforts: PoseEfforts, joint: Joint, k: int, place: slice
 ) -> JointRow:
-    """Return the row of a joint rate, by its index; `place` are the rates of the joint."""
+    """Return the table row for one rate of a joint; `place` are all of the joint's rates."""
     its = efforts.reactions
     control = CONTROLS[int(series.control[-1, k])]
     position, turns = control in ("position", "pd"), control == "velocity"

@@ -1,4 +1,4 @@
-"""Constraints that close the distance between two points of bodies: gap, angle and force."""
+"""Constraints that join two points of bodies: their distance, angle and force."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SOON = 10
 
 @dataclass(eq=False)
 class HeldConstraint:
-    """A constraint that closes the distance between two points; grows chunk by chunk."""
+    """A constraint that joins two points, with their distance; filled chunk by chunk."""
 
     last: ConstraintVersion
     """The constraint as defined in its last step."""
@@ -77,7 +77,7 @@ class HeldConstraint:
 
     @property
     def gaps_m(self) -> Float64:
-        """Distances between the ends after the last `SOON` + 1 steps, shape (n,)."""
+        """Distances between the points after the last `SOON` + 1 steps, shape (n,)."""
         return lengths(self.ends_m[:, 0] - self.ends_m[:, 1])
 
     def add(
@@ -141,7 +141,7 @@ class HeldConstraint:
             self.least_angle_rad = min(self.least_angle_rad, float(angles_rad.min()))
 
     def _load(self, numbers: Sequence[int], explained: ExplainedPiece) -> None:
-        """Add the weight and the rates of the bodies that the constraint holds."""
+        """Add weight and velocities of the bodies that the constraint carries."""
         judged = [explained.bodies[body] for body in numbers if body in explained.bodies]
         moving = [each for each in judged if each.body.base_moves]
         self.weight_n = 0.0
@@ -202,5 +202,5 @@ def _sides(version: ConstraintVersion) -> list[Side]:
 
 
 def _tail(before: NDArray[Any], values: NDArray[Any], rows: int) -> NDArray[Any]:
-    """Return the last rows of an array, extended back into earlier chunks as far as possible."""
+    """Return the last rows of an array, with rows from earlier chunks if available."""
     return np.concatenate([before, values])[-rows:]

@@ -76,7 +76,7 @@ class Settling:
         return self._settled
 
     def phases(self, contact_step: int | None) -> Phases:
-        """Return the phases, given the contact step, once all samples are added."""
+        """Return when the body touched and settled, once all samples are added."""
         case, rest_step, lies = self._case, None, False
         if self._touched is not None and case.is_rigid and case.end.contact_points[0] > 0:
             settled = max(self._touched, self._settled)

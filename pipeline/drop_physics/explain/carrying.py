@@ -1,4 +1,4 @@
-"""What the links of a body exert on each other across their joints, in a step."""
+"""Computes the forces that the links of a body exert on each other across joints, in a step."""
 
 from __future__ import annotations
 

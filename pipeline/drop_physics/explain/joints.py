@@ -61,7 +61,7 @@ class JointTelemetry:
 
 @dataclass(frozen=True, eq=False)
 class PoseEfforts:
-    """Efforts at a body's joints at the end of a chunk; shape (joint_rates,) each."""
+    """Joint torques at the end of a chunk, for a body's pose; shape (joint_rates,) each."""
 
     needs: Float64
     """Torque required to hold the last pose [N m] or [N]; nan if undefined."""

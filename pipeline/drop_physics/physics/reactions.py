@@ -1,4 +1,4 @@
-"""Forces and torques across the joints of a tree, from the motion of what they carry.
+"""Computes joint reaction forces and torques of a tree from the motion of the links beyond.
 
 By Newton's and Euler's laws for a joint's link and all links beyond it, with momenta p and L about
 the centres c, in a step of duration h:

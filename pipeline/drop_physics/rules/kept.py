@@ -1,4 +1,4 @@
-"""The last rows of columns that need those of earlier chunks."""
+"""Keeps the last rows of each chunk, for columns that look back to earlier chunks."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from drop_physics.arrays import Float64
 
 @dataclass
 class KeptRows:
-    """The last rows of earlier chunks, by body id."""
+    """The last rows of earlier chunks, by body id, for columns that look back."""
 
     controls: dict[int, Float64] = field(default_factory=dict)
     """The control of each actuator in the last step, shape (actuators,)."""

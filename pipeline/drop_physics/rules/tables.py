@@ -130,7 +130,7 @@ class JointColumns:
     def latest(
         self, kept: dict[int, Float64], events: Flags, values: Float64
     ) -> tuple[Float64, Float64]:
-        """Return the values at the latest event up to each row, and up to the row before it.
+        """Return values at the latest event up to each row, and up to the row before.
 
         All arrays have the shape (n, joint_rates); nan before the first event. `kept` has the last
         row of earlier chunks.

@@ -122,7 +122,7 @@ def _between(seen: Seen, client: int, end: int) -> Iterator[tuple[At, Episode]]:
 
 
 def _starts(seen: Seen, client: int, end: int) -> list[At]:
-    """Return the moments at which a simulation restarts after its first step."""
+    """Return the times at which a simulation is reset after its first step."""
     mine = [each for each in seen.appearances if each.body.client == client]
     came = {each.at.step for each in mine if each.came}
     found = {

@@ -122,7 +122,7 @@ class Expression:
 
 
 class _Renamed(ast.NodeTransformer):
-    """Renames calls of our functions, such as `end`, where the script has a number of that name."""
+    """Renames calls of our functions, such as `end`, where the script has such a number."""
 
     def __init__(self, covered: set[str]) -> None:
         self._covered = covered

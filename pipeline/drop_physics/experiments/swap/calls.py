@@ -236,7 +236,7 @@ def _split(at: int, mine: Sequence[LoggedCall], theirs: Sequence[LoggedCall]) ->
 
 
 def _added(at: int, call: LoggedCall) -> Iterator[CallUnit]:
-    """Yield a call that only the second log has, in one part per engine option."""
+    """Yield a call that only the second log has; several engine options become one part each."""
     if call.sets != "setting" or len(call.given) < 2 or not call.function.endswith("Parameter"):
         yield CallUnit(at, (), [call])
         return

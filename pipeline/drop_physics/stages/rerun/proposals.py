@@ -112,14 +112,14 @@ class Proposals:
         return found
 
     def left_out(self) -> list[Candidate]:
-        """Return what lines set, by calls, their arguments, and statements, each to be left out."""
+        """Return calls, arguments and statements that set something, each to be omitted once."""
         changes = (
             each for each in self._possible() if each.op in WITHOUT and each.site is not None
         )
         return [_changed(each, Cure("without", call=self._without(each))) for each in changes]
 
     def _without(self, change: Change) -> str:
-        """Describe what a change leaves out, without its line."""
+        """Describe what a change omits, without the source line."""
         if change.engine == SOURCE:
             return Message("without {was}", was=place_of(change)[1])
         function, _, argument = change.change.partition(".")
@@ -128,7 +128,7 @@ class Proposals:
         return self._cures.call_of(Cure("without", form=form, given=given))
 
     def required(self, cure: Cure, option: str) -> ChangedRun:
-        """Return the run with a cure on all of it.
+        """Return the run with a change applied to the whole run.
 
         Raises
         ------
@@ -210,6 +210,6 @@ class Proposals:
 
 
 def _changed(change: Change, cure: Cure) -> Candidate:
-    """Return the candidate for a single change, named by a cure."""
+    """Return the candidate for a change that the user named."""
     site = None if change.site is None else located(*change.site)
     return Candidate(Intervention(cure, site=site), trial_of(change))

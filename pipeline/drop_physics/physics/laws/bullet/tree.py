@@ -162,7 +162,7 @@ def _on_joints(tree: Tree, efforts: Float64) -> Float64:
 
 
 def _unreported(body: DampedTree, states: States, reported: Reported) -> Unreported:
-    """Return directions of impulses that Bullet never reports: stops, second clamp, rolling."""
+    """Return the directions of impulses that Bullet never reports: stops, last clamp, rolling."""
     tree = body.tree
     pushes = np.zeros((len(states) - 1, tree.size), np.int64)
     for link, joint in enumerate(tree.joints):
