@@ -26,17 +26,17 @@ TYPES = {"double": "float64", "float": "float32"}
 
 MEASURED = {
     "state": {
-        "body": "number of the body: 0, the dropped one; in a script's, that of `bodies`",
-        "position_m": "of the centre of mass of its base, world axes",
+        "body": "id of the body: 0 for the dropped one; in a script's recording as in `bodies`",
+        "position_m": "the centre of mass of the base, world axes",
         "orientation": "a quaternion: x, y, z, w",
         "velocity_m_s": "world axes",
         "spin_rad_s": "angular velocity, world axes",
     },
     "contacts": {
-        "body_a": "number of the first body: 0 is the dropped one, 1 the floor",
-        "link_a": "number of its link",
-        "body_b": "number of the other body",
-        "link_b": "number of its link",
+        "body_a": "id of the first body: 0 for the dropped one, 1 for the floor",
+        "link_a": "index of its link",
+        "body_b": "id of the other body",
+        "link_b": "index of its link",
         "position_a_m": "the point on a, world axes",
         "position_b_m": "the point on b",
         "normal": "from b to a",
@@ -56,58 +56,57 @@ CURVES = {
 DRAWN = {
     schema.WORLD: "z is up",
     f"{schema.FLOOR}/base/0": "the floor, its surface at z = 0",
-    f"{schema.BOX}/base": "where the body is; below it a robot's links, each in its parent's frame",
+    f"{schema.BOX}/base": "the body's pose; below it a robot's links, each in its parent's frame",
     f"{schema.BOX}/base/0": "the body's shape",
-    schema.TRAIL: "where the body was, at about forty times",
+    schema.TRAIL: "the body's path, as about forty points",
     schema.CAMERA: "the camera: its lens and pose",
     schema.IMAGE: "a frame, a PNG",
     schema.ABOUT: "a description of this recording",
 }
 HAPPENED = {
     schema.BODIES: "a body is added, removed, or changes its looks: its links, joints with axes, "
-    "limits and frames, shapes, collision shapes and hulls, what its file asks for",
+    "limits and frames, shapes, collision shapes and hulls, properties in its file",
     schema.SURFACES: "a body is added with a hollow mesh, which the engine replaces by its convex "
     "hull: the surface in its file; equal ones are stored once, then as a digest",
     schema.DYNAMICS: "the engine reports other properties of a body's links: mass, inertia, "
     "friction …",
     schema.SETTINGS: "the engine reports other settings: timestep, gravity, solver …",
-    schema.SET: "a call places a body between two steps, unless it is there already, to the bit",
-    schema.READINGS: "a place in the script has read: function, file, line, the arguments given, "
-    "what it read, in which steps and how often (where `exact` is false, estimated from one of 61 "
-    "steps); of pictures the first one's matrices",
-    schema.SITES: "a place in the script that calls the engine: function, file, line, the form of "
-    "its arguments with `{}` for each number",
+    schema.SET: "a call sets the state of a body between two steps, and changes it",
+    schema.READINGS: "a line of the script reads the simulation: function, file, line, arguments, "
+    "what it reads, in which steps and how often (if `exact` is false, estimated from one of 61 "
+    "steps); for images the matrices of the first one",
+    schema.SITES: "a line of the script calls the engine: function, file, line, and arguments, "
+    "with `{}` for each number",
     schema.RAISED: "a call raises an error",
-    schema.CAUSES: "something gives impulses to a body: its kind, its name, and on which degrees "
-    "of freedom of the body's generalised velocity it acts (spin and velocity of the base, then "
-    "the joints' rates); of MuJoCo",
-    schema.PAIRS: "two links touch: their coefficient of friction; of MuJoCo",
-    schema.SOLVER: "a simulation ended: how often its solver used all its iterations while the "
-    "last one still changed a velocity by over 0.01 m/s or rad/s; of every eighth step, where up "
-    "to 64 bodies move",
+    schema.CAUSES: "a cause of impulses on a body appears: its kind, its name, and the "
+    "degrees of freedom on which it acts (spin and velocity of the base, then the joints' "
+    "rates); MuJoCo only",
+    schema.PAIRS: "two links touch: their coefficient of friction; MuJoCo only",
+    schema.SOLVER: "a simulation ends: how often the solver used all its iterations while the "
+    "last one still changed a velocity by over 0.01 m/s or rad/s; counted in every eighth step, "
+    "while up to 64 bodies move",
 }
 SAMPLED = {
     f"{schema.JOINTS}/BODY/position": "[rad] or [m]: a named series per joint, a row per step",
     f"{schema.JOINTS}/BODY/velocity": "[rad/s] or [m/s]",
     f"{schema.JOINTS}/BODY/effort": "of the motors [N m] or [N]",
-    f"{schema.JOINTS}/BODY/{schema.TARGET}": "what calls ask for, a row when one changes it: "
-    "positions; beside them `velocity` and `torque`",
+    f"{schema.JOINTS}/BODY/{schema.TARGET}": "the targets that calls set, a row when one "
+    "changes: positions; beside them `velocity` and `torque`",
     f"{schema.JOINTS}/BODY/{schema.LIMIT}": "likewise the largest effort of each motor; beside it "
     "`mode` (0 velocity, 1 torque, 2 position, 3 PD), `kp` and `kd`",
-    f"{schema.CONSTRAINTS}/CLIENT_ID": "the forces of a constraint [N] or [N m], a row per step, "
-    "and of others like it after it was removed, each with its id as `constraint`",
-    f"{schema.CONTROLS}/CLIENT": "what actuators were given in the steps that led to a sample, a "
-    "row where that changes; of MuJoCo",
+    f"{schema.CONSTRAINTS}/CLIENT_ID": "the forces of a constraint [N] or [N m], a row per step; "
+    "after its removal those of a similar constraint, whose id is in `constraint`",
+    f"{schema.CONTROLS}/CLIENT": "the controls of actuators in the steps that led to samples, a "
+    "row when one changes; MuJoCo only",
     schema.MODELS: "a compiled model that was stepped, as MuJoCo saves it, in parts of 1 MB: "
-    "`json` has its number, its engine and version, and its digest; `data` the bytes, compressed "
-    "by zlib",
-    schema.STEPS: "a piece of a simulation's steps, a row each: with its model and state before "
-    "each step, MuJoCo takes it again; `json` says what the `numbers` are (what is not in the "
-    "series of joints), and `at` the steps of those that only some steps have",
-    f"{schema.IMPULSES}/CLIENT": "what acted in the step that led to a sample, of MuJoCo: lists of "
-    f"`cause` (numbers of `{schema.CAUSES}`) and of their `impulse`s [N s or N m s] one after the "
-    "other; `status`: 0 where these are the step's sum, else why not; the `remainder` that they "
-    "leave, over the largest",
+    "`json` has its index, engine, version and digest; `data` the bytes, compressed by zlib",
+    schema.STEPS: "a row for each batch of a simulation's steps: with the model and the state "
+    "before each step, MuJoCo can replay them; `json` says what the `numbers` are (those that are "
+    "not in the series of joints), and `at` the steps of numbers that only some steps have",
+    f"{schema.IMPULSES}/CLIENT": "the impulses in the step that led to a sample, MuJoCo only: "
+    f"lists of `cause` (indices into `{schema.CAUSES}`) and `impulse` [N s or N m s], one after "
+    "the other; `status`: 0 if they are the step's sum, else the reason why not; `remainder`: the "
+    "rest, relative to the largest impulse",
     schema.CALLS: "a row per step with calls: lists of `site`, of all `numbers` one after the "
     "other, of `result`, and how many calls came `after` the first",
     f"{schema.LOG}": "the first calls of each site as text",
@@ -116,7 +115,7 @@ SAMPLED = {
 """Further entities of a recording that has joints, constraints or a script."""
 
 TABLE_SAYS = {
-    "step": "number of the sample",
+    "step": "index of the sample",
     "time_s": "step × timestep",
     "phase": "falling, contact or rest",
     "simulated_m": "height of the centre in the recording",
@@ -129,8 +128,8 @@ TABLE_SAYS = {
     "damping_m": "from damping, in continuous time",
     "interaction_m": "from their interaction",
     "rounding_m": "from double-precision rounding",
-    "kinetic_linear_j": "energy of the motion",
-    "kinetic_angular_j": "energy of the rotation",
+    "kinetic_linear_j": "energy of translation",
+    "kinetic_angular_j": "energy of rotation",
     "potential_j": "energy of the height above z = 0",
     "energy_j": "their sum",
 }
@@ -158,9 +157,9 @@ up, and every sample is the state *before* a step: sample 0 is the release.
 
 | timeline | type | meaning |
 | --- | --- | --- |
-| `{schema.STEP_TIMELINE}` | sequence, int64 | number of the step: the key of the samples |
+| `{schema.STEP_TIMELINE}` | sequence, int64 | index of the step: the key of the samples |
 | `{schema.TIME_TIMELINE}` | duration, int64 ns | step × timestep, in whole nanoseconds |
-| `{schema.CALL_TIMELINE}` | sequence, int64 | of a script: number of calls before |
+| `{schema.CALL_TIMELINE}` | sequence, int64 | for a script: number of earlier calls |
 """
 
 _STATE = f"""## State
@@ -267,7 +266,7 @@ def _rest() -> str:
     told = _rows(["entity", "a row when"], ([f"`{k}`", v] for k, v in HAPPENED.items()))
     return (
         "## Joints, constraints and calls\n\nThe poses of links follow from base and joints.\n\n"
-        f"{sampled}\n## What happened between the steps\n\nRows of JSON, in the component "
+        f"{sampled}\n## Events between the steps\n\nRows of JSON, in the component "
         f"`{schema.JSON}`, whenever something changes.\n\n{told}"
     )
 

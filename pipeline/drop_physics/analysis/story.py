@@ -1,4 +1,4 @@
-"""From a recording to its analysis: explains every body, and applies every rule."""
+"""Turns a recording into its analysis: explains every body, and applies every rule."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ MAKES = "makes"
 
 @dataclass(frozen=True)
 class Reached:
-    """Which files, devices and networks a script's run used."""
+    """The files, devices and networks that a script's run used."""
 
     noted: tuple[tuple[str, str], ...] = ()
     """The run's reports: `connects`, `starts`, `opens`, `writes`, `removes`, `keeps` or `keeps

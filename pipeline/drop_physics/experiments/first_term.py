@@ -51,7 +51,7 @@ class _Way:
 
 
 class _TermPart:
-    """Which columns of a body's state belong to one position."""
+    """The columns of a body's state that belong to one position."""
 
     def __init__(self, body: Body, joint: str | None, unit: str) -> None:
         self._joint, self._unit = joint, unit

@@ -81,7 +81,7 @@ class SampleStatus:
 
 @dataclass(frozen=True, eq=False)
 class StepVerdicts:
-    """Which steps of a batch are explained, and why the others are not; shape (n,) each."""
+    """The explained steps of a batch, and the reasons for the others; shape (n,) each."""
 
     kind: Int8
     why: Int8

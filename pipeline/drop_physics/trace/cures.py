@@ -36,7 +36,7 @@ class Cure:
 
 @dataclass(frozen=True)
 class Scope:
-    """Which bodies, joints or elements of a run a change applies to."""
+    """The bodies, joints or elements of a run that a change applies to."""
 
     bodies: Sequence[Body]
     joint: str | None = None

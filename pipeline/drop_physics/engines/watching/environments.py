@@ -43,7 +43,7 @@ class EpisodeReturns:
 
 
 class _Inside(threading.local):
-    """Which of the wrapped methods a thread is running, as they call each other."""
+    """The wrapped methods that a thread is running, as they call each other."""
 
     def __init__(self) -> None:
         self.methods: list[Any] = []

@@ -122,7 +122,7 @@ class Pipe:
             self.send(NOTE, payload)
 
     def mute(self) -> None:
-        """From now on send JSON messages only."""
+        """Send only JSON messages from now on."""
         self.flush()
         self.muted, self.counts = True, [0, 0]
 

@@ -33,7 +33,7 @@ VERSION = "from importlib.metadata import version; print(version('mujoco'))"
 
 @dataclass(frozen=True)
 class WhatToExplain:
-    """Which steps of a recording to explain, besides those already explained."""
+    """The steps of a recording to explain, besides those already explained."""
 
     steps: Sequence[tuple[int, int]] = ()
     """Windows of samples, of all simulations; a step starts from each sample but the last."""

@@ -87,12 +87,12 @@ class BranchedTrial:
     """Whether a change meets the expectation if it is made a second before a failure."""
 
     open_loop: bool | None = None
-    """With the recorded commands; None where that is not known: of a change that has to begin with
-    the run or does nothing that late, and of all changes if the run without a change is not the
-    same to the bit with the recorded commands."""
+    """Result with the recorded commands. None if unknown: for a change that has to begin with the
+    run or has no effect that late, and for all changes if an unchanged run with the recorded
+    commands is not bitwise equal to the recorded run."""
     closed_loop: bool | None = None
-    """With the script's controller; None of a change that has to begin with the run or does nothing
-    that late."""
+    """Result with the script's controller; None for a change that has to begin with the run or has
+    no effect that late."""
 
 
 NOT_MADE = ChangeOutcome(holds=False, margin=-math.inf, value=math.nan)

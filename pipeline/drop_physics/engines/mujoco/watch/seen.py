@@ -11,7 +11,7 @@ INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "qpos", "qvel")
 
 
 class SeenInputs:
-    """Which geoms touched in a run, and which inputs the script wrote.
+    """The geoms that touched in a run, and the inputs that the script wrote.
 
     Parameters
     ----------
