@@ -125,7 +125,7 @@ class Falling(Observed):
 def run_of(text: str, steps: int = 3) -> Any:
     """Return the result of an expectation in a run whose steps a function of the script makes."""
     expected, falling = ExpectationEvaluator(text), Falling()
-    host = SimpleNamespace(environments=SimpleNamespace(outcome=dict))
+    host = SimpleNamespace(environments=SimpleNamespace(outcome=lambda _: {}))
     engine: Any = SimpleNamespace(observed=lambda: falling, host=host)
 
     def step() -> None:
