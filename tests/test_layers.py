@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -43,10 +44,18 @@ def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
+def statements(of: ast.AST) -> Iterator[ast.AST]:
+    """Yield the statements within a statement or a module, which are all that can import."""
+    for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+        for each in getattr(of, part, ()):
+            yield each
+            yield from statements(each)
+
+
 @cache
 def imports_of(path: Path) -> set[str]:
     modules: set[str] = set()
-    for node in ast.walk(parsed(path)):
+    for node in statements(parsed(path)):
         if isinstance(node, ast.Import):
             modules |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
