@@ -27,7 +27,7 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         f"`drop analyze`, 100 boxes × {steps:,} steps: processor time",
         "the bare script",
         ratios,
-        1.5,
+        2.0,
         detail=detail,
     )
     ratios, detail = worked(
