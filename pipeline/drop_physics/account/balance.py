@@ -1,4 +1,4 @@
-"""The balance of a joint off its position target: what drives it there, and what opposes that."""
+"""The force balance of a joint off its position target: the drive, and what opposes it."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class JointBalance:
 
 
 def forces_by_cause(forces: Mapping[Term, float], drives: Mapping[Term, bool]) -> dict[str, float]:
-    """Return forces summed by cause, without inertia; `drives` flags those of the command."""
+    """Sum forces by cause, without inertia; `drives` flags those of the joint's command."""
     found = defaultdict[str, float](float)
     for term, force in forces.items():
         if term != OWN and term.cause != DRAG:
@@ -78,14 +78,14 @@ def holder_of(forces: Mapping[Term, float]) -> tuple[int | None, float]:
 
 
 def since_target(series: JointSeries, joint_rate: int, row: int) -> int:
-    """Return the first row of the target that a joint has in a row."""
+    """Return the row in which the target that is in effect in a given row was set."""
     target = series.target[: row + 1, joint_rate]
     changes = np.flatnonzero(target[1:] != target[:-1])
     return int(changes[-1]) + 1 if len(changes) else 0
 
 
 def is_at_rest(series: JointSeries, joint_rate: int, since: int, row: int) -> bool:
-    """Return whether a joint is at rest in a row, or nearly so; its target began in `since`."""
+    """Return whether a joint is nearly at rest in a row; `since` is the row that set its target."""
     stood = row - since + 1
     if stood > REST_STEPS and series.resting[row, joint_rate]:
         return True

@@ -78,7 +78,7 @@ class Points:
 
     @property
     def energy_j(self) -> Float64:
-        """Energy given to each side: force · mean velocity · timestep, shape (k, 2)."""
+        """Energy given to each side: force · mean velocity · timestep, per point, shape (k, 2)."""
         mean = 0.5 * (self.began_m_s + self.ended_m_s)
         worked = np.einsum("ki,ksi->ks", self.force_n, mean) * self.timestep_s[:, None]
         return np.where(self.moves, worked * [1.0, -1.0], 0.0)
@@ -221,7 +221,7 @@ class Pairs:
 
     @cached_property
     def energy_j(self) -> Float64:
-        """Energy given to each body, shape (m, 2)."""
+        """Energy that the contacts gave to each body, shape (m, 2)."""
         return self.summed(self.points.energy_j)
 
     @cached_property

@@ -282,7 +282,7 @@ def _arms(record: Record, states: States) -> Float64:
 
 
 def _frame_turn(record: Record, before: States, after: States) -> Float64:
-    """Return the difference between the engine's u' - u and ours, for a free base, (n, size).
+    """Return how a free base's velocity change in engine axes differs from ours, shape (n, size).
 
     The engine's u has the spin in the base's own axes, and the velocity of the frame's origin,
     which is at -a from the centre of mass. With Q the rotation from the base's axes to the world's

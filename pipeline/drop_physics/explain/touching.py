@@ -104,7 +104,7 @@ class Touching:
         )
 
     def of(self, bodies: Sequence[int], which: Int64, ends: Int64) -> tuple[Sides, Int64]:
-        """Return the contact points of bodies in given steps, and the step's row of each point.
+        """Return the contact points of bodies in given steps, and the step of each by its index.
 
         `which` has the index of the body of each step, `ends` the sample that it led to, shape
         (n,); both ascend.

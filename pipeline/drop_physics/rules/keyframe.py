@@ -74,7 +74,7 @@ keyframe_without_control.rows(
 
 @joint_rule("reset-leaves", "note", reason="keyframe", engines=MUJOCOS)
 def never_loaded(joints: JointColumns) -> Match | None:
-    """A keyframe has controls, but the actuators get 0, from another pose on."""
+    """A keyframe has controls, but the run starts from another pose, with controls of 0."""
     body, steps = joints.driven.body, joints.driven.steps
     keys = [keyframe for keyframe in body.keyframes if any(keyframe.given)]
     if not keys or not len(steps):

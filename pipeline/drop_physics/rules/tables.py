@@ -217,7 +217,7 @@ class PairColumns:
         return found
 
     def of_bodies(self, rows: Rows) -> Iterator[tuple[Steps, Rows, Rows]]:
-        """Yield the bodies' steps in given rows, with the indices of rows and steps."""
+        """Yield the steps of bodies in the given contact rows, with both indices."""
         return self.scene.steps_at(self.body[rows], self.step[rows])
 
 

@@ -90,7 +90,7 @@ class Act(Enum):
 
     @property
     def function(self) -> str:
-        """The function that does this, as messages name it."""
+        """The engine function with this meaning, as messages name it."""
         functions: tuple[str, ...] = self.value
         return functions[0]
 

@@ -69,7 +69,7 @@ class Log:
         yield from self._made({*self.sites})
 
     def of(self, *acts: Act) -> list[Call]:
-        """Return the successful calls with any of these meanings; all of them if none is given."""
+        """Return the successful calls with any of the given meanings; without any, all of them."""
         sites = {n for n, site in self.sites.items() if not acts or site.act in acts}
         return [call for call in self._made(sites) if not call.raised]
 
@@ -78,7 +78,7 @@ class Log:
         return self._made({n for n, site in self.sites.items() if site.function == function})
 
     def with_argument(self, *names: str) -> list[Call]:
-        """Return the successful calls that set any of these arguments."""
+        """Return the successful calls that set any of the given arguments."""
         sites = {n for n, site in self.sites.items() if {*names} & site.places.keys()}
         return [call for call in self._made(sites) if not call.raised]
 
@@ -129,7 +129,7 @@ class Log:
     # -- the bodies that they are about -----------------------------------------------------------
 
     def of_bodies(self, *acts: Act) -> Iterator[tuple[Call, At, Appearance]]:
-        """Yield the calls with any of these meanings, with their bodies.
+        """Yield the calls with any of the given meanings, and the bodies that they are about.
 
         A body is listed with the next step: earlier calls about it are dated to that moment.
         """
