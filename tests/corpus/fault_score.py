@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drop_physics.analysis.results import Analysis
-from drop_physics.report.account import facts_of
-from drop_physics.report.episodes import ended_well
+from drop_physics.report.account import NEGLIGIBLE, facts_of
+from drop_physics.report.bodies import one_screen
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.record import record_script
 from drop_physics.stages.rerun.single import text_of
@@ -91,9 +91,11 @@ def rows_of(analysis: Analysis) -> list[str]:
 
 
 def said_of(analysis: Analysis) -> list[str]:
-    """Return the findings, and the rows of the account if the report shows them."""
-    rows = [] if ended_well(analysis.episodes) else rows_of(analysis)
-    return [each.code for each in analysis.findings] + rows
+    """Return the findings and the rows of the account that the report shows."""
+    screen = one_screen(analysis)
+    rows = [row for row in screen.rows[: screen.most_rows] if row.salience >= NEGLIGIBLE]
+    shown = screen.findings[: screen.most_findings]
+    return [each.code for each in shown] + [str(row.told) for row in rows]
 
 
 def outcomes_of(case: Case, budget_s: float = BUDGET_S) -> list[str]:

@@ -72,12 +72,14 @@ def one_screen(
     """Choose what to show on one screen; `most_rows` overrides the limit for the account."""
     failed = next((finding for finding in analysis.findings if finding.code == FAILED), None)
     findings = [finding for finding in analysis.findings if finding.code != FAILED]
+    well = not verbose and most_rows is None and ended_well(analysis.episodes)
     little = [] if verbose else minor(findings, analysis.account)
+    little += [each for each in findings if well and each.level == "note" and each not in little]
     shown = [finding for finding in findings if finding not in little]
     shown.sort(key=lambda each: each.proof == "none")  # the surest first
     most = len(shown) if verbose else min(len(shown), MOST_FINDINGS)
     told = analysis.account
-    if not verbose and most_rows is None and ended_well(analysis.episodes):
+    if well:  # what holds a joint, say, is then held on purpose
         told = [row for row in told if row.misled]
     rows = account.rows_beside(told, shown[:most])
     if most_rows is None:
