@@ -200,7 +200,7 @@ class Account:
         controls = self._controls_of(subject.body, len(series))
         yield from asked.clamped_rows(subject, controls, series.steps)
         yield from idle_actuator_rows(subject, self._seen, controls)
-        of_body = self._actuators.rows(subject.body, self._seen.sensors)
+        of_body = self._actuators.rows(subject.body, self._seen)
         yield from transmission_rows(subject, self._seen, of_body)
         given = GivenControls(subject, series, controls, words)
         yield from given.rows

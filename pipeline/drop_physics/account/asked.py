@@ -23,6 +23,7 @@ from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.terms import GAP, GIVEN, RATE, Term
 from drop_physics.account.words import RowWords
 from drop_physics.arrays import Flags, Float64, Int64
+from drop_physics.explain.driving import strongest
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.quantities import number, quantity
@@ -319,7 +320,7 @@ def _controls(actuators: Mapping[Actuator, Float64], width: int) -> Message:
     for actuator, given in actuators.items():
         if not np.isfinite(given).any():
             continue
-        most = float(given[int(np.nanargmax(np.abs(given)))])
+        most = strongest(given)
         told = told + Message("ctrl {given}", given=number(most))
         if actuator.ctrl_range is not None:
             clipped = float(np.clip(most, *actuator.ctrl_range))

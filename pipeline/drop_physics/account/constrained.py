@@ -246,11 +246,7 @@ def _tendons_row(
     gap follows, of two the gap at the end; while the equality is not active neither counts.
     """
     equality, lasts = held.equality, subject.lasts(seen)
-    lengths = {
-        sensor.name: sensor.answers[0]
-        for sensor in seen.sensors
-        if sensor.kind == TENDON and sensor.client == equality.client
-    }
+    lengths = seen.measured(TENDON, equality.client)
     if not all(name in lengths for name in equality.tendons) or not held.on or not lasts:
         return None
     one, other = (lengths[name] for name in equality.tendons)

@@ -11,7 +11,7 @@ from drop_physics.account.names import Names
 from drop_physics.account.touches import LIMIT, PairKey
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.contact_points import PRESSED, Pairs, Points
-from drop_physics.explain.driving import at_bound, control_of, largest_force
+from drop_physics.explain.driving import control_of, limited_motors
 from drop_physics.explain.joints import JointTelemetry
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.times import StepTimes
@@ -258,7 +258,7 @@ class EpisodeTable:
         if not new:
             return None
         step, (a, b, i, j) = min(new)
-        links = str(self._names.link(a, i)), str(self._names.link(b, j))
+        links = self._names.pair((a, b, i, j))
         return FirstContact(links=links, step=step, time_s=self._times[episode.client].of(step))
 
     def _at_end(self, episode: Episode) -> Iterator[AtEnd]:
@@ -300,10 +300,8 @@ def _limited(driven: JointTelemetry, explained: ExplainedPiece) -> tuple[Flags, 
     body, ends = driven.body, driven.steps.steps
     at_limit = driven.at_limit.copy()
     limits = np.where(driven.limit[-1] > 0, driven.limit[-1], np.inf)
-    for actuator in body.actuators:
-        rate = body.rate_of(actuator)
-        if rate is not None and actuator.ctrl_range is not None and actuator.kind != "position":
-            given = control_of(actuator, body, explained.piece, ends)
-            at_limit[:, rate] |= at_bound(actuator, given)
-            limits[rate] = min(limits[rate], largest_force(actuator))
+    controls = {each: control_of(each, body, explained.piece, ends) for each in body.actuators}
+    for rate, at_end, most in limited_motors(body, controls):
+        at_limit[:, rate] |= at_end
+        limits[rate] = min(limits[rate], most)
     return at_limit, limits

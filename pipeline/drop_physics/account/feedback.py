@@ -20,7 +20,7 @@ from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.whole_state import state_law_of
 from drop_physics.account.words import RowWords
 from drop_physics.arrays import Flags, Float64, Int64
-from drop_physics.explain.driving import at_bound, largest_force
+from drop_physics.explain.driving import limited_motors
 from drop_physics.messages import Message
 from drop_physics.quantities import number, quantity
 from drop_physics.trace.events import Actuator
@@ -240,11 +240,9 @@ class GivenControls:
     def _limit(self, controls: Mapping[Actuator, Float64]) -> None:
         """Note the motors whose control is at an end of its range, so that force is limited."""
         series = self._series
-        for actuator, given in controls.items():
-            own = self._subject.body.rate_of(actuator)
-            if own is not None and actuator.ctrl_range is not None and actuator.kind == "motor":
-                series.at_limit[:, own] |= at_bound(actuator, given)
-                series.limit[:, own] = np.fmin(series.limit[:, own], largest_force(actuator))
+        for own, at_limit, most in limited_motors(self._subject.body, controls):
+            series.at_limit[:, own] |= at_limit
+            series.limit[:, own] = np.fmin(series.limit[:, own], most)
 
     def _aim(
         self, actuator: Actuator, own: int, control: Float64, found: Feedback, at: Int64

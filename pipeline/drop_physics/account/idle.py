@@ -10,6 +10,7 @@ from drop_physics.account.rows import AccountRow
 from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.terms import Term
 from drop_physics.arrays import Float64
+from drop_physics.explain.driving import strongest
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.messages import Message
 from drop_physics.quantities import number, quantity
@@ -131,7 +132,7 @@ def idle_actuator_rows(
     for actuator, given in controls.items():
         if actuator.kind == "position" or not np.isfinite(given).any():
             continue
-        most = float(given[int(np.nanargmax(np.abs(given)))])
+        most = strongest(given)
         acts = any(
             term.cause == f"actuator {actuator.name}" or term.name == actuator.name
             for term in subject.ledger.impulse

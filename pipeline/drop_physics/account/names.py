@@ -57,6 +57,11 @@ class Names:
             return self.body(number)
         return body.links[link + 1]
 
+    def pair(self, key: tuple[int, int, int, int]) -> tuple[str, str]:
+        """Return the names of two links, given the ids of their bodies and the links."""
+        a, b, i, j = key
+        return str(self.link(a, i)), str(self.link(b, j))
+
     def partner(self, number: int, term: Term) -> str:
         """Return the name of the other body in a contact."""
         assert term.other is not None

@@ -82,10 +82,9 @@ def _turning_row(
     else:
         told = told + Message(", and only sliding would brake it")
     key = keys[0]
-    names = (str(words.names.link(key[0], key[2])), str(words.names.link(key[1], key[3])))
     return AccountRow(
         kind="idle",
-        pair=names,
+        pair=words.names.pair(key),
         told=told,
         got=spin,
         unit="rad/s",
@@ -140,7 +139,7 @@ def _slipping_row(
     )
     return AccountRow(
         kind="slips",
-        pair=(str(words.names.link(key[0], key[2])), str(words.names.link(key[1], key[3]))),
+        pair=words.names.pair(key),
         told=told,
         got=slid_m,
         unit="m",
@@ -169,7 +168,7 @@ def _rows(
     key: PairKey, touched: TouchedLinks, its: list[MeasuredBody], seen: Seen, words: RowWords
 ) -> Iterator[AccountRow]:
     """Yield the rows for a pair of links: their normal force, and how far they slid."""
-    pair = (str(words.names.link(key[0], key[2])), str(words.names.link(key[1], key[3])))
+    pair = words.names.pair(key)
     weight_n = min(subject.weight_n for subject in its)
     size_m = min(subject.size_m for subject in its)
     lighter = min(its, key=lambda subject: subject.weight_n)

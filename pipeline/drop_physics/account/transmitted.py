@@ -26,11 +26,7 @@ def transmission_rows(
     """
     if not subject.lasts(seen):
         return
-    lengths = {
-        sensor.name: sensor.answers[0]
-        for sensor in seen.sensors
-        if sensor.kind == LENGTH and sensor.client == subject.body.client
-    }
+    lengths = seen.measured(LENGTH, subject.body.client)
     for actuator, row in zip(subject.body.actuators, actuators, strict=True):
         length, asks = lengths.get(row.name), row.kind == "position"
         if length is None or row.given is None or subject.body.rate_of(actuator) is not None:

@@ -117,7 +117,7 @@ class BodyStory:
             if body.base_moves
             else None,
             joints=[],
-            actuators=scene.actuators.rows(body, scene.seen.sensors),
+            actuators=scene.actuators.rows(body, scene.seen),
             touches=[],
             at=self._sums,
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,8 +11,8 @@ from drop_physics.arrays import Float64
 from drop_physics.explain.driving import control_of
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.steps import BodySteps
-from drop_physics.trace.events import FORCE, LENGTH, Actuator, Body, Sensor
-from drop_physics.trace.history import Piece
+from drop_physics.trace.events import FORCE, LENGTH, Actuator, Body
+from drop_physics.trace.history import Piece, Seen
 
 AT_LIMIT = 1 - 1e-6
 """Share of its force range above which an actuator counts as at its limit."""
@@ -82,14 +82,18 @@ class ActuatorTable:
                     if len(steps):
                         self._add(actuator, steps, explained.piece)
 
-    def rows(self, body: Body, sensors: Sequence[Sensor]) -> Sequence[ActuatorRow]:
-        """Return the actuators of a body; `sensors` are those of the recording."""
-        read = {
-            (sensor.kind, sensor.name): sensor.answers[0].last
-            for sensor in sensors
-            if sensor.client == body.client and sensor.kind in (LENGTH, FORCE)
-        }
-        return [self._row(body, actuator, read) for actuator in body.actuators]
+    def rows(self, body: Body, seen: Seen) -> Sequence[ActuatorRow]:
+        """Return the actuators of a body of a recording."""
+        lengths, forces = (
+            {name: answer.last for name, answer in seen.measured(kind, body.client).items()}
+            for kind in (LENGTH, FORCE)
+        )
+        return [
+            self._row(
+                body, each, length=lengths.get(each.name), force=forces.get(each.name, np.nan)
+            )
+            for each in body.actuators
+        ]
 
     def sends(self, body: Body) -> bool:
         """Return whether a position servo of a body ever had a command other than 0."""
@@ -119,9 +123,8 @@ class ActuatorTable:
                 sums.at_limit += int((held | (force >= high * AT_LIMIT)).sum())
 
     def _row(
-        self, body: Body, actuator: Actuator, read: Mapping[tuple[str, str], float]
+        self, body: Body, actuator: Actuator, *, length: float | None, force: float
     ) -> ActuatorRow:
-        force = read.get((FORCE, actuator.name), np.nan)
         sums = self._sums.get((body.number, actuator.number), _Sums())
         return ActuatorRow(
             name=actuator.name,
@@ -131,7 +134,7 @@ class ActuatorTable:
             given=sums.given if np.isfinite(sums.given) else None,
             ctrl_range=actuator.ctrl_range,
             beyond_range_steps=sums.beyond,
-            length=read.get((LENGTH, actuator.name)),
+            length=length,
             force=next((each for each in (sums.force, force) if np.isfinite(each)), None),
             moments=_moments(body, sums.on_joints, force),
             force_range=actuator.force_range,

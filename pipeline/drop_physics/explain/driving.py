@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
@@ -47,16 +49,25 @@ def clamped(actuator: Actuator, given: Float64) -> Float64:
     return given if actuator.ctrl_range is None else np.clip(given, *actuator.ctrl_range)
 
 
-def at_bound(actuator: Actuator, given: Float64) -> Flags:
-    """Flag the steps with a control at or beyond an end of its range, shape (n,)."""
-    low, high = actuator.ctrl_range or (-np.inf, np.inf)
-    return np.asarray((given <= low) | (given >= high))
+def limited_motors(
+    body: Body, controls: Mapping[Actuator, Float64]
+) -> Iterator[tuple[int, Flags, float]]:
+    """Yield the motors of joints whose control has a range: the rate, and their limit.
+
+    The steps in which the control is at an end of its range or beyond, shape (n,), and the force
+    that the motor exerts there [N] or [N m]. `controls` has that of each actuator, shape (n,).
+    """
+    for actuator, given in controls.items():
+        rate = body.rate_of(actuator)
+        if rate is not None and actuator.ctrl_range is not None and actuator.kind == "motor":
+            low, high = actuator.ctrl_range
+            most = max(abs(low), abs(high)) * abs(actuator.gear * actuator.kp)
+            yield rate, np.asarray((given <= low) | (given >= high)), most
 
 
-def largest_force(actuator: Actuator) -> float:
-    """Return the force that a motor exerts at the end of its control range [N] or [N m]."""
-    most = max(map(abs, actuator.ctrl_range)) if actuator.ctrl_range else np.inf
-    return most * abs(actuator.gear * actuator.kp)
+def strongest(given: Float64) -> float:
+    """Return the control with the largest magnitude."""
+    return float(given[int(np.nanargmax(np.abs(given)))])
 
 
 def limit_of(actuator: Actuator) -> float:

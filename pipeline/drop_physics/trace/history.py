@@ -32,7 +32,7 @@ from drop_physics.trace.events import (
 )
 from drop_physics.trace.log import Log
 from drop_physics.trace.poses import inertial_frames, links_of, rows_of, tree_of
-from drop_physics.trace.readings import Reading
+from drop_physics.trace.readings import Answer, Reading
 from drop_physics.trace.states import (
     BASE,
     BASE_STATE,
@@ -195,6 +195,14 @@ class Seen:
         """Return the softness of the contact between two links, if the engine reports it."""
         (a, b), (i, k) = bodies, links
         return self.softness.get((a, i, b, k), self.softness.get((b, k, a, i)))
+
+    def measured(self, kind: str, client: int) -> dict[str, Answer]:
+        """Return the first number of each of a simulation's sensors of a kind, by their names."""
+        return {
+            sensor.name: sensor.answers[0]
+            for sensor in self.sensors
+            if sensor.kind == kind and sensor.client == client
+        }
 
     def condim(self, bodies: Sequence[int], links: Sequence[int]) -> tuple[int, float]:
         """Return `condim` and `rolling` for the contact between two links."""
