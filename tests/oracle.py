@@ -609,7 +609,7 @@ class Truth:
         """Height at which the body touches the floor in its release orientation."""
 
     def again(self, **changed: Any) -> Replay:
-        """Return a replay in which only these settings are changed."""
+        """Return a replay in which only the given settings are changed."""
         return replay(replace(self.drop, **changed))
 
     def converged(self, **changed: Any) -> Replay:

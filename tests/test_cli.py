@@ -196,7 +196,7 @@ LOUD = {
 def test_settings_of_somebodys_own_programs_make_no_library_talk(
     drop_process: Drop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The script still gets these settings."""
+    """Settings for Rerun and others do not reach our processes, but the script still gets them."""
     for name, value in LOUD.items():
         monkeypatch.setenv(name, value)
     done = drop_process("run", "--duration", "0.1", "--json")

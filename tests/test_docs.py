@@ -223,7 +223,7 @@ EPSILON = 2.0**-52
     ids=["standard", "small steps", "large steps", "thrown", "no floor", "maximal", "high"],
 )
 def test_rounding_is_as_small_as_the_page_says(scenario: Scenario, tmp_path: Path) -> None:
-    """The bound is steps × 2⁻⁵² × the greatest height so far; over 35 scenarios, 0.36 of it occurs.
+    """The bound is steps × 2⁻⁵² × the greatest height; in 35 scenarios at most 0.36 of it occurs.
 
     A position rounds by at most half of 2⁻⁵² of itself in each step. So do velocities, and the more
     steps there are, the more of these roundings cancel.

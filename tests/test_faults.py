@@ -747,7 +747,7 @@ def test_a_recording_that_does_not_verify_is_not_reported_as_kept(
 def test_where_rerun_gets_no_memory_the_file_is_not_said_to_be_wrong(
     run_rrd: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With `ulimit -v 1300000` Rerun prints this message, and exits with 102."""
+    """With `ulimit -v 1300000` Rerun says that it has no memory, and exits with 102."""
     rerun = run_rrd.with_name("rerun")
     text = "thread 'main' panicked at 'OS can't spawn worker thread'"
     rerun.write_text(f'#!/bin/sh\necho "{text}" >&2\nexit 102\n')

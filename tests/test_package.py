@@ -67,7 +67,7 @@ Call = Callable[..., str]
 
 @pytest.fixture
 def call(environment: Path, tmp_path: Path) -> Call:
-    """Return a function that runs a program of that environment in a folder."""
+    """Return a function that runs an installed program in a folder."""
 
     def run(folder: Path, program: str, *arguments: str) -> str:
         done = subprocess.run(

@@ -564,7 +564,7 @@ def ball(**dynamics: float) -> Watched:
 
 
 def test_rolling_and_spinning_friction_of_a_ball() -> None:
-    """These frictions give a torque only; without coefficients they give none."""
+    """Rolling and spinning friction give only a torque, and none without coefficients."""
     for dynamics in ({"rollingFriction": 0.01, "spinningFriction": 0.02}, NO_ROLLING):
         with engine(floor=True):
             watched = ball(**dynamics)
@@ -790,7 +790,7 @@ def test_energy_and_momentum_by_cause_close_over_hundreds_of_steps(file: str) ->
 
 
 def test_a_free_body_is_a_tree_without_joints() -> None:
-    """Its sum closes over the rigid-body rule's steps, whose order of operations differs."""
+    """The sum for trees also closes over steps of a single body."""
     law = BulletLaw(
         timestep_s=DT,
         gravity_m_s2=(0.3, 0.1, -G),

@@ -29,7 +29,7 @@ OWN = ("recording", "layer", "lacks", "findings")
 
 @pytest.fixture(scope="module")
 def today(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Return the same recordings, made by the current version of drop."""
+    """Return recordings like the old ones, made by the current version of drop."""
     folder = tmp_path_factory.mktemp("today")
     shutil.copy(RECORDINGS / "arm.py", folder)
     with pytest.MonkeyPatch.context() as patch:

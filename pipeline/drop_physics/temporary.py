@@ -72,7 +72,7 @@ def temporary_folder() -> Iterator[Path]:
 
 
 def is_temporary(path: Path) -> bool:
-    """Return whether a file is inside such a folder, and will be deleted with it."""
+    """Return whether a file is inside a temporary folder of drop, and will be deleted."""
     return any(NAME.fullmatch(parent.name) for parent in path.parents)
 
 

@@ -268,7 +268,7 @@ def module_path() -> list[str]:
 
 @contextlib.contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Block Ctrl-C, which a terminal sends to all processes, in those started within this block."""
+    """Block Ctrl-C for the processes started within a `with` block."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return

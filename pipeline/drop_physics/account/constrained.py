@@ -240,7 +240,7 @@ def _activity(held: HeldEquality) -> Message:
 def _tendons_row(
     row: AccountRow, held: HeldEquality, seen: Seen, subject: MeasuredBody
 ) -> AccountRow | None:
-    """Return the row for coupled tendons' lengths; None if these are not recorded.
+    """Return the row for coupled tendons' lengths; None if the lengths are not recorded.
 
     The first, last, least and greatest length of each is recorded: of one tendon alone its largest
     gap follows, of two the gap at the end; while the equality is not active neither counts.
@@ -276,7 +276,7 @@ def _tendons_row(
 def _gear_row(
     gear: ConstraintVersion, subjects: Mapping[int, MeasuredBody], words: RowWords
 ) -> AccountRow | None:
-    """Return the row for a gear: the motions of its two joints; None if these are unknown."""
+    """Return the row for a gear, with the motions of both joints; None if a motion is unknown."""
     moved: list[tuple[str, float]] = []
     for body, link in zip(gear.bodies, gear.links, strict=True):
         subject = subjects.get(body)

@@ -20,7 +20,7 @@ RAISED = 0.9
 def ranked(
     rows: Iterable[AccountRow], read: Collection[int], about: str | None = None
 ) -> list[AccountRow]:
-    """Sort the rows by salience; merge similar rows into one that counts them.
+    """Sort rows by salience; merge similar rows into one, with the number of rows merged.
 
     `read` has the numbers of the bodies that the script reads, empty if it reads all or none.
     `about` names a body or a joint whose rows come first.

@@ -186,7 +186,7 @@ class _TouchedBodies(Touched):
     """Whether the forces of all steps are known; False if some are only those of a last substep."""
 
     def need(self, side: int, need: _Need) -> None:
-        """Keep the step that needs the most friction, if a step of this chunk needs more."""
+        """Keep the step that needs the most friction of all steps so far."""
         most = self.needs[side]
         if most is None or _digits(need.needed_n) >= _digits(most.needed_n):
             self.needs[side] = need

@@ -120,7 +120,7 @@ class SampleComparison:
         return Dated(self._when(number, step), body.client, difference)
 
     def _first_of_body(self, number: int, mine: BodySamples, theirs: BodySamples) -> Dated | None:
-        """Return a body's first number that differs in these steps."""
+        """Return a body's first number that differs in the given samples."""
         dated = [self._lacking(number, mine.steps, theirs.steps)]
         mine, theirs = together(mine, theirs)
         steps = mine.steps

@@ -29,7 +29,7 @@ def moment_in_the_air(
     *,
     touched: bool,
 ) -> Moment | None:
-    """Break the last sample's error into terms; None if these samples do not suffice.
+    """Break the last sample's error into terms; None if the samples do not suffice.
 
     The samples until then suffice where one rigid body falls straight down without spin, has
     touched nothing yet, and follows Bullet's law to the last bit.

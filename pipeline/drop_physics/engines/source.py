@@ -275,7 +275,7 @@ def _numbers(text: str) -> list[float] | None:
 
 
 def _does(was: str, op: str) -> bool:
-    """Return whether an operator alters this text."""
+    """Return whether an operator alters a text."""
     if op == LEFT_OUT:
         return True
     numbers = _numbers(was)

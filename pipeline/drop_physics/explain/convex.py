@@ -80,5 +80,5 @@ kind."""
 
 
 def is_convex(shape: Collision) -> bool:
-    """Return whether `outside_m` supports this kind of shape."""
+    """Return whether `outside_m` supports a shape."""
     return shape.kind in OUTSIDE and (shape.kind != "mesh" or len(shape.hull_m) >= 12)

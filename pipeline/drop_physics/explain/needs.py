@@ -69,14 +69,14 @@ class PoseSupport:
     """Total mass and centre of mass of each load, by index in `_loads`."""
 
     def from_one_side(self, body: int, joint_rate: int) -> Load | None:
-        """Return the load that contains a body, if only links beyond this joint carry it."""
+        """Return the load that contains a body, if only links moved by the joint carry the load."""
         tree = self._steps.law.tree
         moved = _beyond(tree, tree.first_rate + joint_rate)
         its = (load for load in self._loads if body in load.bodies and load.links <= moved)
         return next(its, None)
 
     def weighs(self, joint_rate: int) -> float:
-        """Return the torque that a joint needs to carry the weight beyond it, in this pose.
+        """Return the torque that a joint needs to carry the weight of the links that it moves.
 
         It includes the weight of what touches the links that the joint moves; nan if something else
         bears a part of that weight, whether it is at rest or trembles.

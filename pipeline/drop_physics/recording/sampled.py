@@ -164,7 +164,7 @@ class RecordedSamples:
         )
 
     def _impulses(self, first: int, end: int) -> dict[int, list[Impulses]]:
-        """Return the impulses of these steps, by simulation."""
+        """Return the impulses of the given steps, by simulation."""
         found = {}
         for entity in self.entities:
             if entity.startswith(f"{schema.IMPULSES}/"):

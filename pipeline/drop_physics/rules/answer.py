@@ -329,7 +329,7 @@ class Scene:
         }
 
     def body(self, number: int) -> Body:
-        """Return the body with this id."""
+        """Return a body by id."""
         return self.seen.bodies[number]
 
     def settings(self, client: int) -> Mapping[str, float | Sequence[float]]:

@@ -14,7 +14,7 @@ class ByName(Protocol):
     """An object whose values can be looked up by name."""
 
     def __getitem__(self, name: str, /) -> Any:  # noqa: ANN401
-        """Return the value with this name."""
+        """Return a value by name."""
 
 
 @cache

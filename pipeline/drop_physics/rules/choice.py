@@ -42,7 +42,7 @@ class Picked:
 
 @dataclass(frozen=True)
 class Choice:
-    """The findings to report: options override the script's comments, these the settings."""
+    """The findings to report: options override a script's comments, and comments the settings."""
 
     project: Picked = field(default_factory=Picked)
     command: Picked = field(default_factory=Picked)

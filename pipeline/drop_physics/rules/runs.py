@@ -35,7 +35,7 @@ class Runs:
         return len(self.keys)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return the column with this name."""
+        """Return a column by name."""
         return self.columns[name][1]
 
     @property

@@ -135,7 +135,7 @@ def _limits_in(module: ast.Module) -> set[str]:
 
 
 def _add(known: RuleTexts, parts: list[ast.FunctionDef], limits: set[str], level: Any) -> None:  # noqa: ANN401
-    """Add the texts of another rule for this code or reason."""
+    """Add the texts of another rule with the same code or reason."""
     inside = [inner for part in parts for inner in ast.walk(part)]
     measured = [_first(ast.get_docstring(part)) for part in parts[:1]]
     names = {node.id for node in inside if isinstance(node, ast.Name)}

@@ -14,7 +14,7 @@ PICTURE = "Renderer.render"
 
 
 class Act(Enum):
-    """What a call does, such as applying a force; the value lists PyBullet's functions.
+    """An act, such as applying a force; the value lists PyBullet's functions for it.
 
     For an engine whose memory scripts write, a field's name stands for a function.
     """

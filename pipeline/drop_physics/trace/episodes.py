@@ -66,7 +66,7 @@ def episode_at(episodes: Sequence[Episode], client: int, steps: Int64 | Sequence
 
 
 def looked_at(episodes: Sequence[Episode], number: int | None) -> Episode | None:
-    """Return the episode with this number; without a number, the last failed one.
+    """Return an episode by number; without a number, the last failed episode.
 
     Raises
     ------

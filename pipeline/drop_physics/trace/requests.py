@@ -132,7 +132,7 @@ def _around(
 
 
 def _of_link(row: Dynamics | None, name: str, link: int) -> Numbers | None:
-    """Return the reported property of a link, if the engine reports it for such a link."""
+    """Return the reported property of a link; None if the engine does not report that property."""
     values = None if row is None else row.reported.get(REPORTED.get(name, ""))
     if values is None or not BASE <= link < len(values) - 1:
         return None

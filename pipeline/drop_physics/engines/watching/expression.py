@@ -122,7 +122,7 @@ class Expression:
 
 
 class _Renamed(ast.NodeTransformer):
-    """Renames calls of our functions, such as `end`, where the script has such a number."""
+    """Renames calls of our functions where a number of the script has the function's name."""
 
     def __init__(self, covered: set[str]) -> None:
         self._covered = covered

@@ -227,7 +227,7 @@ class ScriptWatch:
         self._undo.append(undo)
 
     def on_import(self, name: str, then: Then, *, once: bool = True) -> None:
-        """Call a function with a module on the script's import of it: once, or every time."""
+        """Call a function with a module when the script imports the module: once or always."""
         self.on_removal(on_import(name, then, once=once))
 
     def on_extension(self, name: str, then: Then) -> None:

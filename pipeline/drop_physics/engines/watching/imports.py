@@ -17,7 +17,7 @@ Then = Callable[[ModuleType], None]
 
 
 def on_import(name: str, then: Then, *, once: bool) -> Callable[[], None]:
-    """Call a function with a module on the script's import of it: every time, or once.
+    """Call a function with a module when the script imports the module: once or always.
 
     Return what stops waiting.
     """

@@ -60,7 +60,7 @@ class CallUnit:
 
     @property
     def sets(self) -> set[Sets]:
-        """What the calls of this difference set."""
+        """Names of what the differing calls set."""
         return {each.sets for each in (*self.removed, *self.added)}
 
     @property

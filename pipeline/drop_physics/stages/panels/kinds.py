@@ -314,7 +314,7 @@ def side_by_side(subject: Drawable, bodies: Mapping[int, Body]) -> Iterator[Pane
 
 
 def _joint_of(curves: Curves, place: int) -> Curves:
-    """Return the curves of the joint at this index of a body."""
+    """Return the curves of a body's joint, given the joint's index."""
     return Curves(curves.steps, {name: column[:, place] for name, column in curves.columns.items()})
 
 

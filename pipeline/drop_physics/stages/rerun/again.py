@@ -195,7 +195,7 @@ def _is_offered(folders: tuple[str, ...], here: str) -> bool:
 
 
 def is_offered(folders: Sequence[str]) -> bool:
-    """Return whether the kernel allows private overlay mounts over these folders."""
+    """Return whether the kernel allows private overlay mounts over the given folders."""
     return _is_offered(tuple(folders), str(Path.cwd()))
 
 

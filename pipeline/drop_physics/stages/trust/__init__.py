@@ -84,7 +84,7 @@ class Trust(Printable, reported_by="drop_physics.report.trust"):
         return self.made.recording
 
     def ends_within(self, lengths: Mapping[str, float]) -> bool:
-        """Return whether no variation fails and all end within these distances, given by unit."""
+        """Return whether no variation fails and all end within the given distances, by unit."""
         if any(each.made.ended == "failed" != self.made.ended for each in self.variations):
             return False
         ends = [end for each in self.variations for end in each.apart.end]

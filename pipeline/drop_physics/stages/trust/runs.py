@@ -206,7 +206,7 @@ class RunFolder:
 
     @contextlib.contextmanager
     def claimed(self, names: Iterable[str]) -> Iterator[None]:
-        """Lock the folder for runs with these names, until the `with` block ends.
+        """Lock the folder for runs with the given names, until the `with` block ends.
 
         Raises
         ------

@@ -138,7 +138,7 @@ def _tendons(m: Any, held: dict[str, Any]) -> list[Stretched]:
 
 
 def _actuators(m: Any, layout: Layout, held: dict[str, Any]) -> list[Force]:
-    """Return actuator forces, and as separate causes what joint force limits take from them."""
+    """Return actuator forces, and as separate causes how much joint force limits reduce forces."""
     found: list[Force] = []
     if not m.nu:
         return found

@@ -315,7 +315,7 @@ class Replay:
         self._set = which
 
     def _answer(self, which: int) -> Any:
-        """Repeat what one of the script's callbacks returned or wrote in this call."""
+        """Repeat what a callback of the script returned or wrote when it was called here."""
         state = self._now
         if state is None:
             return 0.0
@@ -441,7 +441,7 @@ class Replay:
             batch.evaluated(sparse, state.is_applied, state.is_pushed)
 
     def _finish(self, state: ReplayedData) -> Iterator[bytes]:
-        """Explain the waiting steps, and send them with the outcomes of all steps since."""
+        """Explain the waiting steps, and send explanations and outcomes not yet sent."""
         arrays: dict[str, Any] = {}
         said: dict[str, Any] = {}
         if state.statuses:

@@ -123,7 +123,7 @@ class ModelChanges:
         return found
 
     def seen_of(self, m: Any, d: Any) -> SeenInputs | None:
-        """Return the contacts and inputs seen in a model's run; equal models share them."""
+        """Return the contacts and inputs seen in a model's run; equal models share one record."""
         if not any(self.of("see")):
             return None
         return self.seen.setdefault(tuple(sizes(m)), SeenInputs(m, d))

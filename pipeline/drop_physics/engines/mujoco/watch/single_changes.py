@@ -132,7 +132,7 @@ def _ordered(op: str, ids: Sequence[int]) -> Iterator[Group]:
 
 
 def _supports(m: Any, change: Change, ids: Sequence[Any]) -> Iterator[Group]:
-    """Separate elements that hold a robot's base from outside; yield the others, then these.
+    """Yield elements in two groups: last those that hold a robot's base from outside.
 
     These are the joints of its base that no actuator drives: what brakes them stands in no robot.
     """

@@ -215,7 +215,7 @@ class CallInterventions:
         return self._calls[name](*args, **{**kwargs, CLIENT: client})
 
     def _called(self, name: str, call: Call, arguments: Mapping[str, Any]) -> Any:
-        """Make a call with keyword arguments, or positional ones where PyBullet needs them."""
+        """Make a call with keyword arguments, or positional ones where PyBullet has no keywords."""
         if name == UNNAMED:
             call = self._calls["setJointMotorControl2"]
             arguments = {each: value for each, value in arguments.items() if each}
@@ -469,7 +469,7 @@ class CallInterventions:
     # -- calls added ------------------------------------------------------------------------------
 
     def _add_then(self, operation: Operation, arguments: Any, client: int) -> None:
-        """Add calls after this call; after a call that sets link properties, only if needed."""
+        """Add calls after a call; if the call sets link properties, only if needed."""
         if operation.get("only_after") and not operation["sets"].keys() & arguments.keys():
             return
         body = operation.get("body")
@@ -627,7 +627,7 @@ class CallInterventions:
 
 
 def _becoming(held: Any, how: Sequence[Any]) -> Any:
-    """Apply an operator to an argument; without one, flags become 0, and numbers minimal."""
+    """Apply an operator to an argument; missing flags count as 0, a missing minimum is set."""
     if how[0] in ("|", "~", "^"):
         held = number(held) or 0
     elif held is None and how[0] == ">":
