@@ -114,6 +114,10 @@ def test_an_element_that_one_line_sets_is_tried_as_that_line_and_once() -> None:
 def test_a_number_on_the_other_side_of_the_expected_one_is_off_by_both() -> None:
     five, one = ChangeOutcome(False, -2.0, 5.0), ChangeOutcome(False, -2.0, 1.0)
     assert five.off(one) == 4.0
+    assert five.is_across(one), "three is expected"
+    worst, worse = ChangeOutcome(False, -19_688.0, 20_688.0), ChangeOutcome(False, -71e3, 72e3)
+    assert not worst.is_across(worse), "both are above 1,000"
+    assert not five.is_across(five)
     assert five.off(ChangeOutcome(False, -np.inf, np.nan)) == 0.0
 
 

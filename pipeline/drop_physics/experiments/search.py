@@ -23,6 +23,8 @@ ONE_BY_ONE = 8
 HALVINGS = 4
 """Number of bisection steps for a least factor; they narrow its logarithm to a sixteenth of that of
 the factor tried."""
+ROUNDING = 1e-9
+"""Relative error of sums of numbers that count as equal."""
 NEARBY = 1.05
 """Ratio between a factor and its neighbours, one of which must also meet the expectation."""
 NARROWED = 3
@@ -48,6 +50,14 @@ class ChangeOutcome:
     value: float
     """Value of the compared quantity."""
     motion: Sequence[RunMotion] = ()
+
+    def is_across(self, other: ChangeOutcome) -> bool:
+        """Return whether the expected number lies between the quantities of this and another run.
+
+        With `==`, runs on either side of that number fail alike.
+        """
+        missing = abs(self.margin) + abs(other.margin)
+        return 0 < missing <= (1 + ROUNDING) * abs(other.value - self.value)
 
     def off(self, other: ChangeOutcome) -> float:
         """Return how far the quantity of another run is from this one's, if finite.

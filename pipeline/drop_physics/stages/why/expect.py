@@ -102,7 +102,7 @@ class Expected:
     noise: float | None = None
     """How far nudges move the quantity; None if no nudged run was made."""
     chaotic: bool = False
-    """Whether nudges move the quantity by no less than what is missing of it."""
+    """Whether a nudge alone meets the expectation, or moves the quantity past it."""
     complete: bool = True
     """Whether all changes were tried before the time was up."""
     makes_true: Sequence[SaidChange] = ()
@@ -353,7 +353,7 @@ def _searched(
             return {"complete": False}
     nudged = trials.nudges()
     noise = max(map(base.off, nudged), default=0.0)
-    if any(each.holds for each in nudged) or 0 < abs(base.margin) <= noise:
+    if any(each.holds or base.is_across(each) for each in nudged):
         return {"noise": noise, "chaotic": True}
     search = Search(base, trials.all_of, noise)
     changes, its_text = (
