@@ -207,7 +207,7 @@ def test_a_torque_is_told_as_it_begins(told: Told) -> None:
             <freejoint/><geom type="sphere" size="0.1" contype="2" conaffinity="2"/></body>""",
                 "",
                 "pass",
-                "world × ball",
+                "ball × world",
                 "share no bit",
             ),
             (

@@ -355,7 +355,7 @@ def numbers(text: str) -> list[float]:
             ),
             ("no-gravity", "hung", r"a flag of the model switches gravity off"),
             ("no-gravity", "floating", r"gravity is 0"),
-            ("no-contact", "tray", r"contype 2 and conaffinity 2 of \d+_tray"),
+            ("no-contact", "falling", r"conaffinity 2 and contype 2 of \d+_tray"),
             ("reset-leaves", "wheel", r"put to 0.00 rad .*ctrl is still the 0.50 rad"),
             (
                 "deep-penetration",
