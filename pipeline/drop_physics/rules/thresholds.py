@@ -134,9 +134,6 @@ constraint_turned."""
 CLOSES = 0.5
 """Largest share of that gap that is left within ten steps: a spring leaves more. Unit: share.
 Needed by: spring_constraint."""
-CLOSES_STEPS = 10
-"""Number of steps in which a constraint closes its gap, or over which the gap stays. Unit: 1.
-Needed by: spring_constraint, weak."""
 STILL_M_S = 1e-3
 """Speed below which a side of a constraint stays where it is. Unit: m/s. Needed by: weak."""
 PULLED_BACK = 0.99
