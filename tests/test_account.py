@@ -7,6 +7,7 @@ generic account is prone to, none of which may be told.
 from __future__ import annotations
 
 import math
+import re
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -869,7 +870,8 @@ def test_no_torque_is_told_of_steps_without_a_sum(told: Told) -> None:
     pos="0.1 0 0"/></body>"""
     more = "<option integrator='RK4'/><actuator><motor joint='j'/></actuator>"
     for row in told(world, more, "data.ctrl[0] = 1", 20):
-        assert "at first 0 N m" not in row.told
+        assert "in its first step 0 N m" not in row.told
+        assert "steps 0 N m" not in row.told
 
 
 @pytest.mark.pybullet
@@ -1103,7 +1105,93 @@ def test_a_torque_that_begins_small_is_told_with_its_most(told: Told) -> None:
     more = "<actuator><motor name='m' joint='up'/></actuator>"
     before = "data.ctrl[0] = 0 if step < 60 else 0.01 if step < 90 else 5.0"
     row = the(told(SLIDE.format(damping=1), more, before, 64), "given", "up")
-    assert "at first" in row.told
+    assert "on average of its first 3 steps 0.01 N" in row.told
     assert value(row, "gravity") == pytest.approx(-2 * G, rel=1e-6)
     late = the(told(SLIDE.format(damping=1), more, before, 400), "given", "up")
     assert late.told.endswith("at most 5 N")
+
+
+def test_the_spin_at_the_end_is_that_of_the_last_state(told: Told) -> None:
+    """A sphere with damping d and inertia 2mr²/5 slows down as exp(-dt/I), in implicit steps."""
+    world = """<body name="ball"><freejoint/><geom size="0.1" mass="1"/></body>"""
+    more = "<option gravity='0 0 0'/>"
+    before = "data.qvel[5] = 40.0 * 0.99**step"
+    (row,) = [row for row in told(world, more, before) if row.kind == "turned"]
+    assert f"still {40 * 0.99**499:.3g} rad/s at the end" in row.told
+
+
+def test_a_rate_is_told_as_the_mean_of_the_steps_that_it_names(told: Told) -> None:
+    """A wheel starts with 1 rad/s; a servo of the gain k turns it to 2 rad/s as exp(-kt/I)."""
+    world = """<body name="wheel"><joint name="axle" axis="0 1 0"/>
+    <geom type="cylinder" size="0.1 0.02" mass="10"/></body>"""
+    more = "<actuator><velocity joint='axle' kv='0.5'/></actuator>"
+    (row,) = [
+        row for row in told(world, more, "data.ctrl[0] = 2", 1000) if "rad/s, got" in row.told
+    ]
+    first_s, last_s = (float(each) for each in re.findall(r"([0-9.]+) s", row.told)[:2])
+    inertia = 10 * (0.1**2 / 4 + 0.04**2 / 12)
+    lag = inertia / 0.5
+    times_s = np.arange(first_s, last_s + 1e-9, 0.002)
+    assert row.got == pytest.approx(2 - 2 * np.exp(-times_s / lag).mean(), rel=0.05)
+
+
+def test_forces_are_no_multiple_of_a_weight_that_does_not_act(told: Told) -> None:
+    world = """<geom type="plane" size="1 1 0.1"/>
+    <body name="ball" pos="0 0 0.099"><freejoint/><geom size="0.1" mass="1"/></body>"""
+    before = "data.xfrc_applied[1, 2] = -100"
+    (row,) = [
+        row for row in told(world, "<option gravity='0 0 0'/>", before) if row.kind == "press"
+    ]
+    assert "10.2 times what ball would weigh on Earth" in row.told
+    (row,) = [row for row in told(world, before=before) if row.kind == "press"]
+    assert "11.2 times the weight of ball" in row.told
+
+
+def test_bodies_that_move_opposite_ways_are_rows_of_their_own(told: Told) -> None:
+    """A ball takes the motion of an equal one, which stops: nothing is alike but their kind."""
+    ball = "<body name='{}' pos='{} 0 0'><freejoint/><geom size='0.1' mass='1'/></body>"
+    world = ball.format("left", 0) + ball.format("right", 0.5)
+    before = "data.qvel[0], data.qvel[6] = (1.0, -1.0) if step == 0 else data.qvel[[0, 6]]"
+    rows = told(world, "<option gravity='0 0 0'/>", before, 100)
+    moved = [row for row in rows if row.kind == "moved"]
+    assert {row.told[:3] for row in moved} == {"x +", "x -"}
+    assert not any(row.alike for row in moved)
+
+
+@pytest.mark.pybullet
+def test_a_plane_that_is_seen_lies_where_it_is_drawn(tmp_path: Path) -> None:
+    """PyBullet gives a visual plane the scale 1, 1, 1 as its size, which is not its normal."""
+    script = tmp_path / "script.py"
+    floor = "p.loadURDF(pybullet_data.getDataPath() + '/plane.urdf')"
+    script.write_text(
+        BULLET.format(before="pass", each="pass")
+        .replace("import pybullet as p", "import pybullet as p, pybullet_data")
+        .replace("p.createMultiBody(0, cube)", floor)
+        .replace("[0, 0, 0.2]", "[-3, -3, 8]")
+    )
+    recorded = record_script(str(script), out=tmp_path / "script.rrd")
+    assert not [row for row in analyze(recorded.recording).account if row.kind == "idle"]
+
+
+@pytest.mark.pybullet
+def test_a_motor_without_force_is_told_as_off(tmp_path: Path) -> None:
+    """Not as a joint that nothing commands: a call for its motor gave it a force of 0."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        textwrap.dedent("""
+            import pybullet as p, pybullet_data
+            p.connect(p.DIRECT)
+            p.setAdditionalSearchPath(pybullet_data.getDataPath())
+            p.setGravity(0, 0, -9.81)
+            arm = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)
+            for joint in range(7):
+                p.resetJointState(arm, joint, 0.5)
+                p.setJointMotorControl2(arm, joint, p.POSITION_CONTROL, 0.5, force=0)
+            for _ in range(120):
+                p.stepSimulation()
+        """)
+    )
+    recorded = record_script(str(script), out=tmp_path / "script.rrd")
+    moved = [row for row in analyze(recorded.recording).account if row.kind == "moved"]
+    assert moved
+    assert all("its motor is off: the force that a call gives it is 0" in row.told for row in moved)

@@ -265,7 +265,7 @@ class Account:
                     before.orientation[0].copy(),
                     before.position_m[0].copy(),
                 )
-            track.add(steps.steps, steps.after.position_m, steps.after.orientation)
+            track.add(steps.steps, steps.after)
 
     def _add_controls(self, body: Body, explained: ExplainedPiece, steps: BodySteps) -> None:
         if body.actuators:

@@ -16,7 +16,7 @@ from drop_physics.account.balance import (
 )
 from drop_physics.account.ledger import OWN
 from drop_physics.account.names import main_axis
-from drop_physics.account.rows import AccountRow
+from drop_physics.account.rows import AccountRow, magnitude
 from drop_physics.account.series import JointSeries
 from drop_physics.account.shaped import off_axle
 from drop_physics.account.subjects import MeasuredBody
@@ -204,10 +204,11 @@ def rate_row(
     got = float(np.mean(rate[spell]))
     at_limit = bool(series.at_limit[spell, k].mean() > 0.5)
     told = Message(
-        "{asked}, got {got} around {time}; {wanted} in all, got {came}",
+        "{asked}, got {got} on average from {start} to {end}; {wanted} in all, got {came}",
         asked=quantity(aim, f"{axis.unit}/s"),
         got=quantity(got, f"{axis.unit}/s"),
-        time=words.time(subject, int(steps[at])),
+        start=words.time(subject, int(steps[spell][0])),
+        end=words.time(subject, int(steps[spell][-1])),
         wanted=quantity(float(wanted[-1]), axis.unit),
         came=quantity(came, axis.unit),
     )
@@ -260,7 +261,7 @@ def torque_row(
     for cause in ("gravity", "spring", "gravity compensation"):
         if Term(cause) in ledger.impulse:
             balance = balance + ledger.impulse[Term(cause)][:, axis.rate]
-    begins, when = int(acting[0]), Message("at first")
+    begins, when = int(acting[0]), None
     if np.abs(balance[acting[:3]]).max() < 0.05 * np.abs(drive[acting[:3]]).max():
         broken = acting[np.abs(balance[acting]) > 0.1 * np.abs(drive[acting]).max()]
         if len(broken) and Term("gravity") in ledger.impulse:
@@ -284,7 +285,15 @@ def torque_row(
     )
     if forces:
         force = quantity(abs(given), axis.force_unit)
-        told = told + Message("; {when} {force}", when=when, force=force)
+        steps_of = int(ledger.counts[begins : begins + lasts].sum())
+        if when is not None:
+            told = told + Message("; {when} {force}", when=when, force=force)
+        elif steps_of == 1:
+            told = told + Message("; in its first step {force}", force=force)
+        else:
+            told = told + Message(
+                "; on average of its first {steps} steps {force}", steps=steps_of, force=force
+            )
         known = ledger.seconds > 0
         most = float(np.max(np.abs(drive[known]) / ledger.seconds[known]))
         if abs(given) < FEEBLE * most:
@@ -441,8 +450,3 @@ def turned_axis(subject: MeasuredBody, axis: Axis) -> Message:
         first=main_axis(first),
         end=main_axis(end),
     )
-
-
-def magnitude(salience: float) -> int:
-    """Return a salience's power of ten, by which similar rows are grouped."""
-    return int(np.floor(np.log10(np.clip(np.nan_to_num(salience, nan=1.0), 1e-12, 1e12)) + 0.5))

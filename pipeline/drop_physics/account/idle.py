@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from drop_physics.account.rows import AccountRow
+from drop_physics.account.rows import AccountRow, magnitude
 from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.terms import Term
 from drop_physics.arrays import Float64
@@ -101,7 +101,7 @@ def unforced_row(subject: MeasuredBody, seen: Seen, gravity_m_s2: Float64) -> Ac
         step=ledger.last,
         salience=0.7 if never else 0.6,
         subject=subject.body,
-        group=("unforced", never, subject.kind),
+        group=("unforced", never, subject.kind, magnitude(speed)),
     )
 
 

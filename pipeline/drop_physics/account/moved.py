@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drop_physics.account.asked import Axis, magnitude, turned_axis
+from drop_physics.account.asked import Axis, turned_axis
 from drop_physics.account.ledger import OWN, Ledger, given_and_taken
-from drop_physics.account.rows import AccountRow, RowTerm
+from drop_physics.account.rows import AccountRow, RowTerm, magnitude
 from drop_physics.account.series import BaseTrack, JointSeries
 from drop_physics.account.shaped import mass_outside
-from drop_physics.account.subjects import MeasuredBody, turning_rad_s
+from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.terms import CONTACT, FRICTION, HELD, Term
 from drop_physics.account.words import LEAST_SHARE, RowWords
 from drop_physics.account.written import WrittenStates
@@ -78,6 +78,8 @@ def joint_row(
             "no call commands it: the engine's own motor holds its rate at 0 with {limit} at most",
             limit=quantity(limit, axis.force_unit),
         )
+    elif series.switched_off[:, k].mean() > 0.5:
+        why = Message("its motor is off: the force that a call gives it is 0")
     elif APPLIED in ledger.impulse and ledger.impulse[APPLIED][:, axis.rate].any():
         why = Message("no motor commands it; the script pushes it")
     elif any(each.cause == HELD and of[:, axis.rate].any() for each, of in ledger.impulse.items()):
@@ -292,7 +294,7 @@ def _way(
     window = ledger.window(ledger.first, step)
     rates = [3 + int(k) for k in np.flatnonzero(axes)]
     gave, took = given_and_taken(ledger.works(rates, window))
-    far = float(np.linalg.norm(way))
+    far, axis = float(np.linalg.norm(way)), int(np.argmax(np.abs(main)))
     stepped_m = ledger.way[window, 3:6].sum(axis=0) @ main / max(float(np.linalg.norm(main)), 1e-12)
     put = bool(written.written) and ledger.covers(window) and 2 * stepped_m < np.linalg.norm(main)
     besides = way - main
@@ -316,7 +318,7 @@ def _way(
         step=step,
         terms=_works(subject, gave, took, words),
         subject=subject.body,
-        group=("base", subject.kind, _most(gave), int(np.argmax(np.abs(main))), magnitude(far)),
+        group=("base", subject.kind, _most(gave), axis, main[axis] > 0, magnitude(far)),
     )
 
 
@@ -350,15 +352,15 @@ def _turn(
     window = ledger.window(ledger.first, step)
     gave, took = given_and_taken(ledger.works([0, 1, 2], window))
     turned = ledger.way[window, :3].sum(axis=0)
-    spin = turning_rad_s(subject)
+    axis = int(np.argmax(np.abs(turned)))
     told = Message(
         "{angle}°, mostly about {axis}, by {time}",
         angle=number(float(np.degrees(angle_rad))),
-        axis="xyz"[int(np.argmax(np.abs(turned)))],
+        axis="xyz"[axis],
         time=words.time(subject, step),
     )
-    if spin > 0.05:
-        told = told + Message("; still {spin} rad/s at the end", spin=number(spin))
+    if track.end_rad_s > 0.05:
+        told = told + Message("; still {spin} rad/s at the end", spin=number(track.end_rad_s))
     told = told + _from_start(ledger, [0, 1, 2], window, written, step)
     told = told + _pressed_beside(subject, window, words) + mass_outside(subject)
     return AccountRow(
@@ -370,7 +372,7 @@ def _turn(
         terms=_works(subject, gave, took, words),
         salience=track.most_turned_rad * 0.45,
         subject=subject.body,
-        group=("turned", subject.kind, _most(gave), magnitude(angle_rad)),
+        group=("turned", subject.kind, _most(gave), axis, magnitude(angle_rad)),
     )
 
 

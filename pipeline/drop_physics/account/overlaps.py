@@ -276,7 +276,9 @@ def _shapes(seen: Seen) -> Iterator[HeldShape]:
         for each in body.shapes:
             if not body.collisions or (each.kind == "plane" and not planes):
                 place = each.position_m, each.orientation
-                shapes.append(Collision(each.link, each.kind, each.size_m, "", *place, bits=(0, 0)))
+                # The size of a plane that is only seen is a scale, that of others their normal.
+                size_m = () if each.kind == "plane" else each.size_m
+                shapes.append(Collision(each.link, each.kind, size_m, "", *place, bits=(0, 0)))
         if not shapes and body.base_moves and not body.joints and not body.soft:
             shapes.append(POINT)
         for shape in shapes:

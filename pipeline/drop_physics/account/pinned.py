@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drop_physics.account.gap import Gap, Side, apart, frames, turned_by, with_gaps
 from drop_physics.account.rows import AccountRow
-from drop_physics.account.subjects import MeasuredBody
+from drop_physics.account.subjects import MeasuredBody, in_weights
 from drop_physics.account.words import RowWords
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.contact_points import Points
@@ -20,7 +20,7 @@ from drop_physics.explain.recording import NOBODY, ExplainedPiece
 from drop_physics.explain.times import StepTimes
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
-from drop_physics.quantities import number, quantity
+from drop_physics.quantities import quantity
 from drop_physics.trace.events import Body
 
 FULL = 1 - 1e-6
@@ -173,15 +173,14 @@ class HeldConstraint:
         ]
         told = Message(
             "its ends are {gap} apart at {time} ({end} at the end); it pulls with {pull} then, and "
-            "with {most} at most, {weights} times the weight of {lighter}; its limit is {limit}",
+            "with {most} at most, {weights}; its limit is {limit}",
             gap=quantity(self.gap.most, "m"),
             time=words.time(lighter, self.gap.step),
             end=quantity(self.gap.end, "m"),
             pull=quantity(self.pull_n, "N"),
             limit=quantity(self.limit_n, "N"),
             most=quantity(self.most_n, "N"),
-            weights=number(self.most_n / lighter.weight_n),
-            lighter=words.names.body(lighter.body.number),
+            weights=in_weights(self.most_n, lighter, words.names.body(lighter.body.number)),
         )
         row = AccountRow(
             kind="asked",

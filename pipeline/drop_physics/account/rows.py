@@ -6,6 +6,8 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 from drop_physics.trace.events import Body
 
 Kind = Literal[
@@ -134,3 +136,9 @@ class AccountRow:
     def against(self) -> tuple[RowTerm, ...]:
         """The terms that act against the target, or that took energy."""
         return tuple(each for each in self.terms if not each.towards)
+
+
+def magnitude(number: float) -> int:
+    """Return the order of magnitude of a number, by which similar rows are grouped."""
+    size = np.clip(np.abs(np.nan_to_num(number, nan=1.0)), 1e-12, 1e12)
+    return int(np.floor(np.log10(size) + 0.5))

@@ -10,6 +10,7 @@ import numpy as np
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.commands import DEFAULT, Commanded
 from drop_physics.explain.joints import JointTelemetry, target_of
+from drop_physics.physics.tree import States
 from drop_physics.trace.motors import POSITION, VELOCITY
 
 Control = Literal["position", "velocity", "torque", "pd", "default", "off", "unknown"]
@@ -35,6 +36,8 @@ class JointSeries:
     """Commanded rate of an enabled velocity motor; nan if there is none."""
     control: Int64
     """What controls the joint, as an index in CONTROLS."""
+    switched_off: Flags
+    """Whether the last call for the joint's motor gave it no force."""
     torque: Float64
     """Efforts of motors [N m] or [N]."""
     limit: Float64
@@ -57,6 +60,7 @@ class JointSeries:
             target=target_of(driven),
             asked_rate=np.where(turns, asked.target_velocity, np.nan),
             control=_control(asked, known=not driven.body.before),
+            switched_off=~np.isnan(asked.site) & (asked.impulse == 0),
             torque=driven.torque.copy(),
             limit=driven.limit.copy(),
             at_limit=driven.at_limit.copy(),
@@ -110,9 +114,13 @@ class BaseTrack:
     farthest_step: int = -1
     most_turned_rad: float = 0.0
     most_turned_step: int = -1
+    end_rad_s: float = 0.0
+    """Size of the angular velocity after the latest step."""
 
-    def add(self, steps: Int64, position_m: Float64, orientation: Float64) -> None:
-        """Add the poses after the given steps, shapes (n, 3) and (n, 4)."""
+    def add(self, steps: Int64, after: States) -> None:
+        """Add the states after the given steps."""
+        position_m, orientation = after.position_m, after.orientation
+        self.end_rad_s = float(np.linalg.norm(after.velocity[-1, :3]))
         way = np.linalg.norm(position_m - self.start_m, axis=1)
         far = int(np.argmax(np.nan_to_num(way)))
         if way[far] > np.linalg.norm(self.farthest_m - self.start_m):

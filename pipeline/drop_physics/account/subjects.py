@@ -9,7 +9,9 @@ import numpy as np
 
 from drop_physics.account.ledger import Ledger
 from drop_physics.arrays import Float64
+from drop_physics.messages import Message
 from drop_physics.physics.tree import BASE, Tree
+from drop_physics.quantities import number
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import Seen
 
@@ -32,6 +34,8 @@ class MeasuredBody:
     mass_kg: float
     """The mass of the movable links."""
     weight_n: float
+    """What those links weigh, without gravity at the standard one."""
+    is_weightless: bool
 
     def lasts(self, seen: Seen) -> bool:
         """Return whether the steps seen here reach the end of the run."""
@@ -52,8 +56,17 @@ def subject_of(body: Body, ledger: Ledger, gravity_m_s2: Float64) -> MeasuredBod
     """Measure a body; `gravity_m_s2` has the shape (3,)."""
     tree = ledger.tree
     mass_kg = float(tree.masses_kg[1 if tree.fixed else 0 :].sum())
-    pull = float(np.linalg.norm(gravity_m_s2)) or STANDARD_GRAVITY_M_S2
-    return MeasuredBody(body, ledger, _size_m(body, tree), mass_kg, max(mass_kg * pull, 1e-9))
+    pull = float(np.linalg.norm(gravity_m_s2))
+    weight_n = max(mass_kg * (pull or STANDARD_GRAVITY_M_S2), 1e-9)
+    return MeasuredBody(body, ledger, _size_m(body, tree), mass_kg, weight_n, not pull)
+
+
+def in_weights(force_n: float, subject: MeasuredBody, name: str) -> Message:
+    """Describe a force as a multiple of the weight of a body of this name."""
+    times = number(force_n / subject.weight_n)
+    if subject.is_weightless:
+        return Message("{times} times what {body} would weigh on Earth", times=times, body=name)
+    return Message("{times} times the weight of {body}", times=times, body=name)
 
 
 def turning_rad_s(subject: MeasuredBody, *, before: bool = False) -> float:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from drop_physics.account.rows import AccountRow
-from drop_physics.account.subjects import MeasuredBody, turning_rad_s
+from drop_physics.account.subjects import MeasuredBody, in_weights, turning_rad_s
 from drop_physics.account.terms import Term
 from drop_physics.account.touches import PairKey, TouchedLinks
 from drop_physics.account.words import RowWords
@@ -179,10 +179,9 @@ def _rows(
     deep = touched.deepest_step if touched.deepest_step >= 0 else touched.first_step
     if (weights > WEIGHTS and touched.steps >= 5) or depth > DEEP:
         told = Message(
-            "{force} in the median, {weights} times the weight of {lighter}, in {steps:,} steps",
+            "{force} in the median, {weights}, in {steps:,} steps",
             force=quantity(normal_n, "N"),
-            weights=number_of(weights),
-            lighter=words.names.body(lighter.body.number),
+            weights=in_weights(normal_n, lighter, words.names.body(lighter.body.number)),
             steps=touched.steps,
         )
         if depth > 1e-3:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drop_physics.account.rows import AccountRow
+from drop_physics.account.rows import AccountRow, magnitude
 from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.terms import CONTACT, FRICTION, GIVEN, HELD, Term
 from drop_physics.account.touching import DEEP
@@ -207,7 +207,7 @@ def energy_row(
         terms=words.terms(subject, values, "J"),
         salience=max(1.2 * odd * large if odd > TURNOVER else 0.0, 0.22 * large),
         subject=subject.body,
-        group=("energy", subject.kind, main),
+        group=("energy", subject.kind, main, end_j > start_j, magnitude(end_j - start_j)),
     )
 
 

@@ -152,9 +152,9 @@ def follows_behind(targets: TargetColumns) -> Match | None:
 def _(
     moved: int, behind: float, behinds: int, count: int, kp: float, off: float, share: float
 ) -> Noted | None:
-    if moved < CROSSINGS:
-        return None  # what jumps is not followed
-    mean, every = behind / behinds, round(count / moved)
+    if moved < CROSSINGS or 2 * behinds < moved:
+        return None  # what jumps is not followed, and some changes are not the average
+    mean, every = behind / max(moved, behinds), round(count / moved)
     often = Message("every {n} steps", n=every) if every > 1 else Message("with every step")
     return {"mean": mean, "often": often, "left": (1 - kp) ** every, "part": share * mean / off}
 
