@@ -265,7 +265,7 @@ class Account:
                     before.orientation[0].copy(),
                     before.position_m[0].copy(),
                 )
-            track.add(steps.steps, steps.after)
+            track.add(steps.steps, before, steps.after)
 
     def _add_controls(self, body: Body, explained: ExplainedPiece, steps: BodySteps) -> None:
         if body.actuators:

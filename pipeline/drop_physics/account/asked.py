@@ -34,7 +34,7 @@ DRIVES = ("motors", GIVEN, GAP, RATE)
 COMMANDED = (GIVEN, GAP, RATE)
 """Causes whose size is set by a torque or a control; the engine's default motor acts
 beside them."""
-FEEBLE = 0.1
+FEEBLE = 0.5
 """A torque that starts below this share of its maximum is reported with its maximum."""
 SELDOM = 0.02
 """A joint commanded in less than this share of the steps does not count as commanded."""
@@ -261,13 +261,11 @@ def torque_row(
     for cause in ("gravity", "spring", "gravity compensation"):
         if Term(cause) in ledger.impulse:
             balance = balance + ledger.impulse[Term(cause)][:, axis.rate]
-    begins, when = int(acting[0]), None
+    begins, is_broken = int(acting[0]), False
     if np.abs(balance[acting[:3]]).max() < 0.05 * np.abs(drive[acting[:3]]).max():
         broken = acting[np.abs(balance[acting]) > 0.1 * np.abs(drive[acting]).max()]
         if len(broken) and Term("gravity") in ledger.impulse:
-            begins = int(broken[0])
-            step = ledger.first + begins * ledger.width
-            when = Message("balanced until {time}, then", time=words.time(subject, step))
+            begins, is_broken = int(broken[0]), True
     lasts = max(3, len(acting) // 50)
     forces = ledger.forces(axis.rate, slice(begins, begins + lasts))
     given = sum(force for term, force in forces.items() if words.drives(term, COMMANDED))
@@ -284,16 +282,16 @@ def torque_row(
         "moved {way}", way=quantity(way, axis.unit)
     )
     if forces:
-        force = quantity(abs(given), axis.force_unit)
-        steps_of = int(ledger.counts[begins : begins + lasts].sum())
-        if when is not None:
-            told = told + Message("; {when} {force}", when=when, force=force)
-        elif steps_of == 1:
-            told = told + Message("; in its first step {force}", force=force)
-        else:
-            told = told + Message(
-                "; on average of its first {steps} steps {force}", steps=steps_of, force=force
-            )
+        mean = {
+            "force": quantity(abs(given), axis.force_unit),
+            "steps": int(ledger.counts[begins : begins + lasts].sum()),
+            "time": words.time(subject, ledger.first + begins * ledger.width),
+        }
+        told = told + (
+            Message("; balanced until {time}, then {force} as the mean of {steps:,} steps", **mean)
+            if is_broken
+            else Message("; from {time} on {force} as the mean of {steps:,} steps", **mean)
+        )
         known = ledger.seconds > 0
         most = float(np.max(np.abs(drive[known]) / ledger.seconds[known]))
         if abs(given) < FEEBLE * most:

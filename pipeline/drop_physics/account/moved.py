@@ -345,14 +345,12 @@ def _turn(
     subject: MeasuredBody, track: BaseTrack, written: WrittenStates, words: RowWords
 ) -> AccountRow:
     ledger, step, angle_rad = subject.ledger, track.most_turned_step, track.most_turned_rad
-    whole = ledger.window(ledger.first, ledger.last)
-    spun_rad = float(np.linalg.norm(ledger.way[whole, :3].sum(axis=0)))
-    if spun_rad > np.pi and ledger.covers(whole) and not written.way.any():
-        step, angle_rad = ledger.last, spun_rad  # an orientation tells no more than half a turn
+    spun_rad = float(np.linalg.norm(track.most_spun_rad))
+    if spun_rad > np.pi and not written.way.any():
+        step, angle_rad = track.most_spun_step, spun_rad
     window = ledger.window(ledger.first, step)
     gave, took = given_and_taken(ledger.works([0, 1, 2], window))
-    turned = ledger.way[window, :3].sum(axis=0)
-    axis = int(np.argmax(np.abs(turned)))
+    axis = int(np.argmax(np.abs(track.most_spun_rad)))
     told = Message(
         "{angle}°, mostly about {axis}, by {time}",
         angle=number(float(np.degrees(angle_rad))),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Literal, get_args
 
 import numpy as np
@@ -10,7 +10,9 @@ import numpy as np
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.commands import DEFAULT, Commanded
 from drop_physics.explain.joints import JointTelemetry, target_of
+from drop_physics.physics.rotations import rotation_vectors
 from drop_physics.physics.tree import States
+from drop_physics.physics.vectors import lengths
 from drop_physics.trace.motors import POSITION, VELOCITY
 
 Control = Literal["position", "velocity", "torque", "pd", "default", "off", "unknown"]
@@ -71,7 +73,7 @@ class JointSeries:
     @staticmethod
     def joined(parts: list[JointSeries]) -> JointSeries:
         """Concatenate consecutive parts."""
-        names = [field.name for field in fields(JointSeries)]
+        names = [each.name for each in fields(JointSeries)]
         return JointSeries(
             **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
         )
@@ -114,13 +116,24 @@ class BaseTrack:
     farthest_step: int = -1
     most_turned_rad: float = 0.0
     most_turned_step: int = -1
+    spun_rad: Float64 = field(default_factory=lambda: np.zeros(3))
+    """Sum of the rotations from state to state, in world axes: an orientation alone tells no more
+    than half a turn. Shape (3,)."""
+    most_spun_rad: Float64 = field(default_factory=lambda: np.zeros(3))
+    """The largest such sum, shape (3,)."""
+    most_spun_step: int = -1
     end_rad_s: float = 0.0
     """Size of the angular velocity after the latest step."""
 
-    def add(self, steps: Int64, after: States) -> None:
-        """Add the states after the given steps."""
+    def add(self, steps: Int64, before: States, after: States) -> None:
+        """Add the states around the given steps."""
         position_m, orientation = after.position_m, after.orientation
         self.end_rad_s = float(np.linalg.norm(after.velocity[-1, :3]))
+        spun_rad = self.spun_rad + np.cumsum(rotation_vectors(before.orientation, orientation), 0)
+        most = int(np.argmax(np.nan_to_num(lengths(spun_rad))))
+        if lengths(spun_rad)[most] > np.linalg.norm(self.most_spun_rad):
+            self.most_spun_rad, self.most_spun_step = spun_rad[most], int(steps[most])
+        self.spun_rad = spun_rad[-1]
         way = np.linalg.norm(position_m - self.start_m, axis=1)
         far = int(np.argmax(np.nan_to_num(way)))
         if way[far] > np.linalg.norm(self.farthest_m - self.start_m):

@@ -31,6 +31,18 @@ def products(a: Float64, b: Float64) -> Float64:
     return np.hstack((axes, w_a * w_b - sums(axis_a * axis_b)[:, None]))
 
 
+def rotation_vectors(before: Float64, after: Float64) -> Float64:
+    """Return the rotations between unit quaternions x, y, z, w as vectors [rad], shape (n, 3).
+
+    The length is the angle, at most π, about the vector, in the axes of the quaternions.
+    """
+    between = products(after, before * [-1, -1, -1, 1])
+    between = np.where(between[:, 3:] < 0, -between, between)
+    sine = np.linalg.norm(between[:, :3], axis=1)
+    angle = 2 * np.arctan2(sine, between[:, 3])
+    return np.asarray(between[:, :3] * (angle / np.maximum(sine, 1e-300))[:, None])
+
+
 def same_way(orientation: Float64, reference: Float64) -> Float64:
     """Return quaternions, (n, 4), with signs chosen to match others: q and -q are equal."""
     agree = sums(orientation * reference)[:, None]

@@ -101,8 +101,8 @@ def _(scene: Scene, subject: Body, bodies: list[int], links: list[int]) -> Noted
 rolls_on.rows(
     SayingRow(
         says=Message(
-            "{body} rolls {way:.3g} m on {other} unbraked: their rolling friction of {rolling:g} "
-            "acts with condim 6, and theirs is {condim}"
+            "{body} rolls {way:.3g} m on {other} in {steps}, unbraked: their rolling friction of "
+            "{rolling:g} acts with condim 6, and theirs is {condim}"
         ),
         cure=Remedy("friction", "body", float(ROLLS_WITH), form="condim"),
         effect="way",
