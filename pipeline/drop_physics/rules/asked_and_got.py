@@ -22,7 +22,6 @@ from drop_physics.rules.thresholds import (
     COASTS_RAD_S,
     COASTS_STEPS,
     DEEP_M,
-    EACH_STEP,
     FALLS_STEPS,
     FRAME_APART_M,
     HALF_THE_STEPS,
@@ -518,47 +517,6 @@ reset_frame.rows(
 
 
 # -- overwritten ----------------------------------------------------------------------------------
-
-
-@input_rule("overwritten", "asked", "velocity-set-each-step")
-def velocity_set_each_step(inputs: Inputs) -> Iterator[Case]:
-    """A velocity set before each step removes the speed that gravity gave in the last one."""
-    for use in inputs.of(Act.SET_VELOCITY):
-        body, z = use.body, use.low.get("linearVelocity", np.zeros(0))
-        if body is None or len(z) != 3:
-            continue
-        motion = inputs.motions[body.number]
-        same = z[2] == use.high["linearVelocity"][2]
-        falls = sorted(step for step in motion.in_flight if step - 1 in use.steps)
-        told = [each for each in inputs.scene.seen.settings if each.client == body.client]
-        dt, g = (
-            float(np.ravel(told[-1].values[name])[0])
-            for name in ("fixedTimeStep", "gravityAccelerationZ")
-        )
-        each_step = len(use.steps) >= EACH_STEP * motion.samples
-        if same and each_step and len(falls) >= FALLS_STEPS and g:
-            yield Case(
-                call=use.first,
-                subject=body,
-                span=Span(falls[0], falls[-1], len(falls)),
-                values={
-                    "way": abs(g) * dt * dt * 1e3,
-                    "vz": float(z[2]),
-                    "part": len(falls) / motion.samples,
-                },
-            )
-
-
-velocity_set_each_step.rows(
-    SayingRow(
-        says=Message(
-            "{body} falls {way:.2g} mm a step and no faster: p.resetBaseVelocity before each step "
-            "sets its vertical velocity to {vz:g} m/s again"
-        ),
-        cure=Remedy("without", "body", form="vertical"),
-        share="part",
-    )
-)
 
 
 @input_rule("overwritten", "asked", "command-overwritten")

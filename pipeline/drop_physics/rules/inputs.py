@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drop_physics.arrays import Float64
-from drop_physics.explain.step_status import FLIGHT
 from drop_physics.explain.steps import BodySteps
 from drop_physics.physics.kinematics import kinematics, motion
 from drop_physics.physics.rotations import rotate, rotate_inverse
@@ -99,8 +98,6 @@ class BaseMotion:
     samples: int = 0
     first_m: Float64 | None = None
     last_m: Float64 | None = None
-    in_flight: set[int] = field(default_factory=set)
-    """Samples after steps in flight, of a body whose velocity calls set."""
 
     @property
     def moved_m(self) -> float:
@@ -256,12 +253,9 @@ class Inputs:
                 for k in np.unique(which[which >= 0]).tolist():
                     joints = np.unique(command.joints[(command.bodies == number) & (which == k)])
                     self.commanded[came[k].body.number] |= dict.fromkeys(joints.tolist())
-        thrown = self._bodies_of(Act.SET_VELOCITY)
         for number, judged in self.scene.judged.items():
             motion = self.motions[number]
             motion.samples += len(judged.steps)
-            if number in thrown:
-                motion.in_flight |= set(judged.steps[judged.kind == FLIGHT].tolist())
             for steps in judged.intervals:
                 if len(steps):
                     key = number, steps.config.life

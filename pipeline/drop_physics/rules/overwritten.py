@@ -1,4 +1,4 @@
-"""The rule `overwritten` for MuJoCo: positions written in every step exert no force."""
+"""The rule `overwritten`: a pose or a velocity written before every step exerts no force."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import numpy as np
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
-from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.rows import Noted, SayingRow
+from drop_physics.rules.answer import Scene
+from drop_physics.rules.arguments import site_of
+from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS
+from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule, pair_rule
 from drop_physics.rules.tables import BodyColumns, PairColumns
 from drop_physics.rules.thresholds import (
@@ -21,6 +23,7 @@ from drop_physics.rules.thresholds import (
     TELEPORTED_M_S,
 )
 from drop_physics.trace.acts import Act
+from drop_physics.trace.events import Body
 
 
 @pair_rule("overwritten", "asked", reason="pose-set-each-step", engines=MUJOCOS)
@@ -103,36 +106,57 @@ rate_gathers.rows(
 
 @body_rule(
     "overwritten",
-    "model",
+    "asked",
     reason="velocity-set-each-step",
     least_count=SINKS_STEPS,
-    engines=MUJOCOS,
-    proposes=True,
+    engines=ANY,
 )
 def falls_no_faster(bodies: BodyColumns) -> Match | None:
     """A velocity written before each step removes the speed that gravity gave in the last one."""
     if bodies.law.tree.fixed:
         return None
-    given = bodies.reported.gravity_m_s2 * bodies.reported.timestep_s[:, None]
-    taken = bodies.came(lambda states: states.velocity)[:, 3:6] - bodies.before.velocity[:, 3:6]
+    timestep_s, now = bodies.reported.timestep_s, bodies.before.velocity[:, 3:6]
+    given = bodies.reported.gravity_m_s2 * timestep_s[:, None]
+    taken = bodies.came(lambda states: states.velocity)[:, 3:6] - now
     moved = bodies.scene.placing.moved(bodies.body, bodies.step)
+    # A pose that is set stops the body, too.
+    moved &= (bodies.came(lambda states: states.position_m) == bodies.before.position_m).all(axis=1)
     where = moved & (lengths(taken - given) <= NO_FORCE * lengths(given)) & given.any(axis=1)
-    return Match(where, lengths(given))
+    return Match(where, lengths(given), {"vz": now[:, 2], "timestep": timestep_s})
 
 
 @falls_no_faster.notes
-def _(size: float, count: int) -> Noted:
-    return {"taken": size * count}
+def _(scene: Scene, subject: Body, size: float, count: int, timestep: float) -> Noted:
+    uses = (use for use in scene.inputs.of(Act.SET_VELOCITY) if use.body is subject)
+    call = next((use.first for use in uses), None)
+    return {
+        "taken": size * count,
+        "way": size * timestep * 1e3,
+        "called": None if call is None else site_of(call),
+        "part": count / scene.ends[subject.number],
+    }
 
 
 falls_no_faster.rows(
     SayingRow(
+        when=lambda engine: engine == MUJOCO,
         says=Message(
             "{body} falls no faster: qvel is written before {steps}, and takes away each time what "
             "gravity gave"
         ),
         advice=Message("write only the elements of data.qvel that are meant"),
+        level="model",
+        proposed=True,
         effect="taken",
         unit="m/s",
-    )
+    ),
+    SayingRow(
+        says=Message(
+            "{body} falls {way:.2g} mm a step and no faster: p.resetBaseVelocity before each step "
+            "sets its vertical velocity to {vz:g} m/s again"
+        ),
+        cure=Remedy("without", "body", form="vertical"),
+        share="part",
+        site="called",
+    ),
 )
