@@ -199,9 +199,8 @@ def beyond_urdf(joints: JointColumns) -> Match:
     speeds = told & (joints.torque * joints.rate > 0)
     drives = np.stack([speeds, told], axis=2)
     beyond = told[:, :, None] & (limit > 0) & (most > (1 + BEYOND) * limit)
-    # A motor for rates has no maxVelocity: its target is the limit.
-    goal = np.where(joints.mode == VELOCITY, np.abs(joints.target_velocity), np.nan)
-    numbers = {"limit": limit, "force": FORCE, "goal": goal}
+    numbers = {"limit": limit, "force": FORCE, "goal": np.abs(joints.target_velocity)}
+    numbers |= {"by_rate": joints.mode == VELOCITY}
     # It is beyond in the steps in which its motor brakes it, too.
     return Match(beyond, np.where(drives, 1 - limit / most, 0.0), numbers, most={"most": most})
 
@@ -224,15 +223,16 @@ def _(unit: str, effort: str, force: bool, most: float, limit: float) -> Noted:
 
 beyond_urdf.rows(
     SayingRow(
-        when=lambda force, goal, limit: not force and goal > limit,
+        when=lambda force, by_rate, goal, limit: not force and by_rate and goal > limit,
         advice=Message("give it a targetVelocity of {limit:g} or less"),
     ),
     SayingRow(
         when=lambda force: force,
         cure=Remedy("urdf-limits", "joint", "limit", given={"force": "limit"}),
     ),
+    # A motor for rates has no maxVelocity: its target is the limit.
     SayingRow(
-        when=lambda goal: np.isnan(goal),
+        when=lambda by_rate: not by_rate,
         cure=Remedy("urdf-limits", "joint", "limit", given={"maxVelocity": "limit"}),
     ),
     SayingRow(),

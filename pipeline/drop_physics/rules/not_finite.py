@@ -41,23 +41,25 @@ def _(first: int, given: Call | None) -> Noted:
     # The first counts, one that a call names before others.
     noted: Noted = {
         "why": "",
-        "number": np.nan,
+        "overflows": False,
         "stood": (first, first),
         "part": 1 + 1 / (first - called / 2),
     }
     if given is None:
         return noted
+    number = float(np.abs(given.numbers).max())
     return noted | {
         "function": given.function,
         "arguments": given.arguments,
-        "number": float(np.abs(given.numbers).max()),
+        "number": number,
+        "overflows": number < np.inf,
         "site": site_of(given),
     }
 
 
 not_finite.rows(
     SayingRow(
-        when=lambda given, number: given is not None and number < np.inf,
+        when=lambda overflows: overflows,
         why=Message(
             ": p.{function}({arguments}) was given {number:.4g}, whose square is no number"
         ),
