@@ -453,7 +453,7 @@ miss = max(0, 1 - (max(seen[lowest:]) - .1) / ({e} ** 2 * {height}))
 
 @kind("tunnelled", small=0.1)
 def wall(draw: Draw, wrong: bool) -> str:
-    """A ball tunnels through a wall if it moves farther in a step than wall and ball are thick."""
+    """Return a scenario: a ball that may move farther in a step than it and a wall are thick."""
     radius, thick = draw.uniform(0.01, 0.03), draw.uniform(0.01, 0.03)
     step_m = (thick + 2 * radius) * draw.uniform(1.3, 3) if wrong else thick * 0.3
     speed = min(step_m * 240, 95)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 from altered import otherwise
-from drop_physics.drop.case import Case
+from drop_physics.drop.case import DropCase
 from drop_physics.drop.course import Course
 from drop_physics.drop.results import DropAnalysis
 from drop_physics.drop.story import drop_analysis_of
@@ -30,9 +30,9 @@ def seen_with(
     return otherwise(seen, **{name: each for name, each in given.items() if each is not None})
 
 
-def case_with(recording: Recording, states: pl.DataFrame | None = None) -> Case:
+def case_with(recording: Recording, states: pl.DataFrame | None = None) -> DropCase:
     """Return a recording's drop, optionally with its states replaced."""
-    return Case(recording.scenario, recording.engine, seen_with(recording.seen, states))
+    return DropCase(recording.scenario, recording.engine, seen_with(recording.seen, states))
 
 
 def dropped_whole(world: World | OtherWorld) -> Samples:
@@ -41,7 +41,7 @@ def dropped_whole(world: World | OtherWorld) -> Samples:
     return samples
 
 
-def departs(case: Case) -> int | None:
+def departs(case: DropCase) -> int | None:
     """Return the first airborne sample that the integration rule does not lead to."""
     course = Course(case)
     for part in case.parts():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import Recorder, judge, some
 from drop_physics.drop.analysis import fall_of
-from drop_physics.drop.case import Case
+from drop_physics.drop.case import DropCase
 from drop_physics.drop.mechanics import Drift, mechanics_of_part
 from drop_physics.explain.decomposition import decompose
 from drop_physics.physics.base import Motion
@@ -507,7 +507,7 @@ def test_a_body_rests_only_after_a_tenth_of_a_second(recorded: Recorder) -> None
     for samples in range(150, 242):
         scenario = replace(recording.scenario, duration_s=(samples - 1) / 240)
         first = HeldSamples(*(between(rows, 0, samples) for rows in (seen.bases, seen.contacts)))
-        rest = fall_of(Case(scenario, recording.engine, replace(seen, sampled=first))).rest
+        rest = fall_of(DropCase(scenario, recording.engine, replace(seen, sampled=first))).rest
         if rest is not None:
             lasts[samples] = samples - 1 - rest.settled_step
     assert min(lasts.values()) == 24

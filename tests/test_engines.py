@@ -17,7 +17,7 @@ import pytest
 from conftest import Drop, Recorder, judge, said
 from drop_physics import Scenario, colours, simulate
 from drop_physics.compare.comparison import Comparison
-from drop_physics.drop.case import Case
+from drop_physics.drop.case import DropCase
 from drop_physics.engines import other_world
 from drop_physics.engines.pybullet.world import World
 from drop_physics.errors import ScenarioError
@@ -65,7 +65,7 @@ def drawn(seed: int) -> Scenario:
     return Scenario(**values)  # type: ignore[arg-type]
 
 
-def dropped(scenario: Scenario) -> Case:
+def dropped(scenario: Scenario) -> DropCase:
     with other_world.OtherWorld(scenario) as world:
         return case_of(world, world.samples(1000))
 

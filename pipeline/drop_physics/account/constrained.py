@@ -7,7 +7,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from drop_physics.account.gap import EXACT, Gap, Side, apart, frames, turned_by, with_gap, with_gaps
+from drop_physics.account.gap import (
+    EXACT,
+    ConstraintFrame,
+    ConstraintGap,
+    apart,
+    frames,
+    turned_by,
+    with_gap,
+    with_gaps,
+)
 from drop_physics.account.pinned import HeldConstraint
 from drop_physics.account.rows import AccountRow
 from drop_physics.account.subjects import MeasuredBody
@@ -31,9 +40,9 @@ class HeldEquality:
     """A model's equality constraint, with its errors."""
 
     equality: Equality
-    gap: Gap = field(default_factory=Gap)
+    gap: ConstraintGap = field(default_factory=ConstraintGap)
     """The distance between its anchors [m], or of a joint from what the other demands."""
-    turned: Gap = field(default_factory=Gap)
+    turned: ConstraintGap = field(default_factory=ConstraintGap)
     """The angle between the orientations that a weld brings together [rad]."""
     active: int = 0
     """Number of steps in which the equality is active."""
@@ -136,9 +145,9 @@ def _switched(call: Call, number: int) -> bool | None:
     return bool(written.values[mine[-1]]) if len(mine) else None
 
 
-def _of_equality(equality: Equality, side: int) -> Side:
+def _of_equality(equality: Equality, side: int) -> ConstraintFrame:
     body = (equality.body_a, equality.body_b)[side]
-    return Side(
+    return ConstraintFrame(
         NOBODY if equality.of_world[side] else body,
         (equality.link_a, equality.link_b)[side],
         equality.anchors_m[side] if equality.anchors_m else (np.nan,) * 3,

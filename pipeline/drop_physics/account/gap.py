@@ -22,7 +22,7 @@ which gives no scale."""
 
 
 @dataclass(eq=False)
-class Gap:
+class ConstraintGap:
     """The error of a constraint after each step, collected chunk by chunk."""
 
     most: float = 0.0
@@ -42,7 +42,7 @@ class Gap:
 
 
 @dataclass(frozen=True)
-class Side:
+class ConstraintFrame:
     """One of the two frames that a constraint joins, on a link."""
 
     body: int
@@ -55,7 +55,11 @@ class Side:
 
 
 def frames(
-    sides: Sequence[Side], explained: ExplainedPiece, samples: Int64, *, after: bool = True
+    sides: Sequence[ConstraintFrame],
+    explained: ExplainedPiece,
+    samples: Int64,
+    *,
+    after: bool = True,
 ) -> tuple[Float64, Float64]:
     """Return the origins [m] and axes of two frames at samples, (n, 2, 3) and (n, 2, 3, 3).
 
@@ -85,7 +89,7 @@ def apart(places_m: Float64, axes: Float64) -> tuple[Float64, Float64]:
     return np.linalg.norm(places_m[:, 0] - places_m[:, 1], axis=1), np.asarray(angle)
 
 
-def turned_by(gap: Gap, beside: float, subject: MeasuredBody, words: RowWords) -> Message:
+def turned_by(gap: ConstraintGap, beside: float, subject: MeasuredBody, words: RowWords) -> Message:
     """Describe the angle error of a constraint; nothing if it is negligible."""
     if gap.most <= 0.1 * beside:
         return Message("")
@@ -97,7 +101,7 @@ def turned_by(gap: Gap, beside: float, subject: MeasuredBody, words: RowWords) -
     )
 
 
-def with_gap(row: AccountRow, gap: Gap, unit: str, size: float) -> AccountRow:
+def with_gap(row: AccountRow, gap: ConstraintGap, unit: str, size: float) -> AccountRow:
     """Return a row with an error added, compared with the given size."""
     return replace(
         row,
@@ -110,7 +114,9 @@ def with_gap(row: AccountRow, gap: Gap, unit: str, size: float) -> AccountRow:
     )
 
 
-def with_gaps(row: AccountRow, gap: Gap, turned: Gap, size_m: float) -> AccountRow:
+def with_gaps(
+    row: AccountRow, gap: ConstraintGap, turned: ConstraintGap, size_m: float
+) -> AccountRow:
     """Return a row with the more important of a distance and an angle, and the other in words."""
     if turned.most > gap.most / size_m:
         return replace(with_gap(row, turned, "rad", 1.0), besides=((gap.most, "m"),))

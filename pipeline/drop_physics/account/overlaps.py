@@ -36,6 +36,8 @@ MOST_CORNERS = 1000
 """Maximum number of corners of a hull that is checked, because larger hulls take too long."""
 LEAST_M, DEEP = 1e-3, 0.05
 """Minimum overlap; and the share of the smaller shape's size above which an overlap stands out."""
+DESIGNED = ("one-robot", "parent-and-child")
+"""Causes for which a small overlap is how a robot is made."""
 SELF_COLLISION, OF_PARENTS = 8, 16 | 32 | 8192
 """`flags` of `loadURDF`: `URDF_USE_SELF_COLLISION`, and those that control contacts between parent
 and child."""
@@ -191,7 +193,7 @@ class Overlaps:
             sizes_m = [each.size_m for each in its if each is not None]
             sizes_m = sizes_m or [2 * each.solid.radius_m for each in pair.shapes]
             share = pair.deepest_m / min(sizes_m)
-            if pair.is_pressed(touched) or (pair.cause == "one-robot" and share < DEEP):
+            if pair.is_pressed(touched) or (pair.cause in DESIGNED and share < DEEP):
                 continue
             line = "" if pair.call is None else pair.call.site.place
             told = Message(

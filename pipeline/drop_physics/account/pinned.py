@@ -9,7 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drop_physics.account.gap import Gap, Side, apart, frames, turned_by, with_gaps
+from drop_physics.account.gap import (
+    ConstraintFrame,
+    ConstraintGap,
+    apart,
+    frames,
+    turned_by,
+    with_gaps,
+)
 from drop_physics.account.rows import AccountRow
 from drop_physics.account.subjects import MeasuredBody, in_weights
 from drop_physics.account.words import RowWords
@@ -42,9 +49,9 @@ class HeldConstraint:
     least_gap_m: float = np.inf
     """The smallest distance after one of the first `SOON` steps."""
     least_angle_rad: float = np.inf
-    gap: Gap = field(default_factory=Gap)
+    gap: ConstraintGap = field(default_factory=ConstraintGap)
     """The distance between the constraint's ends after a step [m]."""
-    turned: Gap = field(default_factory=Gap)
+    turned: ConstraintGap = field(default_factory=ConstraintGap)
     """The angle between their orientations [rad], if it holds these, too."""
     pull_n: float = 0.0
     """Force of the constraint at the largest distance."""
@@ -195,9 +202,9 @@ class HeldConstraint:
         return with_gaps(row, self.gap, self.turned, size_m)
 
 
-def _sides(version: ConstraintVersion) -> list[Side]:
+def _sides(version: ConstraintVersion) -> list[ConstraintFrame]:
     parts = version.bodies, version.links, version.pivots_m, version.orientations
-    return [Side(*each) for each in zip(*parts, strict=True)]
+    return [ConstraintFrame(*each) for each in zip(*parts, strict=True)]
 
 
 def _tail(before: NDArray[Any], values: NDArray[Any], rows: int) -> NDArray[Any]:

@@ -58,7 +58,7 @@ class Touch:
 
 
 @dataclass(frozen=True, eq=False)
-class _Sums:
+class _PairSums:
     """Contact quantities of each pair, summed over a chunk; arrays have the shape (pairs,)."""
 
     first_step: Int64
@@ -80,7 +80,7 @@ class _Sums:
     deepest_step: Int64
 
     @staticmethod
-    def of(pairs: Pairs) -> _Sums:
+    def of(pairs: Pairs) -> _PairSums:
         """Return the sums of each pair."""
         grouped, points, acts = pairs.grouped, pairs.points, pairs.acts
         pressed, friction = points.normal_n > PRESSED, points.friction
@@ -90,7 +90,7 @@ class _Sums:
         rubbing_n = grouped.most(pairs.most(lengths(points.tangential_n)))
         pressing_n = grouped.most(pairs.most(points.normal_n))
         deepest = grouped.first_of_most(pairs.depth_m)
-        return _Sums(
+        return _PairSums(
             first_step=pairs.step[grouped.firsts],
             last_step=pairs.step[grouped.lasts],
             steps=grouped.summed(acts.astype(np.int64)),
@@ -134,7 +134,7 @@ class Touched:
         """The highest friction coefficient; 0 where it is not known."""
         return max(self.coefficients[1], 0.0)
 
-    def add(self, sums: _Sums, row: int) -> None:
+    def add(self, sums: _PairSums, row: int) -> None:
         """Add a chunk's sums, found at the given row."""
         low, high = self.coefficients
         self.coefficients = min(low, float(sums.lowest[row])), max(high, float(sums.highest[row]))
@@ -227,7 +227,7 @@ class TouchTable:
         if not len(pairs.starts):
             return
         self._add_links(pairs.by_link)
-        grouped, sums = pairs.grouped, _Sums.of(pairs)
+        grouped, sums = pairs.grouped, _PairSums.of(pairs)
         impulse_n_s = grouped.summed(pairs.force_n * pairs.timestep_s[:, None])
         energy_j = grouped.summed(pairs.energy_j)
         hidden = grouped.most(_hidden(explained, pairs).astype(np.float64))
@@ -247,7 +247,7 @@ class TouchTable:
                     touched.need(side, need)
 
     def _add_links(self, pairs: LinkPairs) -> None:
-        grouped, sums = pairs.grouped, _Sums.of(pairs)
+        grouped, sums = pairs.grouped, _PairSums.of(pairs)
         keys = np.concatenate((pairs.body, pairs.link), axis=1)[grouped.firsts].tolist()
         for row, ((a, b, i, j), its) in enumerate(zip(keys, grouped.rows(), strict=True)):
             key: PairKey = (a, b, i, j)

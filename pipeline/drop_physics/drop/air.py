@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from drop_physics.arrays import Flags
-from drop_physics.drop.case import Case
+from drop_physics.drop.case import DropCase
 from drop_physics.drop.results import Coverage
 from drop_physics.drop.samples import DropSamples
 from drop_physics.explain.segments import FLIGHT, segments_of
@@ -17,7 +17,7 @@ from drop_physics.physics.base import Motion
 class Air:
     """The samples before the first contact, compared with the free-flight formula."""
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: DropCase) -> None:
         self._case = case
         self._follows = case.is_rigid and case.scenario.stepped
         self.contact_step: int | None = None

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from drop_physics.arrays import Float64
-from drop_physics.drop.case import Case
+from drop_physics.drop.case import DropCase
 from drop_physics.drop.course import Course
 from drop_physics.drop.energy import Energies
 from drop_physics.drop.landing import ContactLaw, find_bounces, find_landing, find_rest
@@ -27,7 +27,7 @@ from drop_physics.explain.rows import MOST_ROWS, SHOWN_PER_S
 class Fall:
     """A fall: its scenario, its motion and phases, and its analysis."""
 
-    case: Case
+    case: DropCase
     course: Course
     phases: Phases
     analysis: FallAnalysis
@@ -54,7 +54,7 @@ class FallAnalyzer:
         If a time lies outside the recording.
     """
 
-    def __init__(self, case: Case, *, at_s: Sequence[float] = (), whole: bool = True) -> None:
+    def __init__(self, case: DropCase, *, at_s: Sequence[float] = (), whole: bool = True) -> None:
         self._case, self._whole = case, whole
         self._asked = _asked(at_s, case)
         self._per_s = min(SHOWN_PER_S, MOST_ROWS / max(case.end_s, 1.0))
@@ -129,7 +129,7 @@ class FallAnalyzer:
         )
 
 
-def fall_of(case: Case, *, at_s: Sequence[float] = (), whole: bool = True) -> FallAnalysis:
+def fall_of(case: DropCase, *, at_s: Sequence[float] = (), whole: bool = True) -> FallAnalysis:
     """Return the analysis of a fall alone, without impulse explanations: see `FallAnalyzer`."""
     falling = FallAnalyzer(case, at_s=at_s, whole=whole)
     for _ in map(falling.add, case.parts()):  # `map` keeps none while the next are read
@@ -140,7 +140,7 @@ def fall_of(case: Case, *, at_s: Sequence[float] = (), whole: bool = True) -> Fa
 class _Errors:
     """The error of the samples in free flight, broken into terms as samples are added."""
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: DropCase) -> None:
         self._case = case
         self._path = case.law.exact_path(case.fall.position_m, case.fall.velocity_m_s)
         self._samples, self._largest_m, self._rounding_m = 0, 0.0, 0.0
@@ -168,7 +168,9 @@ class _Errors:
         return Airborne(self._samples, self._largest_m, rms_m, self._rounding_m)
 
 
-def _rows(case: Case, part: DropSamples, energies: Mechanics, parts: Decomposition) -> pl.DataFrame:
+def _rows(
+    case: DropCase, part: DropSamples, energies: Mechanics, parts: Decomposition
+) -> pl.DataFrame:
     """Return table rows without the phase; terms are null where free flight is not covered."""
     time_s = part.times_s(case.timestep_s)
     free_fall_m = case.free_fall_m(time_s)
@@ -194,7 +196,7 @@ def _rows(case: Case, part: DropSamples, energies: Mechanics, parts: Decompositi
     )
 
 
-def _asked(at_s: Sequence[float], case: Case) -> list[int]:
+def _asked(at_s: Sequence[float], case: DropCase) -> list[int]:
     """Return the samples nearest to the requested times."""
     for time_s in at_s:
         if not 0 <= time_s <= case.end_s * (1 + 1e-12):

@@ -29,7 +29,7 @@ FLOOR_REACH_M = 100.0
 
 
 @dataclass(frozen=True)
-class Case:
+class DropCase:
     """One drop: what was dropped, how, and the recorded samples."""
 
     scenario: Scenario

@@ -6,7 +6,7 @@ import numpy as np
 
 from drop_physics.arrays import Flags, Float64
 from drop_physics.drop.air import Air
-from drop_physics.drop.case import Case
+from drop_physics.drop.case import DropCase
 from drop_physics.drop.phases import Phases, Settling
 from drop_physics.drop.posture import FLAT_RAD, extent_m, tilt_rad, turned_rad
 from drop_physics.drop.results import Impact, Landing
@@ -21,7 +21,7 @@ ROUGH_M = 1e-6
 class Course:
     """The motion of a fall; samples are added in order."""
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: DropCase) -> None:
         self.case, self.air, self.touchdowns = case, Air(case), Touchdowns(case)
         self.lowest: tuple[Motion, int] | None = None
         """The first of the samples at which the centre is lowest, and its number."""
@@ -202,7 +202,7 @@ def _state(motion: Motion) -> Float64:
     )
 
 
-def _below(case: Case, part: DropSamples) -> Flags:
+def _below(case: DropCase, part: DropSamples) -> Flags:
     return np.asarray(part.height_m + case.engine.reach_m < 0)
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from drop_physics.drop.case import Case
+from drop_physics.drop.case import DropCase
 from drop_physics.drop.mechanics import Drift, Mechanics
 from drop_physics.drop.results import Conservation
 from drop_physics.drop.samples import DropSamples
@@ -24,7 +24,7 @@ from drop_physics.physics.base import Motion
 class Energies:
     """Energies of a fall, chunk by chunk: drift before the first contact, gain by contact."""
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: DropCase) -> None:
         self._case = case
         self._known = case.is_rigid and case.substeps == 1
         """Whether the law of the body is known."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from drop_physics.drop.case import Case
+from drop_physics.drop.case import DropCase
 from drop_physics.explain.decomposition import TERMS, error_and_terms
 from drop_physics.fields import decimals
 from drop_physics.messages import Message, joined
@@ -36,12 +36,12 @@ NAMES = {
 class Flight:
     """A drop up to its first contact."""
 
-    case: Case
+    case: DropCase
     motion: Motion
     """The samples before the first one with a contact."""
 
 
-def flight_of(case: Case) -> Flight:
+def flight_of(case: DropCase) -> Flight:
     """Return the flight of a drop; samples after it are not read."""
     parts: list[Motion] = []
     for part in case.parts():

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from drop_physics.drop.case import Case
+from drop_physics.drop.case import DropCase
 from drop_physics.drop.phases import Phases
 from drop_physics.drop.posture import flat_height_m, stands, tilt_rad
 from drop_physics.drop.results import Bounce, Contact, Landing, Rest, RestTerms
@@ -42,7 +42,7 @@ explains it."""
 # -- when it lands --------------------------------------------------------------------------------
 
 
-def find_landing(case: Case) -> Landing | None:
+def find_landing(case: DropCase) -> Landing | None:
     """Return the theoretical landing; None if the body never reaches the floor.
 
     Only for a body that meets the floor as it was released: one without spin, or a ball.
@@ -68,7 +68,7 @@ def find_landing(case: Case) -> Landing | None:
 # -- the contact law ------------------------------------------------------------------------------
 
 
-def covers(case: Case) -> bool:
+def covers(case: DropCase) -> bool:
     """Return whether the contact law covers this drop: one box that lands and stays flat.
 
     It is released flat, above the floor, without spin or sideways velocity, with its centre of mass
@@ -91,7 +91,7 @@ def covers(case: Case) -> bool:
 
 
 def _path(
-    case: Case, height_m: float, velocity_m_s: float, *, contact_erp: float | None = None
+    case: DropCase, height_m: float, velocity_m_s: float, *, contact_erp: float | None = None
 ) -> Iterator[tuple[float, float]]:
     """Yield heights [m] and vertical velocities [m/s] predicted by the contact law.
 
@@ -111,7 +111,7 @@ def _path(
     )
 
 
-def _fall(case: Case, *, contact_erp: float | None = None) -> Iterator[tuple[float, float]]:
+def _fall(case: DropCase, *, contact_erp: float | None = None) -> Iterator[tuple[float, float]]:
     """Yield predicted heights and velocities from the release to the recording's end."""
     path = _path(case, case.fall.height_m, case.fall.velocity_m_s[2], contact_erp=contact_erp)
     return itertools.islice(path, case.samples)
@@ -120,7 +120,7 @@ def _fall(case: Case, *, contact_erp: float | None = None) -> Iterator[tuple[flo
 class ContactLaw:
     """Compares the recorded heights with those of the contact law, as samples are added."""
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: DropCase) -> None:
         self._deepest_m = _deepest_m(case)
         self._fall = _fall(case) if covers(case) else None
         self._tail = np.empty((0, 2))
@@ -158,17 +158,17 @@ class ContactLaw:
         return float(self._tail[-1, 0]), float(np.abs(self._tail[:, 1]).max())
 
 
-def _deepest_m(case: Case) -> float:
+def _deepest_m(case: DropCase) -> float:
     """Return the lowest valid height of the centre [m]: below its middle, the floor pushes down."""
     return (case.floor_height_m or 0.0) - bullet_contact.FLOOR_HALF_THICKNESS_M
 
 
-def _contact_erp(case: Case) -> float:
+def _contact_erp(case: DropCase) -> float:
     asked = case.scenario.contact_erp
     return CONTACT_ERP if asked is None else asked
 
 
-def restitution_threshold_m_s(case: Case) -> float:
+def restitution_threshold_m_s(case: DropCase) -> float:
     """Return the approach speed below which nothing bounces [m/s]."""
     asked = case.scenario.restitution_threshold_m_s
     return RESTITUTION_THRESHOLD_M_S if asked is None else asked
@@ -177,7 +177,9 @@ def restitution_threshold_m_s(case: Case) -> float:
 # -- bounces --------------------------------------------------------------------------------------
 
 
-def find_bounces(case: Case, touchdowns: list[Touchdown], tumbled_step: int | None) -> list[Bounce]:
+def find_bounces(
+    case: DropCase, touchdowns: list[Touchdown], tumbled_step: int | None
+) -> list[Bounce]:
     """Return the rebounds that leave the floor, with those that restitution alone predicts."""
     floor_m = case.floor_height_m
     if not case.is_rigid or floor_m is None or case.fall.gravity_m_s2 >= 0:
@@ -209,14 +211,14 @@ def find_bounces(case: Case, touchdowns: list[Touchdown], tumbled_step: int | No
     return bounces
 
 
-def _is_plain(case: Case, touchdown: Touchdown, tumbled_step: int | None) -> bool:
+def _is_plain(case: DropCase, touchdown: Touchdown, tumbled_step: int | None) -> bool:
     """Return whether restitution alone predicts the rebound: for a ball, or a box landing flat."""
     if case.is_springy or (tumbled_step is not None and touchdown.last >= tumbled_step):
         return False
     return case.is_ball or (case.is_box and touchdown.stays_flat)
 
 
-def _predicted_apex_m(case: Case, number: int) -> float | None:
+def _predicted_apex_m(case: DropCase, number: int) -> float | None:
     """Return e^(2k) h for the k-th bounce [m]; a throw counts as a drop from v²/2g higher."""
     if case.engine.pair_restitution is None or case.floor_height_m is None:
         return None
@@ -226,7 +228,7 @@ def _predicted_apex_m(case: Case, number: int) -> float | None:
     return float(bullet_contact.rebound_heights(drop_m, case.engine.pair_restitution, number)[-1])
 
 
-def _uncorrected_m(case: Case, floor_m: float) -> list[float]:
+def _uncorrected_m(case: DropCase, floor_m: float) -> list[float]:
     """Return the predicted apexes without position correction [m], if the law applies."""
     deepest_m, lowest_m = _deepest_m(case), np.inf
 
@@ -258,7 +260,7 @@ def _apexes(heights_m: Iterable[float], floor_m: float) -> Iterator[float]:
         yield top_m - floor_m
 
 
-def _correction_m_s(case: Case, touchdown: Touchdown) -> float | None:
+def _correction_m_s(case: DropCase, touchdown: Touchdown) -> float | None:
     """Return the speed that position correction adds to restitution × approach [m/s].
 
     By the contact law, started from the recorded sample before the touchdown. None where contact
@@ -293,7 +295,9 @@ def _correction_m_s(case: Case, touchdown: Touchdown) -> float | None:
 # -- rest -----------------------------------------------------------------------------------------
 
 
-def find_rest(case: Case, phases: Phases, tumbled_step: int | None, law: ContactLaw) -> Rest | None:
+def find_rest(
+    case: DropCase, phases: Phases, tumbled_step: int | None, law: ContactLaw
+) -> Rest | None:
     """Return where the body comes to rest, and the terms by which it misses the rest height."""
     if not phases.lies:
         return None
@@ -307,7 +311,9 @@ def find_rest(case: Case, phases: Phases, tumbled_step: int | None, law: Contact
     return Rest(last_m, expected_m, error_m, phases.rest_step, terms, _sinks_m(case, error_m))
 
 
-def _rest_terms(case: Case, law: ContactLaw, last_m: float, expected_m: float) -> RestTerms | None:
+def _rest_terms(
+    case: DropCase, law: ContactLaw, last_m: float, expected_m: float
+) -> RestTerms | None:
     """Return the terms of the error at rest; None if the predicted path does not come to rest."""
     law_end_m, fastest_m_s = law.end
     if fastest_m_s >= AT_REST_M_S or _bounces_on(case) or not _contact_erp(case) > 0:
@@ -319,7 +325,7 @@ def _rest_terms(case: Case, law: ContactLaw, last_m: float, expected_m: float) -
     )
 
 
-def _sinks_m(case: Case, error_m: float) -> float | None:
+def _sinks_m(case: DropCase, error_m: float) -> float | None:
     """Return the depth of a body at rest in soft contact [m]; None if it rests elsewhere."""
     engine, gravity_m_s2 = case.engine, -case.fall.gravity_m_s2
     points, depth_m = int(case.end.contact_points[0]), None
@@ -335,7 +341,7 @@ def _sinks_m(case: Case, error_m: float) -> float | None:
     return depth_m
 
 
-def _bounces_on(case: Case) -> bool:
+def _bounces_on(case: DropCase) -> bool:
     """Return whether restitution acts even on the speed that gravity adds to a resting body.
 
     Then it comes to rest above the slop, where each bounce just makes up for the step.

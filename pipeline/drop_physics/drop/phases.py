@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from drop_physics.arrays import Flags, Int64
-from drop_physics.drop.case import Case
+from drop_physics.drop.case import DropCase
 from drop_physics.drop.samples import DropSamples
 from drop_physics.physics.base import Motion
 from drop_physics.physics.vectors import largest
@@ -57,7 +57,7 @@ class Phases:
 class Settling:
     """Finds the sample from which on a body stays where it ends; samples are added in order."""
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: DropCase) -> None:
         self._case = case
         self._touched: int | None = None
         """The first sample that touches."""

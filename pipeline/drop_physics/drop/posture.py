@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from drop_physics.arrays import Float64
-from drop_physics.drop.case import Case
+from drop_physics.drop.case import DropCase
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.physics.vectors import cross, lengths, sums
 
@@ -26,7 +26,7 @@ def up_in_body(turned: Float64) -> Float64:
     return rotate_inverse(turned, np.broadcast_to(_UP, (len(turned), 3)))
 
 
-def turned_rad(case: Case, turned: Float64) -> Float64:
+def turned_rad(case: DropCase, turned: Float64) -> Float64:
     """Return the tilt of a body relative to its release [rad], shape (n,).
 
     Turning about the vertical is not a tilt. A ball is never tilted.
@@ -36,7 +36,7 @@ def turned_rad(case: Case, turned: Float64) -> Float64:
     return _angle(up_in_body(turned), up_in_body(case.start.orientation))
 
 
-def tilt_rad(case: Case, turned: Float64) -> Float64:
+def tilt_rad(case: DropCase, turned: Float64) -> Float64:
     """Return the tilt of a body relative to the posture that the contact law assumes [rad], (n,).
 
     A box is flat on any of its faces, any other body as it was released.
@@ -53,7 +53,7 @@ def _from_a_face(up: Float64) -> Float64:
     return _angle(up, nearest)
 
 
-def flat_height_m(case: Case) -> float | None:
+def flat_height_m(case: DropCase) -> float | None:
     """Return the centre's height for a body lying in its final posture [m].
 
     None where the body is tilted, or the height is unknown.
@@ -71,7 +71,7 @@ def flat_height_m(case: Case) -> float | None:
     return case.engine.shape_dimensions_m[axis] / 2 - float(up @ np.array(offset_m))
 
 
-def stands(case: Case) -> bool:
+def stands(case: DropCase) -> bool:
     """Return whether a box has its centre of mass above its lowest face; otherwise it topples."""
     position_m = np.array([case.engine.shape_position_m or (0.0, 0.0, 0.0)])
     offset_m = rotate_inverse(_shape_orientation(case), position_m)[0]
@@ -80,7 +80,7 @@ def stands(case: Case) -> bool:
     return bool(np.delete(inside, axis).all())
 
 
-def extent_m(case: Case) -> float | None:
+def extent_m(case: DropCase) -> float | None:
     """Return the height of a box or ball as released [m]; None for other bodies."""
     if case.is_ball:
         return 2 * case.engine.shape_dimensions_m[0]
@@ -90,7 +90,7 @@ def extent_m(case: Case) -> float | None:
     return float(up @ np.array(case.engine.shape_dimensions_m))
 
 
-def _has_sharp_faces(case: Case) -> bool:
+def _has_sharp_faces(case: DropCase) -> bool:
     """Return whether a box touches with its faces; in Bullet, a tiny box does not."""
     if case.engine.rest_height_m is None or case.engine.shape_position_m is None:
         return False
@@ -100,16 +100,16 @@ def _has_sharp_faces(case: Case) -> bool:
     return abs(float(half_m) - offset_m - case.engine.rest_height_m) < 1e-9
 
 
-def _shape_orientation(case: Case) -> Float64:
+def _shape_orientation(case: DropCase) -> Float64:
     return np.array([case.engine.shape_orientation or (0.0, 0.0, 0.0, 1.0)])
 
 
-def _up_in_box(case: Case, turned: Float64) -> Float64:
+def _up_in_box(case: DropCase, turned: Float64) -> Float64:
     up = up_in_body(turned)
     return rotate_inverse(np.broadcast_to(_shape_orientation(case), (len(up), 4)), up)
 
 
-def face_up(case: Case, turned: Float64) -> tuple[int, float]:
+def face_up(case: DropCase, turned: Float64) -> tuple[int, float]:
     """Return the axis of a box that is nearest to the vertical, and whether it points up.
 
     `turned` is one orientation, shape (1, 4).

@@ -8,7 +8,7 @@ from dataclasses import replace
 from drop_physics.analysis.results import Analysis, BodyAnalysis, Explained, Unexplained
 from drop_physics.analysis.story import Story
 from drop_physics.drop.analysis import Fall, FallAnalyzer
-from drop_physics.drop.case import Case
+from drop_physics.drop.case import DropCase
 from drop_physics.drop.findings import findings
 from drop_physics.drop.results import DropAnalysis
 from drop_physics.drop.samples import samples_seen
@@ -61,7 +61,7 @@ def drop_analysis_of(
     samples = seen.sampled.last + 1
     seen = replace(seen, samples={0: samples}, machine=engine.machine or "")
     other = None if scenario.engine == "bullet" else law_for(scenario, engine)
-    case = Case(scenario, engine, seen)
+    case = DropCase(scenario, engine, seen)
     falling = FallAnalyzer(case, at_s=at_s, whole=whole or samples <= MOST_ROWS)
     story = Story(
         seen,
@@ -120,13 +120,13 @@ def _checked(whole: Analysis, fall: Fall) -> Analysis:
     return replace(whole, bodies=bodies, by_body=whole.by_body | {BODY: explained})
 
 
-def _stops_early(case: Case) -> bool:
+def _stops_early(case: DropCase) -> bool:
     """Return whether MuJoCo's solver may stop before contact forces balance."""
     exact = case.scenario.solver_residual == 0 and case.scenario.solver_iterations is None
     return case.scenario.engine == "mujoco" and not case.hides_contacts and not exact
 
 
-def _explained(explained: Explained, body: BodyAnalysis, case: Case) -> Explained:
+def _explained(explained: Explained, body: BodyAnalysis, case: DropCase) -> Explained:
     """Return the explained part of a drop, which ends at the first unexplained sample."""
     first = min(body.unexplained, key=lambda each: each.first_step, default=None)
     if first is None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drop_physics.drop.case import Case
+from drop_physics.drop.case import DropCase
 from drop_physics.drop.samples import DropSamples
 from drop_physics.physics.base import Motion
 from drop_physics.physics.laws.bullet import contact as bullet_contact
@@ -55,7 +55,7 @@ class Touchdowns:
     None with substeps, of which PyBullet reports only the last one's contacts.
     """
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: DropCase) -> None:
         self._case = case
         self._found: list[Touchdown] = []
         self._open: Touchdown | None = None
@@ -108,7 +108,7 @@ class Touchdowns:
             run.pushed, run.pushed_m_s = part.first + row, float(part.velocity_m_s[row, 2])
 
 
-def _approach_m_s(case: Case, before: Motion) -> float:
+def _approach_m_s(case: DropCase, before: Motion) -> float:
     """Return the downward speed at the contact that follows a sample [m/s].
 
     Restitution acts on the velocity that the step would lead to without a contact.

@@ -188,7 +188,7 @@ class ForkServer:
 
     @property
     def statuses(self) -> dict[int, int]:
-        """Exit statuses of ended trials, as far as the paused run has reported them."""
+        """Exit statuses of ended trials; the paused run, which forks them, reports them."""
         return self._script.decoder.statuses
 
     def _read(self) -> None:

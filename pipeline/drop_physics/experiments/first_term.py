@@ -93,7 +93,7 @@ def first_term(base: Seen, other: Seen, found: Apart, *, finer: int = 1) -> str 
 
 
 def _way(seen: Seen, number: int, track: Track, end: int, times: StepTimes, *, finer: int) -> _Way:
-    """Return the contributions of all terms to a position, up to a step of the script."""
+    """Return how far each term of the sum has displaced a body by a step of the script."""
     part, way = _TermPart(seen.bodies[number], track.joint, track.unit), _Way()
     whole = Explanation(seen) if seen.engine == PYBULLET else Replayed(seen)
     for explained in whole.pieces(min(MOST, max(LEAST, end + 2))):

@@ -137,7 +137,7 @@ def report_of(check: Check) -> Report:
 
 
 def _next(check: Check) -> list[str]:
-    """Return the commands to run next: show both if they differ, or replace the golden one."""
+    """Return the commands to run next: show both recordings, or replace the golden one."""
     compared = ("check", check.recording, "--against", check.golden)
     if check.updated:
         return [shell_command("drop", *compared)]

@@ -63,7 +63,7 @@ not_stepped.rows(
 
 @input_rule("not-stepped", "asked", engines=MUJOCOS)
 def only_computed(inputs: Inputs) -> Iterator[Case]:
-    """Derived data are recomputed again and again, but no step is made."""
+    """A script recomputes derived data again and again, but makes no step."""
     scene = inputs.scene
     if not scene.seen.samples and scene.origin.get("ended") != "failed":
         yield Case()

@@ -174,10 +174,12 @@ def _checked(run: Recording, golden: Recording, tolerance_m: float) -> Check:
         pictures = replace(pictures, first_step=None)
     engines = None
     if [difference.column for difference in comparison.differences] == ["engine"]:
-        from drop_physics.drop.case import Case
+        from drop_physics.drop.case import DropCase
         from drop_physics.drop.engines_compared import apart, flight_of
 
-        flights = [flight_of(Case(each.scenario, each.engine, each.seen)) for each in (run, golden)]
+        flights = [
+            flight_of(DropCase(each.scenario, each.engine, each.seen)) for each in (run, golden)
+        ]
         first = comparison.first
         engines = apart(*flights, parts_at=None if first is None else first.step)
     return Check(

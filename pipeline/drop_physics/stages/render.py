@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from drop_physics.analysis.results import Analysis
 from drop_physics.drop.analysis import fall_of
-from drop_physics.drop.case import Case
+from drop_physics.drop.case import DropCase
 from drop_physics.drop.results import FallAnalysis
 from drop_physics.engines.cures import call_of
 from drop_physics.errors import RecordingError, ScenarioError, check_suffix
@@ -173,7 +173,7 @@ def _of_drop(held: Recording, *, whole: bool) -> tuple[Analysis | FallAnalysis, 
     """Return a drop's analysis and its plot; with `whole`, the table has all samples."""
     from drop_physics.stages.panels.of_drop import plot_of_drop
 
-    case = Case(held.scenario, held.engine, held.seen)
+    case = DropCase(held.scenario, held.engine, held.seen)
     fall = fall_of(case, whole=whole or case.samples <= MOST_ROWS)
     return fall, plot_of_drop(fall)
 

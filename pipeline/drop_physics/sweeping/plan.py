@@ -72,7 +72,7 @@ class Plan:
         return drawn(self.variations, given, seed=self.seed, sample=sample)
 
     def listed(self, combination: int) -> dict[str, Any]:
-        """Return the values in one combination of the lists, before random values are drawn."""
+        """Return one combination of a sweep's listed values, before random values are drawn."""
         given = {}
         for name, values in reversed(self.lists):
             combination, index = divmod(combination, len(values))

@@ -161,7 +161,7 @@ def _begin(row: CallRow, cure: Cure, _: Scope) -> Iterator[Operation]:
 
 
 def _engine(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Yield operations that set engine parameters from the start on."""
+    """Yield operations that set engine parameters before the first step."""
     for each in (*_begin(row, cure, scope), *_set(row, cure, scope)):
         sets = {name: (do, whole_number(value)) for name, (do, value) in each["sets"].items()}
         yield {**each, "sets": sets, "given": True}

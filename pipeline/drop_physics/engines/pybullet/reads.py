@@ -63,7 +63,7 @@ class Reads:
         """Readings of bodies that are not described yet."""
 
     def describe(self, number: int, camera: dict[str, Any] | None, **described: Any) -> None:  # noqa: ANN401
-        """Add a script line that reads values."""
+        """Note a line of the script that reads values, under its number."""
         seen = camera and Lens(**{name: tuple(its or ()) for name, its in camera.items()})
         described["arguments"] = tuple(described["arguments"])
         self._places[number] = {"number": number, "camera": seen, **described}

@@ -122,7 +122,7 @@ class CauseSearch:
         )
 
     def _found(self) -> ProvedDifference:
-        """Find the cause; count steps as they are compared."""
+        """Find the cause of the first difference between two runs; count the compared steps."""
         common, first = self._common, first_apart(self._common, self._tolerance)
         if first is None and any(common.moves_alone.values()):
             told = alone(common.moves_alone)
@@ -228,7 +228,7 @@ class CauseSearch:
         return "input"
 
     def _needed(self, given: FirstInput, step: int) -> list[FirstInput]:
-        """Return those differing numbers before a step that really change the step."""
+        """Return those of the numbers that differ before a step which change the step."""
         units = [*given_at(self._common.columns, step)]
         of_first = [unit for unit in units if unit.paired is given.paired]
         if len(units) < 2 or not of_first:
@@ -288,7 +288,7 @@ class CauseSearch:
         return self._one.crossed(steps, fields, whole=self._whole)
 
     def _least(self, holds: Callable[[list[int]], bool]) -> list[int]:
-        """Return the smallest set of fields whose swap explains the step.
+        """Return the fewest fields that, taken from the other run, make its step.
 
         Fields that the engine derives from others are left out first.
         """

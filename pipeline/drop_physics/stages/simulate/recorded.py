@@ -14,7 +14,7 @@ import numpy as np
 
 from drop_physics import colours
 from drop_physics.arrays import Float64
-from drop_physics.drop.case import Case
+from drop_physics.drop.case import DropCase
 from drop_physics.engine_report import EngineReport
 from drop_physics.engines.other_world import OtherWorld
 from drop_physics.engines.worlds import engine_versions
@@ -105,10 +105,10 @@ def recorded(
     )
 
 
-def case_of(world: World | OtherWorld, samples: Iterable[Samples]) -> Case:
+def case_of(world: World | OtherWorld, samples: Iterable[Samples]) -> DropCase:
     """Return what an analysis needs from a world's samples, without a recording."""
     engine = made_with(world)
-    return Case(world.scenario, engine, seen_in([*bodies_of(world, engine), *samples]))
+    return DropCase(world.scenario, engine, seen_in([*bodies_of(world, engine), *samples]))
 
 
 def bodies_of(world: World | OtherWorld, engine: EngineReport) -> Iterator[Event]:

@@ -1,4 +1,4 @@
-"""Derives expectations from the account, such as a joint target that was not reached."""
+"""Derives what a script seems to expect from its account: that a joint reaches its target."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def row_of(change: Change, rows: Sequence[AccountRow]) -> AccountRow | None:
 
 
 def _names(change: Change) -> set[str]:
-    """Return the names that a change is about: elements, and the links that have them."""
+    """Return the names of the model elements that a change edits, and of their links."""
     named = {part for each in change.of for part in re.split(" x | of | body", each)}
     return {*named, *change.on} - {""}
 
