@@ -157,7 +157,7 @@ def test_actuators_say_what_they_were_given(machine: Told) -> None:
     assert abs(rows["bend"].force) <= 4.0 * (1 + 1e-9)
     assert rows["push"].beyond_range_steps == 0, "2 is within -5 to 5"
     assert rows["push"].given is not None
-    assert rows["roll"].force is None, "it drives a ball"
+    assert rows["roll"].force == rows["roll"].given, "a motor on a ball joint, of gain 1"
 
 
 WAITS = """
@@ -293,7 +293,9 @@ def test_what_the_end_of_a_tendon_takes_no_pose_needs(tmp_path: Path) -> None:
     assert elbow.off is not None
     assert elbow.off < -0.5
     assert elbow.needs is None
-    assert found.analysis.findings == []
+    (finding,) = found.analysis.findings
+    assert (finding.code, finding.advice) == ("off-target", None)
+    assert "the limit of the tendon cable holds 25 N m of the 25 N m" in finding.message
 
 
 ARM = """

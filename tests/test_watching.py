@@ -309,8 +309,8 @@ p.stepSimulation()
         (2, 0, 7),
     ]
     assert puts[0].base[7:10].tolist() == [1, 2, 3]
-    assert puts[1].joints.position[0, 2] == 0.5
-    assert puts[1].joints.velocity[0, 2] == 0.25
+    assert puts[1].position[2] == 0.5
+    assert puts[1].velocity[2] == 0.25
     assert [put.base[2] for put in puts[2:]] == [5, 6]
 
 

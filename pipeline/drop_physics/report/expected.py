@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from drop_physics.fields import all_of, counted
@@ -253,7 +254,9 @@ def _told(
     """Describe a change that helps, with notes on its limits."""
     parts = [found.words(each.tried.change)]
     if line is not None and each.tried.change.site is None:
-        parts.append(" ".join(line).rstrip())
+        # As elsewhere by its name alone; JSON has the path.
+        place, text = line
+        parts.append(f"{PurePath(place).name} {text}".rstrip())
     if found.row is not None and each.row == found.row.words:
         parts.append(Message("the row names it, too"))
     if each.tried.change.breaks:
