@@ -639,7 +639,7 @@ MAKES_TRUE = Object(
         "side": "The RMS change of all other motion [m].",
         "breaks": "Whether it takes a part of the scene or of the command away.",
         "worse": "The commands that are followed worse than in the script's own run.",
-        "ties": "Other changes with the same motion.",
+        "ties": "Other changes with the same result, and as much motion of all else.",
         "also": "Other operators on the same elements that make it true, with another motion.",
         "place": "Its place; outcomes that are alike share one.",
         "row": "The row of the account that names what it acts on, if there is one.",

@@ -2,8 +2,8 @@
 
 Measured on 75 questions: changes that remove nothing come first, then those that change other
 motion least; in between, changes that follow commands as before precede those that follow one much
-worse. Changes with the same motion are one outcome, reported once; so are those of one field of the
-same elements.
+worse. Changes with the same result and as much motion of all else are one outcome, reported once;
+so are those of one field of the same elements.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class SaidChange:
 
     tried: TriedChange
     alike: Sequence[TriedChange]
-    """Other changes that result in the same motion."""
+    """Other changes with the same result, and as much motion of all else."""
     side_m: float
     """RMS change of all motion besides that of the expectation's bodies [m]."""
     also: Sequence[TriedChange] = ()

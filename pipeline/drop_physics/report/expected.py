@@ -311,9 +311,9 @@ def _told(
         others = joined(", ", alike[:2])
         more = len(alike) - 2
         parts.append(
-            Message("the same motion: {others} and {more} more", others=others, more=more)
+            Message("the same result: {others} and {more} more", others=others, more=more)
             if more > 0
-            else Message("the same motion: {others}", others=others)
+            else Message("the same result: {others}", others=others)
         )
     if each.row is not None and (found.row is None or each.row != found.row.words):
         row = each.row.partition(";")[0]
