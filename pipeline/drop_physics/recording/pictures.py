@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from rerun.chunk import Chunk
 
 from drop_physics.arrays import Float64, Int64
-from drop_physics.physics.rotations import rotate
 from drop_physics.recording import schema
 from drop_physics.recording.writer import Times, times
 from drop_physics.trace.events import Collision, Image, Shape
@@ -174,9 +173,7 @@ def collision(entity: str, at: Times, link: str, seen: Collision) -> Iterator[Ch
             **turned,
         )
     elif seen.kind == "mesh" and (hull := hull_of(seen.hull_m)) is not None:
-        turns = np.tile(np.array(seen.orientation, np.float64), (len(hull[0]), 1))
-        corners_m, normals = (rotate(turns, each) for each in hull)
-        corners_m = corners_m + np.array(seen.position_m)
+        corners_m, normals = hull
         mesh = rr.Mesh3D.columns(vertex_positions=corners_m, vertex_normals=normals)
         colour = rr.Mesh3D.columns(albedo_factor=[COLLISION_COLOUR])
         drawn = [*mesh.partition([len(corners_m)]), *colour]

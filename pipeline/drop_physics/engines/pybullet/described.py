@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from drop_physics.arrays import Float64
-from drop_physics.physics.rotations import rotate_inverse
 from drop_physics.trace.events import (
     Body,
     Collision,
@@ -146,19 +145,10 @@ def _collisions(listed: Iterable[Sequence[Any]]) -> tuple[Collision, ...]:
             file,
             tuple(position),
             tuple(orientation),
-            _in_shape(hull, position, orientation),
+            tuple(hull),
         )
         for link, kind, size, file, position, orientation, hull in listed
     )
-
-
-def _in_shape(
-    hull: Sequence[float], position: Sequence[float], orientation: Sequence[float]
-) -> tuple[float, ...]:
-    """Return vertices of a hull in its shape's axes: `getMeshData` has them in the link's."""
-    corners_m = np.reshape(np.array(hull, np.float64), (-1, 3)) - np.array(position, np.float64)
-    turns = np.tile(np.array(orientation, np.float64), (len(corners_m), 1))
-    return tuple(rotate_inverse(turns, corners_m).ravel().tolist())
 
 
 def _asked(note: dict[str, Any]) -> FileRequests:
