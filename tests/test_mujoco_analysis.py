@@ -321,7 +321,7 @@ ANSWERED = {
         {"kp": 60, "more": 'kv="2"', "at": 0.2},
         "m.body_pos[1, 2] = 0.1\nmujoco.mj_setConst(m, d)\nd.ctrl[0] = 1\n"
         "mujoco.mj_step(m, d, 3000)\n",
-        None,
+        "off-target",
         None,
     ),
     "forcerange": (

@@ -104,6 +104,6 @@ def test_overlap_is_no_more_than_the_engine_measures(one: str, two: str) -> None
         near = p.getClosestPoints(*bodies, 0.5, physicsClientId=client)
         deep_m = -min((each[8] for each in near), default=0.0)
         assert depth_m < max(deep_m, 0.0) + 2e-3  # meshes have margins of 1 mm
-        assert depth_m > 0 or deep_m < 0.03
+        assert depth_m > 0 or deep_m < 0.03 + 2e-3
     p.disconnect(client)
     assert 10 < (found_m > 0).sum() < 60
