@@ -13,7 +13,7 @@ from drop_physics.engines.pybullet.world import World
 from drop_physics.errors import OutputError, RecordingError
 from drop_physics.explain.decomposition import TERMS
 from drop_physics.files.whole import renamed
-from drop_physics.recording import schema, sealing
+from drop_physics.recording import rrd, schema, sealing
 from drop_physics.recording.reader import read
 from drop_physics.stages.run import Run
 from drop_physics.stages.simulate.recorded import case_of
@@ -265,6 +265,22 @@ def test_a_stretch_lost_on_the_disk_is_noticed_before_the_name_is_given(
     with pytest.raises(OutputError, match="does not verify"):
         sealing.seal(part, path, blueprint=None, rows=rows, force=False)
     assert not path.exists()
+
+
+def test_the_layout_of_both_arrives_last_in_whatever_way_two_files_load(standard: Run) -> None:
+    """The viewer loads files at once, and keeps the layout that arrives last."""
+    assert standard.analysis.layer is not None
+    recording = kinds_in(standard.simulation.recording)
+    layer = kinds_in(standard.analysis.layer)
+    assert recording.count(rrd.ACTIVATION) == layer.count(rrd.ACTIVATION) == 1
+    assert recording.index(rrd.ACTIVATION) < len(recording) / 2
+    assert layer[-1] == rrd.ACTIVATION
+
+
+def kinds_in(path: Path) -> list[int]:
+    """Return the kinds of messages in a Rerun file, in their order."""
+    with path.open("rb") as file:
+        return [kind for kind, _, _ in rrd._messages(file, unfinished=False)]
 
 
 # -- reading back ---------------------------------------------------------------------------------

@@ -142,6 +142,7 @@ def write_layer(
         chunks if sums is None else itertools.chain(chunks, sums_chunks(sums)),
         recording_id=recording.recording_id,
         blueprint=layout(_look(recording, shown, look)),
+        on_top=True,
         force=force,
         ours=ours,
         salvage=False,

@@ -64,7 +64,7 @@ def write_other_layer(
     """
     drawn = _read(other) if drawn is None else drawn
     chunks = _chunks(drawn, dict(_moved(labels, style.name)), style)
-    writer.record(path, chunks, recording_id=recording_id, blueprint=blueprint)
+    writer.record(path, chunks, recording_id=recording_id, blueprint=blueprint, on_top=True)
 
 
 def _moved(labels: Collection[str] | None, name: str) -> Iterator[tuple[str, str]]:

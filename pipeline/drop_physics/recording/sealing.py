@@ -107,7 +107,13 @@ def pack(recording: Path, path: Path) -> None:
 
 
 def seal(
-    part: Path, path: Path, *, blueprint: Path | None, rows: Mapping[str, int] | None, force: bool
+    part: Path,
+    path: Path,
+    *,
+    blueprint: Path | None,
+    on_top: bool = False,
+    rows: Mapping[str, int] | None,
+    force: bool,
 ) -> None:
     """Give a finished recording its final name: add the viewer's layout, verify, rename.
 
@@ -121,6 +127,10 @@ def seal(
         The finished `.part` file and its final name.
     blueprint
         A viewer layout (.rbl) to add to the file, or None.
+    on_top
+        Whether the file opens together with a recording whose layout its own replaces. The viewer
+        loads files at once and keeps the layout that arrives last, so that a recording begins with
+        its layout and a file on top of it ends with its own.
     rows
         Rows that each entity must have; None where only the end of the file is verified.
     force
@@ -141,7 +151,8 @@ def seal(
         # `merge` loads everything. It writes into a file that we created: if Ctrl-C interrupts its
         # start, it lives a moment longer than we do, but does not create that file again.
         with whole.open("xb") as copy:
-            _rerun("rrd", "route", part, blueprint, stdout=copy)
+            parts = (part, blueprint) if on_top else (blueprint, part)
+            _rerun("rrd", "route", *parts, stdout=copy)
         _check(whole, path, part, rows)
         onto_disk([whole])
         renamed(whole, path, force=force)

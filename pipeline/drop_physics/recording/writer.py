@@ -59,6 +59,7 @@ def record(
     *,
     recording_id: str,
     blueprint: rrb.Blueprint | Callable[[], rrb.Blueprint] | None,
+    on_top: bool = False,
     force: bool = False,
     ours: bool = False,
     salvage: bool = True,
@@ -78,6 +79,8 @@ def record(
         Files of one id open as one recording.
     blueprint
         The viewer's layout, or a function called for it after the chunks; None leaves it out.
+    on_top
+        Whether the file opens together with a recording whose layout its own replaces.
     force, ours, salvage, note
         As for `unfinished`.
     verified
@@ -107,7 +110,7 @@ def record(
             with output_errors(layout), _SAVING:
                 layout_of.save(schema.APPLICATION_ID, str(layout))
                 rerun_bindings.flush_and_cleanup_orphaned_recordings()
-            seal(part, path, blueprint=layout, rows=due, force=force or ours)
+            seal(part, path, blueprint=layout, on_top=on_top, rows=due, force=force or ours)
 
 
 def _stream(
