@@ -16,7 +16,7 @@ from drop_physics.explain.joints import REST_STEPS
 from drop_physics.explain.targets import SETTLED, SETTLED_STEPS
 
 DRIVE, CONTACTS = "drive", "contacts"
-"""What the forces of the joint's command, and those of all contacts, are called in a balance."""
+"""Names in a balance: of the forces of the joint's command, and of those of all contacts."""
 
 
 @dataclass(frozen=True)

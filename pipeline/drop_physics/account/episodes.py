@@ -106,7 +106,7 @@ class EpisodeRow:
 
 @dataclass(eq=False)
 class _Counts:
-    """What an episode has counted so far: steps, joints at limits, contacts."""
+    """Counts of an episode so far: steps, joints at limits, contacts."""
 
     driven: int = 0
     jointed: int = 0

@@ -49,9 +49,10 @@ class ConstraintFrame:
     """Id of the body; NOBODY for a frame of the world."""
     link: int
     place_m: tuple[float, ...]
-    """Its origin from the link's centre of mass, in the axes of its inertia, or in the world."""
+    """Position of the frame from the link's centre of mass, in the axes of the link's inertia; for
+    a frame of the world, its position there. Shape (3,)."""
     orientation: tuple[float, ...]
-    """Its axes in those: a quaternion x, y, z, w."""
+    """Orientation of the frame in the same axes: a quaternion x, y, z, w."""
 
 
 def frames(

@@ -306,7 +306,7 @@ def _cause(one: HeldShape, other: HeldShape, *, excluded: bool, no_contacts: boo
     """
     a, b, bits = one.body, other.body, other.solid.collision.bits
     if one.is_seen:
-        # What is only seen is a marker or a design, unless it falls or is to carry what falls.
+        # A visual shape is a marker or a design, unless it falls, or has to carry a falling body.
         carries = b.base_moves and (a.joints or one.solid.collision.kind == "plane")
         if other.is_seen or a is b or not (a.base_moves or carries):
             return None

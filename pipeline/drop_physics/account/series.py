@@ -17,8 +17,8 @@ from drop_physics.trace.motors import POSITION, VELOCITY
 
 Control = Literal["position", "velocity", "torque", "pd", "default", "off", "unknown"]
 CONTROLS: tuple[Control, ...] = get_args(Control)
-"""What controls a joint; `default` is the engine's own motor, and it is `unknown` if a call before
-the recording may have set that motor."""
+"""Controllers of a joint: `default` is the engine's own motor, and `unknown` a motor that a call
+before the recording may have set."""
 
 
 @dataclass(frozen=True, eq=False)

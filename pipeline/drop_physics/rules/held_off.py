@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -20,6 +21,25 @@ CLOSE, MOST = 0.05, 0.5
 """CLOSE: largest relative difference of a gap from the one predicted by a law; MOST: share that is
 most of a motor's torque."""
 MORE_FORCE = Message("give it more force")
+Kind = Literal[
+    "at its limit",
+    "too weak here",
+    "too weak at the target",
+    "too weak on the way",
+    "its own links",
+    "an obstacle",
+    "a load",
+    "a constraint",
+    "no gain",
+    "a target velocity",
+    "a velocity gain",
+    "a small gain",
+    "still moving",
+    "moving away",
+    "a speed limit",
+    "moving at its limit",
+]
+"""Kinds of causes; of a body's missed targets with causes of one kind, the worst is reported."""
 SPARE = 1.3
 """Safety factor of a recommended motor limit over the required torque."""
 
@@ -28,6 +48,7 @@ SPARE = 1.3
 class Cause:
     """Why a joint is off its target, with the suggested change."""
 
+    kind: Kind
     why: Message
     advice: Message | None = None
     cure: Cure | None = None
@@ -54,7 +75,7 @@ def cause_of(
         return _too_weak(driven, held, stood, abs(here))
     holds = _held(scene, driven, held, row, k, away)
     if holds is None and math.isnan(held.needs[k]):  # others share its load
-        return Cause(_weak(driven, stood), MORE_FORCE, Cure("force"), proposed=True)
+        return Cause("at its limit", _weak(driven, stood), MORE_FORCE, Cure("force"), proposed=True)
     return holds
 
 
@@ -91,28 +112,30 @@ def _too_weak(driven: JointTelemetry, held: PoseSupport, stood: HeldTargets, her
     there = abs(float(held.at(aimed(driven, row))[k]))
     need = np.fmax(here, there)
     weak = _weak(driven, stood)
+    kind: Kind = "too weak here"
     why = Message("{weak}; holding it here takes {here}", weak=weak, here=effort(here, unit))
     if not math.isnan(there):
+        kind = "too weak at the target"
         why = Message(
             "{weak}; holding the target takes {there} ({here} where it is now)",
             weak=weak,
             there=effort(there, unit),
             here=effort(here, unit),
         )
-    return give_at_least(why, need, unit, float(driven.asked.force[row, k]))
+    return give_at_least(kind, why, need, unit, float(driven.asked.force[row, k]))
 
 
-def give_at_least(why: Message, need: float, unit: str, force: float) -> Cause:
+def give_at_least(kind: Kind, why: Message, need: float, unit: str, force: float) -> Cause:
     """Return a cause whose suggested change is a higher force limit, rounded up.
 
     `force` is the given limit: if it is enough, its call came before that of the timestep.
     """
     if force > abs(need):
-        return Cause(why, cure=Cure("timestep-first"))
+        return Cause(kind, why, cure=Cure("timestep-first"))
     digit = 10.0 ** min(0, math.floor(math.log10(abs(need))) - 1)  # the last that is written
     least = effort(math.ceil(abs(need) / digit) * digit, unit)
     cure = Cure("force", value=float(to_spare(need)))
-    return Cause(why, Message("allow at least {need}: {call}"), cure, need=least)
+    return Cause(kind, why, Message("allow at least {need}: {call}"), cure, need=least)
 
 
 def to_spare(need: float) -> str:
@@ -132,25 +155,27 @@ def _held(
     if most is not None and away * held.contacts[most][k] > share * torque * (1 - CLOSE):
         body = scene.body(most)
         if most == driven.body.number:
-            return Cause(Message("its own links meet"))
+            return Cause("its own links", Message("its own links meet"))
         limit = effort(float(driven.limit[row, k]), unit)
         why = Message(
             "its motor is at its limit of {limit} against {other}", limit=limit, other=body.label
         )
         if not (driven.steps.law.tree.fixed or body.base_moves):  # it may stand on that
-            return Cause(why, MORE_FORCE, Cure("force"), other=body.label, proposed=True)
+            return Cause(
+                "an obstacle", why, MORE_FORCE, Cure("force"), other=body.label, proposed=True
+            )
         load = held.from_one_side(most, k)
         if body.joints or not body.base_moves or (load is not None and load.anchored):
-            return Cause(why, other=body.label)
+            return Cause("an obstacle", why, other=body.label)
         if load is not None:
-            return Cause(why, MORE_FORCE, Cure("force"), other=body.label)
+            return Cause("an obstacle", why, MORE_FORCE, Cure("force"), other=body.label)
         if abs(float(held.contacts[most][k])) > torque * (1 + CLOSE):
             return None  # what lies on it is more than its motor can press with
         force = effort(float(held.contacts[most][k]), unit)
         holds = Message("it holds {other} with {force}", other=body.label, force=force)
-        return Cause(holds, level="note", other=body.label)
+        return Cause("a load", holds, level="note", other=body.label)
     if away * held.constraints[k] > MOST * torque:
-        return Cause(Message("a constraint holds it"))
+        return Cause("a constraint", Message("a constraint holds it"))
     return None
 
 
@@ -162,15 +187,15 @@ def _gains(driven: JointTelemetry, row: int, k: int) -> Cause | None:
     kp, kd, rate = (float(getattr(asked, name)[row, k]) for name in ("kp", "kd", "target_velocity"))
     if kp == 0:
         cure = Cure("gains", value=0.1, given={"positionGain": 0.1})
-        return Cause(Message("its positionGain is {kp:g}", kp=kp), cure=cure)
+        return Cause("no gain", Message("its positionGain is {kp:g}", kp=kp), cure=cure)
     if rate:
         cure = Cure("gains", value=0.0, given={"targetVelocity": 0.0})
         why = Message(
             "its motor is below its limit, and has a targetVelocity of {rate:.3g}", rate=rate
         )
-        return Cause(why, cure=cure, proposed=True)
+        return Cause("a target velocity", why, cure=cure, proposed=True)
     if kd == 1:
         return None
     cure = Cure("gains", value=1.0, given={"velocityGain": 1.0})
     why = Message("its motor is below its limit, and has a velocityGain of {kd:.4g}", kd=kd)
-    return Cause(why, cure=cure, proposed=True)
+    return Cause("a velocity gain", why, cure=cure, proposed=True)

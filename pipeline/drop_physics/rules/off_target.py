@@ -19,6 +19,7 @@ from drop_physics.rules.by_name import called
 from drop_physics.rules.held_off import (
     MORE_FORCE,
     Cause,
+    Kind,
     at_its_limit,
     cause_of,
     give_at_least,
@@ -96,7 +97,7 @@ def _missed(
     return {
         "says": says,
         "why": cause.why,
-        "kind": cause.why.template,
+        "kind": cause.kind,
         "last": stood[1],
         "need": cause.need,
         "advice": cause.advice,
@@ -216,8 +217,8 @@ def _(
     weak = at_its_limit(quantities.effort(limit, effort), limited, count)
     cause = called(_takes_more, worst, weak=weak)
     if cause is None and left > 1:  # whatever its force, its gain leaves a gap
-        cause = Cause(weak, Message("give each target more steps"))
-    found = cause or Cause(weak, MORE_FORCE, Cure("force"), proposed=True)
+        cause = Cause("at its limit", weak, Message("give each target more steps"))
+    found = cause or Cause("at its limit", weak, MORE_FORCE, Cure("force"), proposed=True)
     return called(_missed, worst, cause=found)
 
 
@@ -233,10 +234,12 @@ def _takes_more(
     if not takes > limit:
         return None
     need = quantities.effort(takes, effort)
+    kind: Kind = "too weak on the way"
     why = Message("{weak}; the way to its target takes up to {need}", weak=weak, need=need)
     if abs(efforts.needs_at_target[keys[1]]) == takes:
+        kind = "too weak at the target"
         why = Message("{weak}; the target takes {need}", weak=weak, need=need)
-    return give_at_least(why, takes, effort, force)
+    return give_at_least(kind, why, takes, effort, force)
 
 
 @target_rule("off-target", "asked")
@@ -291,23 +294,25 @@ def _(
         why = Message(
             "a positionGain of {kp:.4g} is the share of the gap that a step closes", kp=kp
         )
-        return called(_missed, worst, cause=Cause(why))
+        return called(_missed, worst, cause=Cause("a small gain", why))
     if not rate:
         return None  # it trembles where it is
     speed = f"{abs(rate):.2g} {unit}/s"
+    kind: Kind = "still moving"
     why = Message("it still moves at {rate}", rate=speed)
     if away:
-        why = Message("it moves away at {rate}", rate=speed)
+        kind, why = "moving away", Message("it moves away at {rate}", rate=speed)
     elif abs(rate) > (1 - LAWFUL_GAP) * most:
+        kind = "a speed limit"
         why = Message("its maxVelocity is {rate}", rate=f"{most:.3g} {unit}/s")
     if at_limit <= HALF_THE_STEPS * steps_stood:
         # What would be there in as much time again may just have been given too little.
         soon = not away and abs(rate) * (time_s(stood[1]) - time_s(stood[0] - 1)) > off
-        return called(_missed, worst, cause=Cause(why, level="note" if soon else "asked"))
+        return called(_missed, worst, cause=Cause(kind, why, level="note" if soon else "asked"))
     weak = at_its_limit(quantities.effort(limit, effort), at_limit, steps_stood)
     if (cause := called(_takes_more, worst, weak=weak)) is not None:
         return called(_missed, worst, cause=cause)
-    why = Message("{why}, and {weak}", why=why, weak=weak)
+    kind, why = "moving at its limit", Message("{why}, and {weak}", why=why, weak=weak)
     if away and stiffness > STIFF * USUAL_STIFFNESS_HZ:
         softer = float(f"{as_usual:.2g}")
         advice = Message(
@@ -315,10 +320,10 @@ def _(
             "times as stiff as 0.1 at 1/240 s: {call}"
         )
         cure = Cure("gains", joint, softer, given={"positionGain": softer})
-        found = called(_missed, worst, cause=Cause(why, advice, cure, proposed=True))
+        found = called(_missed, worst, cause=Cause(kind, why, advice, cure, proposed=True))
         return found | {"reason": "gain-per-step", "times": stiffness / USUAL_STIFFNESS_HZ}
     advice = MORE_FORCE if away else Message("give it more force, or each target more steps")
-    return called(_missed, worst, cause=Cause(why, advice, Cure("force"), proposed=True))
+    return called(_missed, worst, cause=Cause(kind, why, advice, Cure("force"), proposed=True))
 
 
 still_moves.rows(MISSED)
