@@ -38,39 +38,6 @@ def test_a_lazy_package_loads_what_is_used_and_has_every_name() -> None:
     assert done.stdout == "whole\n", done.stderr
 
 
-METHODS = """
-from dataclasses import FrozenInstanceError, dataclass, replace
-from drop_physics.loading import load_less
-load_less()
-@dataclass(frozen=True, order=True)
-class Point:
-    x: float
-    inner: object = None
-@dataclass(frozen=True, slots=True)
-class Named(Point):
-    name: str = ""
-for kind in (Point, Named):
-    a, b = kind(1.0), kind(2.0)
-    assert kind.__eq__.__name__ == "__eq__", kind.__eq__
-    assert a == replace(b, x=1.0) and a != b and not a == 1.0
-    assert hash(a) == hash(kind(1.0)) and len({a, b, kind(1.0)}) == 2
-    try:
-        a.x = 3.0
-    except FrozenInstanceError as error:
-        assert "'x'" in str(error) and a.x == 1.0
-    else:
-        raise AssertionError("it is frozen")
-assert Point(1.0) < Point(2.0) and Point(1.0) != Named(1.0)
-assert repr(Point(1.0, Named(2.0))) == "Point(x=1.0, inner=Named(x=2.0, inner=None, name=''))"
-print("as ever")
-"""
-
-
-def test_methods_of_dataclasses_do_what_they_do_elsewhere() -> None:
-    done = subprocess.run([sys.executable, "-c", METHODS], capture_output=True, text=True)
-    assert done.stdout == "as ever\n", done.stderr
-
-
 def test_where_there_is_no_room_for_a_library_that_aborts_it_is_not_loaded() -> None:
     """Polars aborts the process if an allocation fails."""
     code = """

@@ -9,12 +9,10 @@ called. Other programs, such as a notebook or a recorded script, import whole pa
 from __future__ import annotations
 
 import ast
-import dataclasses
-import functools
 import importlib
 import importlib.util
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.machinery import PathFinder, SourceFileLoader
 from types import ModuleType
 from typing import Any
@@ -96,36 +94,3 @@ def load_less() -> None:
     """
     finders: list[Any] = sys.meta_path
     finders.insert(0, LazyFinder())
-    if create := getattr(dataclasses, COMPILES, None):
-        setattr(dataclasses, COMPILES, _when_called(create))
-
-
-COMPILES = "_create_fn"
-"""The function that compiles each method of a dataclass, up to Python 3.12: six for a frozen class,
-which takes a seventh of our imports. From 3.13 on all are compiled at once."""
-
-
-def _when_called(create: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function that creates a method which is compiled when it is first called.
-
-    `__init__` is compiled at once, since its signature is inspected.
-    """
-
-    def create_later(name: str, *source: Any, **names: Any) -> Any:  # noqa: ANN401
-        if name == "__init__":
-            return create(name, *source, **names)
-
-        @functools.cache
-        def compiled() -> Any:  # noqa: ANN401
-            return create(name, *source, **names)
-
-        def method(instance: object, *given: object) -> Any:  # noqa: ANN401
-            for owner in type(instance).__mro__:
-                if owner.__dict__.get(name) is method:
-                    setattr(owner, name, compiled())
-            return compiled()(instance, *given)
-
-        method.__name__ = name
-        return method
-
-    return create_later
