@@ -207,7 +207,6 @@ class Account:
         for k, aim in given.aims.items():
             series.target[:, k] = aim.target
         efforts = self._joints.efforts(number)
-        needs = np.full(rates, np.nan) if efforts is None else efforts.needs_at_target
         torqued = series.controlled("torque")
         axes = [*asked.axes_of(subject, words)]
         yield from weaker_rows(subject, axes, series)
@@ -224,9 +223,8 @@ class Account:
             turns = np.isfinite(rate)
             row: AccountRow | None
             if np.isfinite(series.target[:, k]).mean() > asked.SELDOM:
-                row = asked.position_row(
-                    subject, axis, series, words, float(needs[k]), given.stiffness(k)
-                )
+                needs = None if efforts is None else efforts.at_target(k)
+                row = asked.position_row(subject, axis, series, words, needs, given.stiffness(k))
             elif turns.mean() > asked.SELDOM and np.abs(rate[turns]).max(initial=0.0) > 0:
                 row = asked.rate_row(subject, axis, series, words)
             elif motors or torqued[:, k].mean() > asked.SELDOM:

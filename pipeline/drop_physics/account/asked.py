@@ -82,12 +82,12 @@ def position_row(
     axis: Axis,
     series: JointSeries,
     words: RowWords,
-    needs: float,
+    needs: float | None,
     stiffness: float | None = None,
 ) -> AccountRow | None:
     """Return the row for a joint with position targets: target, position reached, and causes.
 
-    `needs` is the effort that holding its last target takes [N] or [N m], nan if not known;
+    `needs` is the effort that holding its last target takes [N] or [N m], None if not known;
     `stiffness` that by which the script itself drives it there [N/m] or [N m/rad], None if the
     engine does.
     """
@@ -132,7 +132,7 @@ def position_row(
     if at_limit:
         limit = quantity(float(series.limit[at, k]), axis.force_unit)
         told = told + Message("; its drive at its limit of {limit}", limit=limit)
-        if abs(needs) > series.limit[at, k]:
+        if needs is not None and abs(needs) > series.limit[at, k]:
             holding = quantity(abs(needs), axis.force_unit)
             told = told + Message(", holding its target takes {needs}", needs=holding)
     told = told + (turned_axis(subject, axis) if axis.unit == "m" else Message(""))

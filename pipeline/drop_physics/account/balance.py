@@ -36,8 +36,8 @@ class JointBalance:
     limited: float
     """Share of the steps of the target in which the drive is at its limit."""
     limit: float
-    needs: float
-    """The effort that holding the last target takes; nan where it is not known."""
+    needs: float | None
+    """The effort that holding the last target takes; None where it is not known."""
     forces: Mapping[str, float]
     """The mean forces by cause; empty where steps are not explained."""
     fixed: bool
@@ -50,6 +50,11 @@ class JointBalance:
     def force(self, cause: str) -> float:
         """Return the force of a cause, 0 if there is none."""
         return self.forces.get(cause, 0.0)
+
+    @property
+    def too_weak(self) -> bool:
+        """Whether holding the target is known to take more than the drive's limit."""
+        return self.needs is not None and abs(self.needs) > self.limit
 
     @property
     def left(self) -> float:

@@ -42,9 +42,10 @@ class HeldConstraint:
 
     last: ConstraintVersion
     """The constraint as defined in its last step."""
-    first_gap_m: float = np.nan
-    """Distance of its ends before its first step, the least of its definitions until then."""
-    first_angle_rad: float = np.nan
+    first_gap_m: float | None = None
+    """Distance of its ends before its first step, the least of its definitions until then; None if
+    the recording does not have that step."""
+    first_angle_rad: float = 0.0
     """Angle between its frames before its first step; 0 for one that leaves them free."""
     least_gap_m: float = np.inf
     """The smallest distance after one of the first `SOON` steps."""
@@ -138,9 +139,9 @@ class HeldConstraint:
                 for each in told
                 if each.at.step < self.began
             ]
-            self.first_gap_m = min((float(gap_m[0]) for gap_m, _ in before), default=np.nan)
+            self.first_gap_m = min((float(gap_m[0]) for gap_m, _ in before), default=None)
             angles = (float(angle[0]) if is_fixed else 0.0 for _, angle in before)
-            self.first_angle_rad = min(angles, default=np.nan)
+            self.first_angle_rad = min(angles, default=0.0)
         soon = steps[steps < self.began + SOON]
         if len(soon):
             gaps_m, angles_rad = apart(*frames(_sides(self.last), explained, soon))

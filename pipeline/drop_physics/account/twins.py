@@ -31,7 +31,7 @@ def weaker_rows(
         twins.setdefault(_place(subject, axis.joint), []).append(axis)
     for its in twins.values():
         limits = {axis: _limit(series, axis) for axis in its}
-        known = {axis: limit for axis, limit in limits.items() if np.isfinite(limit)}
+        known = {axis: limit for axis, limit in limits.items() if limit is not None}
         if len(known) < 2:
             continue
         strongest = max(known, key=lambda axis: known[axis])
@@ -71,15 +71,15 @@ def _row(
     )
 
 
-def _limit(series: JointSeries, axis: Axis) -> float:
-    """Return the largest force limit of a joint's drive; nan if it has none.
+def _limit(series: JointSeries, axis: Axis) -> float | None:
+    """Return the largest force limit of a joint's drive; None if it has none.
 
     That of the engine's own motor, which no call has set, says nothing.
     """
     limit = series.limit[:, axis.joint_rate]
     own = series.controlled("default", "unknown", "off")[:, axis.joint_rate]
     known = limit[np.isfinite(limit) & (limit > 0) & ~own]
-    return float(known.max()) if len(known) else np.nan
+    return float(known.max()) if len(known) else None
 
 
 def _place(subject: MeasuredBody, joint: Joint) -> Hashable:

@@ -77,6 +77,11 @@ class PoseEfforts:
     reactions: Reactions | None
     """Forces and torques across the joints in the last step; None if unknown."""
 
+    def at_target(self, joint_rate: int) -> float | None:
+        """Return the torque that holds the pose with a joint at its target; None if undefined."""
+        needs = float(self.needs_at_target[joint_rate])
+        return needs if np.isfinite(needs) else None
+
 
 @dataclass(eq=False)
 class _Pace:

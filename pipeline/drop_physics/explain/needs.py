@@ -7,7 +7,6 @@ other supports, too, or is pressed from several sides, the torque of a joint is 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -75,18 +74,18 @@ class PoseSupport:
         its = (load for load in self._loads if body in load.bodies and load.links <= moved)
         return next(its, None)
 
-    def weighs(self, joint_rate: int) -> float:
+    def weighs(self, joint_rate: int) -> float | None:
         """Return the torque that a joint needs to carry the weight of the links that it moves.
 
-        It includes the weight of what touches the links that the joint moves; nan if something else
-        bears a part of that weight, whether it is at rest or trembles.
+        It includes the weight of what touches the links that the joint moves; None if something
+        else bears a part of that weight, whether it is at rest or trembles.
         """
         tree, row = self._steps.law.tree, np.array([self._row])
         moved = _beyond(tree, tree.first_rate + joint_rate)
         loads = [(n, load) for n, load in enumerate(self._loads) if load.links & moved]
         alone = all(load.links <= moved and n in self._masses for n, load in loads)
         if not (tree.fixed and alone) or self.constraints[joint_rate] != 0:
-            return math.nan
+            return None
         kin = kinematics(tree, _still(self._steps.after.at(row)))
         pull = self._steps.reported.gravity_m_s2[row]
         acting = gravity(kin, pull)[0]

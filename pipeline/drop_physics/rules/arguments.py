@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from typing import overload
 
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Site, located
@@ -15,8 +15,12 @@ def given(call: Call, name: str) -> tuple[float, ...]:
     return () if place is None else call.numbers[place]
 
 
-def number(call: Call, name: str, default: float = math.nan) -> float:
-    """Return the value of an argument that is a single number."""
+@overload
+def number(call: Call, name: str) -> float | None: ...
+@overload
+def number(call: Call, name: str, default: float) -> float: ...
+def number(call: Call, name: str, default: float | None = None) -> float | None:
+    """Return the value of an argument that is a single number, or a default if it is missing."""
     numbers = given(call, name)
     return numbers[0] if numbers else default
 

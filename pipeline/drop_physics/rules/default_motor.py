@@ -35,7 +35,7 @@ TORQUE = np.array([[[False, True]]])
 """Index of the table's plane for joints driven by torques."""
 
 
-@joint_rule("default-motor", "asked", least_count=COASTS_STEPS)
+@joint_rule("default-motor", "asked", commanded=False, least_count=COASTS_STEPS)
 def default_motor(joints: JointColumns) -> Match | None:
     """A joint is held by its motor against torques, weight or a collision."""
     steps, default, torqued = (
@@ -77,7 +77,7 @@ def default_motor(joints: JointColumns) -> Match | None:
     return Match(
         where,
         np.zeros(where.shape),
-        {"torque": TORQUE, "site": np.nan},
+        {"torque": TORQUE},
         {name: each[:, :, None] * planes for name, each in sums.items()},
         {"most": np.abs(joints.torque)},
         lasts={

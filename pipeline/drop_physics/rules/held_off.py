@@ -68,13 +68,13 @@ def cause_of(
     if not driven.at_limit[row, k]:
         return _gains(driven, row, k)
     away = math.copysign(1.0, float(stood.gap[0]))
-    here = float(held.needs[k])
-    if math.isnan(here) and not -away * (here := held.weighs(k)) > 0:
-        here = math.nan
-    if abs(here) > driven.limit[row, k]:
+    alone = float(held.needs[k])
+    shared = math.isnan(alone)  # others share its load
+    here = held.weighs(k) if shared else alone
+    if here is not None and not (shared and here * away >= 0) and abs(here) > driven.limit[row, k]:
         return _too_weak(driven, held, stood, abs(here))
     holds = _held(scene, driven, held, row, k, away)
-    if holds is None and math.isnan(held.needs[k]):  # others share its load
+    if holds is None and shared:
         return Cause("at its limit", _weak(driven, stood), MORE_FORCE, Cure("force"), proposed=True)
     return holds
 

@@ -51,7 +51,8 @@ class SentAnswers:
     def _send(self, call: Call, asked: Call, body: int) -> None:
         """Note that a solution was sent, if a motor's target equals one of its numbers."""
         targets = given(call, "targetPositions") or given(call, "targetPosition")
-        point, link = given(asked, "targetPosition"), int(number(asked, "endEffectorLinkIndex"))
+        point = given(asked, "targetPosition")
+        link = int(number(asked, "endEffectorLinkIndex", -1.0))
         if asked.at.step != call.at.step or asked.result not in targets or len(point) != 3:
             return
         del self._asked[body]

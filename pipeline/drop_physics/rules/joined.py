@@ -55,6 +55,8 @@ def constraint_apart(row: AccountRow) -> bool:
 @constraint_apart.notes
 def _(scene: Scene, worst: Case, subject: Body, held: HeldConstraint) -> Noted | None:
     gap, angle, part = held.first_gap_m, held.first_angle_rad, _part_m(scene, held)
+    if gap is None:
+        return None
     pulled = gap > APART * part and held.least_gap_m < CLOSES * gap
     swings = angle > APART_RAD and held.least_angle_rad < CLOSES * angle
     if held.last.moved >= held.began or not (pulled or swings):

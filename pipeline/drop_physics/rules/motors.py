@@ -308,12 +308,16 @@ joint_damping.rows(
 # -- mimic-ignored --------------------------------------------------------------------------------
 
 
-@joint_rule("mimic-ignored", "asked")
+@joint_rule("mimic-ignored", "asked", commanded=False)
 def mimic_ignored(joints: JointColumns) -> Match | None:
     """A joint does not follow the other joint that its file's `<mimic>` names."""
     places = zip(joints.body.joints, joints.body.rates, strict=True)
     rates = {each.name: at.start for each, at in places if each.widths[1] == 1}
-    pairs = [mimic for mimic in joints.body.asked.mimics if {mimic.joint, mimic.of} <= rates.keys()]
+    pairs = [
+        mimic
+        for mimic in joints.body.asked.mimics
+        if mimic.multiplier and {mimic.joint, mimic.of} <= rates.keys()
+    ]
     if not pairs:
         return None
     own, leads = (
@@ -340,7 +344,6 @@ def mimic_ignored(joints: JointColumns) -> Match | None:
     return Match(
         column(np.ones(apart.shape)) > 0,
         column(np.abs(apart)),
-        {"site": np.nan},
         most={
             "high": column(apart),
             "low": column(-apart),
@@ -369,7 +372,7 @@ def _(subject: Body, joint: str, link: int, rested: float, now: float, extent: f
     return {
         "gap": gap,
         "of": mimic.of,
-        "geared": {"ratio": f"{-1 / (mimic.multiplier or np.nan):g}", "link": link},
+        "geared": {"ratio": f"{-1 / mimic.multiplier:g}", "link": link},
         "part": gap / extent,
     }
 

@@ -192,6 +192,8 @@ class Rule:
     subject: int | None = None
     """Number of key columns that identify a subject, of each of which the worst is reported; None
     for all columns. With 0 there is one finding for the run, about no body."""
+    commanded: bool = True
+    """Whether a finding about a joint cites the command in effect as its cause."""
     argument: str | None = None
     """The argument of `changeDynamics` whose call is the cause."""
     engines: tuple[str, ...] = BULLETS
@@ -467,7 +469,7 @@ class Rules:
             unit, effort = units(body.joints[link])
             about = {"joint": body.joints[link].name, "link": link, "unit": unit, "effort": effort}
             about |= {"joints": joints, "more": and_more(among)}
-            site = self.scene.site(worst["site"][0])
+            site = self.scene.site(worst["site"][0]) if rule.commanded else None
         elif rule.table == "actuators":
             actuator = body.actuators[keys[1]]
             joint = actuator.target if actuator.acts_on == "joint" else None

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from drop_physics import quantities
 from drop_physics.account.balance import CONTACTS, DRIVE, JointBalance
 from drop_physics.account.rows import AccountRow
@@ -65,15 +63,19 @@ def _(
     assert servo is not None
     holder = balance.holder
     gap, goal, own, needs = balance.gap, balance.goal, balance.force(DRIVE), balance.needs
-    near, finite, back = OFF[unit], bool(np.isfinite(needs)), balance.force("spring")
+    near, back = OFF[unit], balance.force("spring")
     # Controls that are never written are 0, too: nobody may have asked for that.
     level = None if scene.actuators.sends(subject) else "model"
     if by in HELD or (by == "spring" and abs(gap) < SAGS * near):
         level = "note"
     ends = subject.joints[link_of(subject, balance.joint_rate)].limits
-    degrees, known = math.degrees(bound := ends[gap < 0]), balance.fixed and finite
-    takes = Message("; the target takes {n}", n=quantities.effort(needs, effort))
-    least = abs(needs if known and needs else own) / (near * servo.gear**2)
+    degrees = math.degrees(bound := ends[gap < 0])
+    takes, enough, wanted, known = "", None, own, False
+    if needs is not None:
+        takes = Message("; the target takes {n}", n=quantities.effort(needs, effort))
+        enough, known = abs(needs) * SPARE, balance.fixed
+        wanted = (known and needs) or own
+    least = abs(wanted) / (near * servo.gear**2)
     digit = 10.0 ** (math.floor(math.log10(least)) - 1) if least else 1.0  # the last written
     return {
         **as_degrees(goal),
@@ -99,8 +101,8 @@ def _(
         "turned": unit == "rad" and servo.gear == 1 and is_degrees(goal, *ends),
         "in_radians_there": unit == "rad" and abs(goal) <= abs(degrees) <= IN_DEGREES_RAD,
         "through": own + balance.force(CLAMPED),
-        "takes": takes if finite else "",
-        "enough": abs(needs) * SPARE if finite else None,
+        "takes": takes,
+        "enough": enough,
         "known": known,
         "near": near,
         "stiffer": float(f"{math.ceil(least / digit) * digit:g}"),
@@ -116,13 +118,13 @@ def _holds(body: Body, balance: JointBalance, unit: str) -> str | None:
     if servo is None or not balance.forces or not abs(balance.gap) > OFF[unit]:
         return None
     least = OWN_SHARE * abs(own)
-    short = balance.at_limit and not abs(balance.needs) <= balance.limit
+    short = balance.at_limit and (balance.needs is None or balance.too_weak)
     if not balance.rests:
         if not balance.ends:
             return None
         if balance.at_limit:
-            often = balance.limited >= EACH_STEP and abs(balance.needs) > balance.limit
-            return "forcerange" if short and often else None
+            often = balance.limited >= EACH_STEP and balance.too_weak
+            return "forcerange" if often else None
     if -balance.force("stops") > least:
         return "range"
     if abs(balance.force(CLAMPED)) > least:

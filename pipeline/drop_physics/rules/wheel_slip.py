@@ -39,7 +39,7 @@ OF_BOTH = {PYBULLET: Message("the product of both"), MUJOCO: Message("the larger
 """The friction coefficient that the engine uses for a pair."""
 
 
-@joint_rule("wheel-slip", "asked", engines=ANY)
+@joint_rule("wheel-slip", "asked", engines=ANY, commanded=False)
 def wheel_slip(joints: JointColumns) -> Match | None:
     """A wheel slips: its contact point moves otherwise than its joint turns."""
     steps, number = joints.steps, joints.body.number
@@ -72,7 +72,6 @@ def wheel_slip(joints: JointColumns) -> Match | None:
     return Match(
         drives,
         sums[:, :, 1],
-        {"site": np.nan},
         sums={
             **{name: sums[:, :, k] for k, name in enumerate(SUMS)},
             "turned": turned_rad * rolls,
