@@ -66,6 +66,7 @@ def turned_around(joints: JointColumns) -> Match:
             numbers["gear"][rows, k] = (
                 [each.gear for each in actuators_on(joints.driven.body, k)] or [1.0]
             )[0]
+            numbers["lasts"][rows, k] = 1.0
             for name, value in _limits(*its).items():
                 numbers[name][rows, k] = value
             continue
