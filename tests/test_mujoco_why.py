@@ -103,6 +103,7 @@ def test_a_nudge_moves_each_joint_once() -> None:
     mujoco.mj_step(run.m, bare)
     moved = abs(run.d.qpos - bare.qpos)
     assert moved[:3].min() > 0
+    assert 0 < moved[3:7].max() < 1e-9, "it is turned, too"
     assert moved.max() < 3e-9
     assert moved[-1] > 0
     assert before[-1] == 0

@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from drop_physics.engines.source import PlacedText
 from drop_physics.engines.watching.single_changes import Change, how_of
-from drop_physics.experiments.motion import RunMotion, apart_m, side_m
+from drop_physics.experiments.motion import RunMotion, apart_m, fastest, side_m, thrown
 from drop_physics.experiments.ranking import ranked
 from drop_physics.experiments.search import ChangeOutcome, Search
 
@@ -24,7 +25,7 @@ def motion(height_m: float, aside_m: float = 0.0) -> RunMotion:
     """Return the motion of a cube that stays at a height, and of a table beside it."""
     positions = np.zeros((5, 2, 9))
     positions[:, 0, 2::3], positions[:, 1, ::3] = height_m, aside_m
-    return RunMotion(1, 5, ("cube", "table"), {}, positions)
+    return RunMotion(1, 5, ("cube", "table"), {}, positions, 0.01)
 
 
 @dataclass
@@ -130,9 +131,14 @@ def test_a_second_list_is_tried_without_what_was_tried_before() -> None:
 
 
 SPEED = Change(
-    "SPEED", "*0.1", ("*", 0.1), ((40, 41, "5", "", "lift.py:7"),), ("5",),
-    site=("lift.py", 7), engine="source",
-)  # fmt: skip
+    "SPEED",
+    "*0.1",
+    ("*", 0.1),
+    (PlacedText("", 40, 41, "5", "", "lift.py:7", is_count=False, paces=False),),
+    ("5",),
+    site=("lift.py", 7),
+    engine="source",
+)
 
 
 def test_another_text_with_which_everything_moves_as_before_is_not_said() -> None:
@@ -154,6 +160,38 @@ def test_another_text_that_throws_things_out_of_the_scene_takes_it_apart() -> No
         assert said == {"option.timestep": False}, "with one motion, the model is said"
         (tried,) = (each for each in search.tried if each.change.change == "SPEED")
         assert tried.change.breaks == breaks
+
+
+def test_a_timestep_with_which_the_run_ends_early_does_not_count() -> None:
+    """The run makes five steps of 0.01 s; with a tenth of the step it simulates as long, or not."""
+    for steps, holds in ((50, True), (5, False)):
+        moved = replace(motion(0.5), steps=steps, step_s=0.001)
+        runs = Runs(lambda _: 0.5)
+        search = Search(
+            ChangeOutcome(False, -0.2, 0.1, [motion(0.1)]),
+            lambda all_, moved=moved: (
+                (each, ChangeOutcome(True, 0.2, 0.5, [moved])) for each in all_
+            ),
+        )
+        (text,) = SPEED.ids
+        paced = replace(SPEED, change="option.timestep", ids=(text._replace(paces=True),))
+        search.all_of([paced])
+        assert search.tried[0].outcome.holds == holds
+        assert not runs.made
+
+
+def test_a_body_is_thrown_if_it_is_much_faster_than_all_that_moved_before() -> None:
+    """A cube rises by 0.1 m within 0.01 s in the script's own run, and by 0.15 or 0.25 m."""
+
+    def rising(by_m: float) -> RunMotion:
+        moved = motion(0.1)
+        moved.positions_m[3:, 0, 2::3] += by_m
+        return moved
+
+    assert fastest([rising(0.1)]) == ("cube", pytest.approx(10.0))
+    assert thrown([rising(0.1)], [rising(0.15)]) is None
+    assert thrown([rising(0.1)], [rising(0.25)]) == ("cube", pytest.approx(25.0))
+    assert thrown([motion(0.1)], [rising(0.009)]) is None, "0.9 m/s is no throw"
 
 
 def test_another_text_has_to_do_it_with_less_than_half_of_the_side_effects() -> None:
@@ -276,8 +314,10 @@ def test_motions_are_compared_at_the_steps_that_both_have() -> None:
     """A body moves at 1 m/step, in 9 and in 4 steps: compared are steps 0, 4, 8 and 0, 4."""
     positions = np.zeros((9, 1, 9))
     positions[:, 0, ::3] = np.arange(9)[:, None]
-    one = RunMotion(1, 9, ("cube",), {}, positions)
-    other = RunMotion(4, 8, ("cube",), {}, positions[::4][:2] + 3.0)
+    one = RunMotion(1, 9, ("cube",), {}, positions, 0.01)
+    other = RunMotion(4, 8, ("cube",), {}, positions[::4][:2] + 3.0, 0.01)
     assert apart_m([one], [other])["cube"] == pytest.approx(3 * np.sqrt(3))
+    half = RunMotion(2, 18, ("cube",), {}, positions + 3.0, 0.005)
+    assert apart_m([one], [half])["cube"] == pytest.approx(3 * np.sqrt(3)), "at the same times"
     assert side_m({"cube": 3.0, "a": 3.0, "b": 4.0}, besides=["cube"]) == 5
     assert apart_m([one], [replace(other, bodies=("ball",))]).keys() == {"cube"}

@@ -64,7 +64,8 @@ def test_what_a_user_would_edit_is_found_and_what_is_only_measured_is_not() -> N
         ("joint.range", "hinge#1"),
     }, "no argument, index, bound or goal; what the compiled model has is changed there"
     left_out = {each.change for each in found() if each.op == "left-out"}
-    assert left_out == {"data.ctrl[0]", "data.qpos[:]", "joint.range"}
+    assert left_out == {"data.ctrl[0]", "data.qpos[:]", "joint.range", "option.timestep"}
+    assert {each.of for each in found() if each.change == "index"} == {("data.ctrl[0]",)}
 
 
 def test_what_is_expected_is_no_change_where_it_is_a_number_and_is_one_elsewhere() -> None:
@@ -85,6 +86,14 @@ def test_what_is_expected_is_no_change_where_it_is_a_number_and_is_one_elsewhere
             '<body name="arm" pos="0 0 .5"><joint name="hinge"  damping="2"/>',
         ),
         ("data.ctrl[0]", "left-out", "    pass"),
+        ("index", "+1", "    data.ctrl[1] = -torque"),
+        (
+            "joint.range",
+            "*57.2957795",
+            '<body name="arm" pos="0 0 .5"><joint name="hinge" range="-57.2957795 57.2957795" '
+            'damping="2"/>',
+        ),
+        ("option.timestep", "*0.1", 'XML = """<mujoco><option timestep="0.0002"/><worldbody>'),
     ],
 )
 def test_an_edit_is_what_its_user_would_write(name: str, op: str, line: str) -> None:

@@ -18,7 +18,8 @@ from itertools import accumulate, zip_longest
 from typing import Any, NamedTuple, TypeGuard
 
 from drop_physics.engines.watching.expression import EPISODE, PRINTED, SERIES, TAKEN
-from drop_physics.engines.watching.single_changes import MOST_NAMES, Change
+from drop_physics.engines.watching.operators import becoming
+from drop_physics.engines.watching.single_changes import MOST_NAMES, Change, how_of
 from drop_physics.fields import all_of
 from drop_physics.messages import Message
 
@@ -28,12 +29,19 @@ NUMBERS = ("*10", "*0.1", "*-1", "=0")
 SIZES, PLACES = ("*2", "*0.5"), ("*2", "*0.5", "*-1")
 COUNTS = ("*10", "*0.1")
 LEFT_OUT = "left-out"
-NUMBER, COUNT = "number", "range"
-"""Names for a number that is not assigned to anything, and for that of an inner loop."""
+NUMBER, COUNT, INDEX = "number", "range", "index"
+"""Names for a number that is not assigned to anything, for that of an inner loop, and for the index
+of an element that is set."""
+NEXT = ("+1", "-1")
 DEGREES = 0.017453292519943295
 """Factor that converts degrees to radians [rad/degree]."""
 LARGEST_RAD, LARGEST_DEGREES = 6.3, 720.0
 """A number between these may be an angle in degrees."""
+ANGLES = re.compile(r"^(joint\.(range|ref)|limit\.(lower|upper))$")
+"""Attributes that may have the wrong unit of angles."""
+TIMESTEP = "option.timestep"
+PACED = 10.0
+"""Number of times as many steps that a run may make if a change sets how long a step is."""
 MEASURES = re.compile(
     r"^(print|round|range|enumerate|sleep|append|extend|add_argument|format|isclose|allclose|exit|"
     r"savetxt|plot|show|join|disconnect|connect|stepSimulation|mj_step\d?|mj_forward|reset|step|"
@@ -47,7 +55,7 @@ COLLECTS = re.compile(r"^(join|zip|map|dict|tuple|list|array|asarray|deg2rad|rad
 """Functions whose arguments are names or outputs where they are called, and so not edited."""
 FIELDS = re.compile(
     r"^(friction|mass|damping|stiffness|armature|frictionloss|gravcomp|kp|kv|gear|solref|solimp|"
-    r"condim|timestep|integrator|cone|iterations|limited|\w+limited|density|impratio|gravity|"
+    r"condim|integrator|cone|iterations|limited|\w+limited|density|impratio|gravity|"
     r"i[xyz][xyz]|diaginertia|fullinertia|value|noslip_iterations|effort|velocity)$"
 )
 """Attributes whose values are changed in the compiled model, or by a call, instead."""
@@ -120,6 +128,8 @@ class TextPart:
     """Whether it is an attribute in a model's XML."""
     is_count: bool = False
     """Whether it says how often a loop is repeated, so that it stays a whole number."""
+    paces: bool = False
+    """Whether the number of the script's steps depends on it."""
 
     @property
     def breaks(self) -> bool:
@@ -145,6 +155,7 @@ class PlacedText(NamedTuple):
     where: str
     """File and line."""
     is_count: bool
+    paces: bool
 
 
 def changes_of(text: bytes, file: str, expected: str, path: str = "") -> list[Change]:
@@ -188,7 +199,7 @@ def _told_apart(names: Sequence[str]) -> Iterator[str]:
     alike, seen = Counter(names), Counter[str]()
     for name in names:
         seen[name] += 1
-        yield f"{name}#{seen[name]}" if alike[name] > 1 else name
+        yield f"{name}#{seen[name]}" if name and alike[name] > 1 else name
 
 
 def _of_places(
@@ -207,9 +218,18 @@ def _of_places(
             yield Change(
                 first.name,
                 op,
-                (op, None) if op == LEFT_OUT else (op[0], float(op[1:])),
+                (op, None) if op == LEFT_OUT else how_of(op),
                 tuple(
-                    PlacedText(path, e.start, e.end, was, e.without, f"{file}:{e.line}", e.is_count)
+                    PlacedText(
+                        path,
+                        e.start,
+                        e.end,
+                        was,
+                        e.without,
+                        f"{file}:{e.line}",
+                        e.is_count,
+                        e.paces,
+                    )
                     for e, _, was in its
                 ),
                 tuple(name for _, name, _ in its),
@@ -230,13 +250,20 @@ def repeats(change: Change) -> float:
 
     1 of other changes.
     """
+    if paces(change):
+        return PACED
     return max(1.0, change.how[1]) if any(each.is_count for each in change.ids) else 1.0
+
+
+def paces(change: Change) -> bool:
+    """Return whether a change sets how long a step is, and so perhaps how many there are."""
+    return change.engine == SOURCE and any(each.paces for each in change.ids)
 
 
 def place_of(change: Change) -> tuple[str, str]:
     """Return the file and line that a change edits, and the source text there, e.g. `KP=5`."""
     first: PlacedText = change.ids[0]
-    is_value = change.op != LEFT_OUT and change.change not in (NUMBER, COUNT)
+    is_value = change.op != LEFT_OUT and change.change not in (NUMBER, COUNT, INDEX)
     return first.where, f"{change.change}={first.was}" if is_value else _in_a_line(first.was)
 
 
@@ -278,17 +305,22 @@ def _does(was: str, op: str) -> bool:
     """Return whether an operator alters a text."""
     if op == LEFT_OUT:
         return True
-    numbers = _numbers(was)
-    return bool(numbers and any(numbers))
+    numbers = _numbers(was) or []
+    return _made(numbers, how_of(op)) != numbers
+
+
+def _made(numbers: list[float], how: tuple[str, Any]) -> list[float]:
+    """Return the numbers after a change."""
+    operator, operand = how
+    made: list[float] = becoming(numbers, (operator, [operand] * len(numbers)))
+    return made
 
 
 def _becomes(change: Change, place: PlacedText) -> str:
     """Return the text after a change."""
-    operator, operand = change.how
-    if operator == LEFT_OUT:
+    if change.op == LEFT_OUT:
         return place.without
-    numbers = _numbers(place.was) or []
-    made = [operand if operator == "=" else each * operand for each in numbers]
+    made = _made(_numbers(place.was) or [], change.how)
     if place.is_count:
         made = [max(1, round(each)) for each in made]
     whole = not re.search(r"[.eE]", place.was)
@@ -376,6 +408,7 @@ class _TextParts:
         """Number of loops around the part that is looked at."""
         self._repeated = {*_called_in_loops(tree)}
         self._counts = {*_counting(tree)}
+        self._paces = {*_pacing(tree)}
 
     def all(self) -> Iterator[TextPart]:
         """Yield the replaceable pieces in the order of the file."""
@@ -480,6 +513,8 @@ class _TextParts:
             sets = sets and not name.startswith(("self.", "os.", "sys."))
             if {ast.unparse(each) for each in targets} & self._feeding:
                 return
+            for each in targets:
+                yield from self._of_index(each)
         if sets:
             start, end = self._at(node)
             lines = (node.end_lineno or node.lineno) - node.lineno
@@ -487,6 +522,17 @@ class _TextParts:
             yield TextPart(what, "", node.lineno, start, end, (LEFT_OUT,), without=without)
         if node.value is not None:
             yield from self._of(node.value, name, function)
+
+    def _of_index(self, target: ast.expr) -> Iterator[TextPart]:
+        """Yield the whole numbers that say which element of an array is set."""
+        if not isinstance(target, ast.Subscript):
+            return
+        of = ast.unparse(target).replace(" ", "")
+        places = target.slice.elts if isinstance(target.slice, ast.Tuple) else [target.slice]
+        for each in places:
+            if isinstance(each, ast.Constant) and type(each.value) is int:
+                tries = NEXT if each.value else NEXT[:1]  # the last one is not the one before 0
+                yield TextPart(INDEX, of, each.lineno, *self._at(each), tries, without=" ")
 
     def _of_constant(self, node: ast.expr, name: str) -> Iterator[TextPart]:
         start, end = self._at(node)
@@ -503,7 +549,7 @@ class _TextParts:
             elif LARGEST_RAD < abs(numbers[0]) <= LARGEST_DEGREES:
                 tries = (*tries, f"*{DEGREES}")
             part = TextPart(name or NUMBER, was, node.lineno, start, end, tries)
-            yield replace(part, is_count=is_count)
+            yield replace(part, is_count=is_count, paces=name in self._paces)
 
     def _of_markup(self, start: int, end: int) -> Iterator[TextPart]:
         """Yield attributes of a model's XML in the text, and its elements without children."""
@@ -537,11 +583,17 @@ class _TextParts:
             tries: tuple[str, ...] = PLACES if SHAPES.match(name) else NUMBERS
             tries = SIZES if POSITIVE.match(name) else tries
             tries = PLACES[-1:] if name == "axis" else tries
+            tries = COUNTS if own == TIMESTEP else tries
+            if ANGLES.match(own):
+                is_large = max(map(abs, numbers)) > LARGEST_RAD
+                tries = (*tries, f"*{DEGREES if is_large else 1 / DEGREES:.9g}")
             end = value + len(found["value"])
-            yield TextPart(own, of, line, value, end, tries, " ", in_markup=True)
+            part = TextPart(own, of, line, value, end, tries, " ", in_markup=True)
+            yield replace(part, paces=own == TIMESTEP)
         if not NEEDED.match(name):
             end = at + len(found[0])
-            yield TextPart(own, of, line, at, end, (LEFT_OUT,), " ", in_markup=True)
+            part = TextPart(own, of, line, at, end, (LEFT_OUT,), " ", in_markup=True)
+            yield replace(part, paces=own == TIMESTEP)
 
 
 def _asks_for_arguments(node: ast.AST) -> bool:
@@ -567,6 +619,15 @@ def _counting(tree: ast.AST) -> Iterator[str]:
     """Yield the variables that set how often loops are repeated."""
     for call in filter(_counts, ast.walk(tree)):
         yield from (each.id for each in call.args if isinstance(each, ast.Name))
+
+
+def _pacing(tree: ast.AST) -> Iterator[str]:
+    """Yield the variables by which the number of a loop's repetitions is divided: timesteps."""
+    for call in filter(_counts, ast.walk(tree)):
+        for each in ast.walk(call):
+            match each:
+                case ast.BinOp(op=ast.Div() | ast.FloorDiv(), right=ast.Name(id=name)):
+                    yield name
 
 
 def _is_number(node: ast.AST) -> bool:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from drop_physics.arrays import Float64
+from drop_physics.experiments.verdicts import THROWN, WILDER
 
 POINTS = 3
 """Number of points by which a body's motion is described, so that spinning counts as motion."""
@@ -29,6 +30,18 @@ class RunMotion:
     positions_m: Float64
     """Positions of three points of each body [m], shape (states, bodies, 9); nan where a body does
     not exist."""
+    step_s: float
+    """Mean timestep [s]; 0 if the clock never went on."""
+
+    @property
+    def duration_s(self) -> float:
+        """The simulated time [s]."""
+        return self.steps * self.step_s
+
+    @property
+    def interval_s(self) -> float:
+        """Time between samples [s], in steps if the clock never went on."""
+        return self.stride * (self.step_s or 1.0)
 
 
 def motion_of(told: Mapping[str, Any]) -> RunMotion:
@@ -42,18 +55,30 @@ def motion_of(told: Mapping[str, Any]) -> RunMotion:
         bodies,
         told["astray"],
         flat.reshape(len(flat) // size if size else 0, len(bodies), 3 * POINTS),
+        told["step_s"],
     )
 
 
+def _at_same_times(one: RunMotion, other: RunMotion) -> tuple[Float64, Float64]:
+    """Return the positions of two runs at the samples of the one that has fewer per second."""
+    interval_s = max(one.interval_s, other.interval_s)
+    found = []
+    for each in (one, other):
+        times_s = np.arange(len(each.positions_m)) * each.interval_s
+        count = int(times_s[-1] / interval_s + 0.5) + 1 if len(times_s) else 0
+        rows = np.rint(np.arange(count) * interval_s / each.interval_s).astype(int)
+        found.append(each.positions_m[rows[rows < len(times_s)]])
+    return found[0], found[1]
+
+
 def apart_m(one: Sequence[RunMotion], other: Sequence[RunMotion]) -> dict[str, float]:
-    """Return the RMS distance of each body between two runs [m], over their common steps.
+    """Return the RMS distance of each body between two runs [m], over their common time.
 
     Infinite for a body that is in only one of them.
     """
     far: dict[str, float] = {}
     for first, second in zip(one, other, strict=False):
-        stride = math.lcm(first.stride, second.stride)
-        a, b = (each.positions_m[:: stride // each.stride] for each in (first, second))
+        a, b = _at_same_times(first, second)
         states, bodies = min(len(a), len(b)), min(a.shape[1], b.shape[1])
         with np.errstate(all="ignore"):
             squared = np.sum((a[:states, :bodies] - b[:states, :bodies]) ** 2, axis=2) / POINTS
@@ -91,6 +116,26 @@ def size_m(motion: RunMotion) -> float:
     points = motion.positions_m.reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
     return float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
+
+
+def fastest(motions: Sequence[RunMotion]) -> tuple[str, float]:
+    """Return the fastest body of a run, and the mean speed between two samples [m/s]."""
+    found = [("", 0.0)]
+    for each in motions:
+        if each.step_s and len(each.positions_m) > 1:
+            moved_m = np.linalg.norm(np.diff(each.positions_m[:, :, :POINTS], axis=0), axis=2)
+            speeds = np.nan_to_num(moved_m).max(axis=0) / each.interval_s
+            found += zip(each.bodies, map(float, speeds), strict=True)
+    return max(found, key=lambda each: each[1])
+
+
+def thrown(one: Sequence[RunMotion], other: Sequence[RunMotion]) -> tuple[str, float] | None:
+    """Return the fastest body of the second run, and its speed [m/s]; None if it is not thrown.
+
+    It is, by the measure for the trials of findings, if it is much faster than all in the first.
+    """
+    body, speed = fastest(other)
+    return (body, speed) if speed > max(THROWN["m"], WILDER * fastest(one)[1]) else None
 
 
 def is_still(far: Mapping[str, float]) -> bool:

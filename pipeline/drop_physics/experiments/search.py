@@ -13,9 +13,16 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from drop_physics.engines.source import SOURCE
+from drop_physics.engines.source import SOURCE, paces
 from drop_physics.engines.watching.single_changes import ORDERS, Change
-from drop_physics.experiments.motion import RunMotion, apart_m, is_still, size_m, worse
+from drop_physics.experiments.motion import (
+    RunMotion,
+    apart_m,
+    is_still,
+    size_m,
+    thrown,
+    worse,
+)
 from drop_physics.experiments.verdicts import BEYOND
 
 ONE_BY_ONE = 8
@@ -32,6 +39,8 @@ NARROWED = 3
 THROWN = 5.0
 """A change of the text that moves a body farther off than this many times the size of the scene
 counts as throwing it away, which destroys the scene."""
+LASTS = 0.99
+"""Share of the unchanged run's time that a run with another timestep must simulate."""
 MOST_MOVERS = 12
 """Most kinds of changes that only move the quantity, and are tried element by element."""
 MOST_PEAKS = 4
@@ -80,6 +89,8 @@ class TriedChange:
     """RMS distance of each body from the script's own run [m]."""
     worse: Sequence[str] = ()
     """The commands followed less well than in the script's own run."""
+    thrown: tuple[str, float] | None = None
+    """The fastest body and its speed [m/s], if that is far above all in the script's own run."""
 
     @property
     def family(self) -> tuple[Any, ...]:
@@ -216,6 +227,13 @@ class Search:
         near = [each for each in near if each.outcome.margin > self.base.margin]
         return sorted(near, key=lambda each: -each.outcome.margin)
 
+    def _ends_early(self, outcome: ChangeOutcome) -> bool:
+        """Return whether a run simulates less time than the unchanged one."""
+        own_s, its_s = (
+            sum(each.duration_s for each in motion) for motion in (self.base.motion, outcome.motion)
+        )
+        return its_s < LASTS * own_s
+
     @property
     def _size_m(self) -> float:
         """Size of the scene in the unchanged run [m]."""
@@ -230,11 +248,13 @@ class Search:
             follows = worse(self.base.motion, outcome.motion)
             number = queue.number(change)
             if change.engine == SOURCE:
-                if is_still(far_m):  # another number is told, or sooner
+                # Another number is told, or sooner.
+                if is_still(far_m) or (paces(change) and self._ends_early(outcome)):
                     outcome = replace(outcome, holds=False)
                 apart = max(far_m.values(), default=0.0) > THROWN * self._size_m
                 change = replace(change, breaks=change.breaks or apart)
-            each = TriedChange(change, outcome, number, far_m, follows)
+            throws = thrown(self.base.motion, outcome.motion)
+            each = TriedChange(change, outcome, number, far_m, follows, throws)
             self.tried.append(each)
             self.told(len(self.tried), sum(one.outcome.holds for one in self.tried))
             if outcome.holds:

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
+from drop_physics.experiments.motion import fastest
 from drop_physics.fields import all_of, counted
 from drop_physics.messages import Message, joined
 from drop_physics.quantities import DIGITS, number, quantity
@@ -69,8 +70,8 @@ def json_of(found: Expected) -> dict[str, Any]:
             {
                 **_json_of(found, each.tried, each.side_m, factor),
                 "row": each.row,
-                "ties": [_named(one) for one in each.alike],
-                "also": [{**_named(one), "result": one.outcome.value} for one in each.also],
+                "ties": [_named(found, one) for one in each.alike],
+                "also": [{**_named(found, one), "result": one.outcome.value} for one in each.also],
                 "place": place,
                 "recording": recording,
                 "site": line,
@@ -99,15 +100,15 @@ def _json_of(
     change = tried.change
     operand = change.how[1]
     return {
-        **_named(tried),
+        **_named(found, tried),
         "value": operand if isinstance(operand, int | float) else None,
         "least": least,
-        "try": found.repeats(change),
         "call": found.words(change),
         "result": tried.outcome.value,
         "side": side_m,
         "breaks": change.breaks,
         "worse": [*tried.worse],
+        "thrown": tried.thrown and {"body": tried.thrown[0], "value": tried.thrown[1]},
         "row": None,
         "from_step": None,
         "second_before": None,
@@ -116,10 +117,11 @@ def _json_of(
     }
 
 
-def _named(tried: TriedChange) -> dict[str, Any]:
+def _named(found: Expected, tried: TriedChange) -> dict[str, Any]:
     change = tried.change
     site = None if change.site is None else ":".join(map(str, change.site))
-    return {"change": change.change, "target": [*change.target], "op": change.op, "site": site}
+    names = {"change": change.change, "target": [*change.target], "op": change.op}
+    return {**names, "site": site, "try": found.repeats(change)}
 
 
 # -- as lines -------------------------------------------------------------------------------------
@@ -264,6 +266,17 @@ def _told(
     if each.tried.worse:
         parts.append(
             Message("follows {commands} worse", commands=all_of(each.tried.worse[:MOST_COMMANDS]))
+        )
+    if each.tried.thrown is not None:
+        body, speed = each.tried.thrown
+        at_most = quantity(fastest(found.base.motion)[1], "m/s")
+        parts.append(
+            Message(
+                "{body} is as fast as {speed}, where nothing was above {own}",
+                body=body,
+                speed=quantity(speed, "m/s"),
+                own=at_most,
+            )
         )
     if each.is_alone:
         parts.append(Message("a coincidence: neither 5% more nor 5% less does it"))

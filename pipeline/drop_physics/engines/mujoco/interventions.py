@@ -342,7 +342,7 @@ SEARCHED = (
     ("option.density", "density", "=0", ""),
     ("option.viscosity", "viscosity", "=0", ""),
     ("option.wind", "wind", "=0", ""),
-    ("start.qpos", "data.qpos", "=default +0.001 +0.01", ""),
+    ("start.qpos", "data.qpos", "=default +0.001 +0.01 w-first", ""),
     ("start.qvel", "data.qvel", "=0", "=0"),
     *(
         (f"input.{part}", f"data.{part}", f"=0 *0.1 *10 *-1 held late{orders}", "=0 held")
@@ -709,6 +709,7 @@ def _words_of(change: Change) -> str:
 WRITTEN_AS = {
     "actuator_kp_kv": "kp and kv",
     "actuator_off": "force",
+    "body_mass": Message("mass, and with it inertia,"),
     "geom_collides": "contype",
     "geom_condim_friction": 'condim="6", friction of torsion and rolling',
 }

@@ -360,11 +360,13 @@ TURNS = r".*\.(\w*[oO]rientation|ornObj)"
 PLACES = r"(load|create|resetBase)\w+\.(basePosition|posObj)"
 IN_CALLS = (
     (
-        rf"{MOTOR_CALL}|{PUSH}|setGravity|resetBaseVelocity|enable\w+|createConstraint",
+        rf"{MOTOR_CALL}|setGravity|resetBaseVelocity|enable\w+|createConstraint",
         LEFT,
         LEFT_BREAKS,
     ),
+    (PUSH, f"{LEFT} each-step", LEFT_BREAKS),
     (r"(set|change|reset|removeC)\w+", LEFT, ""),
+    (rf"({MOTOR_CALL}|{PUSH}|resetJointState)\.(joint|link)Index", "+1 -1", ""),
     (r".*\.\w*(UniqueId[AB]?|Indices|Index[AB]?|Id|Type|Mode|fileName|body[AB])", "", ""),
     (r"loadURDF\.flags", "^2 ^8 ^128 ^4096", ""),
     (rf"{PUSH}\.flags", "^3", ""),
@@ -372,7 +374,7 @@ IN_CALLS = (
     (r".*\.(useFixedBase|enableCollision|useMaximalCoordinates)", "^1", ""),
     (r".*\.(timeStep|globalScaling|meshScale)", "*10 *0.1", ""),
     (SIZES, "*10 *0.1", "*0.1"),
-    (TURNS, "=default default", ""),
+    (TURNS, "=default default w-last", ""),
     (PLACES, "*10 *0.1 =0 *-1", "*10 *0.1 =0 *-1"),
     (r".*\.(mass|baseMass|\w*[iI]nertia\w*)", POSITIVE, POSITIVE),
     (rf"{MOTOR_CALL}\.forces?", POSITIVE, "=0"),
@@ -772,6 +774,7 @@ def _words_of(change: Change) -> str:
     """Describe a change for a reader, with the script line of its call."""
     function, _, argument = change.change.partition(".")
     added = change.how[1]
+    place = "" if change.site is None else f" ({change.site[0]}:{change.site[1]})"
     if isinstance(added, Mapping):
         signs = {"=": "=", "*": "×"}
         sets = [
@@ -781,12 +784,12 @@ def _words_of(change: Change) -> str:
         ]
         call = f"p.{added['call']}(…, {', '.join(sets)})"
         of = named(change.target)
+        where = Message("before the first step{place}", place=place)
         return (
-            Message("{call} added for {of}", call=call, of=of)
+            Message("{call} added for {of} {where}", call=call, of=of, where=where)
             if of
-            else Message("{call} added", call=call)
+            else Message("{call} added {where}", call=call, where=where)
         )
-    place = "" if change.site is None else f" ({change.site[0]}:{change.site[1]})"
     what = f"{argument} of p.{function}" if argument else f"p.{function}"
     if function == TIMESTEP:
         what = function

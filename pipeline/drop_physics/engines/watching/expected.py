@@ -245,7 +245,13 @@ class ObservedSeries:
             "bodies": [*bodies],
             "astray": {name: (far / self._seen) ** 0.5 for name, far in self._astray.items()},
             "positions": base64.b64encode(flat.tobytes()).decode(),
+            "step_s": self._step_s(),
         }
+
+    def _step_s(self) -> float:
+        """Return the mean timestep [s]: an episode begins its clock again."""
+        passed = [now - then for then, now in zip(self._times, self._times[1:]) if now > then]
+        return sum(passed) / len(passed) if passed else 0.0
 
     def _find(self) -> None:
         for key in [*self._waiting]:

@@ -11,6 +11,7 @@ OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
     "*": operator.mul,
     "/": operator.truediv,
     "+": operator.add,
+    "-": operator.sub,
     "|": operator.or_,
     "^": operator.xor,
     "~": lambda held, bits: held & ~bits,
@@ -19,11 +20,18 @@ OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
 }
 """Functions of the current value and of an intervention's operand, by name: the last four set and
 clear bits, and apply lower and upper bounds."""
+QUATERNION = 4
+"""Length of a quaternion."""
+ROTATED = {"w-first": 1, "w-last": -1}
+"""Operators on the order of a quaternion's numbers: by how many places they are rotated."""
 
 
 def becoming(held: Any, how: Sequence[Any]) -> Any:
     """Apply an operator to a value, or to each element of a list."""
     name, given = how
+    if name in ROTATED:
+        by = -ROTATED[name] if len(held) == QUATERNION else 0
+        return [*held[by:], *held[:by]]
     if name != "=" and isinstance(held, (list, tuple)):
         each = given if isinstance(given, (list, tuple)) else [given] * len(held)
         return [becoming(one, (name, by)) for one, by in zip(held, each)]

@@ -96,7 +96,7 @@ class BranchedTrial:
 
 
 NOT_MADE = ChangeOutcome(holds=False, margin=-math.inf, value=math.nan)
-"""Outcome of a run that was stopped or died."""
+"""Outcome of a run that was stopped or died, or that the engine had to reset."""
 
 
 @dataclass
@@ -163,7 +163,7 @@ class EvaluatedRuns:
 
     def _outcome(self, run: ChangedRun) -> ChangeOutcome:
         answer, ended = self.answered(run)
-        if answer is None:
+        if answer is None or not answer["finite"]:  # what it shows is no motion
             return NOT_MADE
         return outcome_of(answer, ended_well=ended in self.ends)
 

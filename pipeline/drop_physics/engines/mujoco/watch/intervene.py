@@ -22,7 +22,7 @@ from ...watching.single_changes import Change
 from ...watching.sites import caller
 from ..frames import READS, STEPS
 from .seen import SeenInputs
-from .single_changes import DERIVED_FROM, ENGINE, operations_of
+from .single_changes import DERIVED_FROM, ENGINE, operations_of, started
 from .writes import (
     BALL,
     BY_JOINT,
@@ -232,20 +232,33 @@ class ModelChanges:
         return m, model, data
 
     def displace(self, m: Any, d: Any) -> None:
-        """Displace the joint positions of a simulation slightly, before its first step."""
+        """Displace the joints of a simulation slightly, before its first step.
+
+        Free bodies and balls are turned, too; their angular velocity keeps its direction in the
+        world.
+        """
         most = self._nudge
         if not most:
             return
         for joint in range(m.njnt):
-            at, kind = m.jnt_qposadr[joint], m.jnt_type[joint]
+            at, dof, kind = m.jnt_qposadr[joint], m.jnt_dofadr[joint], m.jnt_type[joint]
             if kind == FREE:
-                d.qpos[at : at + 3] += [self._draw(-most, most) for _ in range(3)]
-            elif kind == BALL:
-                self._watch.mujoco.mju_quatIntegrate(
-                    d.qpos[at : at + 4], np.array([self._draw(-most, most) for _ in range(3)]), 1.0
-                )
+                d.qpos[at : at + 3] += self._small(3)
+                at, dof = at + 3, dof + 3
+            if kind in (FREE, BALL):
+                self._turn(d.qpos[at : at + 4], d.qvel[dof : dof + 3])
             else:
                 d.qpos[at] += self._draw(-most, most)
+
+    def _small(self, count: int) -> Any:
+        return np.array([self._draw(-self._nudge, self._nudge) for _ in range(count)])
+
+    def _turn(self, orientation: Any, velocity: Any) -> None:
+        """Turn a body slightly; its angular velocity is in its own axes."""
+        module, turn, back = self._watch.mujoco, self._small(3), np.array([1.0, 0.0, 0.0, 0.0])
+        module.mju_quatIntegrate(orientation, turn, 1.0)
+        module.mju_quatIntegrate(back, -turn, 1.0)
+        module.mju_rotVecQuat(velocity, velocity.copy(), back)
 
     # -- as a model is loaded ---------------------------------------------------------------------
 
@@ -476,8 +489,8 @@ class ChangedData:
                     self._changes.fire(number)
         for number, each in self._of("start"):
             part = getattr(d, each["part"])
-            new = becoming(part, each["how"])
-            if not np.array_equal(part, np.broadcast_to(new, part.shape)):
+            new = started(m, part, each["how"])
+            if not np.array_equal(part, new):
                 part[:] = new
                 self._changes.fire(number)
         for number, _ in self._of("key"):

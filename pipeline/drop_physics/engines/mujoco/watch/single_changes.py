@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ...watching.operators import QUATERNION, ROTATED, becoming
 from ...watching.single_changes import ORDERS, Change, how_of
 from .seen import SeenInputs
 from .writes import BALL, BY_JOINT, FREE, Operation, field_of, has_field, rows_of, sizes, writes_of
@@ -258,7 +259,8 @@ def _does(module: Any, seen: SeenInputs, change: Change) -> bool:
     operations = [*operations_of(module, m, change)]
     for each in operations:
         if each["do"] == "start":
-            if np.any(seen.start[each["part"]] != each["how"][1]):
+            before = seen.start[each["part"]]
+            if np.any(started(m, before, each["how"]) != before):
                 return True
         elif each["do"] not in ("write", "collide"):
             return bool(each.get("ids", True))
@@ -295,7 +297,7 @@ def operations_of(module: Any, m: Any, change: Change) -> Iterator[Operation]:
             yield {**each, "do": "lift", "ids": free, "by_m": [0.0, 0.0, how[1]]}
         else:
             given = m.qpos0.tolist() if change.op == "=default" else how[1]
-            yield {**each, "do": "start", "part": part, "how": ("=", given)}
+            yield {**each, "do": "start", "part": part, "how": (how[0], given)}
     elif name == "input":
         numbers = _numbers(module, m, part, ids)
         do = "leave" if change.op == "undone" else "input"
@@ -313,6 +315,22 @@ def operations_of(module: Any, m: Any, change: Change) -> Iterator[Operation]:
             derived = {"derived": True} if plain in DERIVED_FROM else {}
             if has_field(m, plain) and its:
                 yield {**each, "field": field, "how": becomes, "of": kind, "ids": its, **derived}
+
+
+def started(m: Any, part: Any, how: Sequence[Any]) -> Any:
+    """Return a part of the first state with an operator applied to it.
+
+    The order of numbers is that of the quaternions of free joints and balls.
+    """
+    if how[0] not in ROTATED:
+        return np.broadcast_to(becoming(part, how), part.shape)
+    new = part.copy()
+    for kind, at in ((FREE, 3), (BALL, 0)):
+        for first in (m.jnt_qposadr[m.jnt_type == kind] + at).tolist():
+            its = part[first : first + QUATERNION]
+            if its[0] != 1:  # without a turn, the order is right
+                new[first : first + QUATERNION] = becoming(its, how)
+    return new
 
 
 def _written(module: Any, m: Any, change: Change) -> Iterator[Written]:

@@ -90,6 +90,15 @@ class SeenCallSites:
         """Sightings, by file, line and function."""
         self.pairs: set[tuple[int, ...]] = set()
         """Client, bodies and links of what touched."""
+        self.first_steps: dict[int, tuple[str, int]] = {}
+        """File and line of the first step, by client."""
+
+    def step(self, client: int, points: Iterable[Sequence[Any]]) -> None:
+        """Note what touches before a step, and the line of the first step."""
+        if client not in self.first_steps:
+            self.first_steps[client] = _line_of(caller())
+        for point in points:
+            self.pairs.add((client, *point[1:5]))
 
     def call(
         self,
@@ -99,9 +108,7 @@ class SeenCallSites:
         keywords: Iterable[str],
     ) -> None:
         """Note a call, the bodies or joints that it is about, and its keyword arguments."""
-        frame = caller()
-        key = shown_file(frame.f_code.co_filename), frame.f_lineno, function
-        calls = self.calls.setdefault(key, SeenCalls())
+        calls = self.calls.setdefault((*_line_of(caller()), function), SeenCalls())
         calls.keywords.update(keywords)
         for element in elements:
             calls.note(element, arguments)
@@ -241,10 +248,8 @@ class CallInterventions:
     ) -> bool:
         """Return whether a change applies to a call, before it or, with a result, after it."""
         place = operation.get("site")
-        if place is not None:
-            frame = caller()
-            if [shown_file(frame.f_code.co_filename), frame.f_lineno] != place:
-                return False
+        if place is not None and _line_of(caller()) != (*place,):
+            return False
         if operation.get("client", client) != client and name != "connect":
             return False
         body = operation.get("body")
@@ -329,8 +334,7 @@ class CallInterventions:
         """Note a call, or the contacts before a step, to find the changes that could matter."""
         (function,) = operation["functions"]
         if function == "stepSimulation":
-            for point in self._p.getContactPoints(physicsClientId=client):
-                self.seen.pairs.add((client, *point[1:5]))
+            self.seen.step(client, self._p.getContactPoints(physicsClientId=client))
         else:
             elements = self._elements_of(function, client, arguments)
             self.seen.call(function, arguments, elements, self._keywords)
@@ -587,8 +591,11 @@ class CallInterventions:
         self._steps[client] = step + 1
         return arguments
 
-    def _again_then(self, __: Operation, arguments: Any, client: int) -> None:
-        frame = caller()
+    def _again_then(self, operation: Operation, arguments: Any, client: int) -> None:
+        frame, ids = caller(), operation.get("ids")
+        line = operation.get("line") or _line_of(frame)
+        if _line_of(frame) != (*line,) or (ids and [*element_of(client, arguments)] not in ids):
+            return
         for name in PUSHES:
             vector = "forceObj" if name == "applyExternalForce" else "torqueObj"
             if vector in arguments:
@@ -694,6 +701,10 @@ def there(p: Any, client: int, each: str, pairs: Iterable[Sequence[int]]) -> Ite
         yield from (pair for pair in sorted(map(tuple, pairs)) if pair[0] == client)
     else:
         yield (client,)
+
+
+def _line_of(frame: Any) -> tuple[str, int]:
+    return shown_file(frame.f_code.co_filename), frame.f_lineno
 
 
 def _of_line(operation: Operation, arguments: Any, client: int) -> tuple[Any, ...]:

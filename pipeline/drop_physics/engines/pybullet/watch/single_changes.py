@@ -12,14 +12,16 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from ...watching.operators import becoming
+from ...watching.operators import ROTATED, becoming
 from ...watching.single_changes import Change, how_of
 from .intervene import Element, SeenCalls, SeenCallSites, there
 
 STEP, TIMESTEP = "stepSimulation", "timestep"
 NOT_SAID = {"loadURDF": {"useFixedBase": 0, "flags": 0}}
 """Optional arguments that matter even if a call omits them, with PyBullet's defaults."""
-OF_CALLS = ("left-out", "held", "late")
+ALWAYS = ("left-out", "each-step")
+"""Operators on calls whose arguments need not vary."""
+OF_CALLS = (*ALWAYS, "held", "late")
 
 Row = Mapping[str, Any]
 
@@ -57,7 +59,9 @@ def possible(p: Any, rows: Sequence[Row], seen: SeenCallSites) -> list[Change]:
                 ids = [each for n in clients for each in there(p, n, row["each"], seen.pairs)]
                 of = tuple(names.of(row["each"], each) for each in ids) if row["each"] else ()
                 bodies = _bodies(names, ids) if row["each"] in ("links", "joints") else ()
-                change = replace(change, is_geometry=row["is_geometry"], bodies=bodies)
+                lines = {seen.first_steps.get(n) for n in clients}
+                site = lines.pop() if len(lines) == 1 else None
+                change = replace(change, is_geometry=row["is_geometry"], bodies=bodies, site=site)
                 found += [replace(change, ids=tuple(ids), of=of)] if ids else []
     return found
 
@@ -74,14 +78,22 @@ def trial_of(change: Change) -> dict[str, Any]:
         operation = {"do": "once", "functions": [STEP], "ids": elements, **value}
     elif operator in ("held", "late"):
         operation["do"] = operator
+    elif operator == "each-step":
+        return {"interventions": [_repeated(change)], "variation": {}}
     elif operator in ("left-out", "default"):
         operation.update(do="leave", arguments=[argument] if argument else [])
     else:
         sets = {argument: (operator, _whole(value))}
         operation.update(do="set", sets=sets, given=operator != "^")
-    if change.site is not None:
+    if change.site is not None and operation["do"] != "once":
         operation["site"] = [*change.site]
     return {"interventions": [operation], "variation": {}}
+
+
+def _repeated(change: Change) -> dict[str, Any]:
+    """Return the operation that repeats pushes before each step, though none is called there."""
+    pushes = {"ids": [[*each] for each in change.ids], "line": change.site}
+    return {"do": "again", "functions": [change.change, STEP], **pushes}
 
 
 class BodyNames:
@@ -166,7 +178,7 @@ def _of_calls(
         for op, breaks in _tried(_row_of(f"{function}.{argument}", patterns))
     )
     for op, breaks in _tried(_row_of(function, patterns)):
-        if op in OF_CALLS and (op == "left-out" or calls.varies):
+        if op in OF_CALLS and (op in ALWAYS or calls.varies):
             broken = breaks or (op == "left-out" and breaking)
             yield replace(change, op=op, how=how_of(op), breaks=broken)
     for argument, value in {**NOT_SAID.get(function, {}), **calls.arguments}.items():
@@ -207,6 +219,8 @@ def _does(value: Any, how: tuple[str, Any]) -> bool:
         return False
     if how[0] == "^":
         return True
+    if how[0] in ROTATED:
+        return isinstance(value, list) and bool(becoming(value, how) != value)
     if isinstance(how[1], list):
         return bool(value != how[1])
     return not isinstance(value, bool) and any(

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import copy
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -263,18 +263,23 @@ class Variation:
             position, orientation = p.getBasePositionAndOrientation(body.id, client)
             velocity, spin = p.getBaseVelocity(body.id, client)
             moved = [each + self._draw(-most, most) for each in position]
-            p.resetBasePositionAndOrientation(body.id, moved, orientation, client)
+            turned = self._turned(orientation)
+            p.resetBasePositionAndOrientation(body.id, moved, turned, client)
             p.resetBaseVelocity(body.id, velocity, spin, client)
         for joint in body.joints:
             if body.joint_infos[joint][2] == SPHERICAL:
                 turned, rates, *_ = p.getJointStateMultiDof(body.id, joint, client)
-                small = [self._draw(-most, most) / 2 for _ in "xyz"]
-                _, turned = p.multiplyTransforms([0] * 3, turned, [0] * 3, [*small, 1.0])
+                turned = self._turned(turned)
                 p.resetJointStateMultiDof(body.id, joint, turned, rates, physicsClientId=client)
             else:
                 at, rate, *_ = p.getJointState(body.id, joint, client)
                 moved_to = at + self._draw(-most, most)
                 p.resetJointState(body.id, joint, moved_to, rate, physicsClientId=client)
+
+    def _turned(self, orientation: Sequence[float]) -> Any:
+        """Return a slightly turned orientation."""
+        small = [self._draw(-self._nudge, self._nudge) / 2 for _ in "xyz"]
+        return self._p.multiplyTransforms([0] * 3, orientation, [0] * 3, [*small, 1.0])[1]
 
 
 def varied_by(given: dict[str, Any] | None) -> Variation | None:
