@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,8 @@ def script(p: Any, **other: Any) -> Any:
     states = []
     for step in range(STEPS):
         target = given("targets", lambda step: 0.01 * step)(step)
-        p.setJointMotorControl2(arm, 0, p.POSITION_CONTROL, target, force=given("force", 50))
+        first = given("first", 0)
+        p.setJointMotorControl2(arm, first, p.POSITION_CONTROL, target, force=given("force", 50))
         p.setJointMotorControl2(arm, 1, p.POSITION_CONTROL, 0.2, force=given("other", 5))
         if given("pushed", True):
             p.applyExternalForce(
@@ -154,6 +156,7 @@ EDITS: dict[tuple[str, ...], dict[str, Any]] = {
     (f"{MOTOR}.force", "=0", "all"): {"force": 0, "other": 0},
     (f"{MOTOR}.force", "default", "1"): {"other": 1e5},
     (f"{MOTOR}.targetPosition", "*-1", "0"): {"targets": lambda step: -0.01 * step},
+    (f"{MOTOR}.jointIndex", "+1", "0"): {"first": 1},
     (MOTOR, "held", "0"): {"targets": lambda _: 0.0},
     (MOTOR, "late", "0"): {"targets": lambda step: 0.01 * max(step - 1, 0)},
     ("applyExternalForce", "left-out"): {"pushed": False},
@@ -235,6 +238,36 @@ def test_changes_are_those_that_change_something() -> None:
         ("createMultiBody.baseMass", "*10"),
     } <= breaks
     assert not {("changeDynamics.lateralFriction", "*10"), (f"{MOTOR}.force", "*10")} & breaks
+
+
+def test_a_push_before_the_first_step_is_repeated_before_each() -> None:
+    def pushed(p: Any, *, each: bool = False, box: int = 0) -> bytes:
+        p.resetSimulation()
+        for number in range(2):
+            p.createMultiBody(1, basePosition=[number, 0, 0])
+        for body in (0, 1):
+            p.applyExternalForce(body, -1, [3, 0, 0], [0, 0, 0], p.LINK_FRAME)
+        for _ in range(5):
+            p.stepSimulation()
+            if each:
+                p.applyExternalForce(box, -1, [3, 0, 0], [0, 0, 0], p.LINK_FRAME)
+        return np.array([p.getBasePositionAndOrientation(body)[0] for body in (0, 1)]).tobytes()
+
+    seen = Watched(BULLET.sees)
+    bare = pushed(seen)
+    found = possible(p, BULLET.tried, seen.interventions.seen)
+    change = the(found, "applyExternalForce", "each-step")
+    for place in (0, 1):
+        run = Watched(json.loads(json.dumps(trial_of(change.of_some([place]))))["interventions"])
+        assert pushed(run) == pushed(p, each=True, box=place) != bare
+        assert run.fired
+    (added,) = (each for each in found if each.change == "changeDynamics.ccdSweptSphereRadius")
+    assert Path(added.site[0]).name == Path(__file__).name, (
+        "an added call has the first step's line"
+    )
+    assert "stepSimulation" in Path(__file__).read_text().splitlines()[added.site[1] - 1]
+    assert f":{added.site[1]}" in BULLET.words_of(added)
+    assert "site" not in trial_of(added)["interventions"][0]
 
 
 def test_a_change_of_some_elements_or_by_another_factor() -> None:
@@ -344,3 +377,5 @@ def test_a_call_for_several_joints_is_changed_for_one_and_a_turned_body_stands_u
     upright = the(found, "loadURDF.baseOrientation", "=default")
     assert made(upright) == several(p, turn=[0, 0, 0, 1])
     assert upright.target == ("pendulum5",)
+    x, y, z, w = p.getQuaternionFromEuler([1.2, 0, 0])
+    assert made(the(found, "loadURDF.baseOrientation", "w-last")) == several(p, turn=[y, z, w, x])

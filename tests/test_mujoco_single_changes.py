@@ -201,6 +201,20 @@ def test_a_change_is_the_edit_that_a_user_would_make(
         assert np.array_equal(getattr(run.m, name), held)
 
 
+def test_quaternions_of_the_first_state_are_tried_with_w_first() -> None:
+    """The script writes w last; a body without a turn stays as it is."""
+    last, first = (0.6, 0.0, 0.0, 0.8), (0.8, 0.6, 0.0, 0.0)
+    own, run, ended = Script({"do": "see"}), Script(), Script()
+    for each, turned in ((own, last), (run, last), (ended, first)):
+        each.d.qpos[3:7] = turned
+    states = own.run()
+    (seen,) = own.changes.seen.values()
+    changes = possible(mujoco, ROWS, seen)
+    (change,) = (each for each in changes if each.op == "w-first")
+    run.become(change)
+    assert run.run().tobytes() == ended.run().tobytes() != states.tobytes()
+
+
 def late(m: Any, d: Any, step: int) -> None:
     scripted(m, d, step)
     d.ctrl[:] = [0.3 + 0.01 * max(step - 1, 0), 0.2, 0.1]

@@ -579,6 +579,7 @@ TIE = {
     "target": list[str],
     "op": str,
     "site": str | None,
+    "try": str,
 }
 TIE_SAYS = {
     "change": "The compiled field, `option.timestep`, `flag.NAME`, `pair`, `input.ctrl`; or "
@@ -587,21 +588,28 @@ TIE_SAYS = {
     "statement sets.",
     "target": "The names of elements, bodies or joints; none if it is the whole run.",
     "op": "What is done: `*10`, `=0`, `=default`, `stiff`, `^` (switched), `held`, `late`, "
-    "`undone`, `left-out`.",
-    "site": "File and line of the call, or of what stands in the text; null for all, or if no line "
-    "is known.",
+    "`undone`, `left-out`, `each-step`, `w-first`.",
+    "site": "File and line of the call, of the first step before which one is added, or of what "
+    "stands in the text; null for all, or if no line is known.",
+    "try": "What `--try` takes to repeat it, and `--vary` of `drop trust`.",
 }
 MAKES_TRUE = Object(
     {
         **TIE,
         "value": float | None,
         "least": float | None,
-        "try": str,
         "call": str,
         "result": float | None,
         "side": float | None,
         "breaks": bool,
         "worse": list[str],
+        "thrown": (
+            Object(
+                {"body": str, "value": float},
+                {"body": "The fastest body.", "value": "Its speed between two samples [m/s]."},
+                frozenset({"body", "value"}),
+            ),
+        ),
         "ties": [Object(TIE, TIE_SAYS, frozenset(TIE))],
         "also": [
             Object(
@@ -633,12 +641,13 @@ MAKES_TRUE = Object(
         **TIE_SAYS,
         "value": "The operand: the factor, or the new value.",
         "least": "The least factor that makes it true, of the first three that are factors.",
-        "try": "What `--try` takes to repeat it, and `--vary` of `drop trust`.",
         "call": "The change in words.",
         "result": "The quantity in that run.",
         "side": "The RMS change of all other motion [m].",
         "breaks": "Whether it takes a part of the scene or of the command away.",
         "worse": "The commands that are followed worse than in the script's own run.",
+        "thrown": "The body that is fastest, if above 1 m/s and twice as fast as all in the "
+        "script's own run: thrown, or falling; else null.",
         "ties": "Other changes with the same result, and as much motion of all else.",
         "also": "Other operators on the same elements that make it true, with another motion.",
         "place": "Its place; outcomes that are alike share one.",
@@ -652,8 +661,8 @@ MAKES_TRUE = Object(
         "of the first three: a coincidence.",
         "recording": "The recording of that run, if it was recorded.",
     },
-    frozenset({*TIE, "value", "least", "try", "call", "result", "side", "breaks", "worse", "ties",
-               "also", "place", "row", "from_step", "second_before", "alone", "recording"}),
+    frozenset({*TIE, "value", "least", "call", "result", "side", "breaks", "worse", "thrown",
+               "ties", "also", "place", "row", "from_step", "second_before", "alone", "recording"}),
 )  # fmt: skip
 WHY = Object(
     {
