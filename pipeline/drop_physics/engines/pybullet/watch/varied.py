@@ -276,10 +276,19 @@ class Variation:
                 moved_to = at + self._draw(-most, most)
                 p.resetJointState(body.id, joint, moved_to, rate, physicsClientId=client)
 
-    def _turned(self, orientation: Sequence[float]) -> Any:
-        """Return a slightly turned orientation."""
-        small = [self._draw(-self._nudge, self._nudge) / 2 for _ in "xyz"]
-        return self._p.multiplyTransforms([0] * 3, orientation, [0] * 3, [*small, 1.0])[1]
+    def _turned(self, orientation: Sequence[float]) -> list[float]:
+        """Return a slightly turned orientation, as the product of two quaternions.
+
+        PyBullet's `multiplyTransforms` is of single precision, so that it turns by more.
+        """
+        (x, y, z, w), most = orientation, self._nudge / 2
+        a, b, c = (self._draw(-most, most) for _ in "xyz")
+        return [
+            x + w * a + y * c - z * b,
+            y + w * b + z * a - x * c,
+            z + w * c + x * b - y * a,
+            w - x * a - y * b - z * c,
+        ]
 
 
 def varied_by(given: dict[str, Any] | None) -> Variation | None:
