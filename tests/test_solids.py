@@ -1,6 +1,8 @@
-"""Overlap depth of moving convex hulls, against a check of all faces in each step."""
+"""Overlap depth of moving convex hulls, against a check of all faces and what engines measure."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +12,10 @@ from drop_physics.explain.convex import hull_faces
 from drop_physics.explain.solids import AT_ONCE, MOST_CORNERS, overlap_m, solid_of
 from drop_physics.physics.columns import rotation
 from drop_physics.physics.tree import BASE
+from drop_physics.recording import rrd, schema
+from drop_physics.recording.reader import read
+from drop_physics.stages.analyze import analyze
+from drop_physics.stages.record import record_script
 from drop_physics.trace.events import Collision
 
 STEPS = 100
@@ -107,3 +113,78 @@ def test_overlap_is_no_more_than_the_engine_measures(one: str, two: str) -> None
         assert depth_m > 0 or deep_m < 0.03 + 2e-3
     p.disconnect(client)
     assert 10 < (found_m > 0).sum() < 60
+
+
+AT, TURN = (0.4, -0.2, 0.3), (0.18257419, 0.36514837, 0.54772256, 0.73029674)
+"""Pose of a mesh on its link."""
+CORNERS = np.reshape(CUBE, (-1, 3))
+FACES = "124 143 578 586 156 162 348 387 137 175 268 284"
+"""Triangles of the cube, by the numbers of their corners."""
+IN_PYBULLET = """
+import pybullet as p
+p.connect(p.DIRECT)
+back = p.invertTransform({at}, {turn})
+def cube(mass, scale, x):
+    shape = p.createCollisionShape(
+        p.GEOM_MESH, fileName="cube.obj", meshScale=[scale] * 3, collisionFramePosition={at},
+        collisionFrameOrientation={turn})
+    return p.createMultiBody(mass, shape, -1, *p.multiplyTransforms([x, 0, 0], [0, 0, 0, 1], *back))
+one, two = cube(0, 1, 0), cube(1, 0.5, 0.21)
+p.setCollisionFilterPair(one, two, -1, -1, 0)
+p.resetBaseVelocity(two, [-1, 0, 0])
+for _ in range(24):
+    p.stepSimulation()
+print(-min(each[8] for each in p.getClosestPoints(one, two, 0.0)))
+"""
+IN_MUJOCO = """
+import mujoco, numpy as np
+at, (x, y, z, w) = np.array({at}), {turn}
+turned = np.zeros(3)
+mujoco.mju_rotVecQuat(turned, at, np.array([w, -x, -y, -z]))
+bodies = "".join(
+    f"<body name='{{name}}' pos='{{here - turned[0]}} {{-turned[1]}} {{-turned[2]}}' "
+    f"quat='{{w}} {{-x}} {{-y}} {{-z}}'>{{joint}}<inertial pos='0.1 0.2 0' quat='1 1 0 0' mass='1' "
+    f"diaginertia='1 1 1'/><geom type='mesh' mesh='{{name}}' pos='{{at[0]}} {{at[1]}} {{at[2]}}' "
+    f"quat='{{w}} {{x}} {{y}} {{z}}'/></body>"
+    for name, here, joint in (("one", 0, ""), ("two", 0.21, "<freejoint/>"))
+)
+model = mujoco.MjModel.from_xml_string(
+    "<mujoco><option gravity='0 0 0'/><asset><mesh name='one' file='cube.obj'/>"
+    "<mesh name='two' file='cube.obj' scale='0.5 0.5 0.5'/></asset>"
+    f"<worldbody>{{bodies}}</worldbody>"
+    "<contact><exclude body1='one' body2='two'/></contact></mujoco>"
+)
+data = mujoco.MjData(model)
+data.qvel[0] = -1
+for _ in range(50):
+    mujoco.mj_step(model, data)
+mujoco.mj_kinematics(model, data)
+print(-mujoco.mj_geomDistance(model, data, 0, 1, 1.0, None))
+"""
+
+
+@pytest.mark.parametrize(
+    "scene", [pytest.param(IN_PYBULLET, marks=pytest.mark.pybullet), IN_MUJOCO], ids=["P", "M"]
+)
+def test_a_mesh_stands_where_its_offset_puts_it(
+    scene: str, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two cubes overlap along x as deep as the engine says, and are drawn where it has them."""
+    monkeypatch.chdir(tmp_path)
+    lines = ["v {} {} {}".format(*corner) for corner in CORNERS]
+    Path("cube.obj").write_text("\n".join([*lines, *("f " + " ".join(f) for f in FACES.split())]))
+    Path("script.py").write_text(scene.format(at=AT, turn=TURN))
+    made = record_script("script.py", out=tmp_path / "script.rrd")
+    measured_m = float(capfd.readouterr().out.split("\n")[-2])
+    analysis = analyze(made.recording)
+    (row,) = [row for row in analysis.account if row.kind == "idle" and row.unit == "m"]
+    assert 0.035 < measured_m < 0.045
+    assert row.got == pytest.approx(measured_m, abs=2.1e-3)  # Bullet's meshes have margins of 1 mm
+    drawn = next(
+        chunk.batch.column("Mesh3D:vertex_positions").flatten().to_pylist()
+        for chunk in rrd.chunks(made.recording)
+        if chunk.entity.startswith(f"{schema.COLLISIONS}/0_")
+    )
+    base = next(put.base for put in read(made.recording).seen.puts if put.body.number == 0)
+    in_world_m = base[:3] + np.array(drawn) @ rotation(base[3:7, None])[..., 0].T
+    assert np.abs(in_world_m) == pytest.approx(np.full((36, 3), 0.1), abs=1.1e-3)  # 1 mm beyond

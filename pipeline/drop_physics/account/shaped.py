@@ -65,7 +65,7 @@ def _box(shape: Collision) -> tuple[Float64, Float64]:
     """Return the corners of a shape's bounding box, relative to the centre of mass [m]."""
     centre, axes = np.array(shape.position_m), _axes(shape)
     if shape.hull_m:
-        corners = centre + np.reshape(shape.hull_m, (-1, 3)) @ axes.T
+        corners = np.reshape(shape.hull_m, (-1, 3))
         return corners.min(axis=0), corners.max(axis=0)
     size = np.array(shape.size_m)
     if shape.kind == "sphere":

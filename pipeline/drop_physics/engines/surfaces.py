@@ -30,7 +30,7 @@ STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", 
 def surfaces_of(at: At, body: Body, folder: Path | None = None) -> Iterator[Surface]:
     """Yield the surfaces of a body's hollow meshes, in the axes of their links.
 
-    `folder`: of the files, where each mesh is one hull, in the axes of its shape.
+    `folder`: of the files, where each mesh is one hull.
     """
     for number, shape in enumerate(body.collisions):
         if shape.kind != "mesh" or not shape.hull_m:
@@ -40,7 +40,7 @@ def surfaces_of(at: At, body: Body, folder: Path | None = None) -> Iterator[Surf
             continue
         corners_m, triangles = _placed(found[0], shape), found[1]
         if folder is not None:
-            if _is_hollow_file(file, shape.hull_m):
+            if _is_hollow_file(file, shape):
                 yield Surface(at, body.number, number, corners_m, triangles)
             continue
         hull_m = np.reshape(shape.hull_m, (-1, 3))
@@ -61,9 +61,9 @@ def _placed(corners_m: Float64, shape: Collision) -> Float64:
 
 
 @functools.lru_cache(maxsize=1024)
-def _is_hollow_file(file: str, hull_m: tuple[float, ...]) -> bool:
-    found = _mesh(file)
-    return found is not None and _is_hollow(*found, np.reshape(hull_m, (-1, 3)))
+def _is_hollow_file(file: str, shape: Collision) -> bool:
+    found, hull_m = _mesh(file), np.reshape(shape.hull_m, (-1, 3))
+    return found is not None and _is_hollow(_placed(found[0], shape), found[1], hull_m)
 
 
 def _is_one(hull_m: Float64) -> bool:

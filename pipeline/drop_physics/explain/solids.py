@@ -7,7 +7,7 @@ points are chosen (corners, axes, centres), so the real overlap may be deeper, a
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -19,6 +19,8 @@ from drop_physics.trace.events import Collision
 
 LEVELS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Positions of points along the edges or the axis of a shape, as shares of half its length."""
+ORIGIN, UPRIGHT = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+"""Pose of a hull on its link: its vertices are in the link's axes."""
 ROUND = 8
 """Number of points around an axis."""
 MOST_CORNERS = 64
@@ -82,6 +84,7 @@ def solid_of(collision: Collision) -> Solid | None:
     elif kind == "mesh" and len(collision.hull_m) >= 12:
         if hull_faces(collision.hull_m) is None:
             return None
+        collision = replace(collision, position_m=ORIGIN, orientation=UPRIGHT)  # a hull's axes
         corners = np.reshape(collision.hull_m, (-1, 3))
         every = max(1, len(corners) // MOST_CORNERS)
         points = np.concatenate((corners[::every], [corners.mean(axis=0)]))

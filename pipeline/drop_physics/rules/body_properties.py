@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drop_physics.explain.convex import is_convex
+from drop_physics.physics.columns import rotation
 from drop_physics.rules.arguments import site_of
 from drop_physics.trace.acts import MAKES, Act
 from drop_physics.trace.calls import Call
@@ -110,7 +111,8 @@ def thickness_m(body: Body, link: int) -> float:
 def _thickness_m(shape: Collision) -> float:
     size = shape.size_m
     if shape.kind == "mesh":
-        return float(np.ptp(np.reshape(shape.hull_m, (-1, 3)), axis=0).min())
+        axes = rotation(np.array(shape.orientation)[:, None])[..., 0]
+        return float(np.ptp(np.reshape(shape.hull_m, (-1, 3)) @ axes, axis=0).min())
     if shape.kind == "cylinder":
         return min(size[0], 2 * size[1])
     return min(size) if shape.kind == "box" else 2 * size[-1]  # a ball, or a capsule

@@ -122,7 +122,8 @@ class Collision:
     """Position of its centre from the link's centre of mass, in the axes of the link's inertia."""
     orientation: tuple[float, ...]
     hull_m: tuple[float, ...] = ()
-    """Vertices of the convex hull that the engine uses in place of a mesh, three numbers each."""
+    """Vertices of the convex hull that the engine uses in place of a mesh, three numbers each, from
+    the link's centre of mass, in the axes of the link's inertia."""
     bits: tuple[int, int] | None = None
     """Collision group and mask: two shapes may collide if one's group and the other's mask share a
     bit. None if the engine has no such filter."""

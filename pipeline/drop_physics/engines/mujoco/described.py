@@ -602,7 +602,7 @@ def _shapes(
         if (geom, body) in shown:
             shapes.append(Shape(link, kind, size, file, *pose, _colour(arrays, geom)))
         if arrays["geom_contype"][geom] or arrays["geom_conaffinity"][geom]:
-            hull = _hull(arrays, int(arrays["geom_dataid"][geom])) if kind == "mesh" else ()
+            hull = _hull(arrays, geom, position, orientation) if kind == "mesh" else ()
             bits = int(arrays["geom_contype"][geom]), int(arrays["geom_conaffinity"][geom])
             collisions.append(Collision(link, kind, size, Path(file).name, *pose, hull, bits))
     return tuple(shapes), tuple(collisions)
@@ -642,8 +642,9 @@ def _mesh(arrays: Arrays, names: list[str], mesh: int, folder: Path) -> Path:
     return path
 
 
-def _hull(arrays: Arrays, mesh: int) -> tuple[float, ...]:
-    """Return the vertices of MuJoCo's convex hull of a mesh (`mesh_graph`)."""
+def _hull(arrays: Arrays, geom: int, position: Float64, orientation: Float64) -> tuple[float, ...]:
+    """Return the vertices of MuJoCo's convex hull of a mesh (`mesh_graph`), placed on its link."""
+    mesh = int(arrays["geom_dataid"][geom])
     at = int(arrays["mesh_graphadr"][mesh])
     if at < 0 or "mesh_graph" not in arrays:
         return ()
@@ -651,7 +652,8 @@ def _hull(arrays: Arrays, mesh: int) -> tuple[float, ...]:
     count = int(graph[at])
     which = graph[at + 2 + count : at + 2 + 2 * count]
     corners = arrays["mesh_vert"][int(arrays["mesh_vertadr"][mesh]) + which]
-    return tuple(np.asarray(corners, np.float64).round(6).ravel().tolist())
+    turns = np.broadcast_to(orientation, (len(corners), 4))
+    return tuple((position + rotate(turns, corners)).round(6).ravel().tolist())
 
 
 # -- actuators ------------------------------------------------------------------------------------
