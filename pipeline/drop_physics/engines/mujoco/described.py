@@ -90,8 +90,8 @@ class DescribedBody:
     rates: Int64
     """Indices of the velocities of its joints in `qvel`."""
     balls: tuple[tuple[slice, slice, Float64], ...]
-    """The ball joints: their indices among those coordinates and velocities, and the rotation of
-    their link's inertial axes in the body."""
+    """The ball joints: two slices of a joint's indices, in `positions` and in `rates`, and the
+    rotation from its link's frame to the link's inertial axes."""
     free: int
     """MuJoCo's free joint of the base; -1 if there is none."""
 
@@ -102,7 +102,10 @@ class DescribedBody:
 
     @property
     def root(self) -> int:
-        """Index of the MuJoCo body that is the base, or of the first one attached to it."""
+        """Index of the MuJoCo body that is the base.
+
+        If the base is the world: of the first body attached to the world.
+        """
         return self.links[0].of if self.links[0].of >= 0 else self.links[1].of
 
 
@@ -134,7 +137,7 @@ def described(
     Parameters
     ----------
     arrays
-        Its constants by MuJoCo's names.
+        The model's constants, by MuJoCo's names.
     client
         The number of the simulation.
     first
@@ -142,7 +145,7 @@ def described(
     folder
         Where meshes are written, for the recorder to read.
     known
-        Bodies that are as before, by number.
+        Bodies that were described before and have not changed, by number.
     """
     names = {kind: _names(arrays, kind) for kind in (*NAMED_KINDS, "sensor", "flex")}
     parents = arrays["body_parentid"].tolist()
@@ -247,7 +250,7 @@ def xyzw(quaternion: NDArray[Any]) -> Float64:
 def normalized(quaternions: Float64) -> Float64:
     """Return quaternions x, y, z, w normalised, shape (…, 4); length 0 becomes no rotation.
 
-    MuJoCo reads them so (`mju_normalize4`).
+    MuJoCo normalises quaternions in the same way when it reads them (`mju_normalize4`).
     """
     length = np.linalg.norm(quaternions, axis=-1, keepdims=True)
     return np.where(length < SHORTEST, UPRIGHT, quaternions / np.maximum(length, SHORTEST))
@@ -478,7 +481,11 @@ def reported_of(arrays: Arrays, made: DescribedBody) -> dict[str, Float64]:
 
 
 def _edited_masses(arrays: Arrays, made: DescribedBody) -> Iterator[list[float]]:
-    """Yield the inertia of edited masses that MuJoCo's mass matrix lacks, with motion per dof."""
+    """Yield corrections of the mass matrix where an edited mass had no effect on it.
+
+    MuJoCo's matrix keeps the compiled mass of simple bodies. Each correction is a mass [kg],
+    followed by the motion that it takes part in per unit velocity of each dof.
+    """
     moves: list[tuple[int, int]] = []
     if made.free >= 0:
         first = int(arrays["jnt_dofadr"][made.free])
@@ -501,7 +508,7 @@ def _edited_masses(arrays: Arrays, made: DescribedBody) -> Iterator[list[float]]
 
 
 def _tendons_with_inertia(arrays: Arrays, made: DescribedBody) -> Iterator[list[float]]:
-    """Yield the inertia of tendons over one body's joints, with its motion per dof."""
+    """Yield each tendon's armature and velocity per dof, for tendons over one body's joints."""
     first = 6 * (made.free >= 0)
     places = {dof: first + k for k, dof in enumerate(made.rates.tolist())}
     for tendon in np.flatnonzero(arrays.get("tendon_armature", np.zeros(0))).tolist():
@@ -524,8 +531,9 @@ def base_of(
 ) -> Float64:
     """Return pose and velocities of a floating base from `qpos` and `qvel`, shape (n, 13).
 
-    MuJoCo's are those of the body's frame: the velocity in the world's axes, the spin in its own.
-    `unit`: whether nobody but MuJoCo wrote the quaternions, so that they are taken to the bit.
+    `qpos` and `qvel` describe the body's frame: its velocity in world axes, its spin in body axes.
+    `unit` means that only MuJoCo wrote the quaternions: they are then copied to the bit, not
+    normalised.
     """
     at, dof = (int(arrays[f"jnt_{name}adr"][made.free]) for name in ("qpos", "dof"))
     turn = xyzw(qpos[:, at + 3 : at + 7])

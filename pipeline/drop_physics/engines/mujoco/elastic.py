@@ -18,7 +18,7 @@ NEEDED = (
     *("dim", "interp", "damping", "elem", "elemnum", "elemdataadr", "stiffness", "stiffnessadr"),
     *("vert", "vertadr", "vertnum", "vertbodyid"),
 )
-"""The arrays of which its elasticity consists, without `flex_`."""
+"""Fields of the model that define a flexible body's elasticity, without the prefix `flex_`."""
 EULER = 0
 """The integrator whose steps are explicit in elastic forces (`mjtIntegrator`)."""
 SLIDES = 3
@@ -30,11 +30,12 @@ MOST = 2000
 def elasticity_of(arrays: Arrays, flex: int) -> tuple[float, ...]:
     """Return the largest natural frequency of a flexible body [rad/s], and its damping [s].
 
-    The damping is left out where a step is not explicit in its forces, as only Euler's is. Empty
-    if it is not elastic, or if its nodes are not its vertices. For edges with the squares s of
-    their lengths, MuJoCo's force at a vertex x is -Σ S (s - s₀) ∂s/2∂x, with the stiffness S of
-    each element. At rest ∂s/∂x is ±2 (x - x'), so that the stiffness of all is K = 2 Bᵀ S B, with
-    the rows ±(x - x') of B; the largest eigenvalue of M⁻¹ K is the square of the frequency.
+    The damping is omitted unless the integrator is Euler, the only one that is explicit in elastic
+    forces. The result is empty if the body is not elastic, or if its nodes are not its vertices.
+    For edges with the squares s of their lengths, MuJoCo's force at a vertex x is -Σ S (s - s₀)
+    ∂s/2∂x, with the stiffness S of each element. At rest ∂s/∂x is ±2 (x - x'), so that the
+    stiffness matrix of all edges is K = 2 Bᵀ S B, with the rows ±(x - x') of B; the largest
+    eigenvalue of M⁻¹ K is the square of the frequency.
     """
     if not all(f"flex_{name}" in arrays for name in NEEDED):  # an earlier version
         return ()

@@ -61,7 +61,7 @@ class ReplayedPiece:
     first: int
     """Index of the first step."""
     status: NDArray[np.uint8]
-    """`EXPLAINED`, `REPLAYED` or `OTHER` of `explain.reasons`, of each step, shape (n,)."""
+    """Outcome of each step, `EXPLAINED`, `REPLAYED` or `OTHER` of `explain.reasons`, shape (n,)."""
     reason: NDArray[np.uint8]
     """Why a step is not `EXPLAINED`, as an index into `REASONS`, shape (n,)."""
     steps: NDArray[np.int64]

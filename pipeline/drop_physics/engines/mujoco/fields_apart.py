@@ -53,9 +53,9 @@ class FieldsApart:
     Parameters
     ----------
     a, b
-        All their fields.
+        All fields of the first and the second model, by name.
     matched
-        Which elements correspond.
+        The elements of both models that correspond.
     """
 
     def __init__(self, a: Arrays, b: Arrays, matched: Matched) -> None:

@@ -21,7 +21,7 @@ Held = Mapping[str, NDArray[Any]]
 T = TypeVar("T")
 
 FEW_STEPS = 5000
-"""A run with fewer steps is explained right after recording, which mostly takes some seconds."""
+"""A run with fewer steps is explained right after recording, which usually takes a few seconds."""
 
 
 class FramesOfSteps:
@@ -32,11 +32,11 @@ class FramesOfSteps:
     client
         The number of the simulation.
     model
-        The number of its model in the recording.
+        The number of the simulation's model in the recording.
     first
-        The number of its first step among those of its MjData.
+        The index of the simulation's first step among all steps of its MjData.
     held, clock_s
-        The state before that step, and MuJoCo's clock then [s].
+        The state before the first step, and MuJoCo's clock at that time [s].
     """
 
     def __init__(self, client: int, model: int, first: int, held: Held, clock_s: float) -> None:
@@ -87,11 +87,11 @@ class FramesOfSteps:
         Parameters
         ----------
         piece
-            The piece.
+            The chunk of steps.
         timestep_s
             The timestep of most of its steps [s].
         shared
-            Where its samples have the same numbers.
+            The columns of joint samples that equal state arrays, by array (see `shared_by`).
         """
         first, end = piece.first, piece.first + len(piece.times_s)
         after = {name: piece.parts[name] for name in CORE if name in piece.parts}
@@ -158,7 +158,7 @@ class KeptFrames:
 
     @property
     def is_full(self) -> bool:
-        """True if the run is too long to be explained after recording; keeps no frames then."""
+        """True if the run is too long to be explained right after recording: no frames are kept."""
         return self._steps >= FEW_STEPS
 
     def add(self, frames: Frames) -> None:
@@ -213,7 +213,7 @@ def _edit(edit: Edited, first: int) -> ModelEdit:
 def shared_by(bodies: Iterable[DescribedBody]) -> dict[str, list[SharedColumns]]:
     """Return the columns in which joint samples equal elements of `qpos` and `qvel`.
 
-    Joints that turn about a point are left out, since their samples are rotated.
+    Ball joints are left out: their samples are in other axes than `qpos` and `qvel`.
     """
     found: dict[str, list[SharedColumns]] = {"qpos": [], "qvel": []}
     for made in bodies:

@@ -1,7 +1,8 @@
 """Binary format in which a MuJoCo script's process sends its states, written and read here.
 
-Two processes share this file: the script's own (`watch`), which may have an older Python and none
-of our packages, and the one that reads. `explain` replays the frames, and answers with `ARRAYS`.
+Two processes use this file: the script's own (`watch`), which may run an older Python without our
+packages, and the process that reads the stream. `explain` replays the frames, and answers with
+`ARRAYS` payloads.
 
 Every payload begins with one letter:
 
@@ -37,7 +38,8 @@ STEP_HEAD = Struct("<cBHIId")
 WRITTEN_HEAD = Struct("<cBHIIid")
 """WRITTEN, cause (`CAUSES`), number of parts, simulation, site, argument of a call, time [s]."""
 EDITED_HEAD = Struct("<cBHIIII")
-"""EDITED, 0, number of the field, model, simulation at whose step it was seen, site, count.
+"""EDITED, 0, number of the field, number of the model, simulation whose step detected the edit,
+site, number of elements.
 
 The indices into the flat array (uint32) and the new values follow."""
 DONE_HEAD = Struct("<cBHIIi")
@@ -45,21 +47,24 @@ DONE_HEAD = Struct("<cBHIIi")
 CALLBACK_HEAD = Struct("<cBHII")
 """CALLBACK, 0, 0, simulation, number of calls; each is one byte (`CALLBACKS`), then its effect."""
 WARNED_HEAD = Struct("<cBHI")
-"""WARNED, 1 if the step went back in time, 0, simulation; pairs of int32: last info, number."""
+"""WARNED, 1 if the step went back in time, 0, simulation; followed by pairs of int32, last info and
+count of each warning."""
 PART_HEAD = Struct("<BBHI")
 """Index of the part (`PARTS`), 1 if indices follow, 0, number of elements."""
 
 STEPS = ("mj_step", "mj_step2", "mj_Euler", "mj_implicit", "mj_RungeKutta")
 """Functions that make a step, by index."""
 STALE = 1 << 6
-"""Added to a step's function: its positions were computed from another state, which was sent as the
-parts of a WRITTEN by "posed" just before."""
+"""Flag added to the number of a step function: the step's positions were computed from another
+state, which the WRITTEN message just before sent as the parts of "posed"."""
 UNPOSED = 1 << 7
-"""Added to a step's function: its positions are those of the state before the previous step."""
+"""Flag added to the number of a step function: the step's positions are those of the state before
+the previous step."""
 
 NEAR, APART = 1 << 4, 1 << 5
-"""Added to a step's function if another program made and recorded the step: MuJoCo's own step from
-the same state leads to the recorded one within rounding, or to another state."""
+"""Flags added to the number of a step function if another program made and recorded the step. NEAR:
+MuJoCo's own step from the same state leads to the recorded state within rounding. APART: it leads
+to another state."""
 
 READS = (
     *("mj_jac", "mj_jacBody", "mj_jacBodyCom", "mj_jacSubtreeCom", "mj_jacGeom", "mj_jacSite"),
@@ -89,22 +94,22 @@ CAUSES = (
     "mj_forwardSkip",
     *READS,
 )
-"""Origins of a recorded state: the script's own writes; no change (the state from which data were
-computed, or the state when first seen); the previous step, in which MuJoCo has reset itself;
-another program, whose states are imported; an image that was rendered, whose argument is the
-image's digest; or a function: from `mj_forward` on, one that the script called right after its own
-writes."""
+"""Origins of a recorded state: the script's own writes; no change (the state from which derived
+data were computed, or the first observed state); the previous step, within which MuJoCo reset the
+simulation; another program, whose states are imported; a rendered image, with the image's digest as
+argument; or a function. Functions from `mj_forward` on were called by the script right after its
+own writes."""
 CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
 
 CORE = ("qpos", "qvel", "act", "history", "plastic", "qacc_warmstart", "plugin_state")
 """Fields that a step changes, in the order of MuJoCo's memory."""
 USER = ("ctrl", "qfrc_applied", "xfrc_applied", "eq_active", "mocap_pos", "mocap_quat")
-"""Names of the state parts that only the script changes, in the same order."""
+"""Names of the state parts that only the script changes, in the order of MuJoCo's memory."""
 CLOCK = "clock_s"
 """The name of MuJoCo's own clock as a part of the state."""
 ASLEEP = "tree_asleep"
-"""Part with the time for which each tree has been still, or the tree that sleeps with it; a step
-changes it, and needs it. MuJoCo before 3.4 has none."""
+"""State part with the number of steps for which each tree has been still or, for a sleeping tree,
+the next tree that sleeps with it. A step reads and changes it. MuJoCo before 3.4 has none."""
 PARTS = (*CORE, *USER, ASLEEP)
 STATE = (*CORE, ASLEEP)
 """Parts of the state that a step changes, and that the next one needs."""
@@ -173,9 +178,9 @@ class ArrayPlace(NamedTuple):
     dtype: Any
     shape: tuple[int, ...]
     size: int
-    """The number of its elements."""
+    """Number of elements."""
     begin: int
-    """Offset of its first byte."""
+    """Offset of the first byte."""
 
     def of(self, payload: bytes) -> Any:
         """Return the array in a payload."""

@@ -20,8 +20,8 @@ KINDS = {0: "connect", 1: "weld", 2: "joint", 3: "tendon"}
 """Types of equalities between bodies, joints and tendons (`mjtEq`)."""
 WELD, OF_JOINTS, OF_TENDONS = 1, 2, 3
 RELATIVE, TORQUE_SCALE = slice(6, 10), 10
-"""Where a weld's data have the orientation of the second body in the first one's axes, and the
-weight of its torque, with which 0 lets it turn."""
+"""Indices in a weld's data of the second body's orientation relative to the first, and of the
+torque scale, which is 0 if the weld leaves rotation free."""
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
 OF_BODY, OF_SITE = 1, 6
 """Types of objects that an equality joins (`mjtObj`)."""
@@ -116,7 +116,7 @@ def _of_joints(described: DescribedModel, number: int, ids: list[int]) -> dict[s
 
 
 def _of_tendons(described: DescribedModel, number: int, ids: list[int]) -> dict[str, Any] | None:
-    """Return the coupling between two tendons; None if a body at which one begins is unknown."""
+    """Return the coupling between two tendons; None if one begins at an unknown body."""
     arrays = described.arrays
     ids, coefficients = _coupled(arrays, number, ids)
     begins = [_begins(arrays, tendon) for tendon in ids]
@@ -137,7 +137,7 @@ def _of_tendons(described: DescribedModel, number: int, ids: list[int]) -> dict[
 def _coupled(arrays: Arrays, number: int, ids: list[int]) -> tuple[list[int], Numbers]:
     """Return both joints or tendons of a coupling, and its coefficients.
 
-    One alone is held where it is: it is then both.
+    An equality of a single joint or tendon holds its value constant: it is returned as both.
     """
     coefficients = _numbers(arrays["eq_data"][number][:5])
     return (ids, coefficients) if ids[1] >= 0 else ([ids[0]] * 2, coefficients[:1])

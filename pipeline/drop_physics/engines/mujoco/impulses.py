@@ -1,12 +1,14 @@
 """Converts explained steps from the script's process into events of a recording.
 
 MuJoCo has the velocity of a free body at its frame's origin and its spin in the body's axes. A
-recording has both of its centre of mass, in the world's axes; so have its impulses:
+recording has the velocity of the centre of mass, and both velocity and spin in world axes; its
+impulses are converted accordingly:
 
     F = f        T = R τ - r × f
 
-with f and τ MuJoCo's, R from the body's axes to the world's, and r from its origin to its centre of
-mass. Source: the same power, f·v + τ·ω, of v = v_c - ω × r.
+where f and τ are MuJoCo's impulse and angular impulse, R rotates from body axes to world axes, and
+r points from the frame's origin to the centre of mass. Source: the power f·v + τ·ω is the same,
+with v = v_c - ω × r.
 """
 
 from __future__ import annotations
@@ -84,15 +86,16 @@ class ExplainedSteps:
     Parameters
     ----------
     client
-        Its number.
+        The number of the simulation.
     described
-        What its model is.
+        The bodies of the simulation's model.
     """
 
     client: int
     described: DescribedModel
     _parts: dict[tuple[int, int], list[_CausePart]] = field(default_factory=dict)
-    """The parts of terms, by the index of the loaded model and that of the term in it."""
+    """The parts of terms, by the index of the loaded model and the index of the term in that model.
+    """
     _causes: dict[tuple[object, ...], ImpulseCause] = field(default_factory=dict)
     _starts: Float64 = field(default_factory=lambda: np.empty((0, 0)))
     """`qpos` before each step of a chunk."""
@@ -120,13 +123,13 @@ class ExplainedSteps:
         Parameters
         ----------
         piece
-            The steps.
+            The explained steps.
         frames
-            The frames that they were taken from, and perhaps others.
+            The replay frames of these steps; it may contain further frames.
         times_s
-            The times of the samples that they led to [s].
+            The times of the samples after the steps [s].
         numbers
-            Yields the number of a new cause.
+            Unused numbers, for new causes.
         """
         n = len(piece.status)
         steps = piece.first + 1 + np.arange(n, dtype=np.int64)

@@ -41,16 +41,17 @@ FLAGS = (
     "EQUALITY LIMIT FRICTIONLOSS SPRING DAMPER CLAMPCTRL WARMSTART FILTERPARENT REFSAFE EULERDAMP "
     "NATIVECCD MULTICCD ISLAND MIDPHASE OVERRIDE SLEEP DIAGEXACT SPECULATIVE"
 )
-"""Flags of `mjtDisableBit` and `mjtEnableBit` that the causal search toggles."""
+"""Names of flags of `mjtDisableBit` and `mjtEnableBit` that the search for causes toggles."""
 BELOW = 0.8
-"""The share of a limit that is tried if a fix must stay below it."""
+"""Share of a limit that a trial sets if a value has to stay below that limit."""
 ABOVE = 2.0
-"""The multiple of a required value that is tried if a fix must be well above it."""
+"""Multiple of a required value that a trial sets if a value has to be well above the required one.
+"""
 LARGER = 64
 """Factor for the memory of a model's contacts and constraints."""
 ARMATURE_KG_M2 = 0.01
-"""Armature of a joint that is driven by the script's own controller, so that no stability limit is
-known."""
+"""Armature given to a joint that the script's own controller drives, for which no stability limit
+is known."""
 SOLREF, SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 """MuJoCo's default contact softness: `solref` and `solimp`."""
 BOUNCES = 2500.0
@@ -62,7 +63,8 @@ OPTIONS: dict[str, Sequence[str]] = {
     **dict.fromkeys(("impratio", "tolerance", "ls_tolerance", "ls_iterations"), ()),
     **dict.fromkeys(("noslip_iterations", "noslip_tolerance", "ccd_iterations"), ()),
 }
-"""Fields of `model.opt` that `parameter` sets; for a choice, its names by number."""
+"""Fields of `model.opt` that the intervention `parameter` sets. For a choice: its names, by
+MuJoCo's number."""
 
 
 def _bouncing(restitution: float) -> tuple[float, float]:
@@ -142,7 +144,7 @@ class FieldRow(ChangeRow):
     derived: bool = False
     """Whether MuJoCo derives other fields from the changed ones."""
     more: str = ""
-    """Message of the error that is raised if a fix has no number."""
+    """Code for a change that has no number: the attribute that has to be multiplied."""
 
     def call_of(self, cure: Cure) -> str:
         """Return the attribute or line that a user would write to make a suggested change."""
@@ -166,7 +168,7 @@ class FieldRow(ChangeRow):
         return {**known, **more, "stiffness": stiffness, "damping": damping}
 
     def operations(self, cure: Cure, scope: Scope) -> Iterable[Operation]:
-        """Return the operations that MuJoCo's hooks carry out to make a suggested change."""
+        """Return the operations by which the script's process makes a suggested change."""
         derived = {"derived": True} if self.derived else {}
         for name, how in self.changes(cure).items():
             yield {**_write(name, how), **self.of(scope), **derived}
@@ -198,7 +200,7 @@ def _set_parameter(name: str, value: float) -> ChangedRun:
 
 
 def _gains(row: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Set the gains of actuators; of a servo, also the bias that makes its stiffness or damping."""
+    """Set the gains of actuators; for a servo, also the bias terms that contain kp and kv."""
     do, number = raised(row.number(cure))
     gain, bias = (do, number), (do, number if do == "*" else -number)
     for each, its in _actuators(scope):
@@ -237,7 +239,7 @@ def _control_range(_: FieldRow, __: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _mass(_: FieldRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Set the mass of bodies and scale their inertia; a body of several links changes its base."""
+    """Set the mass of bodies, and scale their inertia; of several links, only the base changes."""
     names = [_links(body)[0] for body in scope.bodies]
     yield {"do": "weigh", "names": names, "mass": cure.value, "factor": MORE, "derived": True}
 
@@ -358,8 +360,8 @@ SEARCHED = (
     *((f"flag.{name}", name.lower(), "^", "^") for name in ("CONTACT", "GRAVITY", "ACTUATION")),
     *((f"flag.{name}", name.lower(), "^", "") for name in FLAGS.split()),
 )
-"""Changes that only the causal search makes: field, attribute, operators, and which of these remove
-something."""
+"""Changes that only the search for causes makes: field, attribute, operators, and those operators
+that remove a part of the scene."""
 
 ROWS = (
     # The whole run.

@@ -53,24 +53,24 @@ def explained_later(
     Parameters
     ----------
     stepper
-        Takes the steps again.
+        The process that replays the steps.
     recorded
-        What it takes them from.
+        The replay frames in the recording.
     windows
-        The steps.
+        The ranges of steps to explain.
     firsts
-        The number of the first body of each simulation.
+        The id of each simulation's first body, by client.
     causes
-        The causes that are known already, by number.
+        The causes that the recording already has, by number.
     times_s
-        The times of samples.
+        A function that returns the times of samples [s].
     folder
-        Where files may be written.
+        A folder for temporary files.
 
     Raises
     ------
     DropError
-        If the process ends before it is through.
+        If the process ends before all steps are replayed.
     """
     numbers = itertools.count(max(causes, default=-1) + 1)
     for client, its in itertools.groupby(sorted(windows), key=lambda window: window[0]):

@@ -1,7 +1,7 @@
 """Direct access to MuJoCo's memory, to find quickly what a script or a step has changed.
 
-A `memoryview` of it is compared and copied in tens of nanoseconds, where the functions that copy a
-state take a microsecond. Addresses are those of the arrays that MuJoCo itself hands out.
+Comparing or copying a `memoryview` takes tens of nanoseconds, MuJoCo's own function for copying a
+state a microsecond. The addresses are those of the arrays that MuJoCo's Python package returns.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ import numpy as np
 from .frames import ASLEEP, CORE, LONG, PART_HEAD, PARTS, USER, kind_of, part_bytes
 
 ALIGNED = 64
-"""MuJoCo's arrays start at multiples of this many bytes; its states have no other gaps."""
+"""Alignment of MuJoCo's arrays in bytes; adjacent state arrays have no other gaps."""
 NEAR = 1024
 """Arrays of a model with gaps of at most this many bytes are compared together."""
 MOST_HFIELD = 1 << 16
-"""Largest size of height fields that are compared at each step and analyzed [bytes]."""
+"""Largest size of height fields that are compared at each step and included in the analysis
+[bytes]."""
 EDITABLE = re.compile(
     r"qpos0|qpos_spring"
     r"|body_(pos|quat|ipos|iquat|mass|subtreemass|inertia|invweight0|gravcomp|margin)"
@@ -55,11 +56,11 @@ class StatePart:
     Parameters
     ----------
     name
-        What it is called.
+        The array's name.
     begin, size
-        Where it lies in the stretch, and how long it is, in bytes.
+        Offset and size of the array within the memory of its `StateMemory` [bytes].
     view, saved
-        Of the stretch.
+        The memory of the `StateMemory`, and a copy of it from the last comparison.
     """
 
     __slots__ = ("_head", "begin", "end", "name", "number", "saved", "size", "view")
@@ -130,7 +131,7 @@ def asleep_of(d: Any) -> StateMemory:
 
 
 def warnings_of(d: Any) -> memoryview:
-    """Return an MjData's warning counters: pairs of int32, last info and count."""
+    """Return the memory of an MjData's warning counters: pairs of int32, last info and count."""
     numbers = d.warning.number
     return view_of(numbers.ctypes.data - 4, len(numbers) * numbers.strides[0])
 
@@ -141,9 +142,9 @@ class Field:
     Parameters
     ----------
     name
-        As a script writes it: `geom_friction`, `opt.timestep`.
+        The field as scripts write it: `geom_friction`, `opt.timestep`.
     address, dtype, shape
-        Where it lies, and what it holds.
+        The address, type and shape of the field's array.
     """
 
     def __init__(self, name: str, address: int, dtype: Any, shape: tuple[int, ...]) -> None:
@@ -176,7 +177,7 @@ def options_of(m: Any) -> list[Field]:
     Raises
     ------
     LookupError
-        If the struct is not as MuJoCo's own description of it says.
+        If the struct in memory does not match MuJoCo's own description.
     """
     from mujoco.introspect import ast_nodes, structs
 

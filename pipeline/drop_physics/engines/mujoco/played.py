@@ -12,7 +12,7 @@ from drop_physics.trace.history import Seen
 def played(seen: Seen, client: int, first: int, last: int) -> list[Operation]:
     """Return the operation that feeds recorded controls to the steps between two samples.
 
-    Without recorded controls there is none.
+    The list is empty if no controls were recorded.
     """
     piece = seen.sampled.piece(first + 1, last + 1)
     ends, rows = piece.controls.get(client, (np.zeros(0, np.int64), np.zeros((0, 0))))

@@ -1,6 +1,6 @@
 """Assembles models, steps and writes from the byte stream of a MuJoCo script's process.
 
-The other end of `watch`; the stream is described in `frames`.
+`watch` sends the stream; `frames` describes its format.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ T = TypeVar("T")
 PIECE_STEPS, PIECE_BYTES = 1 << 12, 1 << 22
 """Largest number of steps in a chunk, and of bytes of states."""
 LEFT_OUT = "imported"
-"""Cause of a state that follows omitted steps: no call of the script."""
+"""Cause of a state that follows omitted steps, for which there is no call of the script."""
 WHERE = struct.Struct("<4xII")
 """Format of simulation and site in a `frames.STEP_HEAD`."""
 STEP_HEAD = np.dtype(
@@ -40,15 +40,15 @@ STEP_HEAD = np.dtype(
 class Constants(Mapping[str, NDArray[Any]]):
     """The constants of a model that the analysis reads, by MuJoCo's names.
 
-    Options are named as `opt.timestep`. An array is made of the received bytes where it is asked
-    for: kept, the arrays of a small model would take four times the bytes.
+    Options have names such as `opt.timestep`. An array is created from the received bytes on each
+    access, since stored arrays would take four times the memory for a small model.
 
     Parameters
     ----------
     payload
-        The bytes of all.
+        The bytes of all arrays.
     places
-        Type, shape and first byte of each.
+        Type, shape and first byte of each array, by name.
     """
 
     def __init__(self, payload: bytes, places: Mapping[str, frames.ArrayPlace]) -> None:
@@ -76,7 +76,7 @@ class MujocoModel:
     arrays: Mapping[str, NDArray[Any]]
     """The model's `Constants`."""
     held: dict[int, NDArray[Any]] = field(default_factory=dict)
-    """The values of its edited fields, by field index."""
+    """The values of fields that the script has edited, by field index."""
 
 
 @dataclass(frozen=True)
@@ -97,13 +97,13 @@ class ReceivedWrite(NamedTuple):
     """Values that the script wrote into the state before a step."""
 
     step: int
-    """The step that is the first to use the values."""
+    """The first step that uses the values."""
     cause: str
-    """One of `frames.CAUSES`."""
+    """The cause of the write, one of `frames.CAUSES`."""
     argument: int
-    """The keyframe to which the state was reset, if it was."""
+    """The keyframe to which a reset set the state, or the digest of an image."""
     site: int
-    """The site where the write was detected, or of the function that was called."""
+    """The site where the write was detected, or the site of the call that made it."""
     since: int
     """The site of the previous call, or -1: a write without a call lies between the two."""
     time_s: float
@@ -116,12 +116,12 @@ class Edited(NamedTuple):
     """Values that the script wrote into model fields during the run."""
 
     step: int
-    """The step that is the first to use the values."""
+    """The first step that uses the values."""
     world: int
     """The simulation in whose step or call the edit was detected."""
     model: int
     name: str
-    """The field, as a script writes it: `geom_friction`, `opt.timestep`."""
+    """The field, named as scripts write it: `geom_friction`, `opt.timestep`."""
     indices: NDArray[np.uint32]
     """Indices into the flat array."""
     old: NDArray[Any]
@@ -160,11 +160,11 @@ class StepPiece:
     parts: dict[str, Float64]
     """The state after each step, by the names in `frames.CORE`, shape (n, width)."""
     widths: Mapping[str, int]
-    """Numbers of elements of the parts that steps do not send."""
+    """Number of elements of each state part that the messages of steps do not contain."""
     written: list[ReceivedWrite]
     edited: list[Edited]
     warnings: list[tuple[int, int, int, int]]
-    """Warnings: step, kind, number in that step, and last info."""
+    """Warnings: step, warning type, count within that step, and MuJoCo's last info."""
     episodes: list[EndedEpisode]
     answers: list[tuple[int, bytes]]
     """Effects of callbacks within a step, in the format of `frames`."""
@@ -183,7 +183,7 @@ class _World:
     step: int = 0
     site: int = -1
     payloads: list[bytes] = field(default_factory=list)
-    """The steps gathered so far."""
+    """The bytes of the steps that are not yet part of a chunk."""
     written: list[ReceivedWrite] = field(default_factory=list)
     edited: list[Edited] = field(default_factory=list)
     warnings: list[tuple[int, int, int, int]] = field(default_factory=list)
@@ -193,16 +193,17 @@ class _World:
     answers: list[tuple[int, bytes]] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=dict)
     settled: int = 0
-    """Number of steps before the first that may still be left out."""
+    """Number of first steps that will surely be recorded; later ones may still be left out."""
     decided: int = 0
-    """Number of steps up to the end of the last episode for which it is decided whether it is
-    kept."""
+    """Number of steps up to the end of the last episode that the recording's filter has judged."""
     latest: int | None = None
-    """Number of steps before the failed episode that is kept until the next failure."""
+    """Number of steps before the latest failed episode, which is kept until the next failed one
+    ends."""
     left_out: int = 0
     """Number of steps that were made but not recorded."""
     held: dict[str, NDArray[Any]] = field(default_factory=dict)
-    """The state parts that only the script changes, as far as written, and the sleep state."""
+    """Current values of the state parts that only the script changes, of those written so far, and
+    of the sleep state."""
 
     def __post_init__(self) -> None:
         size = self.size + 8 * sum(self.widths.values())
@@ -242,7 +243,8 @@ class _World:
     def leave_out(self, begin: int, end: int) -> None:
         """Drop the steps from `begin` to before `end`, but keep the state after them.
 
-        Edits of the model in them stay; episodes that end with them have no step.
+        Model edits made in the dropped steps remain in effect. An episode that ends with them is
+        recorded without steps.
         """
         gone = end - begin
         if not gone:
@@ -277,7 +279,7 @@ class _World:
         self.settled, self.left_out = after(self.settled), self.left_out + gone
 
     def pieces(self) -> Iterator[StepPiece]:
-        """Yield complete chunks of steps that will surely be kept."""
+        """Yield full chunks of steps that will surely be recorded."""
         while self.settled - self.first >= self.most:
             yield self.piece(self.most)
 
@@ -332,9 +334,10 @@ class Received:
     Parameters
     ----------
     models
-        A folder that gets each model in MuJoCo's binary form, under its digest; None for no models.
+        A folder to which each model is written in MuJoCo's binary format, named by its digest; None
+        to write no models.
     whole
-        Decides which episodes are kept.
+        The filter that decides which episodes are recorded.
     """
 
     def __init__(self, models: Path | None, whole: WholeEpisodes) -> None:
@@ -435,7 +438,7 @@ class Received:
         return whole
 
     def _settle(self, world: _World) -> None:
-        """Mark all steps of a simulation so far as kept."""
+        """Mark all steps of a simulation so far as surely recorded."""
         self._whole.kept_bytes += (world.step - world.settled) * (STEP_HEAD.itemsize + world.size)
         world.settled, world.latest = world.step, None
 

@@ -27,8 +27,8 @@ def sensors_of(
 ) -> Iterator[Sensor]:
     """Yield a model's sensors with the first, last, least and greatest value of each reading.
 
-    `kept` has the shape (4, numbers): after those of the sensors the lengths of the tendons, then
-    lengths and forces of the actuators.
+    `kept` has the shape (4, numbers): first, last, least and greatest value of the sensor readings,
+    then of the tendons' lengths, then of the actuators' lengths and forces.
     """
     arrays = described.arrays
     others = ((TENDON, "tendon"), (LENGTH, "actuator"), (FORCE, "actuator"))

@@ -58,7 +58,7 @@ class Computed:
 
     @classmethod
     def of(cls, stages: Mapping[str, list[Float64]], row: int) -> Computed:
-        """Return the results for one of many steps."""
+        """Return the results of one of many computed steps, by its row."""
         geoms = stages["geoms"][row].reshape(-1, 2)
         return cls(
             stages["xpos"][row].reshape(-1, 3),

@@ -1,6 +1,6 @@
 """A process with the script's MuJoCo that replays recorded steps and explains them.
 
-A step is taken from its own frame, so any can be asked for, in any order; consecutive steps are the
+Each step starts from its own frame, so steps can be requested in any order; consecutive steps are
 fastest.
 """
 
@@ -25,7 +25,7 @@ from drop_physics.trace.frames import Frames, ModelEdit
 from drop_physics.workers import how_it_ended, users_environment
 
 MODULE = "mujoco.explain.answering"
-"""The module that is run in the other interpreter."""
+"""The module that the script's interpreter runs."""
 Arrays = dict[str, NDArray[Any]]
 Answer = tuple[dict[str, Any], Arrays]
 
@@ -35,12 +35,12 @@ class StepsWanted:
     """A request to replay steps of a simulation."""
 
     model: Path
-    """The file of its compiled model."""
+    """The file of the simulation's compiled model."""
     frames: Frames
     begin: int
     """The first step, counted from the first of the frames."""
     end: int
-    """One past the last step."""
+    """Index after the last step."""
     edits: Sequence[ModelEdit] = ()
     """Model edits before the frames begin."""
 
@@ -51,17 +51,17 @@ class Stepper:
     Parameters
     ----------
     python
-        Its interpreter.
+        The process's interpreter.
     version
-        The version of MuJoCo that made the frames: it must have the same. None takes any, as for a
-        step of one version from a state of another.
+        The version of MuJoCo that recorded the frames, which the process must have, too. None
+        accepts any version, for a step of one version from a state of another.
     environment
-        Variables that its process has besides the user's.
+        Environment variables of the process, in addition to the user's.
 
     Raises
     ------
     DropError
-        On leaving, and while it answers: if the process ended before it was through.
+        While steps are replayed and at the end of the block, if the process ended early.
     """
 
     module = MODULE
@@ -122,7 +122,7 @@ class Stepper:
     def states(self, wanted: StepsWanted) -> dict[str, NDArray[np.float64]]:
         """Replay steps from their recorded starts; return the states after them, (n, width) each.
 
-        The clock is one of them, as `clock_s`.
+        The states include MuJoCo's clock, as `clock_s`.
         """
         self._send_steps("states", wanted)
         ((_, arrays),) = self._answers()

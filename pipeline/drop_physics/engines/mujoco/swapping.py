@@ -24,9 +24,9 @@ class Swapper(Stepper):
     Parameters
     ----------
     python
-        Its interpreter.
+        The process's interpreter.
     environment
-        Variables that its process has besides the user's.
+        Environment variables of the process, in addition to the user's.
     model
         The file of the compiled model.
     """
@@ -62,9 +62,9 @@ class Swapper(Stepper):
         wanted
             The steps.
         edits
-            The fields that have other values, for all of them.
+            Model fields with other values, in effect for all steps.
         off
-            The features that are switched off.
+            The features that are disabled.
         """
         if isinstance(wanted, StepsWanted):
             return super().states(wanted)
@@ -106,7 +106,7 @@ class Swapper(Stepper):
 
 
 def _apart(numbers: Float64) -> list[Float64]:
-    """Split a flat array into those that `explain.swapped` joined: count, lengths, numbers."""
+    """Split a flat array that `explain.swapped` joined into its rows."""
     count = int(numbers[0])
     lengths, flat = numbers[1 : count + 1].astype(np.int64), numbers[count + 1 :]
     width = len(flat) // max(int(lengths.sum()), 1)
@@ -116,7 +116,8 @@ def _apart(numbers: Float64) -> list[Float64]:
 def numbers_of(model: DescribedModel, trail: Mapping[str, Float64]) -> dict[int, Float64]:
     """Return each body's coordinates after each step of a repeated run, (n, k), by body id.
 
-    First those of a base that is free, then the positions of all joints, then their velocities.
+    The coordinates are those of a floating base, if there is one, then the positions of all joints,
+    then their velocities.
     """
     qpos, qvel = trail["qpos"], trail["qvel"]
     found = {}

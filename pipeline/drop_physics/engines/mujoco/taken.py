@@ -26,16 +26,17 @@ class TakenSteps:
     """Start states, inputs and end states of a run's n steps."""
 
     whole: Frames
-    """All frames as one chunk."""
+    """All replay frames of these steps, as one chunk."""
     before: Rows
     """The state before each step, shape (n, width) each."""
     inputs: Rows
     """External inputs in each step, shape (n, width) each."""
     acting: Rows
-    """The same inputs with what callbacks write within a step; `qfrc_passive` is what they add."""
+    """The same inputs, including what callbacks write within a step; `qfrc_passive` is the force
+    that callbacks add."""
     edited: Mapping[str, tuple[Int64, Float64]]
-    """The elements of each field that are written during the run, and their values in each step:
-    shapes (k,) and (n, k)."""
+    """The elements of each field that the script writes during the run, as indices of shape (k,),
+    and their values in each step, of shape (n, k)."""
     starts_s: Float64
     """The clock before each step [s], shape (n,)."""
     full: Frames
@@ -51,7 +52,7 @@ class TakenSteps:
         return self.whole.after
 
     def only(self, starts: Int64, ends: Int64) -> TakenSteps:
-        """Return some of the steps: starts by index; ends of other steps, if given."""
+        """Return some of the steps: starts by index; end states of the same or of other steps."""
         whole, row_of = self.whole, {step: row for row, step in enumerate(starts.tolist())}
         some = replace(
             whole,
@@ -76,9 +77,9 @@ def taken(pieces: Iterable[Frames], fields: Mapping[str, NDArray[Any]]) -> Taken
     Parameters
     ----------
     pieces
-        Its frames, in order.
+        The replay frames of the run, in order.
     fields
-        The fields of its model as it was compiled.
+        The fields of the model as compiled.
     """
     whole = joined([*pieces])
     names = {edit.name for edit in whole.edits}
@@ -97,8 +98,9 @@ def taken(pieces: Iterable[Frames], fields: Mapping[str, NDArray[Any]]) -> Taken
 def aligned(a: TakenSteps, b: TakenSteps) -> tuple[TakenSteps, TakenSteps, Int64]:
     """Return the steps of two runs that start and end at the same times.
 
-    Also returns the numbers of these steps in the first run. A step of the second run may stand for
-    several: its start is that of the first, its end that of the last.
+    Also returns the indices of these steps in the first run. Several steps of the second run may
+    correspond to one: they are merged, with the start state of the first and the end state of the
+    last.
     """
     starts, ends = _places(b.starts_s), _places(b.whole.clock_s)
     rows = [

@@ -1,7 +1,7 @@
 """Converts messages of a MuJoCo script's process into events of a recording.
 
-`received` assembles a stream. Here its pieces get the form that recordings have: bodies, samples,
-and values set between two steps, by line.
+`received` assembles the stream into chunks. This module converts a chunk into bodies, samples, and
+values set between two steps, with the script's lines.
 """
 
 from __future__ import annotations
@@ -83,11 +83,11 @@ MOVES = frozenset((*MOVING, *PLACES))
 BY_MEMORY = frozenset(("memory", *CAUSES[CAUSES.index("mj_forward") :]))
 """Causes of changes that the script made by writing memory, without a call."""
 SILENT = "step"
-"""The cause that is not an act of the script."""
+"""The cause of a state that is no act of the script: MuJoCo's reset within a step."""
 IMPORTED = "imported"
-"""The cause that is an input from another program, without a call."""
+"""The cause of an input from another program, which is no call either."""
 PLACES_BODIES = re.compile(r"opt\.|body_i?(pos|quat)|jnt_|qpos0|geom_(type|size|pos|quat)")
-"""Model fields that set positions of bodies and shapes, and the time."""
+"""Model fields that determine the positions of bodies and shapes, or the time."""
 SHAPES_BODIES = re.compile(r"body_|jnt_|dof_|geom_|qpos0")
 """Model fields that define a model's bodies."""
 _FULL = "inertia", "contacts full", "constraints full"
@@ -95,7 +95,7 @@ _BAD = "bad position", "bad velocity", "bad acceleration", "bad control"
 WARNINGS = {7: (*_FULL, *_BAD), 8: (*_FULL, "drawing full", *_BAD)}
 """Names of MuJoCo's warnings (`mjtWarning`), by the number of warning types in a version."""
 PART_BYTES = 1 << 20
-"""Number of a model's bytes that are sent in one event."""
+"""Number of bytes of a compiled model in one event."""
 MOST_NOTES = 3
 """Largest number of different texts that are kept for one kind of note."""
 
@@ -107,24 +107,25 @@ class MujocoSimulation:
     client: int
     model: int
     first: int
-    """Index of the first step among those of the MjData."""
+    """Index of the simulation's first step among all steps of the MjData."""
     described: DescribedModel
     number: int
-    """Id of its first body."""
+    """Id of the simulation's first body."""
     held: dict[str, NDArray[Any]]
     """The current parts of the state, flat."""
     held_at: int
-    """Number of steps of the MjData when `held` was updated."""
+    """Number of steps that the MjData had made when `held` was updated."""
     arrays: Mapping[str, NDArray[Any]]
     """The model's constants, including edits."""
     frames: FramesOfSteps
     folder: Path
-    """The folder for its model's meshes; another model's may have the same names."""
+    """The folder for meshes of this simulation's model; meshes of another model may have the same
+    names."""
     apart_s: float | None = None
-    """The time between two states [s], if it differs from the model's timestep."""
+    """The time between two consecutive states [s], if it differs from the model's timestep."""
     began: bool = False
     start: dict[str, NDArray[Any]] | None = None
-    """The state before its first step."""
+    """The state before the simulation's first step."""
     last: dict[str, NDArray[Any]] = field(default_factory=dict)
     """The state after the last step of a chunk."""
     since_step: int = 0
@@ -135,11 +136,12 @@ class MujocoSimulation:
     warned: dict[int, EngineWarning] = field(default_factory=dict)
     """MuJoCo's warnings, by warning type."""
     given: dict[int, Float64] = field(default_factory=dict)
-    """The actuator controls before steps of the chunk, where they changed."""
+    """The actuator controls of a chunk, by step, where they changed."""
     ctrl: Float64 | None = None
     """The actuator controls in the last step."""
     since: list[tuple[int, float, float]] = field(default_factory=list)
-    """The changes of the timestep: step, and time and timestep from then on."""
+    """The changes of the timestep: the step, its time [s], and the timestep from that step on [s].
+    """
 
     def times_s(self, steps: Int64) -> Float64:
         """Return the times of steps: sums of the preceding timesteps [s]."""
@@ -196,12 +198,12 @@ def _is_older(version: str) -> bool:
 class MujocoDecoder:
     """Decodes the messages of a script's process into events, in order; call `close` at the end.
 
-    Files of replays are kept in a folder of its own.
+    The decoder owns a temporary folder for the files of replays.
 
     Parameters
     ----------
     whole
-        Decides which episodes are kept.
+        The filter that decides which episodes are recorded.
     """
 
     def __init__(self, whole: WholeEpisodes | None = None) -> None:
@@ -286,7 +288,8 @@ class MujocoDecoder:
     def rest(self, answers: Float64) -> Iterator[Event]:
         """Yield the remaining events after the last message.
 
-        `answers` holds the readings of sensors, from the memory shared with the process.
+        `answers` contains the extremes of sensor readings, from the memory shared with the script's
+        process.
         """
         if self._received is not None:
             yield from self._on_pieces(self._received.rest())
@@ -311,7 +314,7 @@ class MujocoDecoder:
         Raises
         ------
         DropError
-            If it ends before it is through.
+            If the replaying process ends before all steps are replayed.
         """
         if self._received is None or not self.steps or self.is_long:
             return
@@ -382,7 +385,7 @@ class MujocoDecoder:
             yield from self._on_piece(piece)
 
     def _on_piece(self, piece: StepPiece) -> Iterator[Event]:
-        """Yield a chunk's events, in parts where a model edit changes what its samples mean."""
+        """Yield a chunk's events, split at model edits that change the meaning of later samples."""
         simulation = self._simulation(piece.world, piece.model, piece.first)
         self._warned(simulation, piece)
         end = _end(piece)
@@ -632,7 +635,7 @@ class MujocoDecoder:
         )
 
     def _put(self, its: MujocoSimulation, made: DescribedBody, at: At, *, counts: bool) -> Put:
-        """Return a body's current state as an event: the script has set it."""
+        """Return a body's current state, which the script has set, as an event."""
         nq, nv = (int(its.arrays[name].item()) for name in ("nq", "nv"))
         qpos = _of_size(its.held.get("qpos"), nq)[None]
         qvel = _of_size(its.held.get("qvel"), nv)[None]
@@ -657,7 +660,7 @@ class MujocoDecoder:
     def _on_written(
         self, its: MujocoSimulation, piece: StepPiece, written: ReceivedWrite, rows: _Rows
     ) -> Iterator[Put]:
-        """Apply what the script wrote before a step; yield the states of bodies that it moved."""
+        """Apply the script's writes before a step; yield the new states of moved bodies."""
         step = written.step - its.first
         if written.cause == "picture":
             values = np.array([float(written.argument)])
@@ -774,7 +777,7 @@ class MujocoDecoder:
         values: Float64,
         rows: _Rows,
     ) -> None:
-        """Record something that the script did as a call from its line."""
+        """Record an act of the script as a call from its line."""
         number = self._sites.get((function, form, site, since))
         if number is None:
             number = self._site(function, form, site, since, names)
@@ -785,7 +788,7 @@ class MujocoDecoder:
         self._calls += 1
 
     def _site(self, function: str, form: str, site: int, since: int, names: tuple[str, ...]) -> int:
-        """Return the index of a call site, as the recording counts them."""
+        """Return the index of a call site in the recording; add the site if it is new."""
         assert self._received is not None
         line, key = self._received.sites[site], (function, form, site, since)
         if since >= 0 and since != site:

@@ -1,8 +1,8 @@
 """The world of a simulated drop in MuJoCo: builds the scenario's model, and reads its states.
 
-Bodies and states come from `described`, the softness of contact from `held`. Contact forces are
-MuJoCo's own, point by point and to the last bit, along the two tangents; the replay of a script
-only has sums over a pair.
+`described` provides bodies and states, `held` the softness of contacts. Contact forces are MuJoCo's
+own, to the last bit, for each point and tangent; the replay of a script provides only sums over
+each pair of geoms.
 """
 
 from __future__ import annotations
@@ -70,7 +70,8 @@ class MujocoSession:
         Raises
         ------
         RuntimeError
-            If a number is not finite, or over 1e10: MuJoCo has set all of them to 0, and goes on.
+            If a coordinate is not finite, or above 1e10: MuJoCo then resets the state to 0 and
+            continues.
         """
         mujoco.mj_step(self._model, self._data)
         if any(self._unstable.tolist()):
@@ -83,8 +84,8 @@ class MujocoSession:
     def motions(self, states: Float64) -> Float64:
         """Return the motions of the centre of mass, in world axes, shape (n, 13).
 
-        Position, orientation x y z w, velocity and spin, exactly as in the engine; but the spin,
-        which MuJoCo keeps in body axes, is rotated, which rounds it.
+        A motion is position, orientation x y z w, velocity and spin. They are exactly the engine's,
+        except for the spin: it is rotated from MuJoCo's body axes, which rounds it.
         """
         qpos, qvel = np.hsplit(states, [self._model.nq])
         return base_of(self._arrays, self._bodies[-1], qpos, qvel, unit=True)
@@ -92,8 +93,8 @@ class MujocoSession:
     def contacts(self) -> Iterator[Numbers]:
         """Yield the contact points of the last step; MuJoCo's normal points from geom 1 to 2.
 
-        A point has the numbers of `states.CONTACT` from `position_a_m` on, with the body as a: the
-        forces act on it.
+        Each point has the fields of `states.CONTACT` from `position_a_m` on. The body is side a, on
+        which the forces act.
         """
         force = np.zeros(6)
         for index in range(self._data.ncon):

@@ -1,7 +1,7 @@
 """Checks URDF and mesh files for input that Bullet would silently misread.
 
-`nan` becomes a length, a word becomes 0, and the index of a face any place in memory. Files on
-which Bullet itself fails are tried in a process that may die (`probe`).
+Bullet accepts `nan` as a length, reads a word as 0, and uses the index of a face unchecked, as any
+place in memory. Files on which Bullet itself may crash are tested in a separate process (`probe`).
 """
 
 from __future__ import annotations
@@ -18,12 +18,14 @@ from xml.etree import ElementTree as Xml
 from drop_physics.messages import Message
 
 MOST_URDF_BYTES, MOST_BYTES = 10_000_000, 100_000_000
-"""Largest size of a file: for a mesh, Bullet takes about twenty times that in memory."""
+"""Largest sizes of a URDF and of any file [bytes]. For a mesh, Bullet uses about twenty times its
+size in memory."""
 LONGEST_VALUE = 1000
 """Largest number of characters in an attribute or a path; Bullet copies them into arrays on its
 stack."""
 URDF_LINE, MESH_LINE = 8190, 1022
-"""Largest number of bytes in a line; Bullet splits longer ones anywhere."""
+"""Largest number of bytes in a line of a URDF and of a mesh file; Bullet splits longer lines at an
+arbitrary place."""
 LARGEST = 1e9
 """Largest mass [kg], length [m] or inertia whose square and sum fit in Bullet's doubles."""
 LARGEST_INDEX = 100_000_000
@@ -49,12 +51,12 @@ FINITE = {
     "inertia_scaling": "value", "lateral_friction": "value", "rolling_friction": "value",
     "spinning_friction": "value", "restitution": "value", "stiffness": "value", "damping": "value",
 }  # fmt: skip
-"""Elements, and their attributes that Bullet parses as numbers."""
+"""Elements with attributes that Bullet parses as numbers, which must be finite."""
 COUNTS = {
     "xyz": (3,), "rpy": (3,), "size": (3,), "normal": (3,), "scale": (1, 3), "rgba": (3, 4),
     "rgb": (3, 4),
 }  # fmt: skip
-"""Number of values that an attribute may hold, where it is not exactly one."""
+"""Number of values that an attribute may hold; one for attributes not listed."""
 ABOVE_ZERO = ("size", "radius", "length")
 
 
@@ -90,7 +92,7 @@ def read(path: Path, most: int = MOST_BYTES) -> bytes:
 
 
 def check_urdf(path: Path) -> None:
-    """Check that Bullet parses the numbers of a URDF as they are written."""
+    """Check that Bullet reads the numbers in a URDF as they are written."""
     if len(os.fsencode(path)) > LONGEST_VALUE:
         raise BodyFileError(Message("its path has more than {most:,} bytes", most=LONGEST_VALUE))
     data = read(path, MOST_URDF_BYTES)
@@ -100,7 +102,7 @@ def check_urdf(path: Path) -> None:
 
 
 def check_mesh(path: Path) -> None:
-    """Check that Bullet parses a mesh as it is written; only .obj and .stl are checked."""
+    """Check that Bullet reads a mesh as it is written; only .obj and .stl are checked."""
     check: Callable[[bytes], str] | None = {".obj": _obj_problem, ".stl": _stl_problem}.get(
         path.suffix.lower()
     )

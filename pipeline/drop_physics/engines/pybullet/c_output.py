@@ -11,10 +11,11 @@ from contextlib import contextmanager
 
 @contextmanager
 def c_output_moved_aside() -> Iterator[list[str]]:
-    """Capture what C prints, such as Bullet's banner and warnings, in a `with` block.
+    """Capture text printed by C libraries, such as Bullet's warnings, in a `with` block.
 
-    C writes to file descriptors 1 and 2, whatever `sys.stdout` is, and buffers its text, so it is
-    flushed before and after. The list yielded holds the text once the block has ended.
+    C libraries write to file descriptors 1 and 2, whatever `sys.stdout` is, and buffer their text;
+    both streams are flushed before and after the block. The yielded list contains the text when the
+    block has ended.
     """
     libc = ctypes.CDLL(None) if os.name == "posix" else ctypes.cdll.msvcrt
     printed: list[str] = []

@@ -25,10 +25,11 @@ from drop_physics.trace.states import BODY
 from drop_physics.workers import Worker, WorkerDiedError, cores
 
 FRAMES_PER_WORKER = 32
-"""Number of frames per worker process, about as many as one renders while another starts."""
+"""Number of frames per worker process: about as many as one worker renders while another starts."""
 
 MOST_AHEAD = 2 * FRAMES_PER_WORKER
-"""Number of frames that a single worker renders; more are shared among several."""
+"""Largest number of frames that a single worker renders; more frames are divided among several
+workers."""
 
 MOST_STEPS_AHEAD = 16_384
 """Number of steps that a worker simulates ahead, which take a tenth of a second, and 2 MB of
@@ -46,11 +47,11 @@ class Photographer:
     Parameters
     ----------
     scenario, camera
-        What is in the pictures, and how it is seen.
+        The simulated drop, and the camera that renders it.
     frames
-        About how many there will be, to decide on the number of workers.
+        The approximate number of frames, which determines the number of workers.
     note
-        Called with a sentence if the camera's renderer is unavailable and another one draws.
+        A function that is called with a sentence if another renderer has to replace the camera's.
     assistant
         A worker that is already running.
     """
@@ -148,10 +149,11 @@ def _believe(known: Verdicts) -> Iterator[bytes]:
 
 
 def draw_ahead(scenario: Scenario, camera: Camera) -> Iterator[bytes]:
-    """Simulate the drop here, too, to render its frames before the main process asks for them.
+    """Simulate the drop in this worker, to render frames before the main process requests them.
 
-    The requesting process is still loading its libraries. A pose predicted to the last bit has its
-    picture ready; any other is drawn on request. There are no answers.
+    Meanwhile the main process loads its libraries. If it requests a pose that was predicted to the
+    last bit, the picture is ready; any other pose is drawn on request. This call itself yields
+    nothing.
     """
     camera = framed(camera, scenario)
     few = camera.frames_of(scenario.steps) <= MOST_AHEAD and scenario.steps <= MOST_STEPS_AHEAD

@@ -25,23 +25,22 @@ def checkerboard(
 ) -> tuple[UInt8, Float32]:
     """Render the floor as an infinite checkerboard, from a camera's point of view.
 
-    TinyRenderer takes five times as long for it as for all else in a picture.
+    TinyRenderer takes five times as long for the floor as for everything else in a picture.
 
     Parameters
     ----------
     camera
-        What looks at it; from below it is not seen.
+        The camera; the floor is invisible from below.
     place
-        Where the plane is, which is that of its own x and y.
+        The pose of the floor's frame, whose x and y axes span the plane.
     side_m
         The side of a square [m].
     colours
-        Of both kinds of squares, and of the page, shape (3, 3).
+        RGB colours of the two kinds of squares and of the background, shape (3, 3).
 
     Returns
     -------
-    Colours, shape (height, width, 3), and 1 over the distance along the camera's axis [1/m], shape
-    (height, width), 0 where the plane is not seen.
+    RGB colours, shape (height, width, 3); and 1 over the depth [1/m], 0 outside the plane.
     """
     eye = world_from_camera(camera)
     axes = np.reshape(p.getMatrixFromQuaternion(place[1]), (3, 3))
@@ -69,7 +68,7 @@ def checkerboard(
 
 
 def _palette(colours: UInt8) -> UInt8:
-    """Return the squares' colours as they fade out, shape (from background to full, kind, 3)."""
+    """Return the colours of the squares as they fade, shape (background to full, kind, 3)."""
     page, tiles = colours[2:], np.vstack((colours[:2], colours[:2].mean(axis=0)))
     share = np.linspace(0, 1, FADES + 1)[:, None, None]
     colour: UInt8 = (page + share * (tiles - page)).astype(np.uint8)

@@ -33,7 +33,7 @@ KINDS = {
     9: "heightfield",
 }
 PLANES = ("plane.obj", "plane100.obj")
-"""Meshes of pybullet_data that represent a plane: up to 200 m wide, white except for a texture."""
+"""Meshes of pybullet_data that represent a plane, up to 200 m wide, white except for a texture."""
 JOINT_KINDS = {0: "revolute", 1: "prismatic", 2: "spherical", 3: "planar", 4: "fixed"}
 FIXED = 4
 ENABLE_SLEEPING = 1 << 11

@@ -1,4 +1,4 @@
-"""PyBullet itself, its data folder, and its version; the only module that imports it."""
+"""PyBullet, its data folder, and its version; the only module that imports PyBullet."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def data_folder() -> Path:
 
 @functools.cache
 def engine_versions() -> dict[str, str]:
-    """Return what PyBullet's results may depend on: version, wheel and build time."""
+    """Return the versions that PyBullet's results may depend on: version, wheel and build time."""
     distribution = metadata.distribution("pybullet")
     wheel = (distribution.read_text("WHEEL") or "").partition("Tag:")[2].split()
     versions = {"pybullet_version": distribution.version, "pybullet_build": BUILD_TIME}

@@ -15,12 +15,13 @@ from drop_physics.scenario import Scenario
 def find_body(body: str) -> Path:
     """Return the URDF file for a name: a path, or a file of `pybullet_data`.
 
-    The default is always that of `pybullet_data`, so that it is the same drop in every folder.
+    The default body is always taken from `pybullet_data`, so that a default drop is the same in
+    every folder.
 
     Raises
     ------
     ScenarioError
-        If neither place has such a file, or it is the user's own and Bullet cannot load it.
+        If there is no such file, or if Bullet cannot load the user's file.
     """
     return _found(body)[0]
 

@@ -22,8 +22,8 @@ BATCH, MOST_SAMPLES = 1 << 10, 1 << 13
 BATCH_BYTES, MOST_BYTES = 1 << 21, 1 << 22
 """Bytes of samples that are yielded together, at first and at most."""
 OF_ALL = 16
-"""Later batches hold this share of all samples so far: Rerun keeps an index of all chunks in
-memory."""
+"""Size of later batches as a share of all samples so far: fewer, larger chunks, since Rerun keeps
+an index of all chunks in memory."""
 CALLS_TOGETHER = 1 << 14
 
 
@@ -147,13 +147,13 @@ class GatheredWorld:
             self._results.append((len(self._calls) - 1, result))
 
     def gathered(self) -> Iterator[Calls | Samples]:
-        """Yield the collected calls and samples, and forget them."""
+        """Yield the collected calls and samples, and remove them from the collection."""
         yield from self.called()
         if self._samples:
             yield self._sampled()
 
     def called(self) -> Iterator[Calls]:
-        """Yield the collected calls, and forget them."""
+        """Yield the collected calls, and remove them from the collection."""
         if not self._calls:
             return
         steps, numbers, payloads = zip(*self._calls, strict=True)

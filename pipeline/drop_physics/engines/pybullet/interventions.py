@@ -78,8 +78,8 @@ class CallRow(ChangeRow):
     function: str = ""
     """The PyBullet function whose arguments are set."""
     each: str = ""
-    """Objects for each of which the search adds a call: all `bodies`, `links`, movable `joints`,
-    `constraints`, or `pairs` that touched; otherwise one call."""
+    """Kind of objects for each of which the search adds a call: `bodies`, `links`, movable
+    `joints`, `constraints`, or `pairs` that touched; empty for a single call."""
 
     @property
     def tried(self) -> dict[str, Any]:
@@ -91,7 +91,7 @@ class CallRow(ChangeRow):
         return {**super().tried, "change": change, **call}
 
     def changes(self, cure: Cure) -> dict[str, How]:
-        """Return which arguments change and how: as the finding says, or by this row's default."""
+        """Return the changed arguments, from the finding or by the row's default."""
         if cure.given:
             return {name: ("=", value) for name, value in cure.given.items()}
         return super().changes(cure)
@@ -104,7 +104,7 @@ class CallRow(ChangeRow):
         return f"p.{self.function}(…, {', '.join(shown)})"
 
     def operations(self, cure: Cure, scope: Scope) -> Iterable[Operation]:
-        """Return the operations that PyBullet's hooks carry out to make a suggested change."""
+        """Return the operations by which the script's process makes a suggested change."""
         return () if self.makes is None else self.makes(self, cure, scope)
 
 
@@ -122,7 +122,7 @@ def _set_parameter(name: str, value: float) -> ChangedRun:
 
 
 def _leave(functions: list[str], *arguments: str) -> Operation:
-    """Make a function that returns the operation to omit a call, or some arguments of a call."""
+    """Return the operation that omits a call, or some of its arguments."""
     return {"do": "leave", "functions": functions, "arguments": [*arguments]}
 
 
@@ -242,7 +242,10 @@ def _urdf_limits(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _motor_off(_: CallRow, __: Cure, scope: Scope) -> Iterator[Operation]:
-    """Yield operations that turn default motors off, after loading and unless commanded."""
+    """Yield operations that disable default motors at loading.
+
+    Without a named joint, joints that the script commands are left out.
+    """
     for body in scope.bodies:
         named = scope.links(body) if scope.joint is not None else []
         for joint in body.joints:
@@ -278,7 +281,7 @@ def _frames(_: CallRow, __: Cure, ___: Scope) -> Iterator[Operation]:
 
 
 def _first(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Yield operations that set the run's last timestep from the start on, and no other."""
+    """Yield operations that set the run's final timestep from the start on, in all calls."""
     last = replace(cure, given={"timeStep": scope.timestep_s})
     yield from (*_begin(row, last, scope), *_set(row, last, scope))
 
@@ -288,7 +291,7 @@ def _repeated(_: CallRow, __: Cure, ___: Scope) -> Iterator[Operation]:
 
 
 def _lifted(*functions: str) -> Applies:
-    """Make a function that returns operations to move bodies apart by slightly more than needed."""
+    """Make a function that returns operations to move bodies out of each other."""
 
     def made(row: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
         by_m = [AWAY * (row.number(cure) or 0.0) * each for each in cure.given.get("away", UP)]
@@ -319,7 +322,7 @@ def _client(_: CallRow, cure: Cure, __: Scope) -> Iterator[Operation]:
 
 
 def _without(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Yield the operation that omits the call that a finding is about."""
+    """Yield the operation that omits the call named in a finding."""
     place = _at(scope)
     if place:
         about = _of(scope.bodies[0]) if cure.form == "of-body" else {}
@@ -336,7 +339,10 @@ def _redirected(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
 
 
 def _apart(_: CallRow, cure: Cure, scope: Scope) -> Iterator[Operation]:
-    """Yield the operation that splits a call in two, as some arguments only count on their own."""
+    """Yield the operation that passes some arguments in a call of their own.
+
+    PyBullet ignores them next to certain others.
+    """
     arguments = {"arguments": cure.given["arguments"], **_at(scope)}
     yield {"do": "apart", "functions": [DYNAMICS], **arguments}
 
@@ -385,9 +391,9 @@ IN_CALLS = (
     (r"(setGravity|resetBaseVelocity)\.\w+", NUMBERS, NUMBERS),
     (r".*\..*", NUMBERS, ""),
 )
-"""Changes to calls that the causal search tries: function, or function and argument; operators; and
-which of these remove a part of the scene or of the command. Signs and zeros of positive quantities
-are not among them."""
+"""Changes to calls that the search for causes tries: function, or function and argument; operators;
+and those operators that remove a part of the scene or of the command. The sign of a positive
+quantity is never changed, and the quantity never set to 0."""
 SEEN = COMMANDS | PUSHES | MAKES_BODIES | MOVES_BODY | CONSTRAINS | SHAPES | IK | SETS_ENGINE
 SEEN |= those_that("sets properties", "sets constraints", "sets what is touched", "sets sensors")
 SEEN |= those_that("computes dynamics") | {"rayTest", "getClosestPoints", "getLinkState", STEP}

@@ -23,24 +23,24 @@ class Likeness(NamedTuple):
     """Masses of base and links [kg]; None if the links do not correspond."""
     inertias_kg_m2: Sequence[Sequence[float]] | None
     is_limited: bool
-    """Whether any of its joints has limits."""
+    """Whether any joint of the body has limits."""
 
 
 def known_differences(
     body: int, links: int, timestep_s: float, likeness: Likeness
 ) -> Iterator[KnownDifference]:
-    """Yield the defaults that may make a body move otherwise than in another engine.
+    """Yield PyBullet's defaults that may make a body move differently than in another engine.
 
     Parameters
     ----------
     body
-        Its number in the log.
+        The number of the body in the log.
     links
-        The number of its links without the base.
+        The number of the body's links, without the base.
     timestep_s
         PyBullet's timestep [s].
     likeness
-        What the other engine has.
+        The properties of the body and of its world in the other engine.
     """
 
     def call(function: str, **given: object) -> LoggedCall:

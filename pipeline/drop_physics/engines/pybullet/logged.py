@@ -25,7 +25,7 @@ from drop_physics.trace.logs import LoggedCall, Made, Sets
 BODY, SHAPE, LOOK, STATE, CONSTRAINT, TEXTURE = (
     *("body", "shape", "look", "state", "constraint", "texture"),
 )
-"""Kinds of objects that calls create, and that later calls name."""
+"""Kinds of objects that calls create, and that later calls refer to."""
 MAKES = {
     "loadURDF": BODY, "loadSoftBody": BODY, "createMultiBody": BODY,
     "createCollisionShape": SHAPE, "createVisualShape": LOOK, "saveState": STATE,
@@ -42,7 +42,7 @@ NAMES = {
     "userConstraintUniqueId": CONSTRAINT,
     "textureUniqueId": TEXTURE,
 }  # fmt: skip
-"""Arguments that name a created object."""
+"""Arguments that refer to a created object, with the object's kind."""
 FILES = ("fileName", "sdfFileName", "mjcfFileName")
 SETTINGS = ("setPhysicsEngineParameter", "setTimeStep", "setGravity", "setDefaultContactERP")
 STATES = MOVES_BODY | MOVES_ALL
@@ -64,9 +64,9 @@ class LogOf:
     Parameters
     ----------
     calls
-        Its calls.
+        The recorded calls.
     files
-        The files that they named.
+        The files that each call names.
     """
 
     calls: Iterable[Call]
@@ -88,7 +88,7 @@ class LogOf:
         Raises
         ------
         LogError
-            If an argument is no number, text or list of these.
+            If an argument is not a number, a text, or a list of these.
         """
         return [each for call in self.calls if (each := self._logged(call)) is not None]
 
@@ -189,7 +189,7 @@ def renumbered(
 ) -> tuple[list[LoggedCall], dict[Made, Made]]:
     """Return the second log with the ids of the first for the same objects, and the id mapping.
 
-    The same calls create the same things; the rest corresponds in order.
+    Objects created by equal calls are the same object; the remaining ones are matched in order.
     """
     twin = dict(_twins(mine, theirs))
     unused = max((number for (_, number), _ in (*mine.made, *theirs.made)), default=-1) + 1

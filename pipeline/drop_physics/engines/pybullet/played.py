@@ -12,7 +12,7 @@ from drop_physics.trace.history import Seen
 def played(seen: Seen, client: int, first: int, last: int) -> list[Operation]:
     """Return the operation that feeds recorded motor commands to the steps between two samples.
 
-    Without recorded commands there is none.
+    The list is empty if no motor commands were recorded.
     """
     piece = seen.sampled.piece(first, last + 1)
     found: list[tuple[int, tuple[int, int, int, dict[str, Any]]]] = []

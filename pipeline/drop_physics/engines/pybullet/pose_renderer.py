@@ -25,8 +25,8 @@ Pixels = NDArray[np.uint8]
 
 OUT_OF_SIGHT_M = 1e6
 DEPTH_DOUBT = 1e-6
-"""Depths (0 to 1, single precision) that differ by less may be ordered wrongly in the depth buffer:
-16 units in the last place, while its rounding takes two or three."""
+"""Smallest difference of two depths (0 to 1, single precision) at which their order is certain: 16
+units in the last place, where the depth buffer's rounding takes two or three."""
 
 
 class PoseRenderer:
@@ -35,7 +35,7 @@ class PoseRenderer:
     Parameters
     ----------
     scenario, camera
-        What is in the pictures, and how it is seen.
+        The simulated drop, and the camera that renders it.
 
     Raises
     ------

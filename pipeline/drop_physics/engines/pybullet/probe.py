@@ -1,7 +1,7 @@
 """Tests in a separate process, which may crash, whether Bullet can load and drop a body.
 
-A URDF of `pybullet_data` is trusted. Any other is loaded, dropped and photographed once, under
-limits of time and memory, before this process touches it; its meshes are those that Bullet names.
+A URDF of `pybullet_data` is trusted. Any other is loaded, dropped and rendered once, under limits
+of time and memory, before this process loads it. The names of its mesh files come from Bullet.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Limits:
     """Time, memory and other limits of a body's test."""
 
     cpu_s: int = 20
-    """CPU time [s], which does not depend on other processes."""
+    """CPU time [s], which the load of the machine hardly affects."""
     wall_s: int = 120
     """Elapsed time [s], on an idle machine."""
     memory_bytes: int = 4_000_000_000
@@ -47,7 +47,7 @@ Verdicts = Mapping[Path, Verdict]
 
 STANDARD_LIMITS = Limits()
 TRIAL = "drop_physics.engines.pybullet.trial:trial"
-"""Module that the separate process runs; it must not be imported here."""
+"""The test function, by name, since only the separate process may import its module."""
 
 _verdicts: dict[Path, Verdict] = {}
 trying = False
@@ -57,7 +57,7 @@ trying = False
 def try_body(path: Path) -> str:
     """Check that a URDF other than PyBullet's own can be loaded and dropped.
 
-    The same files are tried once per process.
+    The same files are tested only once per process.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def try_body(path: Path) -> str:
     Raises
     ------
     ScenarioError
-        If it is not safe to load, or Bullet fails on it, crashes, hangs or takes too much memory.
+        If the URDF is not safe to load, or Bullet fails, crashes, hangs or takes too much memory.
     """
     if trying:
         return ""
@@ -91,12 +91,12 @@ def verdicts() -> Verdicts:
 
 
 def believe(known: Verdicts) -> None:
-    """Adopt another process's test results: a body edited since is tested again."""
+    """Adopt another process's test results; a body that was edited later is tested again."""
     _verdicts.update(known)
 
 
 def digest_of(files: Sequence[Path]) -> str:
-    """Return the SHA-256 of files; a missing one counts as empty."""
+    """Return the SHA-256 of files; a missing file counts as empty."""
     digest = hashlib.sha256()
     for file in files:
         content = file.read_bytes() if file.is_file() else b""
@@ -141,7 +141,7 @@ def problem_of(path: Path, limits: Limits = STANDARD_LIMITS) -> tuple[str, list[
 
 
 def _named_beside(path: Path) -> list[Path]:
-    """Return the files in a URDF's folder that it names, which may be repaired later."""
+    """Return the files in a URDF's folder that the URDF names, even missing ones."""
     names = re.findall(rb"""filename\s*=\s*["']([^"']+)""", path.read_bytes())
     beside = (path.parent / name.decode(errors="replace") for name in names)
     return [file for file in beside if file.is_file()]

@@ -45,7 +45,9 @@ NAMES: Mapping[str, tuple[str, ...]] = {
     "calculateInverseDynamics": tuple(f"{EFFORT} {k}" for k in range(pipe.ANSWERS)),
     "rayTest": ("body", "link", "fraction", *PLACE),
 }
-"""Names of the values that are kept of a return value; those of other functions are numbered."""
+"""Names of the numbers that are kept of a return value; numbers of other functions are named by
+index.
+"""
 Ids = Sequence[tuple[int, int | None]]
 """Subjects of readings, by engine id: bodies and their links, or a constraint."""
 
@@ -75,7 +77,7 @@ class Reads:
         self.bodies_came()
 
     def bodies_came(self) -> None:
-        """Translate engine ids in readings to body ids of the recording, where known by now."""
+        """Translate engine ids in readings to body ids of the recording, where known so far."""
         waiting, self._waiting = self._waiting, []
         for world, number, ids in waiting:
             if "constraintUniqueId" in self._places[number]["arguments"]:

@@ -30,16 +30,16 @@ class Replayer:
     Parameters
     ----------
     python
-        Its interpreter.
+        The process's interpreter.
     environment
-        Variables that it has besides the user's.
+        Environment variables of the process, in addition to the user's.
     folders
-        Where files are looked for, the first one last.
+        Folders in which files are searched, the last folder first.
 
     Raises
     ------
     DropError
-        While it answers: if the process ended before it was through.
+        While calls are repeated, if the process ended early.
     """
 
     def __init__(
@@ -83,8 +83,8 @@ class Replayer:
     def states(self, calls: Sequence[LoggedCall], steps: int) -> dict[int, Float64] | None:
         """Repeat calls; return the states of bodies after each step, by body id.
 
-        A body has 13 numbers of its base, then position and velocity of each joint, shape (n, k);
-        nan where it does not exist. None if a call fails.
+        A body's states have 13 numbers of the base, then position and velocity of each joint, shape
+        (n, k); nan while the body does not exist. None if a call fails.
         """
         request = {
             "steps": steps,

@@ -1,6 +1,6 @@
 """Renders images of a script's scene from its recorded poses.
 
-A mesh that Bullet does not understand may crash it: call this only in a process that may end.
+Bullet may crash on an invalid mesh: call this only in a process that may end.
 """
 
 from __future__ import annotations
@@ -26,14 +26,15 @@ from drop_physics.trace.events import Model, Pose
 SQUARE = 1 / 4
 """Approximate side of a plane's squares, relative to the camera's distance."""
 BEND = 0.02
-"""Curvature of the inverse depth between pixels above which there is an edge: a flat face has
-none."""
+"""Curvature of the inverse depth between pixels above which an edge is drawn; on a flat face it is
+0."""
 SHADES = 8
-"""Shades that differ by less are merged, because a gif has few colours."""
+"""Brightness levels (of 255) per shade: colours are rounded to these, because a gif has few
+colours."""
 EDGE = 0.35
-"""Share of its colour that an edge pixel keeps."""
+"""Factor by which an edge darkens the colour of a pixel."""
 OUTLINE = 40
-"""Lowest brightness of an edge on a dark background, of 255, so that black bodies are visible."""
+"""Lowest brightness (of 255) of an edge on a dark background, so that black bodies are visible."""
 DRAWN_MESHES = (".obj", ".stl", ".dae")
 NOWHERE: Pose = (0.0, 0.0, -1e4), (0.0, 0.0, 0.0, 1.0)
 Float32 = NDArray[np.float32]
@@ -50,13 +51,14 @@ def drawn(
     Parameters
     ----------
     parts
-        The shapes of each part.
+        The shapes of each part of the scene.
     poses
-        Of each part in each picture, shape (pictures, parts, 7); nan if it is absent.
+        The pose of each part in each picture, shape (pictures, parts, 7); nan if the part is
+        absent.
     cameras
-        One for each picture.
+        The camera of each picture.
     colours
-        The two of an infinite plane, and that of where there is nothing, `#rrggbb`.
+        The two colours of an infinite plane's squares, and the background colour, as `#rrggbb`.
     """
     side_m = 2.0 ** float(np.round(np.log2(SQUARE * cameras[0].distance_m)))
     planes = [

@@ -1,8 +1,8 @@
 """Finds the height at which a body touches the floor, from the distances that Bullet reports.
 
-The engine knows two distances. That of bodies apart has rounded corners: a box that stands on one
-seems 0.6 mm lower than it is. Contact acts on the distance of touching bodies, which is meant here:
-it is exact, but known only while they touch.
+Bullet reports two distances. For separate bodies it rounds corners: a box that stands on a corner
+seems 0.6 mm lower than it is. For touching bodies the distance is exact, and determines the contact
+forces; the height follows from this one, which is known only while the bodies touch.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ FAR_M = 1e3
 """A height from which no body touches the floor."""
 FIRST_DEPTH_M = 1e-6
 ROUNDING_M = 1e-14
-"""Allowance for rounding: the floor is a box of 10 m, so distances are rounded to 8.9e-16 m, and
-heights are sums of them."""
+"""Allowance for rounding [m]: the floor is a box of 10 m, so distances are rounded to 8.9e-16 m,
+and a height is a sum of distances."""
 
 
 def touching_height(
@@ -32,11 +32,12 @@ def touching_height(
     Parameters
     ----------
     apart, touching
-        The two distances, of a body whose centre is at a height [m].
+        Bullet's distance to the floor as a function of the height of the body's centre, for
+        separate and for touching bodies [m].
     start_m
-        A height at which it is clear of the floor [m].
+        A height at which the body is clear of the floor [m].
     size_m
-        How far below the first answer to look for contact, at most [m].
+        How far below the estimate from separate bodies to search for contact [m].
 
     Returns
     -------

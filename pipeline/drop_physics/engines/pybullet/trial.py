@@ -21,7 +21,7 @@ from drop_physics.scenario import STANDARD_CAMERA, Coordinates, Scenario
 from drop_physics.workers import under_load
 
 LONGEST_WORDS = 200
-"""Number of characters of Bullet's messages that are quoted, counted from the end."""
+"""Number of characters quoted from the end of Bullet's messages."""
 STEPS = 3
 """Number of steps from inside the floor: the first has contact, in which bad meshes fail."""
 
@@ -29,7 +29,7 @@ STEPS = 3
 def trial(path: str, limits: probe.Limits) -> tuple[str, list[Path]]:
     """Load, drop and render a URDF in this process; return the problem, and its meshes.
 
-    Errors that a drop reports by itself are left to it.
+    Errors that the drop itself will report are not included.
     """
     probe.trying = True
     _limit(limits)

@@ -19,8 +19,8 @@ from drop_physics.physics.theory import impact_time_free
 from drop_physics.scenario import Camera, Renderer, Scenario
 
 LIGHT = (0.5, -1.2, 2.0)
-"""Direction of our own light, which gives no two faces of a box the same shade. The standard view,
-that of the experiment, has PyBullet's own light."""
+"""Direction of the light in all views but the standard one: no two faces of a box get the same
+shade. The standard view, as in the original experiment, has PyBullet's default light."""
 
 
 class Picture(NamedTuple):
@@ -29,9 +29,9 @@ class Picture(NamedTuple):
     pixels: NDArray[np.uint8]
     """RGB, shape (height, width, 3)."""
     depth: NDArray[np.float32]
-    """Depth: 0 at the near plane, 1 at the far plane and where there is nothing."""
+    """Depth: 0 at the near plane, 1 at the far plane and for the background."""
     bodies: Int64
-    """Id of the body at each pixel; negative where there is none."""
+    """Id of the body at each pixel; negative for the background."""
 
 
 class VisibleWorld(World):
@@ -40,10 +40,10 @@ class VisibleWorld(World):
     Parameters
     ----------
     scenario
-        What is in the pictures.
+        The simulated drop.
     renderer
-        What draws them. If `egl` finds no graphics, its plugin ends the whole process: use it only
-        in a process that may end.
+        The renderer. If `egl` finds no graphics driver, its plugin ends the whole process: use it
+        only in a process that may end.
 
     Raises
     ------
@@ -80,7 +80,7 @@ class VisibleWorld(World):
 
 
 def picture_of(client: int, camera: Camera, renderer: Renderer, *, lit: bool) -> Picture:
-    """Render a simulation's current state, lit by our own light (`lit`) or PyBullet's."""
+    """Render a simulation's current state, with the light `LIGHT` (`lit`) or PyBullet's default."""
     width, height = camera.size_px
     _, _, rgba, depth, bodies = p.getCameraImage(
         width,
@@ -109,8 +109,9 @@ SHARE_OF_HEIGHT = {"close": 1 / 6, "follow": 1 / 4}
 def framed(camera: Camera, scenario: Scenario) -> Camera:
     """Return a camera positioned for its view of a scenario.
 
-    The standard view is fixed. `close` looks at where the body lands, or at the release if it never
-    does; `follow` looks at wherever the body is. Framing a camera again changes nothing.
+    The standard view is fixed. `close` looks at the place where the body lands or, if it never
+    lands, of the release; `follow` looks at the body's current position. Framing a camera again
+    changes nothing.
 
     Raises
     ------
@@ -161,6 +162,6 @@ def view_matrix(camera: Camera) -> list[float]:
 
 
 def world_from_camera(camera: Camera) -> Float64:
-    """Return the camera's pose, shape (4, 4): its x right, y up, z backwards, as in OpenGL."""
+    """Return the camera's pose, shape (4, 4): x right, y up, z backwards, as in OpenGL."""
     camera_from_world = np.array(view_matrix(camera)).reshape(4, 4).T
     return np.linalg.inv(camera_from_world)

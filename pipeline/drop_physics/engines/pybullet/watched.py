@@ -1,6 +1,6 @@
 """Decodes messages about PyBullet from a script's process into events of a recording.
 
-It is the other end of `watch`; the stream is described in `watching.pipe`.
+`watch` sends the messages; `watching.pipe` describes the format of the stream.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ NOTES = frozenset(
         ),
     )
 )
-"""Kinds of messages about its simulations."""
+"""Kinds of messages about PyBullet's simulations."""
 TIMESTEPS = ("timeStep", "fixedTimeStep")
 """Arguments of `setTimeStep` and `setPhysicsEngineParameter`."""
 
@@ -61,15 +61,17 @@ TIMESTEPS = ("timeStep", "fixedTimeStep")
 class BulletDecoder:
     """Decodes a script's messages about PyBullet into events, in order.
 
-    Samples and calls are gathered: they are yielded when there are enough of them, or before
-    something else is told of their simulation. Only a `Put` does not wait for calls before it.
+    Samples and calls are collected: they are yielded when there are enough of them, or before
+    another event of the same simulation. Only a `Put` is yielded at once, even before earlier
+    calls.
 
     Parameters
     ----------
     finer
-        Steps of the engine for each of the script's: what it sets as timestep is divided by that.
+        Number of engine steps per step of the script, by which the timesteps that the script sets
+        are divided.
     faults
-        What is worth knowing about the recording is added here.
+        A list to which problems of the recording are added.
     """
 
     def __init__(self, finer: int, faults: list[str]) -> None:
@@ -129,7 +131,7 @@ class BulletDecoder:
     def rest(self, counters: Sequence[int], answers: Float64) -> Iterator[Event]:
         """Yield the remaining events after the last message.
 
-        `counters` and `answers` are those of the shared memory: counts and results of readings.
+        `counters` and `answers` are arrays in shared memory: counts and results of readings.
         """
         for world in self._worlds.values():
             yield from world.gathered()
@@ -140,7 +142,7 @@ class BulletDecoder:
     # -- numbers ----------------------------------------------------------------------------------
 
     def _add_sample(self, payload: bytes) -> Iterable[Event]:
-        """Add a sample; if enough are collected, return them as events before it."""
+        """Add a sample; if enough samples are collected, first return those as events."""
         number, step = pipe.HEAD.unpack_from(payload)
         world = self._worlds[number]
         gathered = [*world.gathered()] if world.is_full else ()

@@ -1,7 +1,7 @@
 """The PyBullet world of a simulated drop: builds it, steps it, and reads its states.
 
-Build it, step it, read it. Every setting is made explicitly, in a separate client, so that no
-earlier run in the process can affect this one.
+Every setting is made explicitly, in a separate client, so that no earlier run in the process can
+affect this one.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from drop_physics.trace.states import BASE, BODY, FLOOR
 SHAPES = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule"}
 """pybullet's GEOM_ constants."""
 CLIENT_BYTES = 64 << 20
-"""Memory of a client: about 30 MB, plus some for its body and floor."""
+"""Memory needed by a client [bytes]: about 30 MB, plus some for body and floor."""
 
 
 class World:
@@ -48,17 +48,17 @@ class World:
     Parameters
     ----------
     scenario
-        What to drop, and how.
+        The body, and how it is dropped.
     round_cylinders
-        Whether a `<cylinder>` is loaded as one; by default Bullet makes it a hull of points, and
-        computes the body's inertia from that.
+        Whether a `<cylinder>` is loaded as a cylinder; by default Bullet replaces it by a convex
+        hull, from which it computes the inertia.
 
     Raises
     ------
     ScenarioError
         If the body cannot be found or loaded, or has no mass.
     MemoryError
-        If there is no memory for a client.
+        If there is not enough memory for a client.
     """
 
     def __init__(self, scenario: Scenario, *, round_cylinders: bool = False) -> None:
@@ -150,7 +150,7 @@ class World:
             p.changeDynamics(angularDamping=self.scenario.angular_damping, **base)
 
     def _inertia_of(self, mass_kg: float, body: int) -> dict[str, tuple[float, ...]]:
-        """Return the URDF's inertia, scaled to another mass; nothing if it has no mass."""
+        """Return the URDF's inertia, scaled to another mass; empty if the URDF has no mass."""
         if self.scenario.coordinates == "maximal":  # which reports 1 / (1 / m), not always m
             with self._twin() as twin:
                 return {"localInertiaDiagonal": twin._dynamics()[2]}
@@ -186,8 +186,8 @@ class World:
     def _box_at_origin(self) -> tuple[Float64, Float64]:
         """Measure the bounding box, in a separate world.
 
-        At the origin, it is exact to the last bit. A body with joints that was placed there before
-        its release would land differently.
+        At the origin, the box is exact to the last bit. The world is a separate one because a body
+        with joints that was first placed at the origin would land differently.
         """
         self.place((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
         return self._box()
@@ -286,7 +286,7 @@ class World:
         )
 
     def dynamics(self, number: int = BODY) -> dict[str, Float64]:
-        """Return the engine's dynamics info for base and links, and the damping set by us."""
+        """Return the engine's dynamics info for base and links, and the scenario's damping."""
         floor = number == FLOOR
         body, links = (self._floor, []) if floor else (self._body, self._links)
         reported = reported_of([self._dynamics(body, link) for link in (BASE, *links)])

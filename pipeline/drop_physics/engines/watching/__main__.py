@@ -1,7 +1,8 @@
-"""Starts our modules in a script's interpreter: `python PATH-OF-THIS-FOLDER MODULE ARGUMENT …`.
+"""Starts modules of drop in a script's interpreter: `python PATH-OF-THIS-FOLDER MODULE ARGUMENT …`.
 
-That interpreter may be old and need not have drop. The folder around this one becomes a package
-under a name that no script uses, and `main` of one of its modules is called with the arguments.
+The interpreter may be old, and need not have drop installed. The parent folder is imported as a
+package with a name that no script uses, and `main` of the given module is called with the
+arguments.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ _PACKAGE = "_drop_engines"
 
 
 def _module(name: str) -> ModuleType:
-    """Import a module of this folder by name, and take the folder off the module path."""
+    """Import a module of this package by name, and remove this folder from the module path."""
     if sys.path and os.path.abspath(sys.path[0]) == _HERE:
         del sys.path[0]
     folder = os.path.dirname(_HERE)

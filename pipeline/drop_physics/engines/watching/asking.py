@@ -10,8 +10,8 @@ from .hidden import hiding
 from .host import ScriptWatch
 
 CLEAR = "\x1b[K"
-"""Terminal sequence that clears the line from the cursor on; the progress line leaves the cursor at
-its start."""
+"""Terminal sequence that clears the line from the cursor on; after a progress line, the cursor is
+at the start of the line."""
 
 
 def install(watch: ScriptWatch) -> None:

@@ -1,6 +1,7 @@
 """Reads a script's failed `assert` from its exception, to use it as an expectation.
 
-A test that pytest runs counts, too: pytest keeps the error, and reports it where it calls the test.
+This includes tests run by pytest, which catches the exception: it is read where pytest calls the
+test.
 """
 
 from __future__ import annotations
@@ -23,11 +24,11 @@ class Assertion:
     Parameters
     ----------
     text
-        What is asserted.
+        The source text of the condition.
     file, line
-        Where it stands.
+        The file and line of the statement.
     frame
-        The frame that it failed in.
+        The frame in which the statement failed.
     """
 
     def __init__(self, text: str, file: str, line: int, frame: Any) -> None:

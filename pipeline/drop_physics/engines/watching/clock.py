@@ -1,13 +1,13 @@
 """The script's clock: simulated time, or the total time slept if that is more.
 
-Sleeping returns at once. A script that waits for a time, by sleeping or polling, finds that it has
-come; one that alternates steps and sleeps keeps its pace. Every run of the script sees the same
+`sleep` returns at once, and the clock then shows the time after the sleep. A script that alternates
+steps and sleeps keeps its pace. Every run of the script reads the same times.
+
+Reading the clock advances it, but does not count as waiting: a compiler reads the clock a million
 times.
 
-Reading the clock takes time, too, but is not waiting: a compiler reads it a million times.
-
-The standard library, and threads other than the main one, keep the real clock: they wait for real
-events.
+The standard library, and threads other than the main one, keep the real clock, since they wait for
+real events.
 """
 
 from __future__ import annotations
@@ -28,16 +28,17 @@ CALL_S = 1e-4
 READ_S = 1e-6
 """Virtual duration of reading the clock [s]."""
 ASK_S, LONGEST_ASK_S = 1e-6, 1e-3
-"""Virtual duration of polling for input [s]: longer each time, until something happens."""
+"""Virtual duration of polling for input [s], at first and at most: it grows until a step is made.
+"""
 NAMES = ("time", "monotonic", "perf_counter")
 
 _OTHERS = LIBRARY + "site-packages" + os.sep
 
 
 class Clock:
-    """A virtual clock for the script, or the real one with `real`.
+    """The script's clock: virtual, or the real one if `real`.
 
-    It starts at `begins_s`, or at the current time.
+    The virtual clock starts at `begins_s` [s], or at the current time.
     """
 
     def __init__(self, *, real: bool, begins_s: float | None = None) -> None:
@@ -81,7 +82,7 @@ class Clock:
         self.wait(self._asking_s())
 
     def read(self) -> None:
-        """Advance the clock a little as the script reads it; with `real`, follow the real clock."""
+        """Advance the clock a little when the script reads it; if `real`, follow the real clock."""
         lag_s = self.simulated_s - self.waited_s
         self.waited_s += max(READ_S, min(self._asking_s(), lag_s))
         self.passed()
@@ -142,7 +143,7 @@ class Clock:
         return sleep
 
     def _is_real(self) -> bool:
-        """Return whether the caller is not the script, so that it should see the real clock."""
+        """Return whether the caller should read the real clock, since it is not the script."""
         if not self._theirs or get_ident() != _MAIN:
             return True
         name = _getframe(2).f_code.co_filename

@@ -1,9 +1,8 @@
-"""Finds what a forked process would share with its parent: open files, mappings, threads.
+"""Finds the resources that a forked process would share with its parent: files, mappings, threads.
 
-A child inherits open files: both move one offset, and write to one file. So in a child each regular
-file is opened again, and one that is open for writing is a copy of its own. What cannot be copied,
-such as a socket, a device, a database or a thread, forbids a fork. Only Linux shows all of them, in
-`/proc`.
+A child inherits open files: it shares the parent's offset, and writes to the same file. Therefore,
+the child opens each regular file again, and writes to a copy. Resources that cannot be copied, such
+as sockets, devices, databases and threads, forbid a fork. Only Linux lists all of them, in `/proc`.
 """
 
 from __future__ import annotations
@@ -36,21 +35,21 @@ POOL_SIZES = (
     *("openblas_get_num_threads", "openblas_get_num_threads64_"),
     *("scipy_openblas_get_num_threads", "scipy_openblas_get_num_threads64_"),
 )
-"""Functions that return the pool's number of threads, including the caller."""
+"""Functions that return the number of threads in OpenBLAS's pool, including the caller."""
 WRITES = os.O_WRONLY | os.O_RDWR
 KEPT_FLAGS = WRITES | os.O_APPEND
 """Flags that are kept when a file is reopened."""
 
 
 def shared(ours: Collection[int], block: int) -> str:
-    """Return what forbids forking this process; empty if nothing does.
+    """Return the resource that forbids forking this process; empty if there is none.
 
     Parameters
     ----------
     ours
-        Descriptors of ours.
+        Descriptors that belong to drop.
     block
-        The inode of the memory that we share.
+        The inode of the memory shared with the recorder.
     """
     if not sys.platform.startswith("linux"):
         return "no /proc"
@@ -79,11 +78,11 @@ def replace(ours: Collection[int], private: Private | None, printed: int) -> Non
     Parameters
     ----------
     ours
-        Descriptors of ours.
+        Descriptors that belong to drop.
     private
         The child's view of the file system, which has been entered; None for the machine's own.
     printed
-        The descriptor that standard output and standard error go to.
+        The descriptor to which standard output and standard error are redirected.
     """
     for number in numbers(ours):
         if not stat.S_ISREG(os.fstat(number).st_mode):
@@ -101,9 +100,10 @@ def _reopened(number: int) -> int:
 
 
 def _copied(number: int, private: Private | None) -> int:
-    """Return a descriptor of a fork's own copy of a file.
+    """Copy an open file for a fork; return a descriptor of the copy.
 
-    Through a private view, the path leads to the copy. A file without a path is copied.
+    Within a private view of the file system, opening the path is enough: writes go to a copy. Any
+    other file is copied as a whole.
     """
     path, flags = os.readlink(link(number)), _flags(number) & KEPT_FLAGS
     if private is not None and private.holds(path) and _is_at(path, os.fstat(number)):
@@ -121,7 +121,10 @@ def _copied(number: int, private: Private | None) -> int:
 
 
 def _is_at(path: str, status: os.stat_result) -> bool:
-    """Return whether a path leads to an open file, as far as an overlay shows it."""
+    """Return whether a path leads to an open file, judging by size and modification time.
+
+    Other attributes may differ in an overlay.
+    """
     try:
         there = os.stat(path)
     except OSError:
@@ -135,7 +138,7 @@ def link(number: int) -> str:
 
 
 def numbers(ours: Collection[int]) -> list[int]:
-    """Return the open file descriptors, except ours and the standard streams."""
+    """Return the open file descriptors, except drop's and the standard streams."""
     with os.scandir("/proc/self/fd") as listed:
         found = sorted(int(each.name) for each in listed)
     return [each for each in found if each not in (*ours, *STANDARD) and _is_open(each)]
@@ -187,7 +190,7 @@ def _is_database(number: int) -> bool:
 
 
 def _mapping(block: int) -> str:
-    """Return a memory mapping that other processes may write to, except our own."""
+    """Return a memory mapping that other processes may write to, except drop's own."""
     with open("/proc/self/maps", encoding="utf-8", errors="surrogateescape") as file:
         for line in file:
             _, how, _, _, inode, *path = line.split(maxsplit=5)

@@ -1,7 +1,7 @@
 """Seeds random generators, or reports the script's first unseeded random number.
 
-Draws of a library during its import are ignored: it tests itself, or makes examples for its
-documentation.
+Numbers that a library draws while it is imported are ignored: it tests itself, or creates examples
+for its documentation.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SILENT = ("getstate", "get_state", "getrandbits")
 OF_NUMPY = ("seed", "sample", "ranf", "set_bit_generator")
 """Module-level functions of `numpy.random` that are not generator methods."""
 COPIES = "__bit_generator_ctor"
-"""The numpy function that creates a generator and then gives it another's state."""
+"""The numpy function that creates a generator, and then sets its state to another generator's."""
 SEEDED_STATE = re.compile(r"RandomState\((?!\s*(None\s*)?\))")
 """Pattern of a call that seeds `numpy.random.RandomState`."""
 
@@ -36,9 +36,10 @@ class Draws:
     Parameters
     ----------
     seed
-        What to seed them with; None leaves them alone.
+        The seed of all generators; None leaves the generators unchanged.
     tell
-        Called for the first number that each draws unseeded, with the function and its frame.
+        A function that is called with the name and frame of a function that draws a number without
+        a seed; once per generator.
     """
 
     def __init__(self, seed: int | None, tell: Callable[[str, Any], None]) -> None:
@@ -155,6 +156,9 @@ def is_made(frame: Any) -> bool:
 
 
 def _gives_seed(frame: Any) -> bool:
-    """Return whether a generator is given a seed or state; numpy first draws its own."""
+    """Return whether a frame seeds a generator, or sets its state.
+
+    numpy draws a random seed before it sets the given one.
+    """
     line = getline(frame.f_code.co_filename, frame.f_lineno)
     return frame.f_code.co_name == COPIES or SEEDED_STATE.search(line) is not None

@@ -1,7 +1,7 @@
 """Runs a script with parts of its text replaced, or pauses it after its imports.
 
-Its file stays as it is: tracebacks show what its user has written. Other files, of modules and of
-models, are replaced in a layer of the run's own (`private`).
+The script's file does not change, so that tracebacks show the user's text. Files of modules and
+models are replaced in the run's private layer of the file system (`private`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 Edit = Sequence[Any]
 """The file of a part, empty for the script; begin and end, as byte offsets; and the replacement."""
 OTHER_S = 2
-"""Time by which an edited file is newer than its compiled form, which is of whole seconds [s]."""
+"""Time by which an edited module's file is made newer, so that Python does not use the compiled
+one, whose time is in whole seconds [s]."""
 OF_PYTHON = ("os", "sys", "warnings", "logging", "matplotlib")
 """Standard modules that scripts often configure between their imports."""
 
@@ -39,7 +40,7 @@ def write(edits: Sequence[Edit], private: Private | None) -> None:
     Raises
     ------
     OSError
-        If one would be replaced for other processes, too.
+        If a file would be replaced for other processes, too.
     """
     for name in {file for file, *_ in edits} - {""}:
         if private is None or not private.holds(name):
@@ -57,14 +58,14 @@ class InTwoParts:
     Parameters
     ----------
     text, path
-        The script.
+        The script's text and path.
     folder
-        Where it is; modules from there are no imports of the first part.
+        The script's folder; imports of modules from this folder belong to the second part.
 
     Raises
     ------
     SyntaxError
-        If it is no Python.
+        If the script is not valid Python.
     """
 
     def __init__(self, text: bytes, path: str, folder: str) -> None:
@@ -116,7 +117,7 @@ def _lies_in(module: str, folder: str) -> bool:
 
 
 def _root_of(ast: Any, node: Any) -> str | None:
-    """Return the variable at the root of an attribute or item expression; None if there is none."""
+    """Return the variable at the root of an attribute or item expression; None if it has none."""
     if not isinstance(node, (ast.Attribute, ast.Subscript)):
         return None
     while isinstance(node, (ast.Attribute, ast.Subscript)):

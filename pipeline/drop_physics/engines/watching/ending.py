@@ -15,7 +15,7 @@ from .limits import end_with_parent
 from .sites import is_library, shown_file
 
 NOWHERE = "", 0
-"""File and line where there are none."""
+"""File and line if neither is known."""
 
 
 def run(watch: ScriptWatch, script: Callable[[], None]) -> None:
@@ -49,7 +49,7 @@ def run(watch: ScriptWatch, script: Callable[[], None]) -> None:
 
 
 def end(watch: ScriptWatch, how: str, error: str = "", site: tuple[str, int] = NOWHERE) -> None:
-    """Send all unsent data, and how the script ended; nothing follows."""
+    """Send all unsent data, and a message on how the script ended; this is the last message."""
     watch.finish()
     watch.lock.remove()
     watch.tell_answer()
@@ -59,7 +59,7 @@ def end(watch: ScriptWatch, how: str, error: str = "", site: tuple[str, int] = N
 def _tell(watch: ScriptWatch, how: str, error: str = "", site: tuple[str, int] = NOWHERE) -> None:
     """Report how the script ended, and the line of the script in which an exception arose.
 
-    Steps of its threads, its `atexit` functions and its finalizers are still recorded.
+    Steps in the script's other threads, `atexit` functions and finalizers are still recorded.
     """
     with watch.lock:
         watch.settle()
@@ -74,10 +74,10 @@ def _note_end(watch: ScriptWatch, how: str, error: str, site: tuple[str, int]) -
 
 
 def _end_last(watch: ScriptWatch) -> None:
-    """Make the last data be sent after all other `atexit` functions have run.
+    """Arrange that the last data are sent after all other `atexit` functions have run.
 
-    Only finalizers follow, in this thread: their events stay in the block. The turn is kept from
-    other threads, which end wherever they are.
+    Only finalizers run later, in this thread; their events stay in the shared block. Other threads
+    can no longer get the lock: they end wherever they are.
     """
     if watch.on:
         watch.lock.acquire()
@@ -88,7 +88,7 @@ def _end_last(watch: ScriptWatch) -> None:
 def place_of(error: BaseException, ours: str = "") -> tuple[str, int]:
     """Return file and line at which an exception arose in the script.
 
-    Frames of the file `ours` are not the script's.
+    Frames of drop's own file `ours` are skipped.
     """
     place = NOWHERE
     trace = error.__traceback__

@@ -1,8 +1,8 @@
 """Watches gymnasium environments, by wrapping `reset` and `step`, to report episodes.
 
-The two methods of all classes of environments are replaced by ones that call them. Where they call
-each other, through wrappers, only the outermost counts: a time limit around an environment is part
-of it, and belongs to the same episode as the environment itself (`unwrapped`).
+Both methods of all classes of environments are wrapped. If they call each other, as gymnasium's
+wrappers do, only the outermost call counts: a time limit around an environment belongs to the same
+episode as the environment itself (`unwrapped`).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class EpisodeReturns:
 
 
 class _Inside(threading.local):
-    """The wrapped methods that a thread is running, as they call each other."""
+    """The stack of wrapped methods that a thread is running, since they call each other."""
 
     def __init__(self) -> None:
         self.methods: list[Any] = []
@@ -56,7 +56,7 @@ class Environments:
     Parameters
     ----------
     host
-        What watches the script.
+        The watch of the script.
     """
 
     def __init__(self, host: ScriptWatch) -> None:
@@ -86,7 +86,7 @@ class Environments:
         Parameters
         ----------
         only
-            The index of the one episode that counts; None for all.
+            The index of the only episode to include; None for all.
         """
         episodes = self.episodes if only is None else self.episodes[only : only + 1]
         ended = [each for each in episodes if each.how not in ("", "run")] or episodes
@@ -227,7 +227,7 @@ class _Method:
 
 
 def _success(info: Any) -> bool | None:
-    """Return whether an environment says that its goal is reached; None if it does not say."""
+    """Return whether an environment reports that its goal is reached; None without a report."""
     for name in ("is_success", "success"):
         if name in info:
             return bool(info[name])
@@ -235,7 +235,7 @@ def _success(info: Any) -> bool | None:
 
 
 def _why(environment: Any, info: Any) -> str:
-    """Return why an episode ended, as far as the environment's state and `info` show it."""
+    """Return why an episode ended, if the environment's state and `info` show the reason."""
     said = [name for name, value in info.items() if _is_true(value)]
     with suppress(Exception):  # another kind of environment
         said += _unhealthy(environment)
@@ -247,7 +247,7 @@ def _is_true(value: Any) -> bool:
 
 
 def _unhealthy(environment: Any) -> list[str]:
-    """Return the quantities outside the ranges that gymnasium's environment calls healthy."""
+    """Return the quantities outside the ranges that a gymnasium environment calls healthy."""
     model, data = environment.model, environment.data
     rooted = int(model.jnt_type[0]) == 0  # mjJNT_FREE: x, y and z; else x, z and the pitch
     values = {
@@ -268,6 +268,6 @@ def _unhealthy(environment: Any) -> list[str]:
 
 
 def _beyond(number: float, bound: float, sign: str) -> str:
-    """Describe a number beyond a bound, with enough digits to tell both apart."""
+    """Describe a number beyond a bound, with enough digits to distinguish the two."""
     digits = next((n for n in range(3, 18) if f"{number:.{n}g}" != f"{bound:.{n}g}"), 3)
     return f"{number:.{digits}g} {sign if number != bound else sign + '='} {bound:.{digits}g}"

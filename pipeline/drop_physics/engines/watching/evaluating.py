@@ -1,6 +1,6 @@
-"""Interface for code that checks something inside a run, such as an expectation.
+"""Interface for code that evaluates something within a run, such as an expectation.
 
-An evaluator is a class of a module beside this one: it runs in the script's interpreter.
+An evaluator is a class in a module of this folder: it runs in the script's interpreter.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Evaluator(ABC):
         """Note an exception that ends the script or one of its tests."""
 
     def before_end(self) -> None:  # noqa: B027
-        """Note that a simulation is about to end, so that it cannot be read any more."""
+        """Note that a simulation is about to end, after which it cannot be read any more."""
 
     @abstractmethod
     def answer(self) -> Any:
@@ -33,12 +33,12 @@ class Evaluator(ABC):
 
 
 def evaluator_of(given: Mapping[str, Any] | None) -> Evaluator | None:
-    """Create the evaluator from its description; None if nothing is checked.
+    """Create an evaluator from a description; return None without one.
 
     Parameters
     ----------
     given
-        The `module` and `name` of its class, and its `arguments`.
+        The `module` and `name` of the evaluator's class, and its `arguments`.
     """
     if given is None:
         return None

@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from .host import EngineWatch
 
 MOST_ROWS = 160
-"""Largest number of states of a simulation that are kept of the motion: about as many as a drawn
-curve needs."""
+"""Largest number of states of a simulation's motion that are kept: about as many as a plotted curve
+needs."""
 MOST_OBSERVED = 8
-"""Largest number of simulations that are observed at once: the last ones that were stepped."""
+"""Largest number of simulations that are observed: the ones stepped most recently."""
 OURS = __name__.partition(".")[0], "drop_physics"
-"""Packages of ours in the script's interpreter."""
+"""Packages of drop in the script's interpreter."""
 NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?!\w)")
 """Pattern of a number in a text."""
 
@@ -37,14 +37,15 @@ class ExpectationEvaluator(Evaluator):
     Parameters
     ----------
     text
-        The expression; None for the `assert` of the script that fails, if one does.
+        The expression; None for the condition of the script's `assert` that fails.
     asserted
-        Whether the expression is that of an `assert` of the script's: it holds where none fails.
+        Whether the expression is the condition of the script's `assert`: it holds if no `assert`
+        fails.
     rows
-        Rows of the table of changes, by engine, to find those that the run could have; None if
-        that is not asked.
+        Rows of the table of changes, by engine, to list the changes that are possible in the run;
+        None to list none.
     of_running
-        Whether only the episode counts that goes on as the evaluation begins.
+        Whether only the episode counts that is running when the evaluation begins.
     """
 
     def __init__(
@@ -98,13 +99,13 @@ class ExpectationEvaluator(Evaluator):
             self._assertion = assertion_of(error)
 
     def before_end(self) -> None:
-        """Evaluate the expression before a simulation ends, while it can be read."""
+        """Evaluate the expression before a simulation ends, while its state can still be read."""
         self._before = self._judged()
         if self._rows is not None:
             self._could = self._changes(self._rows)
 
     def answer(self) -> Any:
-        """Return whether the expectation held, after the script has ended."""
+        """Return the result of the expectation, after the script has ended."""
         found = self._judged()
         if found["error"] is not None and self._before is not None:
             found = self._before
@@ -181,9 +182,9 @@ class ObservedSeries:
     Parameters
     ----------
     observed
-        The simulation.
+        The observed simulation.
     reads
-        The series that are read: functions, and names, or None for those of all bodies or joints.
+        The series to read: a function, and names of bodies or joints; None for all of them.
     """
 
     made = 0

@@ -1,7 +1,7 @@
-"""Parses an expectation, a Python expression, and computes by which margin it holds.
+"""Parses an expectation, a Python expression, and computes the margin by which it holds.
 
-It is parsed before anything runs, and evaluated in the script's interpreter. Its names are the
-script's own, and series over the steps.
+The expression is parsed before the script runs, and evaluated in the script's interpreter. It can
+use the script's variables, and time series with a value for each step.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 SERIES = ("x", "y", "z", "up", "joint", "rate", "force", "sensor")
-"""Functions that return a series."""
+"""Functions that return a time series."""
 TAKEN = ("end", "peak", "low", "drift", "norm", "at", "always", "ever")
-"""Functions that take a series."""
+"""Functions with a time series as argument."""
 TERMINATED = "terminated"
 EPISODE = (TERMINATED, "reward", "length")
 """Names for a script's environments: whether an episode was terminated, the mean return, and the
@@ -22,7 +22,8 @@ least number of steps of an episode."""
 PRINTED = "printed"
 """Name of the list of numbers that the script has printed."""
 OURS = "_drop_{}".format
-"""Prefix under which our functions are called, whatever variables the script has."""
+"""Alias under which an expectation's function is called if the script has a variable of the same
+name."""
 UNITS = {"x": "m", "y": "m", "z": "m", "force": "N"}
 """The unit of each series that has the same unit for all elements."""
 WORD = {
@@ -31,8 +32,8 @@ WORD = {
 """Sign of the margin for each comparison operator."""
 
 Judged = tuple[bool, float, float]
-"""Whether the expression holds, its margin (below 0 if it does not), and the first quantity
-compared."""
+"""Result of an expression: whether it holds, its margin (negative if it does not hold), and the
+value of the first compared quantity."""
 
 
 class Expression:
@@ -46,7 +47,7 @@ class Expression:
     Raises
     ------
     SyntaxError
-        If it is none.
+        If the text is not a Python expression.
     """
 
     def __init__(self, text: str) -> None:
@@ -63,7 +64,7 @@ class Expression:
 
     @property
     def unit(self) -> str | None:
-        """The unit of the compared quantities, if all are series with the same unit; else None."""
+        """Unit of the compared quantities, if all are series of the same unit; otherwise None."""
         called = {_called(node) for node in ast.walk(self._tree) if isinstance(node, ast.Call)}
         names = {node.id for node in ast.walk(self._tree) if isinstance(node, ast.Name)}
         sums = all(
@@ -98,19 +99,20 @@ class Expression:
         return any(getattr(node, "id", None) in ended for node in ast.walk(self._tree))
 
     def judged(self, script: Mapping[str, Any], ours: Mapping[str, Any]) -> Judged:
-        """Return whether the expression holds, by which margin, and the compared quantity.
+        """Return whether the expression holds, its margin, and the compared quantity.
 
         Parameters
         ----------
         script
-            The script's names.
+            The script's variables, by name.
         ours
-            The functions of this module's names, and values that the script's names cover.
+            The functions named in this module, and further values; variables of the script take
+            precedence.
 
         Raises
         ------
         Exception
-            Whatever its evaluation raises.
+            Any exception that the evaluation raises.
         """
         covered = {
             name for name in (*SERIES, *TAKEN) if not callable(script.get(name)) and name in ours
@@ -122,7 +124,7 @@ class Expression:
 
 
 class _Renamed(ast.NodeTransformer):
-    """Renames calls of our functions where a number of the script has the function's name."""
+    """Renames calls of an expectation's functions if the script has a variable of the same name."""
 
     def __init__(self, covered: set[str]) -> None:
         self._covered = covered

@@ -1,9 +1,9 @@
 """Forks trial runs from a run that pauses before an engine call.
 
-Interpreter, imports, generators, clock and inputs are the same memory in all of them, so nothing
-has to be repeated. The recorder asks for a trial through a socket, with a pipe and a block of
-memory for its stream; the recorder already has the run's earlier stream. A trial shares no file
-with the run: its writes go to a layer of its own (`private`), and its descriptors are its own
+A fork inherits the memory of the interpreter, imports, generators and clock, so that nothing has to
+be repeated. The recorder requests a trial through a socket, and sends a pipe and a block of memory
+for the trial's stream; it already has the stream of the steps before the fork. A trial shares no
+file with the run: its writes go to a separate layer (`private`), and its files are opened again
 (`descriptors`).
 """
 
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from .host import ScriptWatch
 
 FIRST_USE, FIRST_LINE = -1, -2
-"""Where a run pauses, instead of after a number of steps: before it first uses its engine, or
-before the first line of the script after its imports."""
+"""Points at which a run pauses, other than after a number of steps: before the first use of the
+engine, or after the script's imports."""
 LENGTH = struct.Struct("<I")
 """Header of a request: the length of its JSON. Two or three file descriptors are sent with it."""
 LOOKS_EVERY_S = 0.02
@@ -42,11 +42,11 @@ class Forks:
     Parameters
     ----------
     watch
-        What watches the run.
+        The watch of the run.
     asks
-        The descriptor of the socket through which trials are asked for.
+        The descriptor of the socket through which the recorder requests trials.
     at
-        After how many steps the run stops for them, or `FIRST_USE` or `FIRST_LINE`.
+        The number of steps after which the run pauses, or `FIRST_USE` or `FIRST_LINE`.
     """
 
     def __init__(self, watch: ScriptWatch, asks: int, at: int) -> None:
@@ -95,7 +95,7 @@ class Forks:
             os._exit(0)
 
     def _next(self) -> list[Any]:
-        """Return the next request, with its descriptors; end the process if there are no more."""
+        """Return the next request with its descriptors; end the process if there is none."""
         while not select.select([self._socket], [], [], LOOKS_EVERY_S if self._children else None)[
             0
         ]:

@@ -14,15 +14,15 @@ WRAPPERS = (
     os.path.join(_ENGINES, "watching", ""),
     *(os.path.join(_ENGINES, name, "watch", "") for name in ENGINES),
 )
-"""The folders whose functions wrap others."""
+"""The folders whose functions wrap functions of the engines or of Python."""
 
 
 def hide(error: BaseException) -> None:
     """Remove drop's frames from the near end of a traceback; follow the call with a bare `raise`.
 
-    Such a `raise` adds no frame: Python notes one where an error arises and where a call returns
-    with it, but not where it is raised again. So a script that catches the error, prints it or
-    hands it to a logger finds the same frames as without us.
+    A bare `raise` adds no frame: Python adds one where an exception arises and where a call returns
+    with it, but not where it is raised again. A script that catches, prints or logs the exception
+    therefore finds the same frames as without drop.
     """
     trace: TracebackType | None = error.__traceback__
     while trace is not None and trace.tb_frame.f_code.co_filename.startswith(WRAPPERS):

@@ -1,7 +1,7 @@
-"""Watches a script: everything that is the same for all engines.
+"""Watches a script: the part that is the same for all engines.
 
-An engine's own part (`EngineWatch`) is in the engine's folder: it replaces its functions, sends
-their effects, and counts steps here.
+The part for one engine, an `EngineWatch`, is in the engine's folder: it replaces the engine's
+functions, sends their effects, and calls `ScriptWatch.count` after each step.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from .sites import Sites, caller
 from .turns import Turn
 
 IDLE_S = 60.0
-"""A script that sleeps or polls for input for this long [s] without a step is waiting for a user
-who is not there."""
+"""Time [s] without a step after which a script that sleeps or polls for input counts as waiting for
+a user who is not there."""
 Call = Callable[..., Any]
 TOLD_EVERY = 8
-"""Number of steps after which it is checked whether unsent bytes have waited too long."""
+"""Number of steps between checks whether unsent bytes have waited too long."""
 
 
 class Stop(SystemExit):
@@ -49,7 +49,7 @@ class EngineWatch(ABC):
     Parameters
     ----------
     host
-        What watches the script.
+        The watch of the script.
     """
 
     name = ""
@@ -62,9 +62,9 @@ class EngineWatch(ABC):
         host.engines.append(self)
 
     def guarded(self, world: Any, do: Callable[..., object], *arguments: Any) -> None:
-        """Run code of drop; if it fails, stop following the simulation, not the script.
+        """Run code of drop; if it raises an error, stop following the simulation, not the script.
 
-        The script continues: our errors must not reach it.
+        The script continues, since drop's errors must not reach it.
         """
         try:
             do(*arguments)
@@ -80,12 +80,12 @@ class EngineWatch(ABC):
         """Continue this process, a new fork, as a trial run with other changes."""
 
     def can_become(self, trial: dict[str, Any]) -> bool:
-        """Return whether a trial differs only in steps that are not yet made."""
+        """Return whether a trial run differs from this one only in steps that are not yet made."""
         del trial
         return True
 
     def possible(self, rows: Sequence[dict[str, Any]]) -> list[Change]:
-        """Return the single changes from table rows that are possible in an observed run."""
+        """Return the single changes that the rows of a table allow in this run."""
         del rows
         return []
 
@@ -116,25 +116,27 @@ class ScriptWatch:
     Parameters
     ----------
     pipe, clock
-        Where it is told, and the time that the script reads.
+        The pipe to the recorder, and the script's clock.
     steps
-        After how many steps to stop it, or None.
+        The number of steps after which the script is ended; None for no limit.
     of_first
-        Whether only those of the engine that steps first count.
+        Whether only steps of the engine that makes the first step count.
     duration_s
-        After how much time on its clock [s] to stop it, or None.
+        The time on the script's clock after which the script is ended [s]; None for no limit.
     asks
-        How trials are asked for that part from this run: the arguments of `Forks`.
+        The arguments of `Forks`, for a run from which trials are forked; None for other runs.
     streams
-        Whether what happens is sent; else only how the script ends, and what is evaluated.
+        Whether steps and calls are sent; otherwise only the script's end and the evaluator's result
+        are.
     evaluator
-        What is evaluated in the run, as `evaluating.evaluator_of` takes it.
+        The description of an evaluator (see `evaluating.evaluator_of`), or None.
     is_plain
-        Whether nothing differs from the script's own run.
+        Whether the run is the script's own, without any change.
     private
-        The view of the file system that the process has entered; None for the machine's own.
+        The private view of the file system that the process has entered; None for the real file
+        system.
     edits
-        Parts of the script's text that are other ones.
+        The replacements in the script's text.
     """
 
     def __init__(
@@ -197,10 +199,11 @@ class ScriptWatch:
         Parameters
         ----------
         trial
-            Its `steps`, `variation`, `interventions`, `edits`, `streams` and `evaluator`, as of a
-            run of its own.
+            The trial's `steps`, `variation`, `interventions`, `edits`, `streams` and `evaluator`,
+            as for a separate run.
         pipe, block
-            File descriptors of its pipe and of the memory shared with its reader.
+            File descriptors of the trial's pipe, and of the memory that it shares with the
+            recorder.
         """
         self._process, self.is_parting = getpid(), False
         self.pipe.become(pipe, block)
@@ -213,9 +216,10 @@ class ScriptWatch:
             engine.become(trial)
 
     def can_become(self, trial: dict[str, Any]) -> bool:
-        """Return whether a trial differs only in what has not happened yet.
+        """Return whether a trial run differs from this one only in steps that are not yet made.
 
-        An engine that is not imported yet would begin without what differs.
+        All engines must be imported already: one that is imported later would not get the trial's
+        changes.
         """
         differs = bool(trial["variation"] or trial["interventions"])
         return all(each.can_become(trial) for each in self.engines) and (
@@ -235,7 +239,7 @@ class ScriptWatch:
         self.on_removal(on_extension(name, then))
 
     def remove(self) -> None:
-        """Restore all replaced functions; copies that the script kept just call the engine."""
+        """Restore all replaced functions; wrappers that the script has stored call the engine."""
         self.on = False
         while self._undo:
             self._undo.pop()()
@@ -243,7 +247,7 @@ class ScriptWatch:
         self.lock.remove()
 
     def leave(self) -> None:
-        """Stop watching in a process that the script forked; only note if it makes steps."""
+        """Stop watching in a process that the script forked; only its first step is reported."""
         self.remove()
         self._left = self.pipe.counters
         self.pipe.leave()
@@ -258,7 +262,7 @@ class ScriptWatch:
     def standing(self, original: Call, call: Call) -> Call:
         """Wrap a function: `call` replaces it as long as the script is watched.
 
-        Its frames are in no traceback of the script's.
+        Frames of the wrapper are hidden in tracebacks.
         """
 
         def stand(*args: Any, **kwargs: Any) -> Any:
@@ -403,7 +407,7 @@ class ScriptWatch:
     # -- the end ----------------------------------------------------------------------------------
 
     def settle(self) -> None:
-        """Send all unsent data of all simulations so far."""
+        """Send all data of all simulations that are not yet sent."""
         with self.lock:
             self._look_outside()
             self.environments.settle()

@@ -19,7 +19,7 @@ Then = Callable[[ModuleType], None]
 def on_import(name: str, then: Then, *, once: bool) -> Callable[[], None]:
     """Call a function with a module when the script imports the module: once or always.
 
-    Return what stops waiting.
+    Returns a function that cancels this.
     """
     if name in sys.modules:
         then(sys.modules[name])
@@ -33,9 +33,9 @@ def on_import(name: str, then: Then, *, once: bool) -> Callable[[], None]:
 def on_extension(name: str, then: Then) -> Callable[[], None]:
     """Call a function with every module object that is loaded from an extension file.
 
-    `importlib` can make one under another name, or beside the one that is imported already; all of
-    them come from one function of Python's. The last part of the name is always the extension's.
-    Return what stops waiting.
+    `importlib` can create such a module under another name, or a second one; all are created by one
+    function of Python, which is wrapped. The last part of the module's name is always the
+    extension's. Returns a function that cancels this.
     """
     original = _imp.create_dynamic
 
@@ -61,8 +61,8 @@ def _nothing() -> None:
 class _OnImport:
     """An import hook that calls a function when a module is imported.
 
-    Python asks it as a finder (`sys.meta_path`); `importlib.abc` has a class for those, and takes
-    as long to import as all of ours.
+    Python calls it as a finder (`sys.meta_path`). It does not derive from the class in
+    `importlib.abc`, which takes as long to import as all of drop's modules here.
     """
 
     def __init__(self, name: str, then: Then, *, once: bool) -> None:

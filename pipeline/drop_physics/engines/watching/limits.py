@@ -1,4 +1,4 @@
-"""Limits a run: its processor time and memory; and ends it with its parent."""
+"""Limits a run's processor time and memory, and ends the run with its parent process."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def keep(limits: dict[str, Any]) -> None:
     Parameters
     ----------
     limits
-        `processor_s`, the processor time of each [s], and `bytes`, the memory that each may have
-        for itself; None for as much as there is.
+        `processor_s`, the processor time of each process [s], and `bytes`, the private memory of
+        each; None for no limit.
     """
     import resource
 

@@ -1,4 +1,4 @@
-"""Notes what a script's results may depend on besides its text: numpy, BLAS, hash seed."""
+"""Notes the settings besides the script that its results may depend on: numpy, BLAS, hash seed."""
 
 from __future__ import annotations
 

@@ -43,24 +43,25 @@ class Observed(ABC):
         Parameters
         ----------
         kind
-            `x`, `y`, `z`: the position of a body [m]; `up`: the upward part of its z axis; `joint`,
-            `rate`: the position and the velocity of a joint [rad, m; rad/s, m/s]; `force`: what two
-            bodies press on each other, or one on all [N]; `sensor`: a sensor of the model.
+            `x`, `y`, `z`: the position of a body [m]; `up`: the upward component of the body's z
+            axis; `joint`, `rate`: the position and the velocity of a joint [rad, m; rad/s, m/s];
+            `force`: the contact force between two bodies, or between one and all others [N];
+            `sensor`: a sensor of the model.
         names
-            Of what is read; a body may be given by the engine's own number.
+            Names of the bodies, joint or sensor; a body may be given by the engine's id.
 
         Raises
         ------
         UnknownNameError
-            If there is none of such a name, so far.
+            If no element of this name exists yet.
         """
 
     @abstractmethod
     def positions(self) -> list[float]:
         """Return positions of three points on each body, which also show its rotation [m].
 
-        They are its centre of mass, and two points at its radius of gyration along axes of its own,
-        so that a body that turns on the spot moves, too.
+        The points are the body's centre of mass, and two points at the radius of gyration along its
+        axes, so that they move even if the body only rotates.
         """
 
     @abstractmethod
@@ -69,9 +70,9 @@ class Observed(ABC):
 
     @abstractmethod
     def astray(self) -> dict[str, float]:
-        """Return how far joints are from their targets, by the name of the command.
+        """Return how far joints are from their targets, by the name of the motor command.
 
-        The distance is one of positions [rad, m], or of velocities [rad/s, m/s].
+        The distance is one of positions [rad, m] or of velocities [rad/s, m/s].
         """
 
     @abstractmethod

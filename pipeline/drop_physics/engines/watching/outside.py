@@ -1,10 +1,10 @@
-"""Notes which files, programs and networks a script uses, to know whether it may run again.
+"""Notes which files, programs and networks a script uses, to decide whether it may run again.
 
-Sockets, other programs, devices, and files that it writes elsewhere than in its working directory
-or in the system's folder for temporary ones; of the files there, those that another run of it would
-write, too. Python tells an audit hook of calls; what C code has opened is looked up in `/proc`, at
-the first step and at the end. What a library starts while it is imported is its own. An audit hook
-cannot be taken off again: it is for an interpreter that is the script's own.
+It reports sockets, other programs, devices, and written files: all files outside the working
+directory and the system's temporary folder, and those inside that a further run would write, too.
+Calls are reported by Python's audit hook; files opened by C code are looked up in `/proc`, at the
+first step and at the end. Actions of a library during its import are ignored. An audit hook cannot
+be removed, so this is only for an interpreter that runs a single script.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from .draws import is_imported
 CONNECTS = ("socket.connect", "socket.bind", "socket.sendto")
 STARTS = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn")
 TEMPORARY = ("/tmp", "/var/tmp", "/usr/tmp", os.curdir)
-"""Folders for Python's temporary files, unless the environment names one."""
+"""Candidates for the folder of Python's temporary files, unless an environment variable names it.
+"""
 OWN = ("tempfile.mkstemp", "tempfile.mkdtemp")
 REMOVES = ("os.remove", "os.rename", "os.rmdir", "os.truncate")
 CHANGES = ("os.chmod", "os.chown", "os.utime", "os.setxattr", "os.removexattr")
@@ -44,11 +45,12 @@ class Outside:
     Parameters
     ----------
     tell
-        Called with what it is, `connects`, `starts`, `opens` (a device), `removes`, `writes` or, in
-        those folders, `keeps` where a copy of the working directory would take it, else `keeps
-        there`, or `makes` of a file that is new; and its name.
+        A function that is called with an action and a name. The actions are `connects`, `starts`,
+        `opens` (a device), `removes` and `writes`; in the working directory and the temporary
+        folder `keeps` (a copy of the working directory would include the file), `keeps there` (it
+        would not) or `makes` (the file is new).
     ours
-        Returns the descriptors that are not the script's.
+        A function that returns the descriptors that belong to drop.
     """
 
     def __init__(self, tell: Callable[[str, str], None], ours: Callable[[], set[int]]) -> None:
@@ -70,7 +72,7 @@ class Outside:
         sys.addaudithook(self._hear)
 
     def look(self) -> None:
-        """Report what is open now, whichever code opened it."""
+        """Report the resources that are open now, whichever code opened them."""
         if not sys.platform.startswith("linux"):
             return
         networks = _network_sockets()
@@ -162,7 +164,7 @@ def _is_path(argument: object) -> bool:
 
 
 def _network_sockets() -> set[str]:
-    """Return the inodes of the sockets with a network connection, not local ones."""
+    """Return the inodes of sockets with a network connection; local sockets are left out."""
     found = set()
     for name in ("tcp", "tcp6", "udp", "udp6", "raw", "raw6"):
         try:

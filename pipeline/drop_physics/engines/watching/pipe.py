@@ -3,8 +3,8 @@
 A stream begins with `MAGIC`. Each frame is a kind (one letter), the length of its payload (uint32,
 little-endian), and the payload. A stream may end at any byte: an incomplete frame is dropped.
 
-Frames collect in a block of shared memory, and leave it in large writes. So nothing is lost when a
-process crashes or is killed: the recorder reads the rest of the block.
+Frames are collected in a block of shared memory, and sent in large writes. Nothing is lost when a
+process crashes or is killed, since the recorder then reads the rest of the block.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from os import close, fstat, write
 from typing import Any
 
 MAGIC = b"DROPREC\x02"
-"""First bytes of a stream; the last one is the version, since both halves must belong to the same
-drop."""
+"""First bytes of a stream; the last byte is the format's version, since both processes must use the
+same version of drop."""
 HEADER = struct.Struct("<cI")
 """Header of a frame: kind and length."""
 
 NOTE, SAMPLE, SET, CALL, RESULT, IMAGE = b"J", b"S", b"P", b"K", b"R", b"I"
 MUJOCO = b"M"
-"""Kinds: a note is JSON; MUJOCO is as in `engines/mujoco/frames`; the others are doubles after a
-small head.
+"""Kinds of frames: NOTE is JSON, MUJOCO has the format of `engines/mujoco/frames`; the others are
+doubles after a small header.
 
-SAMPLE: of the bodies of the last layout, in its order, what can move: 13 of the base, then the
-positions, velocities and efforts of its joints; the forces of its constraints; 23 of each contact
-point. SET: all of one body. CALL: the numbers in the arguments of a call. RESULT: what that call
-returned. IMAGE: JSON, then pixels.
+SAMPLE: for each body of the last layout message, 13 numbers of the base if it can move, then
+positions, velocities and efforts of the joints; then the forces of the constraints, and 23 numbers
+of each contact point. SET: the same numbers of one body. CALL: the numbers in the arguments of a
+call. RESULT: the number that the last call returned. IMAGE: JSON, then pixels.
 """
 HEAD = struct.Struct("<qq")
 """Header of samples and states set by calls: index of the world or body, and step."""
@@ -43,25 +43,27 @@ IMAGE_HEAD = struct.Struct("<I")
 """Header of an image: length of the JSON before its pixels."""
 
 BLOCK = struct.Struct("=QQ")
-"""Start of the block: bytes sent so far, and bytes now in the block."""
+"""Header of the block: number of bytes sent so far, and number of bytes now in the block."""
 BLOCK_BYTES = 1 << 20
 PLACES, COUNTERS = 1 << 12, 4
-"""After it, for at most this many reading lines, this many 64-bit integers: readings in all;
-whether some may be missing; the last step in which one was observed; numbers in a return value."""
+"""Largest number of reading lines, and the number of 64-bit integers for each, which follow the
+block: count of readings; whether some may be missing; the last step with a reading; how many
+numbers a reading returns."""
 ANSWERS, EXTREMES = 10, 4
-"""Largest number of values kept of a reading's return value, and how many are kept of each: that of
-the first and the last reading, the least and the greatest."""
+"""Largest number of values that are kept of a reading's return value, and how many are kept of each
+value: the first, the last, the least and the greatest."""
 MOST_TARGETS = 1024
 """Largest number of bodies, links or pairs listed for a reading line."""
 APART = PLACES * COUNTERS
-"""Offset of a flag, set if any forked child makes a step: nothing else is known of them."""
+"""Offset of a flag that is set if any forked child makes a step, which is all that is recorded of a
+child."""
 ANSWERED = APART + 1
 """Offset of the return values of each reading line, as doubles."""
 SHARED_BYTES = BLOCK_BYTES + 8 * (ANSWERED + PLACES * ANSWERS * EXTREMES)
 CUT_BYTES = 64
-"""Bytes reserved in the block for the message that it is full and the pipe closed."""
+"""Bytes reserved in the block for the message that the block is full after the pipe was closed."""
 LONGEST = 1 << 29
-"""Upper bound for the length of a payload; four letters misread as a length exceed it."""
+"""Upper bound for the length of a payload; any four letters misread as a length exceed it."""
 FLUSH_BYTES = 1 << 16
 """Fill level above which the block is sent before more is added."""
 SHORT_BYTES = 1 << 14
@@ -78,9 +80,9 @@ MMAP: Any = [ctypes.c_void_p, ctypes.c_size_t, *[ctypes.c_int] * 3, ctypes.c_lon
 class Pipe:
     """The sending end of the stream.
 
-    What is sent at every call is packed into `memory` at `end`, and then counted as in `sent`;
-    `make_room` comes first where `end` is beyond `limit`. With `again` another program of the same
-    process has sent into both before.
+    Code that sends at every call writes to `memory` at `end`, after `make_room` if `end` is beyond
+    `limit`, and then updates `end` as `sent` does. With `again`, an earlier program of the same
+    process has already used the pipe and the block.
     """
 
     def __init__(self, pipe: int, block: int, *, again: bool = False) -> None:
@@ -145,7 +147,7 @@ class Pipe:
                 self.make_room(size)
 
     def sent(self, end: int) -> None:
-        """Set the end of the shared block's contents, after writing to it directly."""
+        """Set the end of the block's contents, after code has written to the block directly."""
         self.end = end
         self.counts[1] = end - BLOCK.size
 

@@ -1,11 +1,11 @@
 """A private view of the file system, in which a run cannot change the user's files.
 
-The process gets mounts of its own. Folders that a script writes to are overlaid (Linux's overlayfs,
-5.13 or later): what is written there goes to a scratch folder, and is read from it. All else is
-read-only, and on request there is no network. A forked child gets layers of its own, which begin
-with what its parent has written so far.
+The process gets a mount namespace of its own. Folders that a script writes to are overlaid
+(overlayfs, Linux 5.13 or later): writes go to a scratch folder, from which they are read again. All
+other folders are read-only, and the network can be disabled. A forked child gets separate layers on
+top of its parent's writes so far.
 
-Where the kernel refuses, `enter` raises OSError, and the process has to end.
+If the kernel refuses, `enter` raises OSError, and the process has to end.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ CLONE_NEWNS, CLONE_NEWUSER, CLONE_NEWNET = 0x20000, 0x10000000, 0x40000000
 MS_BIND, MS_REC, MS_PRIVATE = 0x1000, 0x4000, 0x40000
 """Flags of `mount`, from Linux's `sys/mount.h`."""
 MOUNT_SETATTR, AT_FDCWD, AT_RECURSIVE, MOUNT_ATTR_RDONLY = 442, -100, 0x8000, 1
-"""The number of a system call, which is the same on all machines, and its flags."""
+"""The number of the system call `mount_setattr`, the same on all architectures, and its flags."""
 DISPLAYS = "/tmp/.X11-unix"
 """Folder of the X server's sockets."""
 CAPABILITIES_V3 = 0x20080522
@@ -38,13 +38,13 @@ class Private:
     Parameters
     ----------
     scratch
-        A folder of ours, which takes what is written.
+        A folder of drop, to which all writes go.
     folders
-        Those that may be written to; the working directory is below one of them.
+        The folders that the script may write to; one of them contains the working directory.
     made
-        Files and folders that are hidden: the script's first run has made them.
+        Files and folders that are hidden, since the script's first run created them.
     network
-        Whether the network is there.
+        Whether the script can use the network.
     """
 
     def __init__(self, scratch: str, folders: list[str], made: list[str], *, network: bool) -> None:
@@ -61,7 +61,7 @@ class Private:
         Raises
         ------
         OSError
-            If the kernel does not offer it.
+            If the kernel does not support private views.
         """
         here = os.getcwd()
         self._unshare()
@@ -88,7 +88,7 @@ class Private:
         _keep_capabilities(on=False)
 
     def part(self, name: str) -> None:
-        """Switch to writable layers of its own, in a new fork."""
+        """Switch to separate writable layers, in a new fork."""
         here, before = os.getcwd(), self._name
         _keep_capabilities(on=True)
         _unshare(CLONE_NEWNS)
@@ -110,7 +110,7 @@ class Private:
         return any(_is_in(path, layer) for layer in self._layers)
 
     def file(self, name: str) -> str:
-        """Return the path of one of our files in the scratch folder."""
+        """Return the path of a file of drop in the scratch folder."""
         folder = os.path.join(self._scratch, self._name)
         os.makedirs(folder, exist_ok=True)
         return os.path.join(folder, name)
@@ -141,7 +141,7 @@ class Private:
                 _mount(there, DISPLAYS, flags=MS_BIND)
 
     def _overlay(self, number: int, folder: str) -> None:
-        """Mount a layer over a folder; paths are relative, so that nothing must be escaped."""
+        """Mount a layer over a folder; paths are relative, so that they need no escaping."""
         upper, work = (os.path.join(self._name, str(number), each) for each in ("upper", "work"))
         for each in (upper, work):
             os.makedirs(each, exist_ok=True)
@@ -158,9 +158,9 @@ def private_of(given: dict[str, Any] | None) -> Private | None:
 
 
 def _apart(folders: list[str]) -> Iterator[str]:
-    """Yield the folders to overlay: outermost ones that contain no other mount.
+    """Yield the folders to overlay: the outermost ones that contain no other mount.
 
-    The outermost come first: folders within one need no layer of their own.
+    Folders within another one of these need no layer of their own.
     """
     with open("/proc/self/mountinfo", encoding="utf-8", errors="surrogateescape") as file:
         points = [line.split()[MOUNTED].encode().decode("unicode_escape") for line in file]
@@ -237,12 +237,12 @@ class _Attributes(ctypes.Structure):
 
 
 def _called(name: str, *arguments: Any) -> int:
-    """Call a function of the C library, and raise on failure.
+    """Call a function of the C library.
 
     Raises
     ------
     OSError
-        If it fails.
+        If the function fails.
     """
     library = ctypes.CDLL(None, use_errno=True)
     result = int(getattr(library, name)(*arguments))
@@ -279,10 +279,10 @@ def _set_attributes(path: str, attributes: _Attributes, flags: int) -> None:
 
 
 def _keep_capabilities(*, on: bool) -> None:
-    """Use the capabilities that our own namespace grants, or drop them.
+    """Enable the capabilities that the process's own namespace grants, or drop them.
 
-    With them a user could read and write files whose modes forbid it. The system's own
-    administrator keeps all.
+    They would allow a user to read and write files whose modes forbid it. If the user is the
+    system's administrator, all capabilities are kept.
     """
     if os.geteuid() == 0:
         return

@@ -1,7 +1,7 @@
-"""Follows scripts that replace their process (`os.exec…`), as some do to set variables.
+"""Follows scripts that replace their program (`os.exec…`), as some do to set environment variables.
 
-If the new program is Python that runs a file or a module, and no step was made yet, the new program
-is watched instead. Otherwise its steps are reported as missing.
+If the new program is a Python interpreter that runs a file or a module, and no step was made yet,
+it is watched instead. Otherwise its steps are reported as missing.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ MODULE = "watching.running"
 
 
 class Programs:
-    """Continues to watch a script in the program that replaces its process.
+    """Continues to watch a script in the program by which it replaces itself.
 
     Parameters
     ----------
     watch
-        What watches the script.
+        The watch of the script.
     options
-        With which it was started, as `running.main` takes them; `block` is open as long.
+        The options with which the script was started (see `running.main`), with `block` still open.
     """
 
     def __init__(self, watch: ScriptWatch, options: dict[str, Any]) -> None:
@@ -74,7 +74,7 @@ class Programs:
             watch.on = True
 
     def _watched(self, arguments: Sequence[str]) -> list[str] | None:
-        """Return a Python command line with watching added; None if it runs no file."""
+        """Return a Python command line extended by watching; None if it runs no file or module."""
         if list(arguments[1:3]) == [WATCHING, MODULE]:  # as `sys.orig_argv` has it
             return self._command(arguments[:1], self._options["is_module"], arguments[4:])
         at = 1

@@ -1,4 +1,4 @@
-"""Runs a script as Python would run it, and watches it."""
+"""Runs a script as Python would run it, while watching it."""
 
 from __future__ import annotations
 
@@ -25,16 +25,17 @@ _PACKAGE = __name__.partition(".")[0]
 
 
 def main(options: str, *command: str) -> None:
-    """Run the script.
+    """Run a script, while watching it.
 
     Parameters
     ----------
     options
-        JSON: the arguments of `start.watch`, but for `private`, which are those of `Private`;
-        `is_module`; `listens`, whether it is told what the script reaches; its `limits`; and the
-        `scratch` copy of the working directory that it runs in, or None.
+        JSON: the arguments of `start.watch`, where `private` has the arguments of `Private`;
+        `is_module`; `listens`, whether files, programs and networks that the script uses are
+        reported; the run's `limits`; and `scratch`, a copy of the working directory in which the
+        script runs, or None.
     command
-        The script, or a module's name, and its own arguments.
+        The script or the name of a module, and its arguments.
     """
     arguments = json.loads(options)
     again = {**arguments, "block": os.dup(arguments["block"])}
@@ -58,9 +59,10 @@ def main(options: str, *command: str) -> None:
 
 
 def _enter(folder: str) -> None:
-    """Put a folder first on the module path, as Python does with a script's own.
+    """Put a script's folder first on the module path, as Python does.
 
-    Modules that we have imported but that folder has too are forgotten: the script's own count.
+    Already imported modules are removed if the folder has modules of the same name: the script has
+    to get its own.
     """
     if getattr(sys.flags, "safe_path", False):
         return

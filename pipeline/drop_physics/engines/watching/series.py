@@ -1,6 +1,7 @@
 """Time series in expectations, and functions on them, such as `end`, `peak` and `drift`.
 
-A bare series stands for its end. This needs numpy, which the script's interpreter has to have.
+A series that is used as a number stands for its last value. The module needs numpy in the script's
+interpreter.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ import numpy as np
 class Series(np.ndarray):
     """A number or vector after each step of a run; shape (n,) or (n, size).
 
-    As a truth value and as a number, a series is its end. Attribute `times_s` has the times [s],
-    shape (n,).
+    Used as a truth value or as a number, a series stands for its last value. The attribute
+    `times_s` contains the times [s], shape (n,).
     """
 
     times_s: Any = None
@@ -78,19 +79,19 @@ def norm(values: Any) -> Any:
 
 
 def at(values: Any, time_s: float) -> Any:
-    """Return the value of a series at a time [s]: that of the first step at or after it."""
+    """Return the value of a series at a time [s]: after the first step at or after that time."""
     times = values.times_s
     place = min(int(np.searchsorted(times, time_s * (1 - 1e-12))), len(times) - 1)
     return np.asarray(values)[place]
 
 
 def always(values: Any) -> bool:
-    """Return whether a condition held after every step."""
+    """Return whether a condition holds after every step."""
     return bool(np.all(np.asarray(values)))
 
 
 def ever(values: Any) -> bool:
-    """Return whether a condition held after any step."""
+    """Return whether a condition holds after any step."""
     return bool(np.any(np.asarray(values)))
 
 
@@ -99,4 +100,4 @@ FUNCTIONS: dict[str, Any] = {
     "np": np,
     "math": math,
 }
-"""Our functions that an expression may use, besides series."""
+"""Functions that an expression may use, besides series."""

@@ -1,7 +1,7 @@
 """A single change of a run, as the search for causes tries it, for any engine.
 
-The rows of the table define the changes. `single_changes` of an engine's `watch` returns those that
-would change something in a run, and their effects there.
+The rows of an engine's table define the changes. The module `single_changes` of the engine's
+`watch` finds those that have an effect in a run, and the operations that make them.
 """
 
 from __future__ import annotations
@@ -23,34 +23,36 @@ class Change:
     """A single change: an operator, applied to a quantity of some elements."""
 
     change: str
-    """Target of the change: a field of the compiled model, `option.timestep`, `flag.CONTACT`,
-    `pair`, `input.ctrl`; or `function.argument`, `function` if a call is left out or added."""
+    """Target of the change. MuJoCo: a field of the compiled model, `option.timestep`,
+    `flag.CONTACT`, `pair` or `input.ctrl`. PyBullet: `function.argument`, or `function` if a call
+    is added or left out."""
     op: str
     """The operator as in a table row: `=0`, `*10`, `=default`, `left out` …"""
     how: tuple[str, Any]
-    """The operator and its operand, as in `operators`, or the engine's `changes`."""
+    """The operator and its operand (see `operators`), or an operator that the engine defines."""
     ids: tuple[Any, ...] = ()
     """The elements, by engine index; empty for the whole run."""
     of: tuple[str, ...] = ()
     """The names of the elements."""
     breaks: bool = False
-    """Whether it removes a part of the scene or of the command."""
+    """Whether the change removes a part of the scene or of the command."""
     site: tuple[str, int] | None = None
-    """File and line of the call; None for all calls, or if it is not a call."""
+    """File and line of the changed call; None for calls from all lines, or if no call is changed.
+    """
     model: tuple[int, ...] = ()
-    """Key of the compiled model with these elements; empty if there is none."""
+    """Key of the compiled model to which the elements belong; empty without such a model."""
     engine: str = ""
     """The engine to which the change applies."""
     is_geometry: bool = False
-    """Whether it changes positions or sizes."""
+    """Whether the change concerns positions or sizes."""
     bodies: tuple[str, ...] = ()
     """The bodies whose elements are all changed; empty if only some of their elements are."""
     on: tuple[str, ...] = ()
     """The names of the links to which the elements belong, if the elements are not named after
     them."""
     sites: tuple[tuple[str, int] | None, ...] = ()
-    """File and line of the only call on each element; None of an element that several lines call
-    for. Empty if the change has a site of its own, or is of no call."""
+    """File and line of the only call that sets each element; None for an element that several lines
+    set. Empty if `site` is given, or if no call is changed."""
 
     @property
     def target(self) -> tuple[str, ...]:
@@ -61,7 +63,7 @@ class Change:
     def of_some(self, places: Sequence[int]) -> Change:
         """Return the same change restricted to some of its elements, by index.
 
-        Where all of these are set by one line, the change is that line's.
+        If one line sets all of these elements, the change gets this line as its `site`.
         """
 
         def some(held: tuple[T, ...]) -> tuple[T, ...]:
@@ -84,7 +86,7 @@ class Change:
         Raises
         ------
         ValueError
-            If its operator is no factor.
+            If the change's operator is not a factor.
         """
         if self.how[0] != "*":
             raise ValueError(f"only a factor has others, got {self.op}")

@@ -22,7 +22,7 @@ INSTALLED = re.compile(r"[/\\](site|dist)-packages[/\\]")
 
 
 class Sites:
-    """Names the lines of frames; reports the digest of the file that runs as a script."""
+    """Finds the script line of a frame; reports the digest of the file that runs as a script."""
 
     def __init__(self, pipe: Pipe) -> None:
         self._pipe = pipe
@@ -30,7 +30,7 @@ class Sites:
         self._libraries: dict[str, bool] = {}
 
     def place(self, frame: Any) -> tuple[str, int]:
-        """Return file and line of a frame, without this machine's folders."""
+        """Return file and line of a frame, without the names of this machine's folders."""
         name = frame.f_code.co_filename
         shown = self._shown.get(name)
         if shown is None:
@@ -40,7 +40,7 @@ class Sites:
         return shown, frame.f_lineno
 
     def outside(self, frame: Any) -> Any:
-        """Return the innermost frame outside libraries; the frame itself if there is none."""
+        """Return the innermost frame outside libraries; the given frame if there is none."""
         outer, libraries = frame, self._libraries
         while outer is not None:
             name = outer.f_code.co_filename
@@ -82,7 +82,7 @@ def is_library(name: str) -> bool:
 def shown_file(name: str) -> str:
     """Return a file name relative to the working directory or the module path.
 
-    A notebook's cell is `In[3]`, as in IPython's own tracebacks.
+    A notebook's cell is shown as `In[3]`, as in IPython's tracebacks.
     """
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     cell_of = getattr(getattr(shell, "compile", None), "format_code_name", None)

@@ -39,37 +39,39 @@ def watch(
     keeps_files: bool = False,
     again: bool = False,
 ) -> ScriptWatch:
-    """Watch all engines, each from the moment that the script imports it.
+    """Watch all engines, each as soon as the script imports it.
 
     Parameters
     ----------
     pipe, block
-        File descriptors of the pipe, and of the memory shared with its reader.
+        File descriptors of the pipe, and of the memory shared with the recorder.
     steps, duration_s
-        When to stop the script; None for never.
+        The number of steps and the time on the script's clock [s] after which the script is ended;
+        None for no limit.
     keep_sleeping
-        Whether the script's clock is the real one.
+        Whether the script's clock is the real one, so that it really sleeps.
     seed
-        Seed of all random numbers, or None.
+        Seed of all random generators, or None.
     of_first
-        Whether only steps of the engine that steps first count.
+        Whether only steps of the engine that makes the first step count.
     begins_s
-        What a virtual clock shows at first [s]; None for the time of day.
+        The time at which a virtual clock starts [s]; None for the current time.
     variation
-        What varies in the run, as each engine takes it; None for the script's own run.
+        The variation of the run, in the form that each engine takes; None in the script's own run.
     interventions
-        What its calls do otherwise, likewise.
+        The operations that change the run, in the form that each engine takes.
     asks, streams, evaluator
-        How trials are asked for that part from this run, whether it sends what happens, and what is
-        evaluated in it, as `ScriptWatch` takes them.
+        The arguments of the same names of `ScriptWatch`: requests for trials, whether steps and
+        calls are sent, and the evaluator.
     private
-        The view of the file system that this process has entered; None for the machine's own.
+        The private view of the file system that this process has entered; None for the real file
+        system.
     edits
-        Parts of the script's text that are other ones.
+        The replacements in the script's text.
     keeps_files
-        Whether to send the contents of files that an engine loads.
+        Whether the contents of files that an engine loads are sent.
     again
-        Whether this program has replaced another one that was watched.
+        Whether this program has replaced another watched program (`os.exec…`).
     """
     started = ScriptWatch(
         Pipe(pipe, block, again=again),

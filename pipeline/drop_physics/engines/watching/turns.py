@@ -13,11 +13,12 @@ from .hidden import hiding
 class Turn:
     """A lock that also delays signals until it is released.
 
-    A script's own handler, and Python's for Ctrl-C, may raise wherever it is called. Within our own
-    code that would leave a message half sent, so it is called a moment later.
+    A signal handler of the script, or Python's own for Ctrl-C, may raise an exception wherever it
+    is called. Within drop's code this would leave a message half sent, so handlers are called when
+    the lock is released.
 
-    Code that runs at every call uses the lock itself: `acquire`, `release`, and `give_back` where
-    `kept` is not empty.
+    Code that runs at every call uses `acquire` and `release` directly, then `give_back` if `kept`
+    is not empty.
     """
 
     def __init__(self) -> None:

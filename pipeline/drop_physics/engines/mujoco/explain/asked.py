@@ -33,16 +33,16 @@ class StepsAsked:
     Parameters
     ----------
     arrays
-        The columns of the piece, as `GROUP/NAME`; of those that only some steps have, the steps as
-        `GROUP@NAME`.
+        The columns of the chunk, as `GROUP/NAME`; for a column with values in some steps only,
+        these steps as `GROUP@NAME`.
     first
-        The number of its first step in the simulation.
+        The number of the chunk's first step in the simulation.
     begin, end
         The steps to take: from `begin` to before `end`.
     edits
         Step, field and count of each edit.
     answers
-        Step and bytes of what callbacks did.
+        The step of each callback message, and the message's bytes.
     """
 
     def __init__(

@@ -15,14 +15,15 @@ from .layout import Layout
 from .summed import TermSums, TermTable, summed
 
 ANOTHER = "another engine"
-"""Cause kind for the difference of another program's step, or of its rounding, from MuJoCo's."""
+"""Cause kind for the difference between another program's step and MuJoCo's, including the other
+program's rounding."""
 
 
 class ExplainedBatch(NamedTuple):
     """Explanations of a batch of steps."""
 
     steps: Any
-    """Indices of its steps, shape (n,)."""
+    """Indices of the steps, shape (n,)."""
     summed: TermSums
     points: Any
     """Contacts (`constraints.POINT`); `row` is the step's index."""
@@ -34,13 +35,13 @@ class WaitingSteps:
     Parameters
     ----------
     m, d
-        The model, and the data that it is evaluated in.
+        The MjModel, and an MjData in which it is evaluated.
     layout, terms, pairs
-        Of the model.
+        The model's `Layout`, `TermTable` and `PairTable`.
     integrator
-        Its number.
+        The integrator, as MuJoCo numbers it (`mjtIntegrator`).
     version
-        MuJoCo's.
+        The version of MuJoCo.
     """
 
     def __init__(
@@ -97,7 +98,7 @@ class WaitingSteps:
         self.copies.copy(sparse)
 
     def after(self, step: int, qpos: Any, qvel: Any, h: float, gap: Any = None) -> None:
-        """Add the state after a step; `gap` is another program's velocities minus this one's."""
+        """Add the state after a step; `gap` is the other program's velocities minus MuJoCo's."""
         self._reached[len(self.steps)], self._after[len(self.steps)] = qpos, qvel
         if gap is not None:
             self._gaps[len(self.steps)] = gap
@@ -167,7 +168,7 @@ def _filled(rows: dict[int, Any], count: int, shape: tuple[int, ...]) -> Any:
 
 
 def _of_steps(rows: Any, numbers: Any, stages: int) -> Any:
-    """Return the rows of each step's first evaluation, numbered by step."""
+    """Return the contacts of each step's first evaluation, with the step's number as `row`."""
     first = rows[rows["row"] % stages == 0] if stages > 1 else rows
     found = np.array(first, POINT)
     found["row"] = numbers[first["row"] // stages] if len(first) else 0

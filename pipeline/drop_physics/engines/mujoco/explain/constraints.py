@@ -29,9 +29,9 @@ POINT = np.dtype(
         ("force", np.float32, 3),
     ]
 )
-"""A contact: index of the evaluation and of its pair (`PairTable`); distance [m], position [m],
-normal from the first geom to the second, force [N] on the second. World axes. Single precision;
-impulses are more precise."""
+"""A contact: indices of the evaluation and of its geom pair in the `PairTable`; distance [m],
+position [m], normal from the first geom to the second, force on the second [N]. Vectors are in
+world axes and single precision; impulses are more precise."""
 
 
 class PairTable:
@@ -76,7 +76,7 @@ class Groups(NamedTuple):
     dofs: Any
     """The degrees of freedom of all groups, concatenated."""
     values: Any
-    """The forces on these degrees of freedom."""
+    """The force on each of these degrees of freedom."""
     starts: Any
     """Offset of each group's first element, shape (g + 1,)."""
 
@@ -96,15 +96,15 @@ def constrained(
     Parameters
     ----------
     copies
-        The `Copies`.
+        The copied evaluations.
     pairs
-        The model's; new ones are added.
+        The geom pairs of the model so far; new pairs are added.
     joint_of
         The joint of each degree of freedom.
     nv
-        How many of these there are.
+        The number of degrees of freedom.
     sparse
-        Whether the Jacobian was kept sparse.
+        Whether MuJoCo stored the Jacobian as a sparse matrix.
     """
     nefc, ncon = np.array(copies.nefc), np.array(copies.ncon)
     total = int(nefc.sum())
@@ -220,8 +220,8 @@ def _sparse_sums(
 ) -> tuple[Any, ...]:
     """Sum the rows of a sparse Jacobian by group: return dofs, values and group starts.
 
-    The rows of a group have the same columns, with the same bodies; where one has not, its group
-    is summed by column.
+    The rows of a group usually have the same columns, since they concern the same bodies. A group
+    with a row that has other columns is summed column by column.
     """
     jacobian = copies.columns("efc_J", np.float64)
     columns = copies.columns("efc_J_colind", np.int32)

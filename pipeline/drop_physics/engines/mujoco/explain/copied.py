@@ -32,7 +32,7 @@ class MemorySpan:
     Parameters
     ----------
     arrays
-        Their names and the arrays, in the order of memory.
+        Pairs of a name and an array, in the order of memory.
     """
 
     def __init__(self, arrays: list[tuple[str, Any]]) -> None:
@@ -102,9 +102,9 @@ class Copies:
     Parameters
     ----------
     m, d
-        The model, and the data that it is evaluated in.
+        The MjModel, and the MjData in which it is evaluated.
     mass_name
-        What its mass matrix is called.
+        The field of the MjData with the mass matrix: `M` or, in old versions, `qM`.
     implicit
         Whether the derivatives of forces are copied, too.
     """
@@ -182,5 +182,5 @@ class Copies:
         return found
 
     def columns(self, name: str, dtype: Any) -> Any:
-        """Return one array that lists all evaluations' values, one after the other."""
+        """Return the values that an array had in all evaluations, concatenated."""
         return np.frombuffer(b"".join(self.rows[name]), dtype)

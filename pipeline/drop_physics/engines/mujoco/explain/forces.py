@@ -42,11 +42,11 @@ def smooth(m: Any, layout: Layout, held: dict[str, Any], qfrc: Any, xfrc: Any) -
     Parameters
     ----------
     m, layout
-        The model, as it was in all of them.
+        The model and its layout, the same in all evaluations.
     held
-        What was copied, by name, shape (r, elements).
+        The copied arrays, by name, shape (r, elements).
     qfrc, xfrc
-        Applied forces, shapes (r, nv) and (r, nbody, 6), or None where none was.
+        Applied forces, shapes (r, nv) and (r, nbody, 6), or None if nothing was applied.
     """
     gravity = gravity_of(m, layout, held)
     found = [term("gravity", gravity), term("bias", -held["qfrc_bias"] - gravity)]
@@ -62,9 +62,9 @@ def smooth(m: Any, layout: Layout, held: dict[str, Any], qfrc: Any, xfrc: Any) -
 def gravity_of(m: Any, layout: Layout, held: dict[str, Any]) -> Any:
     """Return the generalised gravity force, shape (r, nv).
 
-    A dof moves what its body carries, of mass M about the centre c, as `cdof` says: with velocity
-    lin + rot × (c - o), where o is the centre of mass of the whole tree. Its share of the weight is
-    M g · that. `mj_rne` at rest gives the same (`tests/test_mujoco_explain.py`).
+    A dof moves its body's subtree, of mass M and centre of mass c. By `cdof`, one unit of it gives
+    c the velocity v = lin + rot × (c - o), where o is the centre of mass of the whole tree. The
+    force on the dof is M g · v. `mj_rne` at rest gives the same (`tests/test_mujoco_explain.py`).
     """
     r = len(held["cdof"])
     gravity = np.array(m.opt.gravity)
@@ -179,7 +179,8 @@ def _pushes(m: Any, layout: Layout, held: dict[str, Any], xfrc: Any) -> list[For
 
 
 ROUNDING = 1e-13
-"""Share of the whole below which a rest is rounding, and not reported as a force."""
+"""A remainder below this share of a force is rounding, and is not reported as a force of its own.
+"""
 
 
 def polynomial(coefficients: Any, x: Any) -> Any:
@@ -245,7 +246,7 @@ def _sparse_row(held: dict[str, Any], m: Any, name: str, i: int, numbers: str = 
 
 
 def _less(values: Any, dofs: Any, part: Any) -> Any:
-    """Subtract from values on all degrees of freedom a part that acts on some."""
+    """Subtract a force on some degrees of freedom from the values on all of them."""
     values = values.copy()
     values[:, dofs] -= part
     return values

@@ -30,8 +30,8 @@ MUNTHE_KAAS = (4, 0)
 """The first version whose RK4 rotates bodies by the Munthe-Kaas method; earlier ones rotate by the
 mean angular velocity."""
 MOVED_BY = 1e-12
-"""Largest distance of a pose from the one that the velocities lead to that counts as rounding;
-measured: 2e-15."""
+"""Largest distance between a recorded pose and the pose that the velocities lead to, up to which it
+counts as rounding [m, rad]; 2e-15 was measured."""
 GYROSCOPIC_SINCE = (3, 11)
 """The first version whose implicitfast includes the bias derivative of free bodies."""
 
@@ -57,9 +57,9 @@ def added(
     Parameters
     ----------
     m, layout, held
-        The model, and what was copied.
+        The model, its layout, and the copied arrays by name.
     integrator
-        Its number.
+        The integrator, as MuJoCo numbers it (`mjtIntegrator`).
     h
         Timesteps [s], shape (n,).
     before
@@ -67,7 +67,7 @@ def added(
     change
         u' - u, shape (n, nv).
     version
-        MuJoCo's.
+        The version of MuJoCo.
     """
     if integrator == EULER:
         damping = damping_of(m)
@@ -115,8 +115,8 @@ def strays_by_stages(
 ) -> Any:
     """Return how far poses are from where RK4's stage velocities lead [m, rad], shape (n,).
 
-    `rates` has the shape (n, 4, nv), poses (n, nq). Turns of the stages are first taken back to the
-    axes of the first, where that is done (`MUNTHE_KAAS`).
+    `rates` has the shape (n, 4, nv), poses (n, nq). From version `MUNTHE_KAAS` on, each stage's
+    rotation is first transformed back to the axes of the first stage, as MuJoCo does.
     """
     h = h[:, None]
     moves = np.tensordot(np.array(WEIGHTS), rates, (0, 1)) * h
@@ -175,8 +175,9 @@ def _bias_slope(
 ) -> Any:
     """Return the velocity derivative of a free body's bias force, shape (n, 6, 6).
 
-    With mass m, centre of mass c and inertia I about the joint, all in the body's axes R, it is
-    m R (ω × (ω × c)) and ω × I ω. M holds m, -m R c×, and I with the armature.
+    With mass m, centre of mass c and inertia I about the joint, all in the body's axes R, the bias
+    force is m R (ω × (ω × c)), and its torque ω × I ω. The blocks of the mass matrix are m, -m R
+    c×, and I plus the armature.
     """
     mass = layout.mass.block(held[layout.mass_name], np.arange(dof, dof + 6))
     spin = before["qvel"][:, dof + 3 : dof + 6]

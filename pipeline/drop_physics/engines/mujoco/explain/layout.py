@@ -25,9 +25,9 @@ class Symmetric:
     Parameters
     ----------
     rows, columns
-        Of each number that is kept, in the order of memory.
+        The row and the column of each stored number, in the order of memory.
     n
-        Rows of the matrix.
+        The number of rows of the matrix.
     """
 
     def __init__(self, rows: Any, columns: Any, n: int) -> None:
@@ -65,7 +65,7 @@ class Layout:
     Parameters
     ----------
     m, d
-        A model and data of it.
+        The MjModel, and an MjData of it.
     """
 
     def __init__(self, m: Any, d: Any) -> None:
@@ -112,8 +112,9 @@ class Layout:
     def _slopes(self, m: Any) -> tuple[Any, Symmetric]:
         """Return where `implicitfast` keeps its velocity derivatives of forces.
 
-        It has their lower half, where the mass matrix may have entries. Those of a simple body are
-        on the diagonal; of old versions' `qM` only that part is used.
+        `implicitfast` keeps the lower half of these derivatives, wherever the mass matrix may have
+        entries. For a simple body these lie on the diagonal, the only part of its rows that old
+        versions (`qM`) use.
         """
         pairs = {*zip(self.mass.rows.tolist(), self.mass.columns.tolist())}
         if self.mass_name == "qM":

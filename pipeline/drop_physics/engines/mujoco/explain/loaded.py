@@ -1,8 +1,8 @@
 """Restores a recorded state in an MjData, including sleep states that earlier steps left.
 
-A step computes everything anew but for what sleeps: the positions of sleeping bodies are those of
-the step in which they fell asleep, and lists of what is awake come from the end of the step before
-(`mj_updateSleep`, MuJoCo's `engine_sleep.c`). Here they are made again.
+A step recomputes all derived data except those of sleeping bodies: their poses are from the step in
+which they fell asleep, and the lists of awake bodies are from the end of the previous step
+(`mj_updateSleep` in MuJoCo's `engine_sleep.c`). This module recreates both.
 """
 
 from __future__ import annotations

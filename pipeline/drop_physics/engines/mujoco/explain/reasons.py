@@ -12,6 +12,6 @@ REASONS = (
 )
 """Why a step is not explained: the sum leaves a remainder; there is no degree of freedom; no sum is
 implemented for the integrator; this version of MuJoCo was not tested; deformable bodies; plugins;
-springs that yield; sleeping bodies; delayed actuators; MuJoCo has reset itself within the step; the
-step used data of another state, which were found to lead to the recorded one; none of these;
-another engine made the step, and MuJoCo leads to another state."""
+springs that yield; sleeping bodies; delayed actuators; MuJoCo reset the simulation within the step;
+the step used data derived from another state, with which its replay reaches the recorded state; the
+reason is unknown; another engine made the step, and MuJoCo's step leads to another state."""

@@ -1,7 +1,8 @@
 """Replays a script's steps with the script's MuJoCo, each from its recorded start state.
 
-A step is replayed if it leads to the recorded state to the last bit. Only such a step is explained:
-the sum of one that leads elsewhere would close, too, and say nothing of the script's.
+A step is replayed if it leads to the recorded state to the last bit. Only replayed steps are
+explained: the sum of a step that leads to another state would close, too, but would not explain the
+script's step.
 """
 
 from __future__ import annotations
@@ -54,11 +55,11 @@ VERSION = tuple(int(part) for part in mujoco.__version__.split(".")[:2])
 UNREAD = ("geom_", "pair_", "exclude_", "site_", "hfield_", "body_invweight0", "dof_invweight0")
 """Model fields that no sum uses: an edit of one does not split a batch of steps."""
 TAKEN = frames.arrays_bytes("taken", {})
-"""The payload of the last answer to a request."""
+"""The payload that marks the end of the answers to a request."""
 CONTROL = CALLBACKS.index("control")
 LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 SPARE = 1 << 16
-"""Number of unexplained steps after which their results are sent."""
+"""After this many steps without an explanation, the results so far are sent."""
 
 
 class ReplayedModel:
@@ -67,9 +68,9 @@ class ReplayedModel:
     Parameters
     ----------
     number
-        The number of models that were loaded before.
+        The model's number: how many models were loaded before it.
     path
-        The file that has it in MuJoCo's binary form.
+        The model's file, in MuJoCo's binary format.
     """
 
     def __init__(self, number: int, path: str) -> None:
@@ -81,7 +82,7 @@ class ReplayedModel:
         self._look()
 
     def _look(self) -> None:
-        """Note which features the model uses that change how its steps are replayed."""
+        """Find the features of the model that change how steps are replayed."""
         m = self.m
         self.timestep = float(m.opt.timestep)
         self.sparse = bool(mujoco.mj_isSparse(m))
@@ -140,9 +141,9 @@ class ReplayedData:
     Parameters
     ----------
     number
-        Its number.
+        The number of the simulation.
     model
-        Its model.
+        The model of the simulation.
     """
 
     def __init__(self, number: int, model: ReplayedModel) -> None:
@@ -524,7 +525,7 @@ def by_callback(answers: list[tuple[int, Any]]) -> dict[int, deque[Any]]:
 
 
 def take(m: Any, state: ReplayedData, which: int) -> None:
-    """Make one step with the MuJoCo function that the script called."""
+    """Make one step with the MuJoCo function that the script called, by its index in `STEPS`."""
     d = state.d
     if which == 0:
         mujoco.mj_step(m, d)

@@ -15,8 +15,8 @@ UNSEEN = 1e-16
 """A term of at most this share of a step's largest impulse is omitted: it is less than half of that
 impulse's last bit."""
 ROUNDED = 1e-4
-"""Share of a momentum that is used as a scale for rounding: its last bits, 1e-16 of it, are 1e-12
-of this."""
+"""The last bits of a momentum, about 1e-16 of it, may remain unexplained: they are 1e-12 of a scale
+of this share of the momentum."""
 
 
 class Named(NamedTuple):
@@ -104,13 +104,15 @@ def summed(
     change
         M (u' - u), shape (n, nv).
     dense, groups
-        Forces; the row of a group is its step.
+        The forces as arrays over all steps, and the constraint forces in groups, whose row is the
+        step.
     h
-        Timestep of each step [s], shape (n,), by which forces become impulses.
+        The timestep of each step [s], shape (n,); a force times h is its impulse.
     added
-        What is an impulse, and no force.
+        Further terms that are impulses already.
     after
-        M u', shape (n, nv): where next to nothing acts, its last bits are what is left.
+        M u', shape (n, nv); where hardly any impulse acts, the remainder is the rounding of this
+        momentum.
     """
     n, nv = change.shape
     total = np.zeros((n, nv))
@@ -235,7 +237,7 @@ def _laid_out(
 
 
 def _distinct(rows: Any) -> tuple[Any, Any]:
-    """Return the index of the first of equal rows, and each row's index among those.
+    """Return the index of the first row of each distinct value, and each row's index among these.
 
     NumPy's `unique` of rows compares them number by number, which takes ten times as long. The
     package's own `distinct_bytes` cannot be imported in the script's interpreter.

@@ -23,7 +23,7 @@ FEATURES = {
     **{name[7:].lower(): ("enable", int(bit)) for name, bit in vars(mujoco.mjtEnableBit).items()
        if name.startswith("mjENBL_")},
 }  # fmt: skip
-"""Features that can be disabled, by MuJoCo's names."""
+"""Optional features of a step, by MuJoCo's names: the kind of their flag, and its bit."""
 _NOTHING = np.empty(0)
 
 
@@ -217,7 +217,7 @@ class Swaps(Replay):
 
 
 def _gathered(rows: list[Any]) -> Any:
-    """Join rows of different lengths into one array: their count, their lengths, the numbers."""
+    """Join rows of different lengths into one array: row count, row lengths, then the numbers."""
     lengths = [len(row) for row in rows]
     numbers = [row.ravel() for row in rows]
     return np.concatenate([np.array([len(rows), *lengths], np.float64), *numbers])

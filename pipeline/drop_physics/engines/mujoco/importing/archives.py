@@ -33,7 +33,7 @@ class Archive:
 
     path: Path
     arrays: dict[str, NDArray[Any]]
-    """Numeric arrays, by key; those of a demonstration, by key within its group."""
+    """Numeric arrays, by key; for a demonstration, by key within its group."""
     objects: tuple[str, ...] = ()
     """Keys of entries that are not numeric arrays, and are not read."""
     demonstrations: tuple[str, ...] = ()

@@ -1,8 +1,9 @@
 """Finds the force terms that explain how another engine's steps differ from MuJoCo's.
 
-A term is named where the gap of velocities lies in what it can do: along its own force, or in the
-rows of the contacts of two bodies. What a force does is measured, by steps with a small one more,
-so that what touches answers to it. Where several terms can, it is the one that steps agree on.
+A term explains a velocity difference that its force can cause: one along the term's generalised
+force, or along the Jacobian rows of two bodies' contacts. The effect of a force is measured, by
+steps with a small additional force, so that it includes the response of contacts. If several terms
+explain a difference, the term that explains most steps is reported.
 """
 
 from __future__ import annotations
@@ -30,18 +31,21 @@ LEFT, MOSTLY = 0.02, 0.25
 """Share of a gap's energy that a term may leave in a step that identifies it, and in a step that is
 attributed to a term identified by others."""
 SAME, AGREE, OFTEN = 0.1, 0.6, 0.8
-"""Factors count as equal if they differ by this share of their distance from 1; the share of steps
-whose factors must be equal; and the share of the most explained steps that a term must explain."""
+"""Tolerance for equal factors, as a share of their distance from 1; the share of steps whose
+factors must be equal; and how many steps a term must explain, as a share of those that the best
+term explains."""
 LEAST, FEWEST = 1e-3, 3
 """Smallest change of a factor that counts, and fewest steps that must agree on it."""
 MOST_OF_ALL = 0.75
-"""Share of the degrees of freedom up to which all contacts together count as one term."""
+"""Contacts together count as one term only if their Jacobian spans at most this share of the
+degrees of freedom."""
 HALF, TENTH = 0.5, 0.1
-"""Shares of the steps that a force without a common factor, and a constraint, must explain."""
+"""Share of the steps that a term must explain to be reported: a force whose factors do not agree,
+and a constraint."""
 MOST_DOFS = 100
 """Largest number of degrees of freedom of a model whose gaps are attributed to terms."""
 FIRST, EVERY = 200, 50
-"""Number of steps with a gap that are examined at first; from then on one of every so many."""
+"""All of this many first steps with a gap are examined, and then every so many."""
 
 
 class GapTerm(NamedTuple):
@@ -58,7 +62,7 @@ class Fit(NamedTuple):
     left: float
     """The share of the gap's energy that remains."""
     factor: float
-    """Ratio of the term's force to MuJoCo's own; nan for a constraint."""
+    """Ratio of the other engine's force to MuJoCo's; nan for a constraint."""
 
 
 @dataclass(frozen=True)
@@ -71,15 +75,15 @@ class Gap:
     names: Sequence[str]
     """The two touching bodies, the actuator, or the joint."""
     steps: int
-    """Number of such steps among those examined."""
+    """Number of examined steps that the term explains."""
     first: int
-    """The first such step, by the state from which it starts."""
+    """The first step that the term explains, by the state from which it starts."""
     apart: float
     """The largest velocity difference [m/s or rad/s]."""
     factor: float | None
-    """Ratio of the term's force to MuJoCo's in most steps, if these agree; otherwise null."""
+    """Ratio of the other engine's force to MuJoCo's in most steps; None if the steps disagree."""
     depth_m: float
-    """Penetration depth of the two bodies in the first such step [m]."""
+    """Penetration depth of the two bodies in the first explained step [m]."""
 
 
 class _Looked(NamedTuple):
@@ -100,7 +104,7 @@ class Gaps:
     Parameters
     ----------
     steps
-        MuJoCo's own steps.
+        MuJoCo's steps from the recorded states.
     """
 
     def __init__(self, steps: ImportedSteps) -> None:

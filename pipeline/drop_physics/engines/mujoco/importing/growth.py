@@ -1,8 +1,8 @@
 """Finds the force term that makes the states of an unstable run grow without bound.
 
-The derivative of a step by its state has an eigenvalue above 1 where a small difference grows. Its
-mode says in which joint, and the change of each term's force along it says by which: the one that
-drives it most.
+Small differences grow if the derivative of a step with respect to its start state has an eigenvalue
+above 1. The eigenvector shows the joint that moves; the cause is the term whose force, changed
+along the eigenvector, drives that motion most.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ from drop_physics.engines.mujoco.importing.steps import ImportedStep, ImportedSt
 Float64 = NDArray[np.float64]
 
 GROWS = 1.2
-"""An eigenvalue above this is more than a body falling over: it is a factor of six in ten steps."""
+"""Smallest eigenvalue that counts as unstable: a growth by a factor of six in ten steps, faster
+than a body that falls over."""
 NUDGE = 1e-6
 LOUD = 1e3
-"""A control more than this many times the largest earlier one, and 1, is not part of the same
-motion."""
+"""A control above this many times the largest earlier control, or 1 if that is larger, is itself
+the cause of the growth."""
 MOST, MOST_BY_STAGES = (4.0, 2.0), (8.0, 2.79)
 """Stability limits of a spring, h² k/I, and of a damper, h b/I: for semi-implicit Euler with forces
 from the beginning of the step, and for fourth-order Runge-Kutta (Hairer and Wanner II, IV.2)."""
@@ -44,8 +45,8 @@ class GrowingStates(NamedTuple):
     state: int
     term: GapTerm
     factor: float
-    """Factor by which a step amplifies a small difference; for a control that is too large, its
-    ratio to the largest earlier one."""
+    """Factor by which a step amplifies a small difference; if a control is too large, its ratio to
+    the largest earlier control."""
     joint: str = ""
     unit: str = ""
     """Unit of the joint's position."""
@@ -60,7 +61,7 @@ class GrowingStates(NamedTuple):
     depth_m: float = 0.0
     """Penetration depth of two bodies, if the term is their contact [m]."""
     loud: float = 0.0
-    """Control of an actuator, if that alone is too large; else 0."""
+    """The control of an actuator, if that control alone is too large; otherwise 0."""
 
 
 def growth_of(steps: ImportedSteps, last: Sequence[ImportedStep]) -> GrowingStates | None:

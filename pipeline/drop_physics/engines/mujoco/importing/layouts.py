@@ -31,13 +31,13 @@ NAMES = {
     "qacc_warmstart": ("qacc_warmstart", "warmstart"),
     "states": ("states", "state"),
 }
-"""Common names of the arrays to be read, in lower case; `states` holds whole states, one per
-row."""
+"""Common names of the arrays that are read, in lower case; an array `states` holds whole states,
+one per row."""
 STEP_OF = re.compile(r"states_step_(\d+)")
 """Names of arrays with the states of all worlds in one step, as mjlab's NaN guard saves them."""
 APART = 10.0
-"""A world is an outlier if its final state is this many times as far from the others as these are
-from each other."""
+"""A world is an outlier if its final state is this many times farther from the other worlds' states
+than they are from each other."""
 TOLERATED = 0.02
 """Share of a timestep by which the time between two states may deviate from it."""
 
@@ -57,7 +57,7 @@ class FoundStates:
     ended: Message | None = None
     """Remark on the first state that is not finite; None if all are finite."""
     is_beyond: bool = False
-    """Whether that state is the one that follows the last recorded state."""
+    """Whether the state that is not finite directly follows the last recorded state."""
 
 
 def asked_names(maps: Sequence[str], archive: Archive) -> dict[str, str]:
@@ -104,9 +104,10 @@ def states_in(
     m
         The MjModel.
     maps
-        What the user says of the names.
+        The file's array names that the user gave, by state array.
     world
-        The world; None for the first that becomes no number, or the one that is apart.
+        Index of the world; None for the first world whose state becomes non-finite, or else the
+        outlier.
 
     Raises
     ------

@@ -1,9 +1,9 @@
 """Compares recorded states of another program with MuJoCo's step from each of them.
 
-A step is near if MuJoCo leads to the recorded state within the tolerance of the numbers: the spread
-of steps from states nudged by one rounding of the stored type. If no controls were recorded, a step
-is taken with those of the step before, or else with those that lead closest to the next state: then
-a difference of engines that looks like an actuator's force cannot be told from one.
+A step is near if MuJoCo reaches the recorded state within rounding: within the spread of steps from
+states that differ by one rounding of the stored type. If no controls were recorded, a step uses
+those of the previous step, or else the controls that lead closest to the next state. A difference
+between engines that resembles an actuator's force then cannot be distinguished from a control.
 """
 
 from __future__ import annotations
@@ -41,15 +41,16 @@ WIDTHS = {
 INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", "eq_active", "mocap_pos", "mocap_quat")
 NUDGES = 5
 MARGIN = 4.0
-"""A gap of up to this many spreads counts as rounding: five steps show about half of what is
-possible."""
+"""A difference up to this many times the spread of five nudged steps counts as rounding, since five
+samples show about half of the possible spread."""
 ROUNDS = 8
 """Largest number of least-squares iterations that determine controls; contacts need more than
 one."""
 NUDGED = 1e-3
 """Relative change of a control that measures its effect."""
 ALIGNED = 64
-"""Number of steps that are tested for which state the controls belong to."""
+"""Number of steps used to determine whether a control is stored with its step's start or end state.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +81,8 @@ class ImportedStep(NamedTuple):
     ctrl: Float64
     """The controls with which the step was made, shape (nu,)."""
     given: Float64
-    """The same controls, or the last known ones if none lead to the next state, shape (nu,)."""
+    """The controls in `ctrl`; if those do not lead to the next state, the last known controls,
+    shape (nu,)."""
     warmstart: Float64
     """Warm start of the next step's solver, shape (nv,)."""
     rates: Float64
@@ -88,7 +90,7 @@ class ImportedStep(NamedTuple):
     gap: Float64
     """The recorded velocities minus MuJoCo's, shape (nv,)."""
     allowed: Float64
-    """The part of that difference that may be rounding, shape (nv,)."""
+    """The part of `gap` that may be rounding, shape (nv,)."""
     moved: bool
     """Whether only the positions differ."""
 
@@ -126,7 +128,7 @@ class ImportedSteps:
     m
         The MjModel.
     states
-        The states.
+        The recorded states.
     """
 
     def __init__(self, m: Any, states: ImportedStates) -> None:  # noqa: ANN401
@@ -156,7 +158,7 @@ class ImportedSteps:
     def goes_on(self) -> bool:
         """Return whether MuJoCo's step from the last state leads to a valid state.
 
-        Its controls are those of the step before.
+        If the file has no controls, the step uses those of the previous step.
         """
         d = self._other
         self._load(d, len(self.states) - 1)

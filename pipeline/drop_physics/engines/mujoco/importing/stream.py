@@ -39,12 +39,11 @@ def stream_of(
     Parameters
     ----------
     steps
-        MuJoCo's own steps from the states.
+        MuJoCo's steps from the recorded states.
     tell
-        Called with each.
+        A function that is called with each step.
     stepped
-        Whether the states are a timestep apart: else no step leads from one to the next, and none
-        is taken.
+        Whether consecutive states are one timestep apart; otherwise no steps are made.
     """
     m, states = steps.m, steps.states
     data = mujoco.MjData(m)

@@ -1,8 +1,8 @@
 """Watches a MuJoCo script from within its own interpreter, and sends its steps to `drop record`.
 
 It needs Python 3.9 or later, numpy, and the script's own mujoco (3.3 or later). Functions of mujoco
-are replaced by ones that call them (`hooks`); writes of the script without a call are found by
-comparing memory (`memory`, `followed`). No number is touched.
+are replaced by wrappers (`hooks`); writes that the script makes without a call are found by
+comparing memory (`memory`, `followed`). No number is changed.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ IDLE_CALLS = 10
 """Number of `mj_forward` calls after which a script without steps counts as waiting for motion."""
 MEMORY, POSED, FIRST, RESET = map(CAUSES.index, ("memory", "posed", "first", "step"))
 FRAME = struct.Struct("<cI" + STEP_HEAD.format[1:])
-"""Header of a frame, and of a step within it."""
+"""Header of a step's frame: that of the frame, then that of the step."""
 
 
 class WatchedModel:
@@ -51,11 +51,11 @@ class WatchedModel:
     Parameters
     ----------
     watch
-        What is told.
+        The watch that sends the messages.
     m
         The MjModel; nothing here keeps it alive.
     number
-        Its number in the stream.
+        The model's number in the stream.
     """
 
     def __init__(self, watch: MujocoWatch, m: Any, number: int) -> None:
@@ -117,13 +117,13 @@ class WatchedModel:
 class SensorExtremes:
     """The first, last, least and greatest reading of each sensor, tendon and actuator.
 
-    Tendons have a length, actuators a length and a force; they come after the sensors. All are in
-    memory that the recorder shares: no crash loses any.
+    Readings of sensors come first, then the tendons' lengths, then the actuators' lengths and
+    forces. They lie in memory shared with the recorder, so a crash loses none.
     """
 
     @staticmethod
     def of(watch: MujocoWatch, d: Any) -> SensorExtremes | None:
-        """Make the record of extremes for an MjData; None without readings, or without memory."""
+        """Create the record of extremes for an MjData; None without readings or shared memory."""
         numbers = d.sensordata, d.ten_length, d.actuator_length, d.actuator_force
         read = [each for each in numbers if each.size]
         size = EXTREMES * sum(each.size for each in read)
@@ -161,15 +161,15 @@ class WatchedData:
     Parameters
     ----------
     watch
-        What is told.
+        The watch that sends the messages.
     model
-        The model that it was last stepped with.
+        The model with which the MjData was last stepped.
     d
         The MjData; nothing here keeps it alive.
     number
-        Its number in the stream.
+        The simulation's number in the stream.
     site
-        Where it was seen first.
+        The call site at which the MjData was first observed.
     """
 
     def __init__(
@@ -234,7 +234,7 @@ class WatchedData:
         self.time = time
 
     def tell_written(self, d: Any, site: int, cause: int, argument: int = 0) -> None:
-        """Send state arrays that changed otherwise than by a step."""
+        """Send state arrays that something other than a step changed."""
         count, parts = 0, b""
         for stretch in self._stretches:
             if stretch.saved != stretch.view:
@@ -260,9 +260,10 @@ class WatchedData:
                 self.tell_written(d, site, cause)
 
     def _count_idle(self) -> None:
-        """Report once that a loop recomputes derived data while no state changes.
+        """Report once that a loop recomputes derived data while positions and velocities stay.
 
-        A script that moves something after the first call is not waiting for a step.
+        A script whose state changes after the first such call is not waiting for a step: it is
+        never reported.
         """
         core, still = self.core, self._idle + 1
         moving = (part for part in core.parts if part.name in MOVING)
@@ -285,9 +286,11 @@ class WatchedData:
         self.watch.send(DONE_HEAD.pack(DONE, cause, 0, self.number, site, digest))
 
     def staleness(self, everything: bool) -> int:
-        """Send the state behind a step's derived data if it is older than the step's own.
+        """Send the state behind a step's derived data if it differs from the current state.
 
-        With `everything`, the step takes from the state only the part to which it adds.
+        With `everything`, all state arrays are compared; otherwise only those used in computing
+        positions, velocities and constraints. Returns the flags of the step: `STALE`, `UNPOSED` or
+        0.
         """
         posed, self._posed = self._posed, None
         if posed is None:
@@ -381,8 +384,8 @@ class WatchedData:
 
 
 PLAIN = 1 << 18
-"""Core states up to this size are written directly into the block, of which they take a quarter at
-most."""
+"""Core states up to this size [bytes] are written directly into the shared memory block, of which
+one takes at most a quarter."""
 _POSING = ("qpos", "qvel", "act", "mocap_pos", "mocap_quat", "eq_active")
 """Inputs used in computing positions, velocities and constraints."""
 _PASSIVE = 1

@@ -1,7 +1,7 @@
 """Replaces functions of mujoco that step or set a state by wrappers that report the calls.
 
-The script sees no difference: numbers are MuJoCo's own, to the last bit. Other functions that step
-a model (`uncaught`) are named, and a window is answered by `viewer`.
+The script gets the same numbers as without wrappers, to the last bit. Other functions that step a
+model are only reported (`uncaught`), and `viewer` replaces windows.
 """
 
 from __future__ import annotations
@@ -40,16 +40,17 @@ RESETS = (
 )
 """Functions that set the whole state."""
 WHICH = {"mj_copyData": (1, 0), "mj_copyState": (0, 2)}
-"""Argument indices of the model, and of the state that is changed; by default (0, 1)."""
+"""Indices of the model and of the changed state among a function's arguments; (0, 1) for functions
+not listed."""
 POSES = (
     *("mj_forward", "mj_step1", "mj_inverse", "mj_fwdPosition", "mj_kinematics"),
     *("mj_fwdKinematics", "mj_forwardSkip"),
 )
 """Functions that recompute derived data from the current state."""
 COMPLETE = ("mj_forward", "mj_step1")
-"""Those that compute everything that `mj_step2` and the integrators use."""
+"""Functions among these that compute everything that `mj_step2` and the integrators use."""
 MANY = 64
-"""Number of new states after which those released by the script are forgotten."""
+"""After this many new states, those that the script has released are forgotten."""
 MOST_WARNINGS = 100
 """Largest number of different warning texts that are sent."""
 WARNS_TO_STDERR = (3, 9)
@@ -62,9 +63,9 @@ class MujocoWatch(EngineWatch):
     Parameters
     ----------
     host
-        What watches the script.
+        The watch of the script, of which this engine's is a part.
     operations, variation
-        What differs in the run, as `ModelChanges` takes it.
+        The differences of a trial run from the script's own run (see `ModelChanges`).
     """
 
     name = "MuJoCo"
@@ -118,11 +119,11 @@ class MujocoWatch(EngineWatch):
         self._changes.become(trial["interventions"], trial["variation"] or {})
 
     def can_become(self, trial: dict[str, Any]) -> bool:
-        """Return whether a trial run differs from this one only after models are loaded."""
+        """Return whether a trial run differs from this run only after models are loaded."""
         return not any(each.get("at_load") for each in trial["interventions"])
 
     def possible(self, rows: Sequence[dict[str, Any]]) -> list[Change]:
-        """Return the single changes that could be tried, from the rows of a table."""
+        """Return the single changes that the rows of a table allow in this run."""
         seen = self._changes.seen.values()
         return [change for each in seen for change in possible(self.mujoco, rows, each)]
 
@@ -242,7 +243,7 @@ class MujocoWatch(EngineWatch):
     def seen(self, m: Any, d: Any, place: Any) -> tuple[WatchedData | None, int]:
         """Return the `WatchedData` of an MjData, and the call site; None if it cannot be followed.
 
-        The caller holds the turn.
+        The caller must hold `host.lock`.
         """
         try:
             site = self.site_of(place)
@@ -327,7 +328,7 @@ class MujocoWatch(EngineWatch):
     # -- warnings ---------------------------------------------------------------------------------
 
     def _hook_warnings(self, module: Any) -> None:
-        """Print MuJoCo's warnings, which it would append to its log file."""
+        """Print MuJoCo's warnings instead of appending them to its log file."""
         setter, getter = module.set_mju_user_warning, module.get_mju_user_warning
         if getattr(setter, "drop_watch", None) is self:
             return
@@ -443,7 +444,7 @@ def _stepping(watch: MujocoWatch, name: str, original: Any) -> Any:
 def _arguments(args: Any, kwargs: Any, takes_steps: bool) -> Any:
     """Return model, data, number of steps and further arguments of a step function's call.
 
-    None if it cannot be called with these.
+    None if the function does not accept these arguments.
     """
     names = ("m", "d", "nstep" if takes_steps else "N")
     given = {**dict(zip(names, args)), **kwargs}
@@ -482,7 +483,7 @@ def _resetting(watch: MujocoWatch, name: str, original: Any) -> Any:
 
 
 def _posing(watch: MujocoWatch, name: str, original: Any) -> Any:
-    """Wrap a function that uses the current state, so that the script's writes are sent before."""
+    """Wrap a function that reads the current state, so that the script's writes are sent first."""
     host, cause, reads = watch.host, CAUSES.index(name), name in READS
     complete, callbacks, now = name in COMPLETE, watch.callbacks, watch.stepping
 

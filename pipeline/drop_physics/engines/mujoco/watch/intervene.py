@@ -1,8 +1,8 @@
 """Makes trial changes in a MuJoCo script's run: to model, inputs or state, at each call.
 
-The model holds the changes only while a function of MuJoCo runs: so they are recorded and replayed,
-and the script reads, and edits, its own values. The changes arrive as data; the words of MuJoCo are
-in `interventions`, beside this folder.
+The model is changed only while a function of MuJoCo runs: the changed values are recorded and
+replayed, but the script reads and edits its own values. The changes arrive as data;
+`engines/mujoco/interventions.py` defines them.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ DERIVED = (
 )
 """Fields that MuJoCo derives from masses, inertias and armatures (`mj_setConst`)."""
 SOURCES = (*DERIVED_FROM, "body_iquat")
-"""Fields from which MuJoCo derives them."""
+"""Fields from which MuJoCo computes the derived fields."""
 SAME = 1e-6
-"""Largest coordinate difference at which a pose counts as that of a keyframe."""
+"""Largest coordinate difference at which a pose counts as equal to a keyframe's [m, rad]."""
 RESETS = ("mj_resetData", "mj_resetDataKeyframe", "mj_resetDataDebug", "mj_setState")
 """Functions that set the state by a call, unlike the script's own writes."""
 LOADS = ("from_xml_path", "from_xml_string", "from_binary_path")
@@ -61,14 +61,15 @@ class ModelChanges:
     Parameters
     ----------
     watch
-        What hooks the functions of mujoco.
+        The watch that wraps the functions of mujoco.
     operations
-        As `interventions` makes them, those of other engines among them.
+        The operations of `interventions`; those for other engines are ignored.
     variation
-        What is varied: `finer`, steps of the engine for each of the script's; `nudge`, the largest
-        displacement before the first step [m, rad], and `seed`, what draws it.
+        The variation of the run: `finer`, the engine's steps per step of the script; `nudge`, the
+        largest displacement before the first step [m, rad], and `seed`, the seed of the random
+        displacements.
     tell
-        Called with the number of an operation when it does something.
+        A function that is called with the number of an operation when that takes effect.
     """
 
     def __init__(
@@ -100,7 +101,7 @@ class ModelChanges:
 
     @property
     def any(self) -> bool:
-        """True if this run differs from the script's own in anything."""
+        """True if this run differs in any way from the script's own."""
         return bool(self._operations) or self.finer > 1 or self._nudge > 0
 
     def fire(self, number: int) -> None:
@@ -123,7 +124,7 @@ class ModelChanges:
         return found
 
     def seen_of(self, m: Any, d: Any) -> SeenInputs | None:
-        """Return the contacts and inputs seen in a model's run; equal models share one record."""
+        """Return the record of a model's contacts and inputs; models of equal size share one."""
         if not any(self.of("see")):
             return None
         return self.seen.setdefault(tuple(sizes(m)), SeenInputs(m, d))
@@ -203,7 +204,7 @@ class ModelChanges:
             self._watch.host.forks.stop(steps=steps)
 
     def _pose(self, m: Any, data: ChangedData) -> None:
-        """Recompute derived data for a function that reads them without recomputing."""
+        """Update derived data before a function that reads them without recomputing them."""
         for number, _ in self.of("pose"):
             if not data.is_posed:
                 self.fire(number)
@@ -284,14 +285,14 @@ class ModelChanges:
 
 
 class ChangedModel:
-    """A model that has changed contents only while a function of MuJoCo runs.
+    """A model whose fields are changed only while a function of MuJoCo runs.
 
     Parameters
     ----------
     changes
-        What differs.
+        The changes of the trial run.
     watch
-        What hooks the functions of mujoco.
+        The watch that wraps the functions of mujoco.
     m
         The MjModel; nothing here keeps it alive.
     """
@@ -337,7 +338,7 @@ class ChangedModel:
                 self._derive(m)
 
     def _undo(self, m: Any, number: int, name: str, *, of_site: bool) -> None:
-        """Undo what the script wrote into a field since the last call, if that line wrote it."""
+        """Undo the script's write to a field since the last call, if the given line made it."""
         held = np.array(field_of(m, name))
         known = self._known.setdefault(name, held)
         if np.array_equal(held, known):
@@ -356,7 +357,7 @@ class ChangedModel:
                 set_field(m, *self._kept.pop())
 
     def _derive(self, m: Any) -> None:
-        """Recompute the model's derived fields, for the masses it now has."""
+        """Recompute the model's derived fields from its current masses, inertias and armatures."""
         key = b"".join(getattr(m, name).tobytes() for name in SOURCES)
         if self._derived is None or self._derived[0] != key:
             before = {name: getattr(m, name).copy() for name in DERIVED if hasattr(m, name)}
@@ -379,14 +380,14 @@ class ChangedModel:
 class ChangedData:
     """A simulation's state, into which trial changes are written around steps.
 
-    The script's own inputs are back after the step.
+    After the step, the script's own inputs are restored.
 
     Parameters
     ----------
     changes
-        What differs.
+        The changes of the trial run.
     watch
-        What hooks the functions of mujoco.
+        The watch that wraps the functions of mujoco.
     m, d
         The MjModel and the MjData; nothing here keeps them alive.
     """
@@ -457,7 +458,7 @@ class ChangedData:
             self._give(number, getattr(d, each["part"]).reshape(-1), each["ids"], each["how"])
 
     def _give(self, number: int, part: Any, its: Sequence[int], how: Sequence[Any]) -> None:
-        """Replace an input in a step by its first, previous or recorded value, or change it."""
+        """Replace an input of a step by its first, previous or recorded value, or change it."""
         own = part[its].copy()
         if how[0] == "held":
             new = self._input.setdefault(number, own)
@@ -503,7 +504,7 @@ class ChangedData:
                 break
 
     def _hold(self, m: Any, d: Any, qpos: Any, ctrl: Any) -> None:
-        """Command servos to the positions to which the script set their joints."""
+        """Set the command of each servo to the position to which the script set its joint."""
         moved = d.qpos != qpos
         for actuator in range(m.nu):
             joint = m.actuator_trnid[actuator, 0]
@@ -523,7 +524,7 @@ class ChangedData:
             self._last = d.qpos.copy(), d.ctrl.copy()
 
     def after(self, name: str) -> None:
-        """Save the state after a step or reset, to tell the script's later writes from it."""
+        """Save the state after a step or reset, to recognise later writes by the script."""
         d = self.ref()
         if d is None:
             return

@@ -97,7 +97,7 @@ class ObservedData(Observed):
         return found
 
     def is_finite(self) -> bool:
-        """Return whether the state is finite and MuJoCo has not reset it for being unstable."""
+        """Return whether the state is finite and MuJoCo has not reset it as unstable."""
         d, warnings = self._owner, self._module.mjtWarning
         warned = any(d.warning[int(getattr(warnings, name))].number for name in UNSTABLE)
         return not warned and bool(np.isfinite(d.qpos).all() and np.isfinite(d.qvel).all())

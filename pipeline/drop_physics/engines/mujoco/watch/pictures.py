@@ -26,9 +26,9 @@ def install(watch: MujocoWatch, renderer: Any) -> None:
     Parameters
     ----------
     watch
-        What is told.
+        The watch that sends the digests.
     renderer
-        The class.
+        The class `mujoco.Renderer`.
     """
     shown: dict[int, int] = {}
     """The `id` of the state that each renderer shows, by its own."""

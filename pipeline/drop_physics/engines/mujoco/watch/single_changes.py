@@ -1,7 +1,7 @@
 """Lists the single changes that could be tried on a MuJoCo run, and how to make each.
 
-The rows arrive as data (`interventions`). Their elements are found in the model by number, since
-many have no name.
+The rows of the table of changes arrive as data (`interventions`). Elements are identified by index,
+since many have no name.
 """
 
 from __future__ import annotations
@@ -49,12 +49,13 @@ OF_CONTACT = (
     "geom_margin",
 )
 SAME_FRAME = {"geom_pos": "geom_sameframe", "site_pos": "site_sameframe"}
-"""Flags that mark a position in the compiled model as that of a body, or of its inertia."""
+"""Flags of the compiled model that say that a position is that of the body or of its inertia; a
+change of the position has to clear them."""
 DERIVED_FROM = (
     *("body_mass", "body_inertia", "body_ipos", "body_gravcomp"),
     *("dof_armature", "actuator_gear", "jnt_pos", "site_pos"),
 )
-"""Fields from which MuJoCo derives others."""
+"""Fields from which MuJoCo computes derived fields."""
 ROLLS = 6
 """The `condim` of contacts with torsional and rolling friction."""
 STIFF_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
@@ -64,12 +65,12 @@ AFFINE, MESH = 1, 7
 ALL_PAIRS = 8
 """Largest number of actuators for which all pairs are exchanged; for more, only adjacent ones."""
 BRAKES = ("dof_damping", "dof_frictionloss", "dof_armature", "jnt_stiffness")
-"""Fields that hold a joint back."""
+"""Fields that resist a joint's motion."""
 
 Group = tuple[Sequence[Any], bool]
 """Elements that are changed together, and whether that removes a part of the scene."""
 Written = tuple[str, Any, Sequence[int]]
-"""A field, its operator with the operand, and elements."""
+"""A model field, the operation on it (operator and operand), and the indices of its elements."""
 
 
 def possible(module: Any, rows: Sequence[Mapping[str, Any]], seen: SeenInputs) -> list[Change]:
@@ -78,12 +79,12 @@ def possible(module: Any, rows: Sequence[Mapping[str, Any]], seen: SeenInputs) -
     Parameters
     ----------
     module
-        The script's mujoco.
+        The module `mujoco` of the script.
     rows
-        Of each its `change`, its operators `tries`, those of them that `breaks` has, and the
-        engine's `default`.
+        Rows with the keys `change`, `tries` (operators), `breaks` (those operators that remove
+        something) and `default` (the engine's default).
     seen
-        What is seen of the script's own run.
+        The contacts and inputs of the script's own run.
     """
     found, m = [], seen.model
     for row in rows:
@@ -133,9 +134,9 @@ def _ordered(op: str, ids: Sequence[int]) -> Iterator[Group]:
 
 
 def _supports(m: Any, change: Change, ids: Sequence[Any]) -> Iterator[Group]:
-    """Yield elements in two groups: last those that hold a robot's base from outside.
+    """Yield elements in two groups; the second are joints that hold a robot's base from outside.
 
-    These are the joints of its base that no actuator drives: what brakes them stands in no robot.
+    These are joints of the base that no actuator drives: a real robot has no such brake.
     """
     outside: list[Any] = []
     if change.change in BRAKES and change.op != "=0":
@@ -178,7 +179,8 @@ def _body_of(m: Any, kind: str, which: Any) -> int:
 def name_of(module: Any, m: Any, kind: str, which: Any) -> str:
     """Return an element's name; an unnamed element is named after the body or joint that owns it.
 
-    The only element of its kind in a body has the body's name, unless another has that.
+    If an element is the only one of its type in a body, it gets the body's name, unless another
+    element has that name.
     """
     if kind == "contact":
         return " x ".join(name_of(module, m, "geom", geom) for geom in which)
@@ -200,7 +202,7 @@ def name_of(module: Any, m: Any, kind: str, which: Any) -> str:
 
 
 def _elements(m: Any, change: Change, seen: SeenInputs) -> tuple[str, Sequence[Any]] | None:
-    """Return type and indices of the elements that a change may apply to; None for a whole run."""
+    """Return the type and indices of elements that a change may apply to; None for options."""
     name, _, part = change.change.partition(".")
     if name == "input":
         return OF_INPUTS[part], _owners(m, part, sorted(seen.written[part]))
@@ -239,7 +241,7 @@ def _owners(m: Any, part: str, flat: Sequence[int]) -> list[int]:
 
 
 def _numbers(module: Any, m: Any, part: str, ids: Sequence[int]) -> list[int]:
-    """Return the indices of an input array's numbers that belong to the given elements."""
+    """Return the indices in an input array that belong to the given elements."""
     if part in ("qfrc_applied", "qvel"):
         return [int(dof) for dof in rows_of(module, m, "dof", "joint", ids)]
     if part == "qpos":
@@ -363,7 +365,7 @@ def _written(module: Any, m: Any, change: Change) -> Iterator[Written]:
 
 
 def _servo(m: Any, name: str, ids: Sequence[int], how: Any) -> Iterator[Written]:
-    """Yield the writes that set a servo's gains: `kp` is a gain and a bias, `kv` a bias.
+    """Yield the writes that set servo gains: kp appears in gain and bias, kv in the bias.
 
     For a velocity servo, kv is the gain, too.
     """

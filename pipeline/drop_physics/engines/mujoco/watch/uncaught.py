@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from .hooks import MujocoWatch
 
 IMPORTED = ("mujoco.mjx", "mujoco_warp")
-"""Modules whose steps run elsewhere: reported once they are imported."""
+"""Modules that make steps outside MuJoCo's own functions; their import is reported."""
 CALLED = {
     "mujoco.rollout": ("rollout", "Rollout.rollout"),
     "mujoco.batch": ("Batch.step", "Batch.forward"),
 }
-"""Functions that step in their own threads: reported once they are called."""
+"""Functions that make steps in threads of their own; their first call is reported."""
 
 
 def install(watch: MujocoWatch, names: tuple[str, ...], module: ModuleType) -> None:

@@ -2,12 +2,13 @@
 
 A watched script's process fills new memory with a fixed value (glibc's `MALLOC_PERTURB_`), so that
 values read before they are set are the same in each run. MuJoCo allocates the arena of a state at
-its largest possible size, 530 MB for 500 boxes, and uses next to nothing of it: filled, all of it
-is real memory. MuJoCo writes to its arena before it reads from it.
+its largest possible size, 530 MB for 500 boxes, and uses hardly any of it. Filling it would turn
+all of it into real memory. It need not be filled: MuJoCo writes to its arena before it reads from
+it.
 
-Freed memory is filled, too, 14 MB for a state of one body; but not what is returned to the system
-at once. glibc does so with large pieces until one was freed: from then on pieces of that size are
-of its heap, unless it is told the size.
+glibc fills freed memory, too, 14 MB for a state of one body, unless it returns the memory to the
+system at once. It does so for large blocks, but raises the size limit once such a block was freed,
+unless the limit was set explicitly.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ VARIABLE = "MALLOC_PERTURB_"
 M_PERTURB, M_MMAP_THRESHOLD, M_TRIM_THRESHOLD = -6, -3, -1
 """Option numbers from glibc's `malloc.h`."""
 OWN_BYTES, LARGEST_BYTES = 1 << 17, 1 << 25
-"""Block sizes above which freed memory is returned at once: glibc's initial value, and its largest,
-which it uses after a script has freed so large an array."""
+"""Block sizes above which glibc returns freed memory to the system at once: its initial limit, and
+the highest, up to which it raises the limit when a script frees large arrays."""
 MAKES = {
     "MjData": ("__init__", "__copy__", "__deepcopy__"),
     "MjSpec": ("compile", "recompile"),
 }
 LOADS = {"MjModel": ("from_xml_string", "from_xml_path", "from_binary_path")}
-"""Methods, and static methods, that allocate an arena; the compiler creates a state, too."""
+"""Methods and static methods that allocate an arena; compiling an MjSpec creates an MjData, too."""
 
 
 def install(module: ModuleType, on_removal: Callable[[Callable[[], None]], None]) -> None:

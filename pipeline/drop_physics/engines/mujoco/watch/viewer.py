@@ -23,7 +23,7 @@ SHOWN = (
 STEPS_IN_A_WINDOW = ("launch", "launch_repl", "launch_from_path")
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 MOST_GEOMS = 10_000
-"""Largest number of geoms that a script may draw, as in a real window."""
+"""Largest number of geoms that a script may draw, as in MuJoCo's own viewer."""
 
 
 class QuietViewer:
@@ -32,9 +32,9 @@ class QuietViewer:
     Parameters
     ----------
     watch
-        What ends a script that waits for a user who is not there.
+        The watch, which ends a script that waits for a user's input.
     m, d
-        What it would show.
+        The MjModel and MjData that the viewer would show.
     """
 
     def __init__(self, watch: MujocoWatch, m: Any, d: Any) -> None:

@@ -12,10 +12,10 @@ import numpy as np
 from ...watching.operators import becoming
 
 Operation = Mapping[str, Any]
-"""An operation, whose kind is its `do`."""
+"""An operation on a run, as data; the key `do` says which kind."""
 Write = tuple[str, Any, Callable[[Any], Any]]
-"""A field, as a script writes it: `geom_friction`, `opt.timestep`; indices of its elements, None
-for all; and a function to their new values."""
+"""A write to a model: the field, named as scripts write it (`geom_friction`, `opt.timestep`); the
+indices of its elements, None for all; and a function from old values to new ones."""
 
 FREE, BALL = 0, 1
 """Joint types (`mjtJoint`); types with higher numbers have one coordinate."""
@@ -26,9 +26,9 @@ SIZES = ("nq", "nv", "nu", "nbody", "ngeom", "nsite", "neq", "ntendon")
 BITS = 31
 """Number of bits of `contype` and `conaffinity` that are used."""
 NOT_A_PAIR = 0
-"""A body-pair signature that no pair has: the world with itself."""
+"""A body-pair signature that no pair of bodies has: the world paired with itself."""
 BY_JOINT = (0, 1)
-"""Transmission types of an actuator that acts on a joint (`mjtTrn`)."""
+"""Transmission types of actuators that act on joints (`mjtTrn`)."""
 
 
 def writes_of(module: Any, m: Any, operation: Operation) -> Iterator[Write]:
@@ -142,7 +142,7 @@ def sizes(m: Any) -> list[int]:
 
 
 def _geoms(module: Any, m: Any, names: Sequence[str]) -> list[int]:
-    """Return the geoms that an operation makes able to collide; by default all."""
+    """Return the geoms of bodies that can collide; all their geoms if none can."""
     mine = rows_of(module, m, "geom", "body", named(module, m, "body", names))
     solid = mine[(m.geom_contype[mine] | m.geom_conaffinity[mine]) != 0]
     return [int(each) for each in (solid if len(solid) else mine)]
@@ -151,7 +151,10 @@ def _geoms(module: Any, m: Any, names: Sequence[str]) -> list[int]:
 def _sides(
     module: Any, m: Any, first: Sequence[str], second: Sequence[str] | None
 ) -> list[tuple[list[int], list[int]]]:
-    """Return the geoms of named bodies, and those of the bodies with which contacts change."""
+    """Return pairs of geom lists: geoms of the named bodies, and their collision partners.
+
+    Without partners (`second`), these are the geoms of the parent bodies.
+    """
     if second is not None:
         return [(_geoms(module, m, first), _geoms(module, m, second))]
     parents = {int(m.body_parentid[each]) for each in named(module, m, "body", first)}
@@ -177,7 +180,8 @@ def _meeting(m: Any, first: Sequence[int], second: Sequence[int]) -> Iterator[Wr
 def _parting(m: Any, sides: Sequence[tuple[Sequence[int], Sequence[int]]]) -> Iterator[Write]:
     """Yield writes that stop collisions between two groups of geoms.
 
-    Each combination of the first side's bits gets a new bit, which former partners answer.
+    The first side's geoms exchange their bits for new ones, one for each combination of old bits.
+    All former partners that do not belong to the second side get the matching new bit.
     """
     types, affinities = m.geom_contype.copy(), m.geom_conaffinity.copy()
     for mine, theirs in sides:

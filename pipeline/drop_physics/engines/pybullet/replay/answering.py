@@ -1,8 +1,9 @@
 """Serves requests to repeat recorded calls, and replies with the states after each step.
 
-A request is a line of JSON: the calls, each with its function, its arguments by name, what it makes
-and how many steps precede it; and the number of steps. `["body", 3]` in an argument stands for what
-the call that makes it has returned. An answer is a line of JSON, and the numbers that it announces.
+A request is a line of JSON: the calls and the number of steps. A call has its function, its
+arguments by name, the object that it creates, and the number of steps before it. `["body", 3]` in
+an argument stands for the id returned by the call that created body 3. An answer is a line of JSON,
+followed by as many numbers as the line says.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ def _play(
     rows: list[list[Any]],
     numbers: array[float],
 ) -> None:
-    """Repeat calls and steps in a simulation of their own; append the states after each step."""
+    """Repeat calls and steps in a separate simulation; append the states after each step."""
     client = p.connect(p.DIRECT)
     try:
         for folder in folders:

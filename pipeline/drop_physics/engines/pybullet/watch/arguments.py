@@ -19,8 +19,8 @@ CLIENT_AT = {
 """Index of the client id among each function's arguments; 1000 if it has none."""
 BODY_NAMES = ("bodyUniqueId", "objectUniqueId", "bodyIndex")
 UNNAMED = "setJointMotorControl"
-"""A motor function that takes only positional arguments, and client 0; their number and the mode
-determine their meaning."""
+"""A motor function that takes only positional arguments, and always client 0; the control mode and
+the number of arguments determine what they mean."""
 MODE_AT = 2
 MODES = {
     0: ("targetVelocity", "velocityGain"),

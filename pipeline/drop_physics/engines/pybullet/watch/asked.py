@@ -1,6 +1,6 @@
 """Reads properties that a URDF or MJCF states but PyBullet may not apply.
 
-In a URDF inertia, masses, mimicking joints; in an MJCF damping.
+These are the inertias, masses and mimic joints of a URDF, and the damping of an MJCF.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ _read: dict[str, tuple[Any, dict[str, Any] | None]] = {}
 def asked_of(path: str) -> dict[str, Any] | None:
     """Return the link and joint properties stated in a URDF; None if it cannot be read.
 
-    `links`: name, mass [kg] or None, inertia (none or six numbers), position and angles of its
-    axes. `mimics`: joint, the one it follows, multiplier, offset. `concave`: whether a mesh asks
-    not to be replaced by its hull.
+    `links`: name, mass [kg] or None, inertia (none or six numbers), position and angles of the
+    inertial frame. `mimics`: joint, the joint that it follows, multiplier, offset. `concave`:
+    whether any mesh requests not to be replaced by its convex hull.
     """
     try:
         status = os.stat(path)

@@ -19,8 +19,8 @@ RIGID, SOFT = 1, 3
 MESH = 5
 """Shape type, as in `getCollisionShapeData`."""
 EMPTY_M = 0.0021
-"""Edge length of the bounding box that PyBullet reports for a link without collision shapes: 2
-mm."""
+"""Upper bound [m] for the edges of the bounding box that PyBullet reports for a link without
+collision shapes: they are 2 mm long."""
 FILE = 4
 """Index of a shape's file name in `getVisualShapeData`."""
 MOST_CORNERS = 1000
@@ -63,7 +63,7 @@ class WatchedBody:
     Parameters
     ----------
     number
-        Of this body in this stream: never reused, unlike the engine's id.
+        The number of the body in the stream; unlike the engine's id, it is never reused.
     """
 
     def __init__(
@@ -93,13 +93,13 @@ class WatchedBody:
 
     @property
     def moves(self) -> bool:
-        """True if steps can move it; False if only calls can."""
+        """True if steps can move the body; False if only calls can."""
         return not self.soft and (self.base_moves or bool(self.joints))
 
     def is_carried(self) -> bool:
-        """Return whether a massless base moves only at a velocity that a call has set.
+        """Return whether the base is massless and moves at a velocity set by a call.
 
-        Without mass a btMultiBody moves at that velocity, and a btRigidBody not at all.
+        A massless btMultiBody keeps that velocity; a massless btRigidBody does not move at all.
         """
         if self.soft or self.base_moves or self.dynamics[0][10] == RIGID:
             return False
@@ -163,8 +163,8 @@ class WatchedBody:
     def bounds(self) -> list[float]:
         """Return the corners of the axis-aligned bounding boxes of base and links.
 
-        PyBullet gives a link of a URDF without collision shapes a box of its margins, which nothing
-        touches: here both corners are its centre.
+        For a URDF's link without collision shapes PyBullet reports a box that only consists of
+        margins, and that nothing touches: both corners are then returned as its centre.
         """
         if self.soft:
             return []
@@ -179,7 +179,8 @@ class WatchedBody:
     def _is_empty(self, link: int, edges_m: list[float]) -> bool:
         """Return whether a link has no collision shapes, judging by its bounding box.
 
-        PyBullet does not list those of a btRigidBody: one that is this small counts as empty.
+        PyBullet does not list the collision shapes of a btRigidBody: a link with so small a box
+        counts as empty.
         """
         if max(edges_m) >= EMPTY_M:
             return False
@@ -192,7 +193,8 @@ class WatchedBody:
     def looks(self, search_path: str) -> list[Any]:
         """Return the visual shapes, with the full paths of their mesh files.
 
-        That function returns the name in the call, for which PyBullet has searched.
+        `getVisualShapeData` returns a file's name as given in the call, not the path that PyBullet
+        found.
         """
         if self.soft:
             return []
@@ -232,8 +234,8 @@ class WatchedBody:
 def packing(joints: int) -> Callable[[Any, int, Any], None]:
     """Return a function that packs results of `getJointStates` into a buffer quickly.
 
-    All positions, then all velocities and efforts. The numbers are named in its source, because
-    Python takes three times as long to turn rows into columns.
+    The buffer gets all positions, then all velocities, then all efforts. The function's source text
+    names each number, since transposing the rows in Python takes three times as long.
     """
     rows = ", ".join(f"(p{joint}, v{joint}, _, e{joint})" for joint in range(joints))
     columns = ", ".join(f"{what}{joint}" for what in "pve" for joint in range(joints))

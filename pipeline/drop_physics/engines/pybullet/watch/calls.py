@@ -1,7 +1,7 @@
 """Sends a script's calls compactly: as rows of numbers, after describing each call site once.
 
-A site is a place that calls a function with arguments of one form. It is described once; from then
-on a call from there is its number and the numbers in its arguments.
+A call site is a script line that calls a function with arguments of one form. Its first call sends
+a description; each further call sends only the site's number and the numbers in the arguments.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     how many bytes that makes; the site."""
 
 LONGEST = 128
-"""Largest number of list values that are reported; of a longer list the first ones, and their
-number."""
+"""Largest number of list values that are reported; of a longer list, the first values and the
+length are."""
 MOST_WHOLE = 1 << 53
 """Largest integer that is exact as a double."""
 MOST_PLANS = 4096
@@ -56,7 +56,7 @@ class CallWatch:
         return self._plans.setdefault(name, {})
 
     def forget(self) -> None:
-        """Discard all plans: a simulation has ended, or there are too many."""
+        """Discard all cached plans, because a simulation has ended or there are too many plans."""
         self._codes = []
         for plans in self._plans.values():
             plans.clear()
@@ -69,7 +69,7 @@ class CallWatch:
         kwargs: dict[str, Any],
         place: Any,
     ) -> None:
-        """Send a call; work out how to send the next call from the same site quickly."""
+        """Send a call, and prepare a plan to send further calls from the same site quickly."""
         form, caller = Form(name, args, kwargs), caller_of(place)
         code = caller.f_code
         described = (
@@ -121,8 +121,8 @@ def numbers_of(
 ) -> Callable[..., Any] | None:
     """Return a function that extracts the numbers from the arguments of similar calls.
 
-    It fails if an argument has another length or word, or names another simulation. None if the
-    types of the arguments do not determine their contents.
+    The function raises an error if an argument has another length or text, or refers to another
+    simulation. None if the types of the arguments do not determine their structure.
     """
     terms, checks = [], []
     for at, (key, value) in enumerate([*enumerate(args), *kwargs.items()]):

@@ -1,6 +1,7 @@
 """Corrects poses of MJCF capsules and cylinders, which PyBullet reports wrongly.
 
-PyBullet loads them correctly, but `getVisualShapeData` reports them upright, in the middle.
+PyBullet loads these shapes correctly, but `getVisualShapeData` reports them upright, at the link's
+centre.
 """
 
 from __future__ import annotations
@@ -28,11 +29,11 @@ def lay(shapes: list[Any], names: list[str], path: str | None) -> None:
     Parameters
     ----------
     shapes
-        What `getVisualShapeData` returns, as lists.
+        The result of `getVisualShapeData`, as lists.
     names
-        Of the body's parts, the base first.
+        The names of the base and of the links.
     path
-        The file; None where it is not known.
+        The path of the MJCF file; None if it is unknown.
     """
     ends: dict[str, list[Ends]] = {}
     with contextlib.suppress(OSError):

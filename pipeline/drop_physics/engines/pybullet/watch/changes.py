@@ -1,4 +1,4 @@
-"""Decides what must be read again after a call that changes a simulation."""
+"""Decides which properties must be read again after a call that changes a simulation."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def _loaded(name: str, arguments: dict[str, Any], world: WatchedWorld) -> Loaded
 
 
 def _hiding(world: WatchedWorld, name: str, arguments: dict[str, Any], ids: list[int]) -> list[int]:
-    """Return the bodies whose links PyBullet does not list, of those that a call created."""
+    """Return those of the bodies created by a call whose links PyBullet does not list."""
     if name == "loadMJCF":
         rigid = not arguments.get("useMultiBody", 1)
     else:

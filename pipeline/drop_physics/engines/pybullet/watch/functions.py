@@ -1,7 +1,7 @@
 """Classifies each pybullet function: whether it steps, changes, reads or does none of these.
 
-A test compares it with the module. A function without a role, of another version, is treated as one
-that changes something: it is recorded.
+A test compares this list with pybullet's functions. A function of another version, which is not
+listed, counts as one that changes the simulation: its calls are recorded.
 """
 
 from __future__ import annotations
@@ -94,7 +94,8 @@ READ_AGAIN = CONSTRAINS | those_that(
     "makes shapes",
     "sets properties",
 )
-"""Functions after which something is read again; the effect of others is known from the call."""
+"""Functions after which properties are read again; the effect of other functions follows from the
+call alone."""
 RETURNS = frozenset(
     name
     for role in ROLES
@@ -117,5 +118,5 @@ CHANGES_NOTHING = READS | those_that(
     "keeps notes",
     "asks for the client",
 )
-"""Roles of functions that change nothing: for reading ones only the line is recorded, and how they
-fail."""
+"""Functions that change nothing. For functions that read values, only the calling line and errors
+are recorded."""

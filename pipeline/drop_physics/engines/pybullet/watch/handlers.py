@@ -1,6 +1,7 @@
 """Wrappers that replace pybullet's functions in a watched script, by the function's role.
 
-The common path of a step is short: few calls of Python; other cases go by name.
+The wrapper of the step function makes few Python calls, as it runs most often; all other cases are
+looked up by the function's name.
 """
 
 from __future__ import annotations
@@ -87,9 +88,10 @@ def stepping(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def changing(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Wrap a function that changes a simulation, to send the call and read what changed.
+    """Wrap a function that changes a simulation, to send the call and read changed properties.
 
-    A call like an earlier one goes straight into the block; `Calls.tell` handles the others.
+    A call that resembles an earlier one is written directly to the shared block; `CallWatch.tell`
+    handles all others.
     """
     host, pipe, worlds, calls = watch.host, watch.pipe, watch.worlds, watch.calls
     lock = host.lock
@@ -154,7 +156,7 @@ def changing(watch: BulletWatch, name: str, original: Any) -> Call:
 
 
 def _effects(name: str) -> tuple[Call | None, Call | None]:
-    """Return what else to do before and after a call of a function, if anything."""
+    """Return further actions before and after a call of a function; None for no action."""
     if name in MOVES_BODY:
         return _before_move, None
     if name in PUSHES:
@@ -277,7 +279,7 @@ def _failed(
     error: Exception,
     place: Any,
 ) -> None:
-    """Send a call that raised an error, as its arguments may explain a finding."""
+    """Send a call that raised an error, since its arguments may explain a finding."""
     with watch.host.lock:
         world = watch.worlds.get(client_of(name, args, kwargs))
         if world is not None:
@@ -286,7 +288,7 @@ def _failed(
 
 
 def passive(watch: BulletWatch, name: str, original: Any) -> Call:
-    """Wrap a function without effect on the simulation; answer for a window if it needs one."""
+    """Wrap a function without effect on the simulation, and replace results that need a window."""
     polls, host, pipe, windows = name in POLLS, watch.host, watch.pipe, watch.windows
     has_answer, real_time = name in ANSWERED, watch.real_time_since
 

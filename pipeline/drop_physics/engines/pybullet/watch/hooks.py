@@ -1,7 +1,7 @@
 """Replaces functions of pybullet by wrappers that report each call to the recorder.
 
-The script sees no difference: calls return the engine's own answer, except where a window would
-have to be open (`quiet`), and where time would have to pass (`clock`).
+Calls return the engine's own results, so the script behaves as without wrappers. The exceptions are
+functions that need a window (`quiet`), and those that wait for time to pass (`clock`).
 """
 
 from __future__ import annotations
@@ -51,17 +51,17 @@ def release_of(file: str | None) -> str:
 
 
 class Hook:
-    """A wrapper that replaces a function of pybullet, and otherwise passes for it.
+    """A wrapper that replaces a function of pybullet, and looks like that function.
 
-    Questions about it are passed to the function itself, so that it passes for a builtin one. Only
-    to those do wrappers such as `BulletClient` bind the client's number (`inspect.isbuiltin`).
+    Attribute access is passed on to the function, so that the wrapper counts as a builtin
+    (`inspect.isbuiltin`). Only to builtins does `BulletClient` add the client's number.
 
     Parameters
     ----------
     original
-        What it stands before: the function, or the hook of a recording around this one.
+        The replaced function, or its hook if another recording is running around this one.
     watch
-        Whose hook it is.
+        The watch to which the hook belongs.
     """
 
     __slots__ = ("__weakref__", "drop_plain", "drop_watch")
@@ -105,7 +105,7 @@ OF_HOOKS = frozenset(
     ("drop_plain", "drop_watch", "__call__", "__eq__", "__ne__", "__hash__", "__reduce__",
      "__reduce_ex__", "__setattr__", "__delattr__", "__sizeof__"),
 )  # fmt: skip
-"""Attributes that belong to the hook itself."""
+"""Attributes that are the hook's own; all others are the function's."""
 
 LOOKS: dict[str, Any] = {
     "__slots__": (),
@@ -122,11 +122,11 @@ class BulletWatch(EngineWatch):
     Parameters
     ----------
     host
-        What watches the script.
+        The watch of the script, of which this engine's is a part.
     variation
-        What differs from the script's own run, or None.
+        The variation of the run; None in the script's own run.
     interventions
-        What its calls do otherwise.
+        The operations that change calls in a trial run.
     """
 
     name = "PyBullet"
@@ -169,10 +169,10 @@ class BulletWatch(EngineWatch):
     # -- in place of pybullet's functions ---------------------------------------------------------
 
     def install(self, module: ModuleType) -> None:
-        """Replace pybullet's functions by wrappers, unless that has been done.
+        """Replace pybullet's functions by wrappers, unless they are replaced already.
 
-        A copy of its file is another PyBullet, whose simulations have the same numbers: it is
-        named.
+        A module loaded from a copy of pybullet's file has simulations of its own with the same
+        numbers: it is not watched, but reported.
         """
         library = _library(module)
         if self._library not in (None, library):  # it has simulations of its own
@@ -244,7 +244,7 @@ class BulletWatch(EngineWatch):
         return hiding(stop)
 
     def possible(self, rows: Sequence[dict[str, Any]]) -> list[Change]:
-        """Return the single changes that could be tried, from the rows of a table."""
+        """Return the single changes that the rows of a table allow in this run."""
         return possible(self.p, rows, self._interventions.seen)
 
     def become(self, trial: dict[str, Any]) -> None:
@@ -371,7 +371,7 @@ class BulletWatch(EngineWatch):
         return () if asks else result
 
     def set_real_time(self, world: WatchedWorld, *, on: bool) -> None:
-        """Note real-time mode, in which time passes by our clock, not by PyBullet's thread."""
+        """Note real-time mode: the virtual clock then makes the steps, not PyBullet's thread."""
         self.real_time_since.pop(world.client, None)
         if on and world.client in self.windows:
             self.real_time_since[world.client] = (self.host.clock.now_s(), world.time_s)

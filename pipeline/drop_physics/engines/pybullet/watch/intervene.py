@@ -1,9 +1,9 @@
 """Makes trial changes in a PyBullet script's run: changes, adds or omits calls.
 
-It stands above the hooks, so that the recording holds the actual requests to the engine, and every
-call still belongs to a line of the script. The changes arrive as data; the words of PyBullet are in
-`interventions`, beside this folder. If a changed property can be read by the script, it reads the
-value of the unchanged run.
+The changes are made before the recording wrappers, so that the recording contains the calls that
+the engine really gets, and every call still belongs to a line of the script. The changes arrive as
+data; `engines/pybullet/interventions.py` defines them. A script that reads a changed property gets
+the value that it has itself set.
 """
 
 from __future__ import annotations
@@ -21,15 +21,17 @@ from .functions import MAKES_BODIES, PUSHES, RETURNS
 
 Call = Callable[..., Any]
 Operation = Mapping[str, Any]
-"""An operation: `do` names methods of `CallInterventions`, `functions` the calls that it is for.
+"""An operation on calls, as data: `do` names methods of `CallInterventions`, `functions` the
+functions whose calls they change.
 
-`_DO` returns the arguments of such a call, or None to leave it out; `_DO_then` follows it.
+The method `_DO` runs before such a call and returns its new arguments, or None to omit the call;
+`_DO_then` runs after it.
 """
 
 JOINTS = "jointIndices"
 """The argument with the joints of a call for several joints."""
 WHOLE = ("connect", "resetSimulation", "stepSimulation")
-"""Calls that concern no particular body, and so every one."""
+"""Calls that concern no particular body, so that an operation for one body applies to them, too."""
 PLURAL = {
     "targetPosition": "targetPositions",
     "targetVelocity": "targetVelocities",
@@ -37,7 +39,7 @@ PLURAL = {
     "positionGain": "positionGains",
     "velocityGain": "velocityGains",
 }
-"""Arguments of a motor call for one joint, and their names in the call for several."""
+"""Names of a motor call's arguments, for one joint and for several."""
 GEAR_N, GEAR_ERP = 100.0, 0.5
 """Largest force of a gear constraint [N, N m], and the share of its error that it corrects per
 step."""
@@ -66,7 +68,7 @@ ABOUT = {
     "changeConstraint": ("userConstraintUniqueId",),
     "setCollisionFilterPair": ("bodyUniqueIdA", "bodyUniqueIdB", "linkIndexA", "linkIndexB"),
 }
-"""Names of the arguments by which an added call names its objects."""
+"""Names of the arguments that tell an added call its bodies, links or joints."""
 STANDS: dict[str, Callable[..., Mapping[str, Any]]] = {
     "setJointMotorControl2": lambda p, client, body, joint: {
         "targetPosition": p.getJointState(body, joint, client)[0]
@@ -75,11 +77,11 @@ STANDS: dict[str, Callable[..., Mapping[str, Any]]] = {
         zip(("posObj", "ornObj"), p.getBasePositionAndOrientation(body, client))
     ),
 }
-"""State of a body or joint that a call sets or drives."""
+"""Functions that read the current state of a joint or body, from which an added call starts."""
 
 
 Element = tuple[int, int | None, int | None]
-"""Client, body, and link or joint, as far as a call has them."""
+"""Client id, body id, and link or joint index of a call; None for those that the call lacks."""
 
 
 class SeenCallSites:
@@ -146,9 +148,9 @@ class CallInterventions:
     Parameters
     ----------
     operations
-        As `interventions` makes them, those of other engines among them.
+        The operations of `interventions`; those for other engines are ignored.
     tell
-        Called with the number of an operation when it does something.
+        A function that is called with the number of an operation when that takes effect.
     """
 
     def __init__(self, operations: Sequence[Operation], tell: Callable[[int], None]) -> None:
@@ -246,7 +248,7 @@ class CallInterventions:
         client: Any,
         result: Any = None,
     ) -> bool:
-        """Return whether a change applies to a call, before it or, with a result, after it."""
+        """Return whether an operation applies to a call; after the call, `result` is given."""
         place = operation.get("site")
         if place is not None and _line_of(caller()) != (*place,):
             return False
@@ -295,7 +297,7 @@ class CallInterventions:
     def _play(self, operation: Operation, arguments: Any, client: int) -> Any:
         """Give a motor call the values recorded for the same joints and step.
 
-        A call of which none is recorded is left out: the motor keeps its last command.
+        A call without recorded values is omitted: the motor keeps its last command.
         """
         at, key = ("step", id(operation)), ("recorded", id(operation))
         self._kept.setdefault(at, operation["first"])
@@ -331,7 +333,7 @@ class CallInterventions:
         return {**arguments, **played}
 
     def _see(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Note a call, or the contacts before a step, to find the changes that could matter."""
+        """Note a call, or the contacts before a step, to find changes with an effect."""
         (function,) = operation["functions"]
         if function == "stepSimulation":
             self.seen.step(client, self._p.getContactPoints(physicsClientId=client))
@@ -360,7 +362,7 @@ class CallInterventions:
         return {n: v for n, v in arguments.items() if n not in own}
 
     def _set(self, operation: Operation, arguments: Any, client: int) -> Any:
-        """Change arguments of a call: all named ones or, with `given`, only those present."""
+        """Set or change arguments of a call; with `given`, only those that the script passes."""
         made = {**arguments}
         for name, how in operation["sets"].items():
             if name in arguments or not operation.get("given"):
@@ -417,7 +419,7 @@ class CallInterventions:
         return {**arguments, "posObj": [*at]}
 
     def _frames(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Make a constraint hold bodies where they are, by setting the child's frame."""
+        """Set the child's frame of a constraint so that the bodies stay where they are."""
         p = self._p
         if arguments.get("jointType") not in (p.JOINT_FIXED, p.JOINT_POINT2POINT):
             return arguments
@@ -434,7 +436,7 @@ class CallInterventions:
         }
 
     def _frame(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Put a body's frame where the call puts its centre of mass, as its author meant."""
+        """Move a body so that its frame, not its centre of mass, is at the position in the call."""
         info = self._p.getDynamicsInfo(body_of(arguments), -1, client)
         pose = arguments["posObj"], arguments["ornObj"]
         at, turned = self._p.multiplyTransforms(*pose, info[3], info[4])
@@ -483,7 +485,7 @@ class CallInterventions:
                 self._give(operation, client, body, link)
 
     def _give(self, operation: Operation, client: int, *about: Any) -> None:
-        """Make an added call, for a body and link, for other ids, or for none."""
+        """Make an added call for the given objects: body and link, other ids, or none."""
         name, sets = operation["call"], operation["sets"]
         named_as = {key: each for key, each in zip(ABOUT.get(name, ()), about) if each is not None}
         body, link = (*about, None, None)[:2]
@@ -498,7 +500,7 @@ class CallInterventions:
             self._ours[client, body, link, key] = self._reported(client, body, link, key)
 
     def _noted(self, client: int, body: Any, link: Any, names: Iterable[str]) -> dict[str, Any]:
-        """Return the link properties that the script believes to have set, and save them."""
+        """Return the link properties that the script has set, unaffected by the trial's changes."""
         for name in names:
             key = client, body, link, name
             now = self._reported(*key)
@@ -523,7 +525,7 @@ class CallInterventions:
         return {**arguments, "posObj": moved}
 
     def _lift_then(self, operation: Operation, arguments: Any, client: int) -> None:
-        """Move a body that was just loaded away from others."""
+        """Move a body just after loading, away from the bodies that it overlaps."""
         body = operation["body"]
         if "posObj" in arguments:
             return
@@ -581,7 +583,7 @@ class CallInterventions:
             self._drive_to(client, arguments, **kept)
 
     def _again(self, _: Operation, arguments: Any, client: int) -> Any:
-        """Repeat each line's last external force before steps for which it gives none."""
+        """Repeat each line's last external force before steps for which the line applies none."""
         if "forceObj" in arguments or "torqueObj" in arguments:
             return arguments
         step = self._steps.get(client, 0)
@@ -646,13 +648,13 @@ def _becoming(held: Any, how: Sequence[Any]) -> Any:
 
 
 def element_of(client: int, arguments: Mapping[str, Any]) -> Element:
-    """Return the client id, body id, and joint or link index that a call is about."""
+    """Return the client id, body id, and joint or link index named in a call."""
     link = arguments.get("jointIndex", arguments.get("linkIndex"))
     return client, body_of({**arguments}), number(link)
 
 
 def elements_of(client: int, arguments: Mapping[str, Any]) -> list[Element]:
-    """Return client id, body id, and joint or link index of all that a call is about."""
+    """Return client id, body id, and joint or link index of all objects named in a call."""
     if JOINTS not in arguments:
         return [element_of(client, arguments)]
     return [(client, body_of({**arguments}), number(each)) for each in arguments[JOINTS]]
@@ -682,7 +684,7 @@ def _of_joints(
 
 
 def there(p: Any, client: int, each: str, pairs: Iterable[Sequence[int]]) -> Iterator[Any]:
-    """Yield what exists in a simulation: bodies, links, movable joints, constraints or contacts."""
+    """Yield a simulation's objects of one kind: bodies, links, joints, constraints or contacts."""
     if each in ("bodies", "links", "joints"):
         for body in [p.getBodyUniqueId(n, client) for n in range(p.getNumBodies(client))]:
             joints = range(p.getNumJoints(body, client))

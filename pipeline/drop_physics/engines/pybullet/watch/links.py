@@ -23,7 +23,7 @@ MODELS = {
     "loadSDF": (("sdf", "model"), ("sdf", "world", "model")),
     "loadMJCF": (("mujoco", "worldbody", "body"),),
 }
-"""XML elements that define a model, by the call that loads them; the first are root elements."""
+"""XML elements that define a model, by the function that loads it: paths from the root element."""
 
 
 def path_of(name: str, search_path: str) -> str | None:
@@ -39,11 +39,11 @@ def links_in(path: str, call: str, *, merged: bool) -> list[int]:
     Parameters
     ----------
     path
-        The file.
+        The path of the file.
     call
-        The function of PyBullet that loads it.
+        The PyBullet function that loads the file.
     merged
-        Whether it merges links that a fixed joint holds, which only `loadURDF` does.
+        Whether links on fixed joints are merged with their parents, which only `loadURDF` can do.
     """
     models = MODELS[call]
     links: list[int] = []
@@ -65,9 +65,9 @@ def links_in(path: str, call: str, *, merged: bool) -> list[int]:
 
 
 def walk(path: str, start: Callable[[tuple[str, ...], dict[str, str]], None]) -> bool:
-    """Call a function for each XML element, with its tags, outermost first, and attributes.
+    """Call a function for each XML element, with all tags from the root on, and its attributes.
 
-    Return whether the whole file could be read.
+    Returns whether the whole file could be read.
     """
     within: list[str] = []
 

@@ -11,10 +11,10 @@ from .arguments import number, vector
 
 AXES = "xyz"
 NORMAL_N, ALONG_N, ACROSS_N = 9, 10, 12
-"""Indices of the forces in a contact point of `getContactPoints`; the direction of friction follows
-each of the last two."""
+"""Indices in a contact point of `getContactPoints` of the normal force and of both friction forces;
+each friction force is followed by its direction."""
 NORMAL = 7
-"""Index of the contact normal there, which points towards the first body."""
+"""Index in a contact point of the contact normal, which points towards the first body."""
 
 
 class ObservedWorld(Observed):
@@ -25,9 +25,9 @@ class ObservedWorld(Observed):
     p
         PyBullet's own functions.
     client
-        The client's number.
+        The id of the physics client.
     time
-        Returns the simulated time [s].
+        A function that returns the simulated time [s].
     """
 
     def __init__(self, p: Any, client: int, time: Callable[[], float]) -> None:

@@ -1,7 +1,7 @@
-"""Answers for a GUI window that nobody touches, in scripts that ask for one but run without.
+"""Provides the results of GUI functions for scripts that request a window but run without one.
 
-Without a window PyBullet rejects some of these calls (`readUserDebugParameter`), returns zeros from
-others (`getDebugVisualizerCamera`) and gives no numbers to drawn items.
+Without a window, PyBullet raises an error in some functions (`readUserDebugParameter`), returns
+zeros from others (`getDebugVisualizerCamera`), and returns no ids for drawn items.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ class Window:
         }
 
     def answers(self) -> dict[str, Callable[[dict[str, Any], Any], Any]]:
-        """Return the functions that answer for PyBullet's GUI functions, by name.
+        """Return the functions that compute the results of PyBullet's GUI functions, by name.
 
-        They take the arguments by name, and PyBullet's own answer.
+        Their parameters are the call's arguments by name, and PyBullet's own result.
         """
         return {
             **dict.fromkeys(DRAWS, self._draw),

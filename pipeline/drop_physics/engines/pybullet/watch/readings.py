@@ -1,9 +1,9 @@
 """Counts how often, and in which steps, each script line reads simulation values.
 
-A reading takes PyBullet a microsecond, and counting it one more. So the frequent readings of a
-function are soon counted in one of 61 steps, with a weight of 61; rarer ones always are, and so is
-the first from a new instruction. Counts are kept in memory that the recorder shares: no crash loses
-any.
+A reading takes PyBullet a microsecond, and counting it another one. Therefore, readings of a
+frequently called function are counted only in one of 61 steps, with a weight of 61; rare ones, and
+the first from each line, are always counted. The counts lie in memory shared with the recorder, so
+a crash loses none.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from .worlds import WatchedWorld
 
 EXACT, TOGETHER, SHARE = 256, 4, 61
-"""Every reading is observed in this many first steps; then in groups of this many steps, one such
-group in this many. Readings of a function that has read in the last two groups are not counted
-between them: those of one that reads in every tenth step always are."""
+"""All readings are counted in this many first steps; then in groups of consecutive steps: the size
+of a group, and the ratio of all steps to counted ones. Between groups, only functions without a
+reading in the last two groups are counted: a function that is called every tenth step always is."""
 OF = {
     "bodyUniqueId": ("linkIndex", "linkIndices", "jointIndex", "jointIndices"),
     "objectUniqueId": ("linkIndex",),
@@ -36,9 +36,10 @@ OF = {
 }
 """Arguments that name the objects read, and those that name their links."""
 FLAGS = ("computeLinkVelocity", "computeForwardKinematics", "flags", "reportHitNumber", "renderer")
-"""Arguments that change what is read: with other values, it counts as another reading line."""
+"""Arguments that change the returned quantities: other values count as another reading line."""
 PLAIN = {int, float, bool, str, type(None)}
-"""Argument types by which a reading is recognised; vectors mostly differ each time."""
+"""Types of arguments by which a repeated reading is recognised; vectors usually differ in each
+call."""
 
 
 class Readings:
@@ -199,7 +200,7 @@ class Readings:
 
 
 def _targets(arguments: dict[str, Any]) -> list[Any]:
-    """Return what a reading is about: one or two bodies, by engine id, with links or None."""
+    """Return the subjects of a reading: one or two bodies, by engine id, with links or None."""
     parts = []
     for body, links in OF.items():
         which = number(arguments.get(body))

@@ -1,7 +1,8 @@
 """Lists the single changes that could be tried on a PyBullet run, and how to make each.
 
-The rows arrive as data (`interventions`): calls that are added before the first step, and patterns
-of functions and arguments with operators for the script's own calls.
+The rows of the table of changes arrive as data (`interventions`). A row is either a call to add
+before the first step, or a pattern of functions and arguments with operators that change the
+script's own calls.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from .intervene import Element, SeenCalls, SeenCallSites, there
 
 STEP, TIMESTEP = "stepSimulation", "timestep"
 NOT_SAID = {"loadURDF": {"useFixedBase": 0, "flags": 0}}
-"""Optional arguments that matter even if a call omits them, with PyBullet's defaults."""
+"""Optional arguments that can be changed even if a call omits them, with PyBullet's defaults."""
 ALWAYS = ("left-out", "each-step")
 """Operators on calls whose arguments need not vary."""
 OF_CALLS = (*ALWAYS, "held", "late")
@@ -32,11 +33,11 @@ def possible(p: Any, rows: Sequence[Row], seen: SeenCallSites) -> list[Change]:
     Parameters
     ----------
     p
-        PyBullet's own functions; its simulations are still there.
+        PyBullet's own functions, while the run's simulations still exist.
     rows
-        As the table of interventions has them.
+        The rows of the table of interventions.
     seen
-        What is seen of the script's own run.
+        The calls and contacts of the script's own run.
     """
     names = BodyNames(
         p, {at: of for calls in seen.calls.values() for at, of in calls.files.items()}
@@ -97,16 +98,16 @@ def _repeated(change: Change) -> dict[str, Any]:
 
 
 class BodyNames:
-    """The names of bodies, links and joints at the end of a run, and of their files.
+    """The names of bodies, links and joints at the end of a run.
 
-    A body whose name another one has, too, is named with its number: panda body2.
+    If several bodies have the same name, their ids are added: panda body2.
 
     Parameters
     ----------
     p
         PyBullet's own functions.
     files
-        The names of files by what was loaded from them.
+        The names of loaded files, by the body loaded from each.
     """
 
     def __init__(self, p: Any, files: Mapping[Element, str]) -> None:
@@ -119,11 +120,11 @@ class BodyNames:
         }
 
     def of_call(self, element: Element) -> str:
-        """Return the name of what a call is about: a body or joint, or a body's file."""
+        """Return the name of a call's object: a body or joint, or the file of a body."""
         return self._files.get(element) or self.of("links", element)
 
     def of(self, each: str, element: Sequence[Any]) -> str:
-        """Return the name of what a change is about: a body, a link or joint, or two bodies."""
+        """Return the name of a changed object: a body, a link or joint, or two bodies."""
         client, *about = element
         if each == "constraints":
             return f"constraint{about[0]}"
@@ -153,7 +154,7 @@ class BodyNames:
 
 
 def _told_apart(names: Mapping[Element, str]) -> Iterator[tuple[Element, str]]:
-    """Yield bodies with their names; bodies of the same name are numbered."""
+    """Yield bodies with unique names: bodies of the same name get their ids added."""
     often = Counter(names.values())
     for at, name in names.items():
         alone = name and often[name] == 1
@@ -208,7 +209,7 @@ def _row_of(named: str, patterns: Sequence[Row]) -> Row | None:
 
 
 def _tried(row: Row | None) -> list[tuple[str, bool]]:
-    """Return the operators of a row, each with a flag that is True if it removes something."""
+    """Return the operators of a row, with flags that are True if an operator removes something."""
     return [] if row is None else [(op, op in row["breaks"]) for op in row["tries"]]
 
 
@@ -229,7 +230,7 @@ def _does(value: Any, how: tuple[str, Any]) -> bool:
 
 
 def _together(changes: Sequence[Change]) -> Iterator[Change]:
-    """Yield changes that apply to all calls of a function, if several lines call it."""
+    """Yield changes that apply to a function's calls from all lines, if there are several."""
     alike: dict[tuple[str, str], list[Change]] = {}
     for change in changes:
         if change.op not in ("held", "late"):
@@ -251,7 +252,7 @@ def _together(changes: Sequence[Change]) -> Iterator[Change]:
 
 
 def _once(row: Row, op: str) -> dict[str, Any]:
-    """Return the call that a row adds, for all bodies, joints or contacts that it is about."""
+    """Return the operation that adds a row's call once for each body, joint or contact."""
     operator, value = how_of(op)
     sets = {**row["fixed"], **dict.fromkeys(row["takes"], (operator, _whole(value)))}
     return {"call": row["call"], "each": row["each"], "sets": sets}

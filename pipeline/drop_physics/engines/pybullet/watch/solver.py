@@ -11,8 +11,7 @@ LEAST_CHANGE = 0.01
 """Largest velocity change in a last iteration at which the solver counts as converged [m/s,
 rad/s]."""
 ASKED_EVERY = 8
-"""One step in this many returns the solver's report: requesting it takes as long as recording a
-box."""
+"""Number of steps per requested solver report: a request takes as long as recording a box."""
 MOST_ISLANDS = 64
 """Number of groups of touching bodies for which PyBullet has room in a step's return value."""
 
@@ -30,10 +29,11 @@ class Solver:
         """Number of times that the solver was seen to reach each limit of iterations."""
 
     def ask(self, moving: int) -> bool:
-        """Ask for a solver report from the next step; return whether there will be one.
+        """Request a solver report from the next step; return whether there will be one.
 
-        Only every few steps, since it takes two calls. It changes nothing else, but the engine has
-        room for a limited number of islands of bodies, of which `moving` move, and reads beyond it.
+        Reports are requested only every few steps, since each takes two calls. They do not affect
+        the step. But the engine has memory for a limited number of islands of bodies, and reads
+        beyond it if there are more: none is requested if too many bodies (`moving`) move.
         """
         if self._can and self.returns is False and moving <= MOST_ISLANDS:
             return self.report(on=True)
@@ -52,7 +52,7 @@ class Solver:
     def note(self, islands: Any, most: int, step: int) -> None:
         """Note from a report whether the solver reached its iteration limit unconverged.
 
-        That is a change of velocity, non-finite for an island whose body the engine has lost.
+        The reported residual is the square of a change of velocity; non-finite ones are ignored.
         """
         early = self._early.setdefault(
             most,

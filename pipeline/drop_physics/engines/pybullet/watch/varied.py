@@ -1,10 +1,10 @@
 """Varies a whole run in the engine, unnoticed by the script: a finer timestep, more iterations.
 
-With a finer timestep, k steps of dt/k replace one of dt. Forces that last one step are given again
-before each; motors and constraints, which keep force × timestep of their call, are called while the
-engine already has dt/k. When the script sets a varied property, the engine receives the script's
-own value during that call: so errors are the engine's own, and the script reads the value it has
-set.
+With a finer timestep, k steps of dt/k replace one of dt. Forces that last one step are applied
+again before each of them. Motors and constraints keep the product of force and timestep at the time
+of their call; the engine's timestep is dt/k during such calls. When the script sets a varied
+property, the engine first receives the script's own value, so that errors are the engine's own and
+the script reads the value that it has set.
 """
 
 from __future__ import annotations
@@ -33,17 +33,18 @@ class Variation:
     Parameters
     ----------
     finer
-        Steps of the engine for each of the script's.
+        Number of engine steps per step of the script.
     iterations
-        Factor of the solver's iterations.
+        Factor on the number of solver iterations.
     engine
-        Parameters of `setPhysicsEngineParameter`, whatever the script sets.
+        Arguments of `setPhysicsEngineParameter` that override the script's.
     gravity
-        Magnitude of gravity [m/s2], or None: where the script sets one, along it.
+        Magnitude that replaces the script's gravity, in the same direction [m/s²]; None keeps the
+        script's.
     friction, mass
-        Factors: of each pair's coefficient of friction; of masses and inertias.
+        Factors on the friction coefficient of each pair of bodies, and on masses and inertias.
     nudge, seed
-        Largest displacement before the first step [m, rad], and what draws it.
+        Largest random displacement before the first step [m, rad], and the random seed.
     """
 
     def __init__(
@@ -177,7 +178,7 @@ class Variation:
         return bool(mode == self._p.TORQUE_CONTROL)
 
     def again(self, client: int, tell: Call) -> None:
-        """Apply an external force in each of the finer steps, as PyBullet clears it after one."""
+        """Apply external forces again in each finer step, since PyBullet clears them after one."""
         for name, original, args, kwargs, place in self._lasting.get(client, []):
             tell(name, args, kwargs, place)
             try:
@@ -248,7 +249,7 @@ class Variation:
         return report
 
     def nudge(self, client: int, bodies: Callable[[], list[WatchedBody]]) -> bool:
-        """Displace all bodies and joints before their first step; return whether it did."""
+        """Displace all bodies and joints before their first step; return True if any was."""
         if not self._nudge or client not in self._unmoved:
             return False
         self._unmoved.discard(client)

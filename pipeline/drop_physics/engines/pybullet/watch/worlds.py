@@ -24,7 +24,7 @@ MOST_KEPT = 1 << 22
 GEAR = 6
 """Constraint type, as in `getConstraintInfo`."""
 ALL = None
-"""Stands for any body, where a call may have moved any of them."""
+"""Key that stands for all bodies, for calls that may have moved any body."""
 SAMPLE_HEAD = SET_HEAD = struct.Struct("<cIqq")
 """Frame header and sample header, for samples and for states set by calls."""
 SET_BASE = struct.Struct(SET_HEAD.format + "13d")
@@ -38,9 +38,10 @@ class WatchedWorld:
     Parameters
     ----------
     number
-        Of this simulation in this stream; the engine reuses its client ids.
+        The number of the simulation in the stream; unlike the engine's client ids, it is never
+        reused.
     first_step, first_time_s
-        Where its steps and its time begin.
+        Step number and time [s] at which the simulation begins.
     """
 
     bodies_made = 0
@@ -50,7 +51,8 @@ class WatchedWorld:
     keeps_files = False
     """Whether the contents of loaded files are sent."""
     varied: Mapping[str, Any] = MappingProxyType({})
-    """Settings that the engine does not report, and keeps whatever values calls set."""
+    """Engine settings of the run's variation, which the engine does not report and which override
+    the script's."""
 
     def __init__(
         self,
@@ -121,9 +123,9 @@ class WatchedWorld:
     # -- what calls have changed ------------------------------------------------------------------
 
     def sync(self, *, sample_follows: bool = False) -> None:
-        """Send what calls have changed since the last message.
+        """Send the properties and states that calls have changed since the last message.
 
-        Changes that a sample will hold at once are left to it.
+        With `sample_follows`, states that the next sample will contain are not sent.
         """
         if self.stale_engine:
             self.sync_engine()
@@ -171,7 +173,7 @@ class WatchedWorld:
     ) -> Any:
         """Return the centre of mass of a new rigid body, in the frame that placed it.
 
-        `getDynamicsInfo` returns leftovers as that of a btRigidBody.
+        For a btRigidBody, `getDynamicsInfo` returns uninitialised numbers as its centre of mass.
         """
         position = position if position and len(position) == 3 else [0, 0, 0]
         orientation = orientation if orientation and len(orientation) == 4 else [0, 0, 0, 1]
@@ -260,7 +262,7 @@ class WatchedWorld:
         self.stale_engine = False
 
     def _read_constraints(self) -> None:
-        """List the constraints, after a step: before one, PyBullet crashes on queries of a gear."""
+        """List the constraints, after a step: before one, PyBullet crashes on a gear's state."""
         p, client = self._p, self.client
         count, found = p.getNumConstraints(client), []
         self.held &= {p.getConstraintUniqueId(index, client) for index in range(count)}
@@ -303,7 +305,7 @@ class WatchedWorld:
         )
 
     def _last_of(self, body: WatchedBody) -> bytes:
-        """Return a body's state as last sent, or b'' if none was."""
+        """Return a body's state as last sent, or b'' if no state was sent."""
         base, joints = body.last[: POSE.size], body.last[POSE.size :]
         if body.base_at >= 0:
             base = bytes(self._buffer[body.base_at : body.base_at + POSE.size])
@@ -372,7 +374,7 @@ class WatchedWorld:
     # -- what steps change ------------------------------------------------------------------------
 
     def sample(self) -> None:
-        """Send the current state and contacts, as one message even upon Ctrl-C."""
+        """Send the current state and contacts as one message, even if Ctrl-C interrupts."""
         p, client, buffer, pipe = self._p, self.client, self._buffer, self._pipe
         if pipe.muted:
             self.sampled = True
@@ -420,14 +422,14 @@ class WatchedWorld:
         self.sampled = True
 
     def before_step(self) -> None:
-        """Send what calls have changed, and the initial state before the first step."""
+        """Send changes made by calls and, before the first step, the initial state."""
         self.sync(sample_follows=not self.sampled)
         if not self.sampled:
             self.sample()
         self.touched = False
 
     def asks_solver(self) -> bool:
-        """Ask for a solver report from the next step; return whether there will be one."""
+        """Request a solver report from the next step; return whether there will be one."""
         return self.solver.ask(len(self._moving))
 
     def after_step(self, islands: Any) -> None:
@@ -443,7 +445,7 @@ class WatchedWorld:
         self.sample()
 
     def tell_file(self, name: str, path: str) -> None:
-        """Send the content of a file that a call names, as the script may delete it."""
+        """Send the content of a file that a call names, since the script may delete it."""
         try:
             if os.path.getsize(path) > MOST_KEPT:
                 return
@@ -466,8 +468,8 @@ class WatchedWorld:
 def pack_points(points: Any, memory: Any, at: int) -> None:
     """Write contact points into a buffer.
 
-    PyBullet lists both bodies, then both links. Each number is named here, because Python takes
-    twice as long to put together tuples.
+    PyBullet lists both bodies, then both links. The code names each number, since concatenating
+    tuples takes twice as long.
     """
     pack, size = POINT.pack_into, POINT.size
     for (
