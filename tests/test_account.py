@@ -1104,7 +1104,7 @@ def test_a_torque_that_begins_small_is_told_with_its_most(told: Told) -> None:
     more = "<actuator><motor name='m' joint='up'/></actuator>"
     before = "data.ctrl[0] = 0 if step < 60 else 0.01 if step < 90 else 5.0"
     row = the(told(SLIDE.format(damping=1), more, before, 64), "given", "up")
-    assert "from 0.122 s on 0.01 N as the mean of 3 steps" in row.told
+    assert "moved -79.9 mm; from 0.122 s on +0.01 N as the mean of 3 steps" in row.told
     assert value(row, "gravity") == pytest.approx(-2 * G, rel=1e-6)
     late = the(told(SLIDE.format(damping=1), more, before, 400), "given", "up")
     assert late.told.endswith("at most 5 N")
@@ -1206,3 +1206,112 @@ def test_a_motor_without_force_is_told_as_off(tmp_path: Path) -> None:
     moved = [row for row in analyze(recorded.recording).account if row.kind == "moved"]
     assert moved
     assert all("its motor is off: the force that a call gives it is 0" in row.told for row in moved)
+
+
+@pytest.mark.parametrize(
+    ("quat", "turned"),
+    [("0 0 1 1", "180° about (0, 0.707, 0.707)"), ("0.9 0 0 -1.2", "106° about -z")],
+)
+def test_a_body_that_starts_turned_says_by_how_much(told: Told, quat: str, turned: str) -> None:
+    """An orientation with another order of components, or in degrees, is read off where it acts."""
+    box = "<body pos='0 0 9'><freejoint/><geom type='box' size='.1 .03 .2' quat='0 1 1 0'/></body>"
+    fell = the(told(box.replace("9'>", f"9' quat='{quat}'>"), steps=50), "moved", "0_body1")
+    assert f"it starts turned by {turned}" in fell.told
+    assert "starts turned" not in the(told(box, steps=50), "moved", "0_body1").told
+
+
+def test_a_joint_that_starts_beyond_its_range_says_so(told: Told) -> None:
+    hinge = (
+        "<body><joint name='hinge' axis='0 0 1' range='-90 90' limited='true'/>"
+        "<geom type='box' size='.4 .02 .9'/></body>"
+    )
+    rows = told(hinge, before="if step == 0: data.qpos[0] = 45", steps=100)
+    assert "it starts beyond its range of -1.57 rad to 1.57 rad" in the(rows, "moved", "hinge").told
+    rows = told(hinge, before="if step == 0: data.qpos[0], data.qvel[0] = 1.5, -1", steps=100)
+    assert "beyond" not in the(rows, "moved", "hinge").told
+
+
+@pytest.mark.parametrize(("inertia", "is_told"), [(10, True), (0.02, False)])
+def test_an_inertia_that_no_mass_in_the_shape_has_is_told(
+    told: Told, *, inertia: float, is_told: bool
+) -> None:
+    """The corners of a box of 0.2 m are 0.173 m from its centre: 1 kg has 0.03 kg m² there."""
+    its = f"<inertial pos='0 0 0' mass='1' diaginertia='{inertia} {inertia} {inertia}'/>"
+    box = f"<body><freejoint/>{its}<geom type='box' size='.1 .1 .1'/></body>"
+    row = the(told(box, steps=50), "moved", "0_body1")
+    assert ("moment of inertia is 10 kg m²" in row.told) == is_told
+    assert ("at most 0.03 kg m²" in row.told) == is_told
+
+
+@pytest.mark.parametrize(("axis", "is_told"), [("0 -1 0", True), ("0 1 0", False)])
+def test_wheels_that_turn_opposite_ways_are_told_with_the_turn(
+    told: Told, *, axis: str, is_told: bool
+) -> None:
+    wheel = (
+        "<body pos='0 {y} 0'><joint name='{name}' axis='{axis}'/>"
+        "<geom type='cylinder' size='.1 .02' euler='90 0 0' mass='1'/></body>"
+    )
+    wheels = wheel.format(y=0.2, name="left", axis="0 1 0")
+    wheels += wheel.format(y=-0.2, name="right", axis=axis)
+    body = f"<body><freejoint/><geom type='box' size='.1 .1 .03' mass='1'/>{wheels}</body>"
+    motors = "".join(f"<velocity joint='{name}' kv='.5'/>" for name in ("left", "right"))
+    more = f"<option gravity='0 0 0'/><actuator>{motors}</actuator>"
+    row = the(told(body, more, "data.ctrl[:] = 5, 4"), "turned", "0_body1")
+    words = "left is commanded to turn with 5 rad/s about y, right with 4 rad/s about -y"
+    assert (words in row.told) == is_told
+    assert ("is commanded" in row.told) == is_told
+
+
+def test_a_slide_tells_whose_friction_counts_and_comes_before_the_energy(told: Told) -> None:
+    """The contact has the greater coefficient; the energy has no other cause than the slide."""
+    floor = "<geom type='plane' size='9 9 .1' friction='.02'/>"
+    sled = "<body pos='0 0 .05'><freejoint/><geom type='box' size='.3 .1 .05'/></body>"
+    rows = told(floor + sled, before="if step == 0: data.qvel[0] = 3", steps=900)
+    slips = next(row for row in rows if row.kind == "slips")
+    assert "coefficient 1 as the greater of 0.02 and 1" in slips.told
+    kinds = [row.kind for row in rows]
+    assert kinds.index("slips") < kinds.index("energy")
+
+
+def test_a_slide_tells_that_its_links_part_between(told: Told) -> None:
+    """What hops along slides only in the steps in which it presses."""
+    floor = "<geom type='plane' size='9 9 .1'/>"
+    ball = (
+        "<body pos='0 0 .5'><freejoint/><geom type='box' size='.1 .1 .1' friction='.1'"
+        " solref='-9000 -1' priority='1'/></body>"
+    )
+    rows = told(floor + ball, before="if step == 0: data.qvel[0] = 3", steps=900)
+    slips = next(row for row in rows if row.kind == "slips")
+    pressed, spell = map(int, re.findall(r"in (\d+) steps, those of (\d+) in", slips.told)[0])
+    assert 0 < pressed < 0.8 * spell <= 0.8 * 900
+
+
+@pytest.mark.pybullet
+def test_what_stands_still_is_told_with_what_holds_it(tmp_path: Path) -> None:
+    """A default motor that holds a pole, a hinge along the pull of gravity, and a mass of 0."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        textwrap.dedent(
+            """
+            import pybullet as p, pybullet_data
+
+            p.connect(p.DIRECT)
+            p.setAdditionalSearchPath(pybullet_data.getDataPath())
+            p.setGravity(0, 0, -10)
+            cart = p.loadURDF("cartpole.urdf", useFixedBase=True)
+            p.setJointMotorControl2(cart, 0, p.VELOCITY_CONTROL, force=0)
+            p.resetJointState(cart, 1, 0.1)
+            box = p.loadURDF("cube_small.urdf", [3, 0, 1])
+            p.changeDynamics(box, -1, mass=0)
+            for step in range(100):
+                p.stepSimulation()
+            """
+        )
+    )
+    rows = [*analyze(record_script(str(script), out=tmp_path / "script.rrd").recording).account]
+    stay = {row.joint: row for row in rows if row.kind == "held" and "stays at" in row.told}
+    pole, cart = stay["cart_to_pole"], stay["slider_to_cart"]
+    assert "stays at 0.1 rad: no call commands it" in pole.told
+    assert value(pole, "motor") == pytest.approx(-value(pole, "gravity"), rel=1e-6)
+    assert "its motor is off, and no force acts along it, gravity included" in cart.told
+    assert "its mass is 0 since script.py:11" in the(rows, "idle", "1_cube_small").told

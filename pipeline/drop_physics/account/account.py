@@ -11,10 +11,11 @@ from drop_physics.account import asked, moved
 from drop_physics.account.carried import Carried, across_joints
 from drop_physics.account.constrained import Held
 from drop_physics.account.feedback import GivenControls
-from drop_physics.account.idle import PushedSoft, idle_actuator_rows, unforced_row
+from drop_physics.account.idle import MadeStatic, PushedSoft, idle_actuator_rows, unforced_row
 from drop_physics.account.joints import JointTable
 from drop_physics.account.ledger import Ledger, bins_for
 from drop_physics.account.names import Names
+from drop_physics.account.opposed import opposed
 from drop_physics.account.overlaps import Overlaps
 from drop_physics.account.ranking import ranked
 from drop_physics.account.read import Sensed, reading_rows
@@ -84,7 +85,7 @@ class Account:
         self._broken: dict[int, int] = {}
         """The first non-finite sample of each body."""
         self._held, self._overlaps = Held(seen, times), Overlaps(seen)
-        self._sensed, self._pushed = Sensed(seen), PushedSoft()
+        self._sensed, self._pushed, self._static = Sensed(seen), PushedSoft(), MadeStatic()
         self._filtered: dict[frozenset[int], str] = {}
         """The script line that may have disabled contacts of two bodies, or of one, by body ids."""
         self._made: dict[tuple[int, int], set[str]] = {}
@@ -115,6 +116,7 @@ class Account:
         self._held.add(explained, points)
         self._overlaps.add(explained)
         self._pushed.add(explained)
+        self._static.add(explained)
 
     def rows(self, totals: Mapping[int, Totals]) -> list[AccountRow]:
         """Return all rows, unsorted; `totals` are the explanation's totals by body."""
@@ -157,6 +159,7 @@ class Account:
                     self._tracks[number],
                     self._gravity[number],
                     self._written[number],
+                    opposed(subject, self._joints.series(number), words),
                     words,
                 )
             total = totals.get(number)
@@ -172,6 +175,7 @@ class Account:
         yield from reading_rows(self._seen, subjects, links, self._filtered, words)
         yield from self._sensed.rows(self._seen, subjects, links, words)
         yield from self._pushed.rows()
+        yield from self._static.rows()
         if self._seen.windows:  # what touched, and held, is known of some steps only
             return
         yield from self._held.rows(subjects, words)

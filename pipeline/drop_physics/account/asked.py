@@ -36,6 +36,8 @@ COMMANDED = (GIVEN, GAP, RATE)
 beside them."""
 FEEBLE = 0.5
 """A torque that starts below this share of its maximum is reported with its maximum."""
+FEW = 0.2
+"""A torque that acts in less than this share of the steps is reported with their number."""
 SELDOM = 0.02
 """A joint commanded in less than this share of the steps does not count as commanded."""
 HOLD_STEPS, LATE = 5, 0.85
@@ -214,7 +216,7 @@ def rate_row(
     )
     if at_limit:
         told = told + Message("; its drive at its limit")
-    along, off = _axis_at_end(subject, axis), off_axle(subject, axis.joint)
+    along, off = axis_at_end(subject, axis), off_axle(subject, axis.joint)
     told = told + Message("; axis along the world's {axis}", axis=along) + off
     return AccountRow(
         kind="asked",
@@ -273,17 +275,19 @@ def torque_row(
     forces = {term: force * sign for term, force in forces.items()}
     after = series.after[:, k]
     start = float(series.before[0, k])
-    way = float(np.nanmax(np.abs(after - start))) if np.isfinite(after).any() else 0.0
+    ways = np.nan_to_num(after - start)
     if not np.isfinite(start):
-        way = float(np.abs(np.cumsum(series.rate[:, k] * words.timesteps_s(subject, steps))).max())
+        ways = np.cumsum(series.rate[:, k] * words.timesteps_s(subject, steps))
+    moved = float(ways[np.argmax(np.abs(ways))])
+    way = abs(moved)
     took = -sum(f for term, f in forces.items() if f < 0 and term is not OWN and term != OWN)
     cancelled = min(1.0, took / max(abs(given), 1e-12))
     told = _controls(actuators, axis.joint.widths[1]) + Message(
-        "moved {way}", way=quantity(way, axis.unit)
+        "moved {way}", way=quantity(moved, axis.unit, "+")
     )
     if forces:
         mean = {
-            "force": quantity(abs(given), axis.force_unit),
+            "force": quantity(given, axis.force_unit, "+"),
             "steps": int(ledger.counts[begins : begins + lasts].sum()),
             "time": words.time(subject, ledger.first + begins * ledger.width),
         }
@@ -296,6 +300,10 @@ def torque_row(
         most = float(np.max(np.abs(drive[known]) / ledger.seconds[known]))
         if abs(given) < FEEBLE * most:
             told = told + Message(", at most {most}", most=quantity(most, axis.force_unit))
+        if ledger.width == 1 and len(acting) < FEW * len(series):
+            told = told + Message(
+                "; it acts in {acting:,} of {steps:,} steps", acting=len(acting), steps=len(series)
+            )
     still = way / axis.scale < 0.1
     step = ledger.first + begins * ledger.width
     return AccountRow(
@@ -417,7 +425,7 @@ def _telling(gap: Float64, counts: Flags, worst: int, last: int) -> int:
     return last if counts[last] and steady and gap[last] >= 0.5 * gap[worst] else worst
 
 
-def _axes_in_world(subject: MeasuredBody, axis: Axis) -> tuple[Float64, Float64] | None:
+def axes_in_world(subject: MeasuredBody, axis: Axis) -> tuple[Float64, Float64] | None:
     """Return a joint's axis at start and end of a recording, as unit vectors in world axes."""
     ledger = subject.ledger
     known = np.flatnonzero(ledger.counts)
@@ -429,15 +437,15 @@ def _axes_in_world(subject: MeasuredBody, axis: Axis) -> tuple[Float64, Float64]
     return None if not lengths.all() else (along[:, 0] / lengths[0], along[:, 1] / lengths[1])
 
 
-def _axis_at_end(subject: MeasuredBody, axis: Axis) -> str:
+def axis_at_end(subject: MeasuredBody, axis: Axis) -> str:
     """Return the world axis nearest to a joint's axis at the end."""
-    axes = _axes_in_world(subject, axis)
+    axes = axes_in_world(subject, axis)
     return "?" if axes is None else main_axis(axes[1])
 
 
 def turned_axis(subject: MeasuredBody, axis: Axis) -> Message:
     """Describe where a joint's axis points at start and end, if it turned; else nothing."""
-    axes = _axes_in_world(subject, axis)
+    axes = axes_in_world(subject, axis)
     if axes is None:
         return Message("")
     first, end = axes

@@ -14,9 +14,12 @@ from drop_physics.explain.driving import strongest
 from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.messages import Message
 from drop_physics.quantities import number, quantity
-from drop_physics.trace.calls import Push
+from drop_physics.trace.acts import Act
+from drop_physics.trace.calls import Call, Push
 from drop_physics.trace.events import Actuator, Body
 from drop_physics.trace.history import Seen
+from drop_physics.trace.properties import link_reached
+from drop_physics.trace.states import BASE
 from drop_physics.trace.switches import NO_ACTUATION, NO_GRAVITY, is_off
 
 NO_FORCES = ("bias", "integrator", "remainder")
@@ -60,6 +63,43 @@ class PushedSoft:
                 step=push.at.step,
                 salience=0.8,
                 subject=push.body,
+            )
+
+
+class MadeStatic:
+    """Bodies without joints whose mass a call set to 0; filled chunk by chunk."""
+
+    def __init__(self) -> None:
+        self._since: dict[int, tuple[Call, Body]] = {}
+        """The call and the body, by body id."""
+
+    def add(self, explained: ExplainedPiece) -> None:
+        """Add a chunk of explained steps."""
+        for call, _, came in explained.piece.calls.of_bodies(Act.SET_PROPERTY):
+            body, mass = came.body, call.values.get("mass")
+            if mass is None or body.joints or link_reached(call.values) != BASE:
+                continue
+            if mass[0] == 0:
+                self._since[body.number] = call, body
+            else:
+                self._since.pop(body.number, None)
+
+    def rows(self) -> Iterator[AccountRow]:
+        """Yield a row for each body that is static since a call."""
+        for call, body in self._since.values():
+            yield AccountRow(
+                kind="idle",
+                told=Message(
+                    "its mass is 0 since {line}: it is static, and no force moves it",
+                    line=call.site.place,
+                ),
+                asked=0.0,
+                got=0.0,
+                unit="kg",
+                step=call.at.step,
+                salience=0.6,
+                subject=body,
+                group=("static", call.site.place),
             )
 
 

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drop_physics.account.asked import Axis, turned_axis
+from drop_physics.account.asked import Axis, axis_at_end, turned_axis
 from drop_physics.account.ledger import OWN, Ledger, given_and_taken
 from drop_physics.account.rows import AccountRow, RowTerm, magnitude
 from drop_physics.account.series import BaseTrack, JointSeries
-from drop_physics.account.shaped import mass_outside
+from drop_physics.account.shaped import mass_outside, too_inert
+from drop_physics.account.starting import starts_beyond, turned_at_start
 from drop_physics.account.subjects import MeasuredBody
 from drop_physics.account.terms import CONTACT, FRICTION, HELD, Term
 from drop_physics.account.words import LEAST_SHARE, RowWords
@@ -33,6 +34,13 @@ BEGUN = 0.01
 """Share of a turn above which the turn counts as begun."""
 STEADY = 0.5
 """A push that acts in less than this share of the steps, or alternates, has no meaningful mean."""
+STRAINED = 1e-3
+"""Share of the body's weight, times its size for a torque, above which the engine's motor counts as
+holding a joint."""
+ROUND = 1e-6
+"""Share of that effort below which a force counts as none."""
+RESTS = 0.2
+"""Salience of a joint that stays where it is."""
 FALL = 5.0
 """A fall by less than this many body sizes, driven by gravity alone, is ordinary."""
 
@@ -62,7 +70,7 @@ def joint_row(
         if row is not None:
             return row
     if way[at] / axis.scale <= MOVED:
-        return None
+        return None if driven else _resting(subject, axis, series, start, words, held=held)
     gave, took = given_and_taken(ledger.works([axis.rate], ledger.window(ledger.first, step)))
     if subject.body.node_of:
         why = _elastic(subject, float(words.timesteps_s(subject, series.steps[-1:])[0]))
@@ -88,6 +96,7 @@ def joint_row(
         why = Message("what drives it is not known, as no step is explained")
     else:
         why = Message("nothing commands it")
+    why = why + starts_beyond(axis.joint, start, axis.unit)
     why = why + _mimicked(subject, axis) + _reached(subject, axis) + _undamped(subject, axis)
     return AccountRow(
         kind="moved",
@@ -108,6 +117,57 @@ def joint_row(
         salience=float(way[at]) / axis.scale * 0.8,
         subject=subject.body,
         group=("moved", axis.unit, subject.kind, _most(gave), magnitude(way[at] / axis.scale)),
+    )
+
+
+def _resting(
+    subject: MeasuredBody,
+    axis: Axis,
+    series: JointSeries,
+    start: float,
+    words: RowWords,
+    *,
+    held: bool,
+) -> AccountRow | None:
+    """Return the row for a joint that no call commands and that stays where it is.
+
+    It has one if the engine's own motor holds it (`held`) against other forces, or if a call has
+    switched its motor off and yet no force acts along it.
+    """
+    k, ledger = axis.joint_rate, subject.ledger
+    forces = ledger.forces(axis.rate, ledger.window(ledger.first, ledger.last))
+    motor = forces.get(Term("motors"), 0.0)
+    others = sum(abs(force) for term, force in forces.items() if term.cause != "motors")
+    least = STRAINED * subject.weight_n * axis.scale
+    off, unmoved = series.switched_off[:, k].mean() > 0.5, abs(motor) + others < ROUND * least
+    if not (held and abs(motor) > least) and not (off and unmoved and not subject.is_weightless):
+        return None
+    if held:
+        told = Message(
+            "stays at {start}: no call commands it, and the engine's own motor holds its rate at 0 "
+            "with {motor} of {limit} at most",
+            start=quantity(start, axis.unit),
+            motor=quantity(abs(motor), axis.force_unit),
+            limit=quantity(float(np.nanmax(series.limit[:, k])), axis.force_unit),
+        )
+    else:
+        told = Message(
+            "stays at {start}: its motor is off, and no force acts along it, gravity included; "
+            "axis along the world's {axis}",
+            start=quantity(start, axis.unit),
+            axis=axis_at_end(subject, axis),
+        )
+    return AccountRow(
+        kind="held",
+        joint=axis.name,
+        told=told,
+        got=start,
+        unit=axis.unit,
+        step=ledger.last,
+        terms=words.terms(subject, forces, axis.force_unit) if held else (),
+        salience=RESTS,
+        subject=subject.body,
+        group=("resting", subject.kind, held),
     )
 
 
@@ -236,11 +296,13 @@ def base_rows(
     track: BaseTrack,
     gravity_m_s2: Float64,
     written: WrittenStates,
+    commanded: Message,
     words: RowWords,
 ) -> Iterator[AccountRow]:
     """Yield rows for the path and the rotation of a floating base, with the terms behind them.
 
-    `written` are its states that the script wrote.
+    `written` are its states that the script wrote; `commanded` is what its joints were told that
+    turns it.
     """
     way = track.farthest_m - track.start_m
     distance = float(np.linalg.norm(way))
@@ -249,12 +311,17 @@ def base_rows(
         push = subject.ledger.impulse[APPLIED][:, 3:6].sum(axis=0)
         pushed = _Pushed(3 + int(np.argmax(np.abs(push))), None, "m", "N")
         row = _held(subject, pushed, distance, max(track.farthest_step, 1), words)
-    if row is not None:
-        yield row
-    elif distance / subject.size_m > MOVED and track.farthest_step >= 0:
-        yield from _ways(subject, track, way, gravity_m_s2, written, words)
+    rows = [] if row is None else [row]
+    if not rows and distance / subject.size_m > MOVED and track.farthest_step >= 0:
+        rows += _ways(subject, track, way, gravity_m_s2, written, words)
     if track.most_turned_rad > TURNED_RAD:
-        yield _turn(subject, track, written, words)
+        turn = _turn(subject, track, written, words)
+        rows.append(replace(turn, told=turn.told + commanded))
+    frame = words.names.base_frame(subject.body.number)
+    started = turned_at_start(track.start_orientation, frame) + too_inert(subject)
+    first = max(rows, key=lambda each: each.salience, default=None)
+    for each in rows:
+        yield replace(each, told=each.told + started) if each is first and started else each
 
 
 def _ways(

@@ -89,6 +89,14 @@ class Names:
                 return f"{joint.name}[{main_axis(axis[0])}]"
         return self.body(body.number)
 
+    def base_frame(self, number: int) -> Float64 | None:
+        """Return the orientation of a base's inertia in the base, by body id, shape (4,).
+
+        None if it is not recorded.
+        """
+        frames = self._reported.get(number, {}).get("inertial_orientation")
+        return None if frames is None else np.asarray(frames[0])
+
     def term(self, body: Body, term: Term, first_rate: int) -> str:
         """Return the name of a term, with the body that exerts it, if any."""
         if term.cause in (CONTACT, FRICTION):

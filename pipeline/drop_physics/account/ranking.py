@@ -13,6 +13,8 @@ MOST = 2.5
 """The maximum salience; above 1 it grows only logarithmically."""
 READ = 1.3
 """Factor for the rows of a body that the script reads, if it does not read all bodies."""
+REPEATED = 0.05
+"""Factor for the row of a body's energy whose causes stand in a row of its motion already."""
 RAISED = 0.9
 """Share of a body's salience that its only driving joint inherits."""
 
@@ -26,7 +28,7 @@ def ranked(
     `about` names a body or a joint whose rows come first.
     """
     weighed = [replace(row, salience=_salience(row, read)) for row in rows]
-    weighed = [*_raised(weighed)]
+    weighed = [*_repeating(_raised(weighed))]
     weighed.sort(key=lambda row: (not is_about(row, about), -row.salience))
     first: dict[Hashable, int] = {}
     found: list[AccountRow] = []
@@ -67,6 +69,19 @@ def _raised(rows: Sequence[AccountRow]) -> Iterator[AccountRow]:
         raised = moves.get(row.body, 0.0) * RAISED if row.gives_j else 0.0
         share = row.gives_j / gave_j[row.body] if raised else 0.0
         yield replace(row, salience=max(row.salience, raised * share))
+
+
+def _repeating(rows: Iterable[AccountRow]) -> Iterator[AccountRow]:
+    """Yield rows; one of a body's energy counts less if a row of its motion has the same causes."""
+    every = [*rows]
+    told: dict[str | None, set[tuple[str, str | None]]] = {}
+    for row in every:
+        if row.kind in ("moved", "turned") and row.joint is None:
+            told.setdefault(row.body, set()).update((each.cause, each.body) for each in row.terms)
+    for row in every:
+        causes = {(each.cause, each.body) for each in row.terms}
+        again = row.kind == "energy" and causes and causes <= told.get(row.body, set())
+        yield replace(row, salience=row.salience * REPEATED) if again else row
 
 
 def _salience(row: AccountRow, read: Collection[int]) -> float:

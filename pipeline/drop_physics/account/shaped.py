@@ -57,6 +57,27 @@ def mass_outside(subject: MeasuredBody) -> Message:
     return Message("; its centre of mass is {out} outside its shape", out=quantity(out_m, "m"))
 
 
+def too_inert(subject: MeasuredBody) -> Message:
+    """Describe a moment of inertia that no mass inside the body's shape can have, or nothing.
+
+    With all of its mass m at the farthest distance R of its shape from the centre of mass, a body
+    has the moment of inertia m R².
+    """
+    shapes, tree = subject.body.collisions, subject.tree
+    if tree.links or not shapes or any(shape.kind in UNBOUNDED for shape in shapes):
+        return Message("")
+    corners = np.max([np.maximum(-low, high) for low, high in map(_box, shapes)], axis=0)
+    most = float(tree.masses_kg[0]) * float(corners @ corners)
+    inertia = float(tree.inertias_kg_m2[0].max())
+    if not most < inertia < np.inf:
+        return Message("")
+    return Message(
+        "; its moment of inertia is {inertia}, where its mass within its shape has at most {most}",
+        inertia=quantity(inertia, "kg m²"),
+        most=quantity(most, "kg m²"),
+    )
+
+
 def _axes(shape: Collision) -> Float64:
     return np.asarray(rotation(np.array(shape.orientation)[:, None])[..., 0])
 

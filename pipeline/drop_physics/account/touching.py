@@ -21,6 +21,10 @@ WEIGHTS, DEEP, SLID = 8.0, 0.03, 0.03
 smaller body's size."""
 FRICTIONLESS, SLIDING = 1, 3
 """`dim` of a contact without friction, and of one with sliding friction only."""
+PRESSING = 0.8
+"""Share of the steps in contact above which two links count as pressing each other all the time."""
+UNLIKE = 1e3
+"""Ratio of two masses in contact from which rows state it: iterative solvers converge slowly."""
 TURNING_RAD_S = 0.05
 STEADY = 1.5
 """Maximum factor between a steady rotation rate and the rate shortly before."""
@@ -41,7 +45,7 @@ def touching_rows(
             if row.kind != "slips" or key not in stands:
                 yield row
     for number, keys in feet.items():
-        slips = _slipping_row(subjects[number], {key: links[key] for key in keys}, words)
+        slips = _slipping_row(subjects[number], {key: links[key] for key in keys}, seen, words)
         if slips is not None:
             yield slips
     for subject in subjects.values():
@@ -116,7 +120,7 @@ def _stands(subject: MeasuredBody) -> bool:
 
 
 def _slipping_row(
-    subject: MeasuredBody, feet: Mapping[PairKey, TouchedLinks], words: RowWords
+    subject: MeasuredBody, feet: Mapping[PairKey, TouchedLinks], seen: Seen, words: RowWords
 ) -> AccountRow | None:
     """Return the row for a robot whose feet slip.
 
@@ -130,11 +134,12 @@ def _slipping_row(
     key = max(feet, key=lambda each: feet[each].slid_m)
     number = subject.body.number
     told = Message(
-        "slid {slid} in {steps:,} steps; friction at its limit, coefficient {friction}, in "
+        "slid {slid} in {steps:,} steps; friction at its limit, coefficient {friction}{origin}, in "
         "{share:.0%} of them",
         slid=quantity(slid_m, "m"),
         steps=steps,
         friction=number_of(feet[key].friction),
+        origin=_origin(key, feet[key], seen),
         share=at_limit / steps,
     )
     return AccountRow(
@@ -148,6 +153,51 @@ def _slipping_row(
         salience=at_limit / max(steps - at_limit, 1),
         alike=len(feet) - 1,
         subject=subject.body,
+    )
+
+
+def _apart(touched: TouchedLinks) -> Message:
+    """Describe that two links press each other in a part of the steps only, or nothing."""
+    spell = touched.last_step - touched.first_step + 1
+    if touched.steps > PRESSING * spell:
+        return Message("")
+    return Message(", those of {spell:,} in which they press each other", spell=spell)
+
+
+def _origin(key: PairKey, touched: TouchedLinks, seen: Seen) -> Message:
+    """Describe how two coefficients of friction give that of a contact; nothing if it is plain."""
+    a, b = (_friction(seen, body, link) for body, link in (key[::2], key[1::2]))
+    if a is None or b is None or not touched.friction:
+        return Message("")
+    if np.isclose(touched.friction, a * b) and not np.isclose((a, b), touched.friction).any():
+        return Message(" as the product of {a} and {b}", a=number_of(a), b=number_of(b))
+    if np.isclose(touched.friction, max(a, b)) and not np.isclose(a, b):
+        return Message(" as the greater of {a} and {b}", a=number_of(a), b=number_of(b))
+    return Message("")
+
+
+def _friction(seen: Seen, body: int, link: int) -> float | None:
+    """Return the last reported coefficient of friction of a link; None if it is not known."""
+    reported = [
+        float(each.reported["lateral_friction"][link + 1])
+        for each in seen.dynamics
+        if each.body.number == body and "lateral_friction" in each.reported
+    ]
+    return reported[-1] if reported and np.isfinite(reported[-1]) else None
+
+
+def _unlike(its: list[MeasuredBody], words: RowWords) -> Message:
+    """Describe how much heavier one of two bodies is, if that is a great deal; else nothing."""
+    if len(its) < 2:
+        return Message("")
+    light, heavy = sorted(its, key=lambda subject: subject.mass_kg)
+    if heavy.mass_kg < UNLIKE * light.mass_kg or not light.mass_kg:
+        return Message("")
+    return Message(
+        "; {heavy} is {ratio} times as heavy as {light}",
+        heavy=words.names.body(heavy.body.number),
+        ratio=number_of(heavy.mass_kg / light.mass_kg),
+        light=words.names.body(light.body.number),
     )
 
 
@@ -184,8 +234,17 @@ def _rows(
             weights=in_weights(normal_n, lighter, words.names.body(lighter.body.number)),
             steps=touched.steps,
         )
+        if not touched.steps:
+            told = Message("no force acts between them in any step")
         if depth > 1e-3:
             told = told + Message(", {depth} deep", depth=quantity(touched.deepest_m, "m"))
+        told = told + _unlike(its, words)
+        if origin := touched.rubs and _origin(key, touched, seen):
+            told = told + Message(
+                "; coefficient of friction {friction}{origin}",
+                friction=number_of(touched.friction),
+                origin=origin,
+            )
         heavy = np.log10(max(weights, 1e-9)) / 2.5 if weights > WEIGHTS else 0.0
         yield AccountRow(
             kind="press",
@@ -205,9 +264,10 @@ def _rows(
         if not touched.rubs:
             only_normal = seen.condim(key[:2], key[2:])[0] == FRICTIONLESS
             told = Message(
-                "slid {slid} in {steps:,} steps; no friction acts: {why}",
+                "slid {slid} in {steps:,} steps{apart}; no friction acts: {why}",
                 slid=quantity(touched.slid_m, "m"),
                 steps=touched.steps,
+                apart=_apart(touched),
                 why=Message("their contact has a normal force only")
                 if only_normal
                 else Message("the coefficient is {mu}", mu=number_of(touched.friction)),
@@ -216,11 +276,13 @@ def _rows(
         else:
             share = touched.at_limit / touched.steps
             told = Message(
-                "slid {slid} in {steps:,} steps; friction at its limit, coefficient {friction}, "
-                "in {share:.0%} of them",
+                "slid {slid} in {steps:,} steps{apart}; friction at its limit, coefficient "
+                "{friction}{origin}, in {share:.0%} of them",
                 slid=quantity(touched.slid_m, "m"),
                 steps=touched.steps,
+                apart=_apart(touched),
                 friction=number_of(touched.friction),
+                origin=_origin(key, touched, seen),
                 share=share,
             )
             salience = 0.35 * min(slid, 1.0) * max(share, 0.3)
