@@ -17,12 +17,13 @@ from types import ModuleType
 import pytest
 from drop_physics.messages import Message
 from drop_physics.rules import every, rows, rule
+from drop_physics.rules.answer import TABLES, Scene
 from drop_physics.rules.by_name import parameters
 from drop_physics.rules.rows import Case, Remedy, Worst
 from drop_physics.rules.rule import Rule, RunsOfBodies
 
 ROOMS = "drop_physics.rules", "drop_physics.account"
-MECHANISM = {"runs", "noted", "worst", "scene", "call", "why"}
+MECHANISM = {"runs", "noted", "worst", "call", "why", *TABLES}
 """Names that are no numbers of a case."""
 
 
@@ -77,3 +78,17 @@ def _of(cure: Remedy | None) -> list[object]:
 @pytest.mark.parametrize("one", every.RULES, ids=lambda one: one.matches.__name__)
 def test_each_name_of_a_rule_is_declared(one: Rule) -> None:
     assert {*asked(one)} <= declared(one)
+
+
+@pytest.mark.parametrize("one", every.RULES, ids=lambda one: one.matches.__name__)
+def test_each_table_of_a_rule_is_declared_as_in_the_scene(one: Rule) -> None:
+    """A name that a rule notes itself is a number of its own."""
+    own = 0 if one.table == "inputs" else 1
+    told = [(one.matches, parameters(one.matches)[own:]), (one.noting, parameters(one.noting))]
+    types, noted = Scene.__annotations__, given(sys.modules[one.matches.__module__])
+    for function, names in told:
+        for name in {*names} & TABLES:
+            declared_as = function.__annotations__[name]
+            assert declared_as == types[name] or (function is one.noting and name in noted)
+    if own:
+        assert {*parameters(one.matches)[own:]} <= TABLES

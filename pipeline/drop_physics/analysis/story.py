@@ -96,7 +96,7 @@ class Story:
             seen=seen,
             origin=origin,
             times=times,
-            joints=DrivenJoints(seen),
+            telemetry=DrivenJoints(seen),
             touches=TouchTable(seen),
             episodes=episodes,
             call_of=call_of,
@@ -131,13 +131,13 @@ class Story:
         self.scene.see(explained)
         if self._also is not None:
             self._also(explained.piece)
-        joints, pairs = self.scene.joints.latest, self.scene.pairs
+        joints, pairs = self.scene.telemetry.latest, self.scene.chunk.pairs
         self.curves.add(explained, joints, pairs)
         if self._rules is not None:
             self._rules.see()
         self._episodes.see(explained, joints, pairs)
         if self._is_told(explained.piece):
-            self._joints.add(self.scene.joints)
+            self._joints.add(self.scene.telemetry)
             if self._touches is not self.scene.touches:
                 self._touches.add(explained, pairs)
             if self._account is not None:

@@ -15,7 +15,7 @@ from drop_physics.explain.recording import ExplainedPiece
 from drop_physics.explain.steps import BodySteps
 from drop_physics.physics.reactions import Reactions
 from drop_physics.physics.tree import Tree
-from drop_physics.trace.events import Body, Site
+from drop_physics.trace.events import Body, Site, located
 from drop_physics.trace.history import Seen
 from drop_physics.trace.motors import POSITION
 
@@ -129,6 +129,11 @@ class DrivenJoints:
     def site(self, number: float) -> Site | None:
         """Return the script line of a command, by the id that `Commanded` refers to."""
         return None if np.isnan(number) else self._sites.get(int(number))
+
+    def cited(self, number: float) -> str | None:
+        """Return file and line of a command, by the same id."""
+        site = self.site(number)
+        return None if site is None else located(site.file, site.line)
 
     def holding(self, driven: JointTelemetry, row: int) -> PoseSupport:
         """Return the forces that hold a body's pose after a step of the latest chunk."""

@@ -2,49 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, get_args
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, get_args
 
 from drop_physics.account.rows import AccountRow, RowTerm
 from drop_physics.account.touches import TouchTable
-from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.actuators import ActuatorTable
 from drop_physics.explain.bodies import Record
-from drop_physics.explain.contact_points import Pairs, pairs_of
 from drop_physics.explain.joined import Constraints
-from drop_physics.explain.joints import DrivenJoints, JointTelemetry
+from drop_physics.explain.joints import DrivenJoints
 from drop_physics.explain.recording import ExplainedPiece
-from drop_physics.explain.step_status import SampleStatus, StepVerdicts
-from drop_physics.explain.steps import BodySteps, StepBatch, Steps
-from drop_physics.explain.targets import Targets
 from drop_physics.explain.times import StepTimes
-from drop_physics.explain.touching import STEPS
 from drop_physics.fields import counted
 from drop_physics.messages import Message, joined
-from drop_physics.physics.tree import States
-from drop_physics.rules.arguments import site_of
 from drop_physics.rules.body_properties import AskedOfBodies
+from drop_physics.rules.by_name import parameters
+from drop_physics.rules.chunk import Chunk, LastStates
 from drop_physics.rules.inputs import Inputs
-from drop_physics.rules.kept import KeptRows
 from drop_physics.rules.placing import Placing
+from drop_physics.rules.target_columns import StandingTargets
 from drop_physics.trace.acts import Act
-from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.cures import Cure as Cure  # part of a finding
 from drop_physics.trace.episodes import Episode
-from drop_physics.trace.events import Body, Site
-from drop_physics.trace.history import Piece, Seen
+from drop_physics.trace.events import Site
+from drop_physics.trace.history import Seen
 
-if TYPE_CHECKING:
-    from drop_physics.rules.target_columns import TargetColumns
-
-Rows = NDArray[np.intp]
-Column = Callable[[States], Float64]
-"""A column of states."""
 Proof = Literal["sum", "call", "trial", "none"]
 """How a finding is proved: by the sum of impulses; by a call or a file that requests one thing
 while the engine does another; or by a trial. Advice without a proof is only a proposal."""
@@ -180,9 +163,9 @@ class Finding:
 
 @dataclass(kw_only=True)
 class Scene:
-    """Everything that rules may read besides their tables; filled chunk by chunk.
+    """The tables that rules read: a rule's parameters name those that it needs (`read_by`).
 
-    The tables grow chunk by chunk, and are complete when the rules are asked.
+    They grow chunk by chunk, and are complete when the rules are asked.
     """
 
     seen: Seen
@@ -191,7 +174,7 @@ class Scene:
     """The script, and how its run ended."""
     times: Mapping[int, StepTimes]
     """Times of the steps, by client."""
-    joints: DrivenJoints
+    telemetry: DrivenJoints
     touches: TouchTable
     episodes: Sequence[Episode] = ()
     actuators: ActuatorTable = field(default_factory=ActuatorTable)
@@ -200,153 +183,55 @@ class Scene:
     asked: AskedOfBodies = field(init=False)
     placing: Placing = field(init=False)
     inputs: Inputs = field(init=False)
-    piece: Piece = field(init=False)
-    """The latest chunk, and the motion of its bodies, by body id."""
-    batches: Sequence[tuple[StepBatch, StepVerdicts]] = field(init=False)
-    """The latest chunk, with the steps of equal bodies batched."""
-    records: Mapping[int, Record] = field(init=False)
+    chunk: Chunk = field(init=False)
+    """The latest chunk, until it is forgotten."""
+    records: Mapping[int, Record] = field(init=False, default_factory=dict)
     """The record of each rigid body, by body id."""
-    judged: Mapping[int, SampleStatus] = field(init=False)
-    pairs: Pairs = field(init=False)
-    """The contact points of the latest chunk."""
     constraints: Constraints = field(init=False)
-    ends: dict[int, int] = field(init=False, default_factory=dict)
+    last_samples: Mapping[int, int] = field(init=False, default_factory=dict)
     """The last sample of each body, by body id."""
-    targets: dict[int, Targets] = field(init=False, default_factory=dict)
-    """Targets of the position motors of each body, by body id."""
-    going: dict[tuple[int, int], TargetColumns] = field(init=False, default_factory=dict)
-    """The table of the target in effect, by body and rate."""
-    kept: KeptRows = field(init=False, default_factory=KeptRows)
-    _explained: ExplainedPiece = field(init=False)
-    _ends: dict[int, dict[int, tuple[int, States]]] = field(init=False, default_factory=dict)
-    """The last step of each body before the latest chunk, and the state after it: by body id, then
-    by the index of the body's life, since ids are reused."""
+    standing: StandingTargets = field(init=False)
+    _last_states: LastStates = field(init=False, default_factory=dict)
     _sites: Mapping[int, Site] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         self.asked, self.placing = AskedOfBodies(self.seen.appearances), Placing(self.seen)
-        self.inputs = Inputs(self)
+        self.inputs, self.standing = Inputs(self.seen), StandingTargets()
 
     def see(self, explained: ExplainedPiece) -> None:
         """Add a chunk of explained steps, before any rule is applied to it."""
-        self.piece, self.judged = explained.piece, explained.bodies
-        self._explained, self.batches, self.records = (
-            explained,
-            explained.batches,
-            explained.records,
-        )
-        self.constraints = explained.constraints
-        self.ends |= {number: int(each.steps[-1]) for number, each in self.judged.items()}
-        self._sites = self.piece.calls.sites
-        self.joints.add(explained)
-        self.pairs = pairs_of(explained)
-        self.touches.add(explained, self.pairs)
+        self.telemetry.add(explained)
+        driven = [each for found in self.telemetry.latest.values() for each in found]
+        self.chunk = chunk = Chunk(explained, self.seen, driven, self._last_states)
+        self.records, self.constraints = explained.records, explained.constraints
+        ends = {number: int(each.steps[-1]) for number, each in chunk.judged.items()}
+        self.last_samples = {**self.last_samples, **ends}
+        self._sites = chunk.piece.calls.sites
+        self.touches.add(explained, chunk.pairs)
         self.actuators.add(explained)
-        self.asked.see(self.piece)
-        self.placing.see(self.piece)
-        self.inputs.see()
-
-    def came(self, steps: Steps, parts: Iterable[tuple[int, BodySteps]], column: Column) -> Float64:
-        """Return a quantity of the bodies' states one step earlier, shape (n, k); nan if unknown.
-
-        nan where there was none, or where the body was loaded since; shape (n, k). `parts`: the
-        steps of each body, and their first row, in order.
-        """
-        values = np.array(column(steps.after))
-        came, before = np.vstack([values[:1], values[:-1]]), np.append(-1, steps.steps[:-1])
-        for row, part in parts:
-            number, ends = part.body.number, dict(self._ends.get(part.body.number, ()))
-            for _, each in self.intervals(number):
-                if each is part:
-                    break
-                ends[each.config.life] = int(each.steps[-1]), each.after.at(np.array([-1]))
-            before[row], end = ends.get(part.config.life, (-1, None))
-            if end is not None and column(end).shape[1:] == values.shape[1:]:
-                came[row] = column(end)[0]
-            else:
-                came[row] = values[row]
-        came[steps.steps - before != 1] = np.nan
-        return came
+        self.asked.see(chunk.piece)
+        self.placing.see(chunk.piece)
+        self.inputs.see(chunk)
 
     def forget(self) -> None:
         """Free the memory of the latest chunk."""
-        for _, each in self.intervals():
-            end = int(each.steps[-1]), each.whole.after.at(np.array([each.rows.stop - 1]))
-            self._ends[each.body.number] = {each.config.life: end}
-        del self.piece, self.judged, self.batches, self.pairs, self._explained
-        self.joints.forget()
+        self._last_states = self.chunk.last_states()
+        del self.chunk
+        self.telemetry.forget()
 
-    def body_of(self, call: Call) -> Body | None:
-        """Return the body that a call in the latest chunk is about."""
-        place = next((at for name in BODY_NAMES if (at := call.site.places.get(name))), None)
-        if place is None:
-            return None
-        came = self.piece.calls.body_at(call, int(call.numbers[place.start]))
-        return None if came is None else came.body
-
-    def driven(self) -> Iterator[JointTelemetry]:
-        """Yield the joints of each body, with their commands, in the latest chunk."""
-        for found in self.joints.latest.values():
-            yield from found
-
-    def intervals(self, *bodies: int) -> Iterator[tuple[SampleStatus, BodySteps]]:
-        """Yield the steps of bodies in the latest chunk: of all, or those with the given ids."""
-        for number in bodies or self.judged:
-            for steps in self.judged[number].intervals if number in self.judged else ():
-                if len(steps):
-                    yield self.judged[number], steps
-
-    def touching(self, bodies: Int64, steps: Int64) -> Flags:
-        """Flag the bodies that have a contact point in the given step of the latest chunk."""
-        pairs = self.pairs
-        return np.isin(bodies * STEPS + steps, pairs.body * STEPS + pairs.step[:, None])
-
-    def steps_at(self, bodies: Int64, steps: Int64) -> Iterator[tuple[Steps, Rows, Rows]]:
-        """Yield the batches of the latest chunk that contain the given steps of bodies.
-
-        `bodies` and `steps` have the shape (n,).
-        """
-        for batch, _, its, at in self._explained.steps_at(bodies, steps):
-            yield batch.whole, its, at
-
-    def placed(
-        self, number: int, link: int, samples: Int64, *, after: bool = True
-    ) -> tuple[Float64, Float64]:
-        """Return a link's position and axes at samples of the latest chunk."""
-        return self._explained.placed(number, link, samples, after=after)
-
-    @cached_property
-    def moving(self) -> list[int]:
-        """Ids of the bodies that can move."""
-        return [number for number, body in self.seen.bodies.items() if body.moving]
-
-    def clients_with(self, setting: str, value: float) -> set[int]:
-        """Return the simulations in which an engine setting ever had the given value."""
-        return {
-            each.client
-            for each in self.seen.settings
-            if setting in each.values and float(np.ravel(each.values[setting])[0]) == value
-        }
-
-    def body(self, number: int) -> Body:
-        """Return a body by id."""
-        return self.seen.bodies[number]
-
-    def settings(self, client: int) -> Mapping[str, float | Sequence[float]]:
-        """Return the settings of a simulation in the latest chunk."""
-        told = [each for each in self.seen.settings if each.client == client]
-        before = [each for each in told if each.at.step < self.piece.end]
-        return (before or told)[-1].values
+    def read_by(self, function: Callable[..., object], first: int = 0) -> dict[str, Any]:
+        """Return the tables that a function's parameters name, from the `first` parameter on."""
+        names = parameters(function)[first:]
+        return {name: getattr(self, name) for name in names if name in TABLES}
 
     def only_site(self, act: Act) -> str | None:
         """Return the script line of all calls of one kind; None if there are several lines."""
         places = {site.place for site in self._sites.values() if site.act is act}
         return places.pop() if len(places) == 1 else None
 
-    def site(self, number: float) -> str | None:
-        """Return file and line of a joint command, by the id of its call site."""
-        site = self.joints.site(number)
-        return None if site is None else site_of(site)
+
+TABLES = {each.name for each in fields(Scene) if not each.name.startswith("_")}
+"""The names of the tables of a scene."""
 
 
 def and_more(number: int) -> str:

@@ -12,6 +12,7 @@ from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Span, so_many
 from drop_physics.rules.arguments import given, site_of
+from drop_physics.rules.body_properties import AskedOfBodies
 from drop_physics.rules.ik_answers import IK_LISTS
 from drop_physics.rules.inputs import Inputs, Use
 from drop_physics.rules.rows import Case, Remedy, SayingRow
@@ -33,6 +34,7 @@ from drop_physics.rules.thresholds import (
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body
+from drop_physics.trace.history import Seen
 from drop_physics.trace.motors import POSITION, VELOCITY
 from drop_physics.trace.requests import Request
 
@@ -213,10 +215,9 @@ other_client.rows(
 
 
 @input_rule("not-taken", "asked", "scale-keeps-mass")
-def scale_keeps_mass(inputs: Inputs) -> Iterator[Case]:
+def scale_keeps_mass(inputs: Inputs, seen: Seen, asked: AskedOfBodies) -> Iterator[Case]:
     """`globalScaling` scales the shapes of a body, but not its mass."""
-    scene = inputs.scene
-    moves = {number for number, body in scene.seen.bodies.items() if body.base_moves}
+    moves = {number for number, body in seen.bodies.items() if body.base_moves}
     pushed = set[int]().union(*(pair for pair in inputs.touched if {*pair} <= moves))
     heavy = {
         request.body.number
@@ -224,13 +225,13 @@ def scale_keeps_mass(inputs: Inputs) -> Iterator[Case]:
         if request.name == "mass" and request.body
     }
     for number in sorted(pushed - heavy):
-        body = scene.body(number)
+        body = seen.bodies[number]
         scale, first = body.asked.scale, inputs.first_dynamics(body)
         mass_kg = 0.0 if first is None else float(np.nansum(first.reported["mass_kg"]))
         if mass_kg > 0 and not 1 / SCALE <= scale <= SCALE:
             dense = mass_kg * scale**3
             yield Case(
-                call=scene.asked.load(body),
+                call=asked.load(body),
                 subject=body,
                 values={
                     "mass": mass_kg,
@@ -256,7 +257,7 @@ scale_keeps_mass.rows(
 
 
 @input_rule("not-taken", "asked", "contact-despite-filter")
-def contact_despite_filter(inputs: Inputs) -> Iterator[Case]:
+def contact_despite_filter(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """Two bodies touch if either mask allows it, unless collisionFilterMode is 0."""
     masks: dict[int, Use] = {}
     for use in inputs.of(Act.FILTER_GROUP):
@@ -278,12 +279,12 @@ def contact_despite_filter(inputs: Inputs) -> Iterator[Case]:
         if lets[0] == lets[1]:
             continue
         off, on = pair if lets[0] else pair[::-1]
-        other = inputs.scene.body(on).label
+        other = seen.bodies[on].label
         yield Case(
             call=masks[off].last,
-            subject=inputs.scene.body(off),
+            subject=seen.bodies[off],
             values={
-                "off": inputs.scene.body(off).label,
+                "off": seen.bodies[off].label,
                 "on": other,
                 "other": other,
                 "steps": steps,
@@ -306,14 +307,14 @@ contact_despite_filter.rows(
 
 
 @input_rule("taken-elsewhere", "asked", "call-elsewhere")
-def call_elsewhere(inputs: Inputs) -> Iterator[Case]:
+def call_elsewhere(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """A `changeDynamics` call for a link acts on the base because a later setter redirects it."""
     lost: dict[int, list[Request]] = {}
     for request in inputs.requests:
         if request.body is not None and request.reached != request.link and not request.taken:
             lost.setdefault(request.body.number, []).append(request)
     for number, found in lost.items():
-        body, call, link = inputs.scene.body(number), found[0].call, found[0].link
+        body, call, link = seen.bodies[number], found[0].call, found[0].link
         its = [each for each in found if each.call.at.call == call.at.call]
         carriers = [name for name in CARRIERS if name in call.values]
         told: dict[str, object] = {
@@ -355,14 +356,14 @@ CARRIERS = (
 
 
 @input_rule("taken-elsewhere", "asked", "wrong-body")
-def wrong_body(inputs: Inputs) -> Iterator[Case]:
+def wrong_body(inputs: Inputs, asked: AskedOfBodies) -> Iterator[Case]:
     """A body that was created without mass gets a mass, and falls."""
     for request in inputs.requests:
         body = request.body
         if body is None or request.name != "mass" or request.link != -1 or not request.asked[0] > 0:
             continue
         moved_m = inputs.motions[body.number].moved_m
-        if _stood(inputs, request) and moved_m >= LEFT_M:
+        if _stood(inputs, request, asked) and moved_m >= LEFT_M:
             yield Case(
                 call=request.call,
                 subject=body,
@@ -388,7 +389,7 @@ wrong_body.rows(
 )
 
 
-def _stood(inputs: Inputs, request: Request) -> bool:
+def _stood(inputs: Inputs, request: Request, asked: AskedOfBodies) -> bool:
     """Return whether a body had no mass until a call gave it one.
 
     A body that a call itself made massless is released on purpose; so is a body made without mass,
@@ -400,37 +401,37 @@ def _stood(inputs: Inputs, request: Request) -> bool:
             each.body is body and each.name == "mass" and each.asked[0] == 0
             for each in inputs.requests
         )
-    load = None if body is None else inputs.scene.asked.load(body)
+    load = None if body is None else asked.load(body)
     if body is None or load is None:
         return False
     if load.act is Act.MAKE:
-        return not _made_kg(inputs, body) and any(
+        return not _made_kg(asked, body) and any(
             each.name == "mass" and each.call.site.place == request.call.site.place
             for each in inputs.requests
-            if each.body is not None and _made_kg(inputs, each.body)
+            if each.body is not None and _made_kg(asked, each.body)
         )
     fixed = given(load, "useFixedBase") or (0.0,)
     return fixed[0] == 1 or any(link.mass_kg == 0 for link in body.asked.links[:1])
 
 
-def _made_kg(inputs: Inputs, body: Body) -> float:
+def _made_kg(asked: AskedOfBodies, body: Body) -> float:
     """Return the mass given to a body when it was created; 0 if it was loaded from a file."""
-    load = inputs.scene.asked.load(body)
+    load = asked.load(body)
     return 0.0 if load is None else (given(load, "baseMass") or (0.0,))[0]
 
 
 @input_rule("taken-elsewhere", "asked", "ik-index")
-def ik_index(inputs: Inputs) -> Iterator[Case]:
+def ik_index(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """Results of inverse kinematics go to joints by their index, including fixed joints."""
     for number, call in _solved(inputs).items():
-        yield from _by_index(inputs, number, call)
+        yield from _by_index(inputs, seen, number, call)
 
 
 @input_rule("taken-elsewhere", "asked", "joint-index")
-def joint_index(inputs: Inputs) -> Iterator[Case]:
+def joint_index(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """Targets of the movable joints go to joints by index, including fixed joints."""
     for number in inputs.commanded.keys() - _solved(inputs).keys():
-        yield from _by_index(inputs, number)
+        yield from _by_index(inputs, seen, number)
 
 
 BY_INDEX = SayingRow(
@@ -465,9 +466,9 @@ def _solved(inputs: Inputs) -> dict[int, Call]:
     return {use.body.number: use.first for use in uses if use.body is not None}
 
 
-def _by_index(inputs: Inputs, number: int, call: Call | None = None) -> Iterator[Case]:
+def _by_index(inputs: Inputs, seen: Seen, number: int, call: Call | None = None) -> Iterator[Case]:
     """Yield a case if fixed joints get commands while as many movable joints get none."""
-    body, commanded = inputs.scene.body(number), inputs.commanded[number]
+    body, commanded = seen.bodies[number], inputs.commanded[number]
     movable = [joint.link for joint in body.joints if joint.widths[1]]
     fixed = [joint for joint in body.joints if not joint.widths[1] and joint.link in commanded]
     left = [body.joints[link].name for link in movable if link not in commanded]
@@ -487,11 +488,11 @@ def _by_index(inputs: Inputs, number: int, call: Call | None = None) -> Iterator
 
 
 @input_rule("taken-elsewhere", "asked", "reset-frame")
-def reset_frame(inputs: Inputs) -> Iterator[Case]:
+def reset_frame(inputs: Inputs, asked: AskedOfBodies) -> Iterator[Case]:
     """A reset places the centre of mass; loading places the frame of the file."""
     for use in inputs.of(Act.SET_POSE):
         body = use.body
-        load = None if body is None else inputs.scene.asked.load(body)
+        load = None if body is None else asked.load(body)
         first = None if body is None else inputs.first_dynamics(body)
         if body is None or load is None or load.act is not Act.LOAD or first is None:
             continue
@@ -520,10 +521,10 @@ reset_frame.rows(
 
 
 @input_rule("overwritten", "asked", "command-overwritten")
-def command_overwritten(inputs: Inputs) -> Iterator[Case]:
+def command_overwritten(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """A joint has one motor: if it gets a position and a velocity command in a step, one counts."""
     for (number, joint, _), (first, last, steps) in inputs.overridden.items():
-        body, made = inputs.scene.body(number), inputs.motions[number].samples
+        body, made = seen.bodies[number], inputs.motions[number].samples
         if len(steps) >= COASTS_STEPS and joint < len(body.joints):
             yield Case(
                 subject=body,
@@ -563,7 +564,7 @@ command_overwritten.rows(
 
 
 @input_rule("overwritten", "asked", "pose-set-each-step")
-def pose_set_each_step(inputs: Inputs) -> Iterator[Case]:
+def pose_set_each_step(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """A pose set in every step exerts no force: the body passes through obstacles."""
     carried = [
         use
@@ -572,7 +573,7 @@ def pose_set_each_step(inputs: Inputs) -> Iterator[Case]:
     ]
     for use in inputs.of(Act.SET_JOINT, Act.SET_POSE):
         call, body = use.first, use.body
-        made = inputs.scene.seen.samples.get(call.client, 1) - 1 - call.at.step
+        made = seen.samples.get(call.client, 1) - 1 - call.at.step
         if body is None or len(use.steps) < HALF_THE_STEPS * max(made, 1):
             continue
         # What stays in its place goes through nothing, nor what has the velocity of its way.

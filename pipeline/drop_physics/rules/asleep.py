@@ -9,7 +9,7 @@ from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.messages import Message
 from drop_physics.rules.rows import Noted, SayingRow
 from drop_physics.rules.rule import Match, body_rule
-from drop_physics.rules.tables import BodyColumns, JointColumns
+from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import UNBALANCED
 
 
@@ -56,7 +56,7 @@ def _off_target(bodies: BodyColumns) -> Flags:
     """Flag the steps in which a motor misses its target, and could exert more force."""
     off = np.zeros(len(bodies.step), np.bool_)
     for driven in bodies.driven:
-        joints = JointColumns(bodies.scene, driven)
+        joints = bodies.joints(driven)
         far = np.abs(joints.after - joints.target) > joints.at_target
         free = ~joints.at_limit & (joints.limit > 0) & (joints.asked.kp > 0)
         off[joints.steps.rows] |= (far & free).any(axis=1)

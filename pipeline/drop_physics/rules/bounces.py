@@ -7,39 +7,43 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drop_physics.account.touches import TouchTable
 from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.changes import energy_of
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import distinct_rows
-from drop_physics.rules.answer import Scene
+from drop_physics.rules.body_properties import AskedOfBodies
+from drop_physics.rules.chunk import Chunk
 from drop_physics.rules.engines import ANY, MUJOCO
+from drop_physics.rules.inputs import Inputs
+from drop_physics.rules.placing import Placing
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, pair_rule
 from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import BOUNCES_M_S, GAINED, PLACED_M_S, SOFTLY, SWALLOWED
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
+from drop_physics.trace.history import Seen
 
 OF_THRESHOLD = "restitutionVelocityThreshold"
 
 
 @pair_rule("no-restitution", "asked")
-def no_restitution(pair: PairColumns) -> Match | None:
+def no_restitution(pair: PairColumns, asked: AskedOfBodies, seen: Seen) -> Match | None:
     """The engine multiplies both bodies' restitution, and most bodies have 0.
 
     Otherwise they meet slower than Bullet's threshold, or a contact stops them before they touch:
     of the rebound `e v - gap / timestep` is left.
     """
-    scene, body = pair.scene, pair.pairs.body
-    asked = scene.asked.of["restitution"].values
-    springy = np.isin(body, [number for number, value in asked.items() if value > 0])
+    body, values = pair.pairs.body, asked.of["restitution"].values
+    springy = np.isin(body, [number for number, value in values.items() if value > 0])
     if not springy.any():
         return None
     approach, rebound = pair.pairs.approach_m_s, pair.pairs.parting_m_s
     meets = springy.any(axis=1) & (body[:, 0] != body[:, 1])
     # What is placed, not dropped, comes slowly; what takes longer than a step to stop is soft.
     meets &= (approach > PLACED_M_S) & (rebound > -SOFTLY * approach)
-    first = (np.isin(body, scene.moving) * 2 + springy).argmax(axis=1)
+    first = (np.isin(body, seen.moving) * 2 + springy).argmax(axis=1)
     rows = np.arange(len(body))
     # A corner that comes down after the impact is faster: the first that may bounce counts.
     may_bounce = np.where(approach > BOUNCES_M_S, 2.0, 1.0)
@@ -59,7 +63,9 @@ def no_restitution(pair: PairColumns) -> Match | None:
 
 @no_restitution.notes
 def _(
-    scene: Scene,
+    asked: AskedOfBodies,
+    inputs: Inputs,
+    seen: Seen,
     subject: Body,
     partner: Body,
     approach: float,
@@ -69,12 +75,12 @@ def _(
     lost: float,
     step: int,
 ) -> Noted | None:
-    pair, asked, speed = (subject, partner), scene.asked.of["restitution"], approach
-    springy, none = pair if asked.values.get(pair[0].number, 0.0) > 0 else pair[::-1]
-    wanted, unwanted = (asked.values.get(each.number, 0.0) for each in (springy, none))
-    uses = [use for use in scene.inputs.of(Act.SET_ENGINE) if OF_THRESHOLD in use.high]
+    pair, bouncy, speed = (subject, partner), asked.of["restitution"], approach
+    springy, none = pair if bouncy.values.get(pair[0].number, 0.0) > 0 else pair[::-1]
+    wanted, unwanted = (bouncy.values.get(each.number, 0.0) for each in (springy, none))
+    uses = [use for use in inputs.of(Act.SET_ENGINE) if OF_THRESHOLD in use.high]
     slowest = max([float(use.high[OF_THRESHOLD][0]) for use in uses], default=BOUNCES_M_S)
-    soft = scene.asked.of["contactStiffness"].values.keys() & {each.number for each in pair}
+    soft = asked.of["contactStiffness"].values.keys() & {each.number for each in pair}
     slow = product > 0 and speed < slowest
     early = not slow and lost > (1 - SWALLOWED) * product * speed > 0
     gives_way = bool(soft) and product > 0 and not slow and not early
@@ -86,14 +92,14 @@ def _(
         return None  # it bounces as the engine has it: a link has none, or it came later
     share = product if product > 0 else wanted
     # It may have had another when they met; or a call asked for just that.
-    meant = springy.number in asked.changed or asked.since[springy.number] >= step
-    meant |= none.number in asked.values and unwanted == 0
+    meant = springy.number in bouncy.changed or bouncy.since[springy.number] >= step
+    meant |= none.number in bouncy.values and unwanted == 0
     if meant or rebound > SWALLOWED * share * speed:
         return None
     chosen = {
         number
-        for number, value in asked.values.items()
-        if value > 0 and scene.body(number).moving and scene.body(number).client == none.client
+        for number, value in bouncy.values.items()
+        if value > 0 and seen.bodies[number].moving and seen.bodies[number].client == none.client
     }
     # A floor has restitution for other things.
     if not (springy.moving or none.number in chosen or not (none.joints or chosen)):
@@ -112,7 +118,7 @@ def _(
         "most": 1 / max(wanted, 1.0),
         "share": share,
         "lost": share * speed,
-        "called": asked.site(springy.number),
+        "called": bouncy.site(springy.number),
     }
 
 
@@ -170,12 +176,12 @@ FINER = 4.0
 
 
 @pair_rule("energy-gained", "broken", consecutive=True, argument="restitution", engines=ANY)
-def energy_gained(pair: PairColumns) -> Match:
+def energy_gained(pair: PairColumns, placing: Placing, seen: Seen, chunk: Chunk) -> Match:
     """Two bodies leave a contact with more energy than they had, without calls or joints."""
     rows = np.flatnonzero((pair.pairs.normal_n > 0) & (pair.body != pair.other))
     bodies, steps = pair.pairs.body[rows], pair.step[rows]
-    moved = pair.scene.placing.moved(bodies, steps[:, None]).any(axis=1)
-    solref = _solref(pair, rows)
+    moved = placing.moved(bodies, steps[:, None]).any(axis=1)
+    solref = _solref(pair, rows, seen)
     # Less damped than critically, or by a number of its own; what else did it is not sure.
     springs = ((solref[:, 0] < 0) | (solref[:, 1] < 1)).astype(float)
     restitution = np.where(np.isnan(solref[:, 0]), pair.pairs.restitution[rows], springs)
@@ -188,7 +194,7 @@ def energy_gained(pair: PairColumns) -> Match:
             "restitution": restitution,
         },
         firsts={
-            "brought": _kinetic_j(pair, rows),
+            "brought": _kinetic_j(pair, rows, chunk),
             "approach": pair.pairs.approach_m_s[rows],
             "solref": solref,
             "timestep": pair.timestep_s[rows],
@@ -214,8 +220,8 @@ def _(
 
 
 @energy_gained.notes
-def _(scene: Scene, subject: Body, partner: Body, solref: list[float]) -> Noted | None:
-    if any(each.moving and len(scene.touches.rows(each.number)) > 1 for each in (subject, partner)):
+def _(touches: TouchTable, subject: Body, partner: Body, solref: list[float]) -> Noted | None:
+    if any(each.moving and len(touches.rows(each.number)) > 1 for each in (subject, partner)):
         return None  # a third body may have given it
     return {"soft": " ".join(f"{each:g}" for each in np.ravel(solref))}
 
@@ -237,7 +243,7 @@ energy_gained.rows(
         cure=Remedy("timestep", value=FINER),
     ),
     SayingRow(
-        when=lambda scene, subject: subject.client in scene.clients_with("set_contactERP", 0),
+        when=lambda seen, subject: subject.client in seen.clients_with("set_contactERP", 0),
         says=GAINS,
         why=Message("it turns the speed around that gravity gives them in that step, too"),
         advice=Message("give them less restitution, or use a shorter timestep: {call}"),
@@ -253,9 +259,9 @@ energy_gained.rows(
 )
 
 
-def _solref(pair: PairColumns, rows: NDArray[np.intp]) -> Float64:
+def _solref(pair: PairColumns, rows: NDArray[np.intp], seen: Seen) -> Float64:
     """Return `solref` of each row's first contact, shape (rows, 2); nan for other engines."""
-    seen, first = pair.scene.seen, pair.starts[rows]
+    seen, first = seen, pair.starts[rows]
     if not seen.softness:
         return np.full((len(rows), 2), np.nan)
     places = np.column_stack([pair.points.body[first], pair.points.link[first]])
@@ -265,7 +271,7 @@ def _solref(pair: PairColumns, rows: NDArray[np.intp]) -> Float64:
     return np.reshape(held, (-1, 2))[which]
 
 
-def _kinetic_j(pair: PairColumns, rows: NDArray[np.intp]) -> Float64:
+def _kinetic_j(pair: PairColumns, rows: NDArray[np.intp], chunk: Chunk) -> Float64:
     """Return the kinetic energy of both bodies before the steps in which they first touch.
 
     0 for bodies at rest, nan for bodies with joints; shape (rows,).
@@ -274,8 +280,8 @@ def _kinetic_j(pair: PairColumns, rows: NDArray[np.intp]) -> Float64:
     begins = np.flatnonzero(pair.before(rows) < 0)
     for side in (0, 1):
         number, step = bodies[begins, side], pair.step[rows[begins]]
-        of_side = np.where(np.isin(number, [*pair.scene.judged]), np.nan, 0.0)
-        for steps, its, at in pair.scene.steps_at(number, step):
+        of_side = np.where(np.isin(number, [*chunk.judged]), np.nan, 0.0)
+        for steps, its, at in chunk.steps_at(number, step):
             if steps.law.tree.size == 6:
                 of_side[its] = energy_of(steps.law, steps.before.at(at), np.zeros((len(at), 3)))[0]
         energy_j[begins] += of_side

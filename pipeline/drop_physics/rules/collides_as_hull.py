@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from drop_physics.arrays import Float64, Int64
+from drop_physics.explain.bodies import Record
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.rotations import rotate_inverse
 from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import distinct_bytes, lengths
-from drop_physics.rules.answer import Scene
+from drop_physics.rules.body_properties import AskedOfBodies
+from drop_physics.rules.chunk import Chunk
 from drop_physics.rules.engines import ANY
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, side_rule
@@ -18,30 +22,33 @@ from drop_physics.rules.tables import PairColumns
 from drop_physics.rules.thresholds import HULL_EVERY, HULL_OFF_M
 from drop_physics.trace.events import Body, Surface
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
+from drop_physics.trace.history import Seen
 
 SAME_M = 1e-3
 """Points of a link closer together than this are examined as one."""
 
 
 @side_rule("collides-as-hull", "asked", subject=1, engines=ANY)
-def collides_as_hull(pair: PairColumns) -> Match:
+def collides_as_hull(
+    pair: PairColumns, seen: Seen, chunk: Chunk, records: Mapping[int, Record]
+) -> Match:
     """Bodies touch away from the surface of the mesh in its file."""
-    points, side, scene = pair.pairs.points, pair.side, pair.scene
+    points, side = pair.pairs.points, pair.side
     acts = (points.normal_n > 0) & (points.step % HULL_EVERY == 0)
     acts &= points.body[:, 0] != points.body[:, 1]
     off_m = np.zeros(len(pair.step))
     of_links: dict[tuple[int, int], list[Surface]] = {}
-    for surface in scene.seen.surfaces:
-        of_links.setdefault(_link(scene, surface), []).append(surface)
+    for surface in seen.surfaces:
+        of_links.setdefault(_link(seen, surface), []).append(surface)
     for (number, link), its in of_links.items():
         shapes = [
-            collision for collision in scene.body(number).collisions if collision.link == link
+            collision for collision in seen.bodies[number].collisions if collision.link == link
         ]
         mine = (points.body[:, side] == number) & (points.link[:, side] == link)
         rows = np.flatnonzero(acts & mine)
         if len(shapes) > len(its) or not len(rows):
             continue  # another of its shapes may be what is touched
-        local_m = _local_m(scene, number, link, points.at_m[rows, side], points.step[rows])
+        local_m = _local_m(chunk, records, number, link, points.at_m[rows, side], points.step[rows])
         cells = (local_m / SAME_M).round() + 0.0  # of zeros only one
         firsts, which = distinct_bytes(cells)
         cells = cells[firsts]
@@ -59,8 +66,8 @@ def collides_as_hull(pair: PairColumns) -> Match:
 
 
 @collides_as_hull.notes
-def _(scene: Scene, subject: Body, keys: list[int]) -> Noted:
-    return {"other": scene.body(keys[1]).label, "loaded": scene.asked.loaded(subject)}
+def _(seen: Seen, asked: AskedOfBodies, subject: Body, keys: list[int]) -> Noted:
+    return {"other": seen.bodies[keys[1]].label, "loaded": asked.loaded(subject)}
 
 
 collides_as_hull.rows(
@@ -85,18 +92,20 @@ collides_as_hull.rows(
 )
 
 
-def _link(scene: Scene, surface: Surface) -> tuple[int, int]:
+def _link(seen: Seen, surface: Surface) -> tuple[int, int]:
     """Return the body and the link that a mesh surface belongs to."""
-    return surface.body, scene.body(surface.body).collisions[surface.shape].link
+    return surface.body, seen.bodies[surface.body].collisions[surface.shape].link
 
 
-def _local_m(scene: Scene, number: int, link: int, at_m: Float64, ends: Int64) -> Float64:
+def _local_m(
+    chunk: Chunk, records: Mapping[int, Record], number: int, link: int, at_m: Float64, ends: Int64
+) -> Float64:
     """Transform points into a link's axes before steps; nan where its pose is unknown."""
     local_m = np.full((len(at_m), 3), np.nan)
-    if number not in scene.judged and link == BASE:
-        base = scene.records[number].base_at(ends)
+    if number not in chunk.judged and link == BASE:
+        base = records[number].base_at(ends)
         return rotate_inverse(base[:, 3:7], at_m - base[:, :3])
-    for _, steps in scene.intervals(number):
+    for _, steps in chunk.intervals(number):
         rows = np.flatnonzero(np.isin(ends, steps.steps))
         if len(rows) and steps.covered:
             at = np.searchsorted(steps.steps, ends[rows])

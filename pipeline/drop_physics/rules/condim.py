@@ -7,7 +7,6 @@ import numpy as np
 from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
-from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, pair_rule
@@ -22,6 +21,7 @@ from drop_physics.rules.thresholds import (
     WHEEL_TURN_RAD,
 )
 from drop_physics.trace.events import Body
+from drop_physics.trace.history import Seen
 
 ROLLS_WITH = 6
 """The smallest `condim` with which rolling friction acts."""
@@ -50,7 +50,7 @@ def _(began: Float64, size: Float64, slid: Float64) -> Float64:
 
 without_friction.rows(
     SayingRow(
-        when=lambda scene, bodies, links: scene.seen.condim(bodies, links)[0] <= 1,
+        when=lambda seen, bodies, links: seen.condim(bodies, links)[0] <= 1,
         says=Message(
             "{body} slides {slid:.3g} m on {other} without friction: their contacts have condim 1, "
             "whatever friction= gives"
@@ -63,9 +63,9 @@ without_friction.rows(
 
 
 @pair_rule("not-taken", "asked", reason="no-effect", least_count=COASTS_STEPS, engines=MUJOCOS)
-def rolls_on(pair: PairColumns) -> Match | None:
+def rolls_on(pair: PairColumns, seen: Seen) -> Match | None:
     """Rolling friction acts only with condim 6: with less, a rolling body is not braked."""
-    given = pair.scene.seen.condims.values()
+    given = seen.condims.values()
     if not any(1 < condim < ROLLS_WITH and rolling > ROLLING for condim, rolling in given):
         return None
     # What is carried goes along with what it touches; what rolls turns, on what stands still.
@@ -90,8 +90,8 @@ def _(turn: Float64, way: Float64) -> Float64:
 
 
 @rolls_on.notes
-def _(scene: Scene, subject: Body, bodies: list[int], links: list[int]) -> Noted | None:
-    condim, rolling = scene.seen.condim(bodies, links)
+def _(seen: Seen, subject: Body, bodies: list[int], links: list[int]) -> Noted | None:
+    condim, rolling = seen.condim(bodies, links)
     # What has wheels is driven.
     if subject.joints or not (1 < condim < ROLLS_WITH and rolling > ROLLING):
         return None

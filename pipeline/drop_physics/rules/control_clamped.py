@@ -9,6 +9,7 @@ import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
+from drop_physics.rules.chunk import Chunk
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import RADIANS, as_degrees, is_degrees, units
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
@@ -24,6 +25,7 @@ from drop_physics.rules.thresholds import (
 )
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Actuator, Body
+from drop_physics.trace.history import Seen
 from drop_physics.trace.switches import NO_ACTUATION, is_off
 from drop_physics.trace.writes import written_by
 
@@ -137,11 +139,11 @@ divided_by_gear.rows(
     consecutive=True,
     engines=MUJOCOS,
 )
-def sent_by_turns(actuators: ActuatorColumns) -> Match:
+def sent_by_turns(actuators: ActuatorColumns, seen: Seen) -> Match:
     """A position actuator sends a joint without a range by more than one turn at once."""
     turning = {
         joint.name
-        for joint in actuators.scene.body(actuators.number).joints
+        for joint in seen.bodies[actuators.number].joints
         if joint.kind == "revolute" and joint.limits[0] > joint.limits[1]
     }
     least = [
@@ -178,9 +180,9 @@ sent_by_turns.rows(
 
 
 @actuator_rule("not-taken", "asked", reason="no-effect", engines=MUJOCOS)
-def switched_off(actuators: ActuatorColumns) -> Match | None:
+def switched_off(actuators: ActuatorColumns, seen: Seen) -> Match | None:
     """An actuator has a control, but a flag of the model switches all actuators off."""
-    if not is_off(actuators.scene.seen, actuators.client, NO_ACTUATION):
+    if not is_off(seen, actuators.client, NO_ACTUATION):
         return None
     return Match(actuators.given != 0, np.abs(actuators.given))
 
@@ -206,18 +208,18 @@ switched_off.rows(
     consecutive=True,
     engines=MUJOCOS,
 )
-def reset_clears(actuators: ActuatorColumns) -> Match:
+def reset_clears(actuators: ActuatorColumns, chunk: Chunk) -> Match:
     """A reset of the state sets controls to zero, and nothing sets them again.
 
     An episode that begins with zeros as the one before did may be given them: what is written
     shows only where it differs.
     """
-    scene, given, before = actuators.scene, actuators.given, actuators.before.copy()
+    given, before = actuators.given, actuators.before.copy()
     cleared, written = np.zeros(given.shape, np.bool_), dict[int, dict[int, float]]()
-    kept = scene.kept.first_controls
+    kept = actuators.earlier.first_controls
     began = kept.get(actuators.number, given[0])
-    resets = {call.at.step for call in scene.piece.calls.of(Act.RESET_STATE)}
-    for call in scene.piece.calls.of(Act.SET_CONTROL, Act.RESET_STATE) if resets else ():
+    resets = {call.at.step for call in chunk.piece.calls.of(Act.RESET_STATE)}
+    for call in chunk.piece.calls.of(Act.SET_CONTROL, Act.RESET_STATE) if resets else ():
         if call.client != actuators.client or call.at.step not in resets:
             continue
         row = int(np.searchsorted(actuators.step, call.at.step + 1))

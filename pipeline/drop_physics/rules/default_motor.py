@@ -6,9 +6,11 @@ import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.commands import DEFAULT
+from drop_physics.explain.joints import DrivenJoints
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Cure, Scene
+from drop_physics.rules.answer import Cure
 from drop_physics.rules.body_properties import length_m
+from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rows import Noted, SayingRow
 from drop_physics.rules.rule import Match, joint_rule
 from drop_physics.rules.runs import Runs
@@ -119,7 +121,8 @@ def _(
 
 @default_motor.notes
 def _(
-    scene: Scene,
+    inputs: Inputs,
+    telemetry: DrivenJoints,
     subject: Body,
     joint: str,
     link: int,
@@ -137,7 +140,7 @@ def _(
 ) -> Noted | None:
     asks = dict(zip(CAUSES, (gravity, contacts, applied, constraints), strict=True))
     term = max(CAUSES, key=lambda name: asks[name])
-    commanded = any(scene.inputs.commanded.values())
+    commanded = any(inputs.commanded.values())
     if commanded and not torque and term == "gravity":
         return None  # who commands others may want it to hold its weight
     ball = subject.joints[link].kind == "spherical"
@@ -145,7 +148,9 @@ def _(
     if ball:
         motor = Message("the position motor to 0 that PyBullet gives every ball joint")
     elif not own:
-        motor = Message("the motor set at {site}, which still acts", site=scene.site(motor_site))
+        motor = Message(
+            "the motor set at {site}, which still acts", site=telemetry.cited(motor_site)
+        )
     return {
         "motor": motor,
         "given": taken / time,
@@ -153,7 +158,7 @@ def _(
         "term": CAUSES[term],
         "level": "note" if commanded and not torque else None,
         "cure": Cure("default-motor-off", joint, form="ball" if ball else ""),
-        "called": scene.site(torque_site),
+        "called": telemetry.cited(torque_site),
     }
 
 

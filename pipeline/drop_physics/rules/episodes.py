@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drop_physics.arrays import Float64
 from drop_physics.rules.arguments import given
+from drop_physics.rules.chunk import Chunk
 from drop_physics.trace.acts import FILTERS, MAKES, PUSHES, Act
 from drop_physics.trace.calls import Call
-
-if TYPE_CHECKING:
-    from drop_physics.rules.answer import Scene
-
+from drop_physics.trace.history import Seen
 
 STATES = Act.SAVE, Act.RESTORE, Act.CLEAR
 """Calls that begin an episode."""
@@ -104,31 +101,31 @@ class Episodes:
             if same and first.begin.at.call <= each.begin.at.call < second.begin.at.call:
                 yield each
 
-    def see(self, scene: Scene) -> None:
+    def see(self, chunk: Chunk, seen: Seen) -> None:
         """Add the calls and states of a chunk."""
-        calls = scene.piece.calls
+        calls = chunk.piece.calls
         if not any(site.act in (*STATES, *BY_HAND) for site in calls.sites.values()):
             return  # in the whole recording nothing begins an episode
         pending = calls.of()
-        for client in {body.client for body in scene.seen.bodies.values()}:
+        for client in {body.client for body in seen.bodies.values()}:
             for call in [each for each in pending if each.client == client]:
                 now = self._now.get(client)
                 new = now is None or now.begin.at.step != call.at.step
                 if call.act in STATES or (new and call.act in BY_HAND):
-                    self._begin(scene, client, call)
+                    self._begin(chunk, client, call)
                 else:
-                    self._take(scene, now, call)
+                    self._take(seen, now, call)
             if client in self._now:
-                samples = scene.seen.samples.get(client, scene.piece.end)
-                self._until(scene, self._now[client], min(samples, scene.piece.end) - 1)
+                samples = seen.samples.get(client, chunk.piece.end)
+                self._until(chunk, self._now[client], min(samples, chunk.piece.end) - 1)
 
-    def _begin(self, scene: Scene, client: int, call: Call) -> None:
+    def _begin(self, chunk: Chunk, client: int, call: Call) -> None:
         if (before := self._now.pop(client, None)) is not None:
-            self._until(scene, before, call.at.step)
+            self._until(chunk, before, call.at.step)
             self.ended.append(before)
         self._now[client] = AfterRestore(call)
 
-    def _take(self, scene: Scene, now: AfterRestore | None, call: Call) -> None:
+    def _take(self, seen: Seen, now: AfterRestore | None, call: Call) -> None:
         """Note a call, and what it sets."""
         pushes = call.act in PUSHES
         if now is not None:
@@ -139,13 +136,13 @@ class Episodes:
         if not pushes and call.act not in (*SETS, *MAKES):
             return
         what = named(call)
-        if now is not None and (pushes or what in self._set or _changes(scene, call)):
+        if now is not None and (pushes or what in self._set or _changes(seen, call)):
             before, _ = now.sets.get(what, (self._set.get(what), call))
             now.sets[what] = before, call
         if not pushes:
             self._set[what] = call.numbers
 
-    def _until(self, scene: Scene, episode: AfterRestore, end: int) -> None:
+    def _until(self, chunk: Chunk, episode: AfterRestore, end: int) -> None:
         """Note that an episode lasts up to a sample; keep the states that its bodies start from."""
         episode.end, start = end, episode.begin.at.step
         # A force that no step has used yet waits for the next episode's; used, it is gone.
@@ -154,9 +151,9 @@ class Episodes:
             for what, (before, call) in episode.sets.items()
             if call.act not in PUSHES or call.at.step == end
         }
-        if not scene.piece.first <= start + 1 < scene.piece.end:
+        if not chunk.piece.first <= start + 1 < chunk.piece.end:
             return
-        for judged in scene.judged.values():
+        for judged in chunk.judged.values():
             if judged.body.client != episode.begin.client:
                 continue
             for steps in judged.intervals:
@@ -174,9 +171,9 @@ class Episodes:
                 }
 
 
-def _changes(scene: Scene, call: Call) -> bool:
+def _changes(seen: Seen, call: Call) -> bool:
     """Return whether a setter's first call changed the value that the engine reported."""
-    seen, body = scene.seen, given(call, "bodyUniqueId")
+    body = given(call, "bodyUniqueId")
     if call.act is Act.SET_PROPERTY:
         if UNREPORTED & call.site.places.keys():
             return True

@@ -13,8 +13,8 @@ from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.contact_points import COMMON
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
-from drop_physics.rules.answer import Scene
 from drop_physics.rules.by_name import called
+from drop_physics.rules.chunk import Chunk
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule
@@ -37,15 +37,16 @@ from drop_physics.rules.thresholds import (
     STEEP,
     STRAIGHT,
 )
+from drop_physics.trace.history import Seen
 
 IMPRATIO = 10.0
 """The recommended ratio of the stiffness of friction to that of normal forces."""
 
 
 @body_rule("slides", "asked", consecutive=True, subject=1, engines=MUJOCOS)
-def slides_off(bodies: BodyColumns) -> Match | None:
+def slides_off(bodies: BodyColumns, chunk: Chunk) -> Match | None:
     """The weight of a body held by friction needs more than friction can give."""
-    return _held(bodies, steady=False)
+    return _held(bodies, steady=False, chunk=chunk)
 
 
 @slides_off.counts
@@ -66,7 +67,7 @@ def _(
 
 @slides_off.notes
 def _(
-    scene: Scene,
+    seen: Seen,
     on: int,
     slip: list[float],
     available: float,
@@ -76,7 +77,7 @@ def _(
     time: float,
 ) -> Noted:
     return {
-        "other": scene.body(on).label,
+        "other": seen.bodies[on].label,
         "went": float(np.linalg.norm(slip)),
         "available": float(_gives(available, normal, weight)) / time,
         "given": available / normal,
@@ -112,9 +113,9 @@ slides_off.rows(
     engines=MUJOCOS,
     proposes=True,
 )
-def gives_way(bodies: BodyColumns) -> Match | None:
+def gives_way(bodies: BodyColumns, chunk: Chunk) -> Match | None:
     """Friction below its limit is a damper: a body held by it creeps, whatever the coefficient."""
-    return _held(bodies, steady=True)
+    return _held(bodies, steady=True, chunk=chunk)
 
 
 @gives_way.counts
@@ -128,13 +129,11 @@ def _(
 
 
 @gives_way.notes
-def _(
-    scene: Scene, on: int, slip: list[float], used: float, available: float, time: float
-) -> Noted:
-    went_m, settings = float(np.linalg.norm(slip)), scene.seen.settings[-1].values
+def _(seen: Seen, on: int, slip: list[float], used: float, available: float, time: float) -> Noted:
+    went_m, settings = float(np.linalg.norm(slip)), seen.settings[-1].values
     ratio = float(np.ravel(settings.get("impratio", 1.0))[0])
     return {
-        "other": scene.body(on).label,
+        "other": seen.bodies[on].label,
         "went": went_m,
         "speed": went_m * 1e3 / time,
         "share": 1e2 * used / available,
@@ -185,7 +184,7 @@ def _beyond(needed: Float64, available: Float64, normal: Float64, weight: Float6
     return np.asarray((needed > gives) & (gives > LOADED * needed))
 
 
-def _held(bodies: BodyColumns, *, steady: bool) -> Match | None:
+def _held(bodies: BodyColumns, *, steady: bool, chunk: Chunk) -> Match | None:
     """Return the steps in which a free body lies on something, or is gripped from two sides.
 
     Steps in which a grip closes are left out, since it presses with more than it holds with; with
@@ -196,7 +195,7 @@ def _held(bodies: BodyColumns, *, steady: bool) -> Match | None:
     without, and of the centre against what touches it [m]; steps as slow as a creep. Steps between
     two touches that are not long apart count, too: on soft contacts it hops.
     """
-    body, pairs, n = bodies.batch.bodies[0].body, bodies.scene.pairs, len(bodies.step)
+    body, pairs, n = bodies.batch.bodies[0].body, chunk.pairs, len(bodies.step)
     its, points = pairs.of_body.get(body.number, np.empty(0, np.int64)), pairs.points
     row = np.searchsorted(bodies.step, points.step[its]).clip(max=n - 1)
     pressed = (points.normal_n[its] > 0) & (bodies.step[row] == points.step[its])

@@ -13,8 +13,9 @@ from drop_physics.explain.needs import PoseSupport
 from drop_physics.explain.targets import HeldTargets
 from drop_physics.messages import Message
 from drop_physics.quantities import effort
-from drop_physics.rules.answer import Cure, Level, Scene
+from drop_physics.rules.answer import Cure, Level
 from drop_physics.rules.joint import aimed, units_of
+from drop_physics.trace.history import Seen
 from drop_physics.trace.motors import POSITION
 
 CLOSE, MOST = 0.05, 0.5
@@ -61,7 +62,7 @@ class Cause:
 
 
 def cause_of(
-    scene: Scene, driven: JointTelemetry, held: PoseSupport, stood: HeldTargets
+    seen: Seen, driven: JointTelemetry, held: PoseSupport, stood: HeldTargets
 ) -> Cause | None:
     """Return why a resting joint is off its target; None if that is uncertain."""
     row, k = int(stood.row[0]), stood.k
@@ -73,7 +74,7 @@ def cause_of(
     here = held.weighs(k) if shared else alone
     if here is not None and not (shared and here * away >= 0) and abs(here) > driven.limit[row, k]:
         return _too_weak(driven, held, stood, abs(here))
-    holds = _held(scene, driven, held, row, k, away)
+    holds = _held(seen, driven, held, row, k, away)
     if holds is None and shared:
         return Cause("at its limit", _weak(driven, stood), MORE_FORCE, Cure("force"), proposed=True)
     return holds
@@ -92,18 +93,6 @@ def at_its_limit(limit: str, count: int, steps: int) -> Message:
 def _weak(driven: JointTelemetry, stood: HeldTargets) -> Message:
     limit = effort(float(driven.limit[stood.row[0], stood.k]), units_of(driven, stood.k)[1])
     return at_its_limit(limit, int(stood.at_limit[0]), int(stood.steps[0]))
-
-
-def holds_off(scene: Scene, held: PoseSupport, joint_rate: int, away: float) -> bool:
-    """Return whether a body that the joint pushes or grips, not one it carries, blocks the motor.
-
-    `away` is the sign of the direction in which the motor is blocked.
-    """
-    against = [one for one, contact in held.contacts.items() if contact[joint_rate] * away > 0]
-    return any(
-        scene.body(one).base_moves and held.from_one_side(one, joint_rate) is None
-        for one in against
-    )
 
 
 def _too_weak(driven: JointTelemetry, held: PoseSupport, stood: HeldTargets, here: float) -> Cause:
@@ -146,14 +135,14 @@ def to_spare(need: float) -> str:
 
 
 def _held(
-    scene: Scene, driven: JointTelemetry, held: PoseSupport, row: int, k: int, away: float
+    seen: Seen, driven: JointTelemetry, held: PoseSupport, row: int, k: int, away: float
 ) -> Cause | None:
     """Return the contact or constraint that takes most of a motor's force."""
     torque, unit = abs(float(driven.torque[row, k])), units_of(driven, k)[1]
     most = max(held.contacts, key=lambda one: away * held.contacts[one][k], default=None)
     share = MOST if abs(held.constraints[k]) < CLOSE * torque else MOST / 2  # a gear has the rest
     if most is not None and away * held.contacts[most][k] > share * torque * (1 - CLOSE):
-        body = scene.body(most)
+        body = seen.bodies[most]
         if most == driven.body.number:
             return Cause("its own links", Message("its own links meet"))
         limit = effort(float(driven.limit[row, k]), unit)

@@ -15,6 +15,7 @@ from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import States, Tree
 from drop_physics.rules.arguments import given, number, site_of
 from drop_physics.rules.ik_answers import IK_LISTS, SentAnswer
+from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.joint import aimed
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule
@@ -24,11 +25,11 @@ from drop_physics.trace.events import Body
 
 
 @body_rule("ik-off", "asked", subject=1)
-def ik_off(bodies: BodyColumns) -> Match | None:
+def ik_off(bodies: BodyColumns, inputs: Inputs) -> Match | None:
     """`calculateInverseKinematics` stops after 20 iterations, converged or not."""
     keys, found = [], []
     for driven in bodies.driven:
-        inputs, joints = bodies.scene.inputs, driven.body.joints
+        inputs, joints = inputs, driven.body.joints
         # An answer has no number for a fixed joint: what is sent to one is another's.
         shifted = any(not joints[each].widths[1] for each in inputs.commanded[driven.body.number])
         sent = [] if shifted else inputs.ik.latest.get(driven.body.number, [])

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from drop_physics.arrays import Float64
+from drop_physics.explain.bodies import Record
 from drop_physics.messages import Message
 from drop_physics.physics.tree import BASE
 from drop_physics.rules.engines import MUJOCOS
@@ -15,15 +16,16 @@ from drop_physics.rules.rows import Case, SayingRow
 from drop_physics.rules.rule import input_rule
 from drop_physics.rules.thresholds import LEFT_M
 from drop_physics.trace.acts import Act
+from drop_physics.trace.history import Seen
 
 
 @input_rule("not-taken", "model", "inactive", engines=MUJOCOS)
-def never_active(inputs: Inputs) -> Iterator[Case]:
+def never_active(inputs: Inputs, seen: Seen, records: Mapping[int, Record]) -> Iterator[Case]:
     """An equality that is never active holds nothing, and its bodies part."""
-    scene, forces = inputs.scene, inputs.lasting.forces
+    forces = inputs.lasting.forces
     switched = {client for client, act, _ in forces if act is Act.SET_ACTIVE}
-    for equality in scene.seen.equalities:
-        number, end = equality.at.call, scene.seen.samples.get(equality.client, 1) - 1
+    for equality in seen.equalities:
+        number, end = equality.at.call, seen.samples.get(equality.client, 1) - 1
         mine = forces.get((equality.client, Act.SET_ACTIVE, number))
         # A script that switches others knows of this one.
         known = equality.client in switched if mine is None else mine.until(end) > 0
@@ -34,8 +36,8 @@ def never_active(inputs: Inputs) -> Iterator[Case]:
             or (equality.link_a, equality.link_b) != (BASE, BASE)
         ):
             continue
-        body, other = scene.body(equality.body_b), scene.body(equality.body_a)
-        ways = [_way_m(inputs, one.number, end) for one in (body, other)]
+        body, other = seen.bodies[equality.body_b], seen.bodies[equality.body_a]
+        ways = [_way_m(inputs, one.number, end, records) for one in (body, other)]
         apart_m = float(np.linalg.norm(ways[0] - ways[1]))
         if not apart_m >= LEFT_M:
             continue
@@ -65,10 +67,10 @@ never_active.rows(
 )
 
 
-def _way_m(inputs: Inputs, number: int, end: int) -> Float64:
+def _way_m(inputs: Inputs, number: int, end: int, records: Mapping[int, Record]) -> Float64:
     """Return how far a base moved during the run [m], shape (3,); nan if unknown."""
     motion = inputs.motions.get(number)
     if motion is not None and motion.first_m is not None and motion.last_m is not None:
         return motion.last_m - motion.first_m
-    base = inputs.scene.records[number].base_at(np.array([0, end]))[:, :3]
+    base = records[number].base_at(np.array([0, end]))[:, :3]
     return np.asarray(base[1] - base[0])

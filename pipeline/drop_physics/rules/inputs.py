@@ -6,7 +6,6 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from drop_physics.physics.kinematics import kinematics, motion
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.physics.tree import States, Tree
 from drop_physics.rules.arguments import number as number_of
+from drop_physics.rules.chunk import Chunk
 from drop_physics.rules.episodes import Episodes
 from drop_physics.rules.ik_answers import SentAnswers
 from drop_physics.rules.lasting import Lasting
@@ -23,13 +23,11 @@ from drop_physics.rules.thresholds import DEEP_M, EACH_STEP
 from drop_physics.trace.acts import FILTERS, PUSHES, Act
 from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.events import At, Body, Dynamics, Site
+from drop_physics.trace.history import Seen
 from drop_physics.trace.log import Log
 from drop_physics.trace.motors import POSITION, TORQUE, VELOCITY
 from drop_physics.trace.requests import Request, requests
 from drop_physics.trace.states import Rows, between, by_body
-
-if TYPE_CHECKING:
-    from drop_physics.rules.answer import Scene
 
 Place = tuple[int, int]
 """A body id, and a link of that body."""
@@ -181,7 +179,7 @@ class Drive:
 class Inputs:
     """The calls of a run, with their effects; filled chunk by chunk."""
 
-    scene: Scene
+    seen: Seen
     uses: dict[tuple[int, int, int | None, float], Use] = field(default_factory=dict)
     """Uses by the id of a call site, its client, the body id that its calls name, and the joint
     that they set."""
@@ -226,25 +224,25 @@ class Inputs:
     ik: SentAnswers = field(default_factory=SentAnswers)
     episodes: Episodes = field(default_factory=Episodes)
 
-    def see(self) -> None:
+    def see(self, chunk: Chunk) -> None:
         """Add the calls and states of a chunk."""
-        calls = self.scene.piece.calls
-        bases = by_body(self.scene.piece.bases)
+        calls = chunk.piece.calls
+        bases = by_body(chunk.piece.bases)
         for call in calls.of(*FOLLOWED):
-            self._use(call)
-            self._drive(call, bases)
-            self._pair(call)
-        waits = {client for client, samples in self.scene.seen.samples.items() if samples == 1}
+            self._use(call, chunk)
+            self._drive(call, bases, chunk)
+            self._pair(call, chunk)
+        waits = {client for client, samples in self.seen.samples.items() if samples == 1}
         torque = any((each.values["controlMode"] == TORQUE).any() for each in calls.commands())
         for call in calls.of(Act.COMMAND) if waits or torque else ():
             if call.client in waits or number_of(call, "controlMode") == TORQUE:
-                self._use(call)
+                self._use(call, chunk)
         for call in calls.failed()[-1:]:
             self.raised = call, calls
         self.lasting.see(calls.of(*WRITTEN))
         self.ik.see(calls)
-        self.episodes.see(self.scene)
-        self.requests += requests(calls, self.scene.seen.dynamics, self.scene.seen.settings)
+        self.episodes.see(chunk, self.seen)
+        self.requests += requests(calls, self.seen.dynamics, self.seen.settings)
         self._override(calls)
         for command in calls.commands():
             ids = np.unique(command.bodies).tolist()
@@ -253,7 +251,7 @@ class Inputs:
                 for k in np.unique(which[which >= 0]).tolist():
                     joints = np.unique(command.joints[(command.bodies == number) & (which == k)])
                     self.commanded[came[k].body.number] |= dict.fromkeys(joints.tolist())
-        for number, judged in self.scene.judged.items():
+        for number, judged in chunk.judged.items():
             motion = self.motions[number]
             motion.samples += len(judged.steps)
             for steps in judged.intervals:
@@ -267,9 +265,9 @@ class Inputs:
                     begin, end = steps.before.position_m[0], steps.after.position_m[-1]
                     motion.first_m = begin.copy() if motion.first_m is None else motion.first_m
                     motion.last_m = end.copy()
-        self._links()
-        self._torques()
-        pairs, placed = self.scene.pairs, self._bodies_of(Act.SET_POSE, Act.SET_JOINT)
+        self._links(chunk)
+        self._torques(chunk)
+        pairs, placed = chunk.pairs, self._bodies_of(Act.SET_POSE, Act.SET_JOINT)
         for first, second, rows in pairs.by_pair(pairs.normal_n > 0):
             key = first, second
             self.touched[key] = self.touched.get(key, 0) + len(rows)
@@ -318,17 +316,17 @@ class Inputs:
             key = came[which].body.number, joint, int(two[7])
             self.overridden.setdefault(key, (*sites, set()))[2].add(step)
 
-    def _links(self) -> None:
+    def _links(self, chunk: Chunk) -> None:
         """Note how far the links whose poses the script reads move per step."""
         read = [
             (reading, subject.body, subject.link)
-            for reading in self.scene.seen.readings
+            for reading in self.seen.readings
             if reading.act is Act.READ_LINK
             for subject in reading.targets
             if subject.link is not None
         ]
-        for number in {body for _, body, _ in read} & self.scene.judged.keys():
-            for steps in self.scene.judged[number].intervals:
+        for number in {body for _, body, _ in read} & chunk.judged.keys():
+            for steps in chunk.judged[number].intervals:
                 tree = steps.law.tree
                 if not len(steps) or not tree.size:
                     continue
@@ -345,9 +343,9 @@ class Inputs:
                     key = each.number, number, link
                     self.link_way_m[key] = max(way_m, self.link_way_m.get(key, 0.0))
 
-    def _torques(self) -> None:
+    def _torques(self, chunk: Chunk) -> None:
         """Note the joints that are driven by torque control only."""
-        for driven in self.scene.driven():
+        for driven in chunk.driven:
             acts = (driven.steps.reported.commanded != 0).any(axis=0)
             motor = (driven.torque != 0).any(axis=0)
             for joint, place in zip(driven.body.joints, driven.body.rates, strict=True):
@@ -357,10 +355,10 @@ class Inputs:
                 elif motor[place].any():
                     self.torque_alone.discard(key)
 
-    def _drive(self, call: Call, bases: Mapping[int, Rows]) -> None:
+    def _drive(self, call: Call, bases: Mapping[int, Rows], chunk: Chunk) -> None:
         """Note a constraint with the world, or a new target of one."""
         if call.act is Act.CONSTRAIN and call.values["childBodyUniqueId"][0] < 0:
-            came = self.scene.piece.calls.body_at(call, int(call.values["parentBodyUniqueId"][0]))
+            came = chunk.piece.calls.body_at(call, int(call.values["parentBodyUniqueId"][0]))
             if came is not None and np.isfinite(call.result):
                 self.drives[call.client, int(call.result)] = Drive(came.body, call)
         target = call.values.get("jointChildPivot", ())
@@ -376,11 +374,11 @@ class Inputs:
             drive.targets_m.append(target)
             drive.places_m.append(here[0].copy())
 
-    def _pair(self, call: Call) -> None:
+    def _pair(self, call: Call, chunk: Chunk) -> None:
         """Note which links calls join, exclude from contact, or assign to a collision group."""
         bodies, sides = _NAMES.get(call.act, ((), ()))
         came = [
-            self.scene.piece.calls.body_at(call, int(number_of(call, body, -1.0)))
+            chunk.piece.calls.body_at(call, int(number_of(call, body, -1.0)))
             for body in bodies
             if body in call.site.places
         ]
@@ -394,8 +392,8 @@ class Inputs:
             self.filtered.add(call.client)
             self.passes.pop(frozenset(pair), None)
 
-    def _use(self, call: Call) -> None:
-        came = self.scene.body_of(call)
+    def _use(self, call: Call, chunk: Chunk) -> None:
+        came = chunk.body_of(call)
         joint = number_of(call, "jointIndex", -1.0) if call.act is Act.SET_JOINT else -1.0
         key = call.site.number, call.client, None if came is None else came.number, joint
         self.uses.setdefault(key, Use(call, came)).add(call)
@@ -414,7 +412,7 @@ class Inputs:
 
     def first_dynamics(self, body: Body) -> Dynamics | None:
         """Return the engine's first dynamics report for a body; None for a soft body."""
-        its = (each for each in self.scene.seen.dynamics if each.body.number == body.number)
+        its = (each for each in self.seen.dynamics if each.body.number == body.number)
         return next(its, None)
 
     def left_out(self, act: Act) -> tuple[list[Use], list[int]]:
@@ -433,5 +431,5 @@ class Inputs:
 
     def clients(self) -> list[int]:
         """Return the simulations that had a body when they were stepped."""
-        bodies = self.scene.seen.bodies
+        bodies = self.seen.bodies
         return sorted({bodies[n].client for n, motion in self.motions.items() if motion.samples})

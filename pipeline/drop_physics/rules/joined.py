@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from drop_physics.account.pinned import SOON, HeldConstraint
 from drop_physics.account.rows import AccountRow
+from drop_physics.explain.joined import Constraints
+from drop_physics.explain.times import StepTimes
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Scene, Span
+from drop_physics.rules.answer import Span
 from drop_physics.rules.arguments import number, site_of
 from drop_physics.rules.body_properties import size_m, strained_by
 from drop_physics.rules.held_off import to_spare
@@ -22,24 +26,25 @@ from drop_physics.rules.thresholds import (
     STILL_M_S,
 )
 from drop_physics.trace.events import Body
+from drop_physics.trace.history import Seen
 
 NO_GAP_M = 1e-6
 
 
-def _other(scene: Scene, subject: Body, held: HeldConstraint) -> dict[str, object]:
+def _other(seen: Seen, subject: Body, held: HeldConstraint) -> dict[str, object]:
     """Return label and name of the other body of a constraint; the label is None for the world."""
     parent = held.last.bodies[0]
     is_world = parent < 0 or parent == subject.number
-    label = None if is_world else scene.body(parent).label
+    label = None if is_world else seen.bodies[parent].label
     return {"other": label, "parent": label or Message("the world")}
 
 
-def _part_m(scene: Scene, held: HeldConstraint) -> float:
+def _part_m(seen: Seen, held: HeldConstraint) -> float:
     """Return the size of the smaller part: the diagonal of its bounding box, or its body's size."""
     sizes: list[float] = []
     for place, link in zip(held.last.bodies, held.last.links, strict=True):
         if place >= 0:
-            body = scene.body(place)
+            body = seen.bodies[place]
             box = np.array(body.bounds_m[6 * (link + 1) : 6 * (link + 2)])
             diagonal = float(np.linalg.norm(box[3:] - box[:3])) if len(box) == 6 else 0.0
             sizes.append(diagonal or size_m(body))
@@ -53,8 +58,8 @@ def constraint_apart(row: AccountRow) -> bool:
 
 
 @constraint_apart.notes
-def _(scene: Scene, worst: Case, subject: Body, held: HeldConstraint) -> Noted | None:
-    gap, angle, part = held.first_gap_m, held.first_angle_rad, _part_m(scene, held)
+def _(seen: Seen, worst: Case, subject: Body, held: HeldConstraint) -> Noted | None:
+    gap, angle, part = held.first_gap_m, held.first_angle_rad, _part_m(seen, held)
     if gap is None:
         return None
     pulled = gap > APART * part and held.least_gap_m < CLOSES * gap
@@ -64,9 +69,7 @@ def _(scene: Scene, worst: Case, subject: Body, held: HeldConstraint) -> Noted |
     last = min(held.last_step, held.began + SOON - 1)
     worst.span = Span(held.began, last, last - held.began + 1)
     told = {"gap": gap, "angle": angle, "share": gap / part if pulled else angle}
-    return {"pulled": pulled, "made": site_of(held.last.made), **told} | _other(
-        scene, subject, held
-    )
+    return {"pulled": pulled, "made": site_of(held.last.made), **told} | _other(seen, subject, held)
 
 
 constraint_apart.rows(
@@ -99,9 +102,15 @@ def weak_constraint(row: AccountRow) -> bool:
 
 
 @weak_constraint.notes
-def _(scene: Scene, subject: Body, held: HeldConstraint) -> Noted | None:
-    gaps_m, ends_m, part = held.gaps_m, held.ends_m, _part_m(scene, held)
-    timestep_s = scene.times[subject.client].of_steps(np.array([held.last_step]))[0][0]
+def _(
+    seen: Seen,
+    subject: Body,
+    held: HeldConstraint,
+    times: Mapping[int, StepTimes],
+    constraints: Constraints,
+) -> Noted | None:
+    gaps_m, ends_m, part = held.gaps_m, held.ends_m, _part_m(seen, held)
+    timestep_s = times[subject.client].of_steps(np.array([held.last_step]))[0][0]
     # A spring swings, and what is being pulled back needs time.
     moved_m = np.linalg.norm(ends_m[-1] - ends_m[0], axis=1)
     still = (moved_m < STILL_M_S * SOON * timestep_s).any()
@@ -111,7 +120,11 @@ def _(scene: Scene, subject: Body, held: HeldConstraint) -> Noted | None:
         return None
     # What is dragged may lag with any force, and what it leans on may hold it off.
     hangs, strained = not (dragged or held.leans.any()), bool(held.strained.all())
-    ratio, weight, limit = _ratio(scene, subject.client), held.weight_n, held.last_limit_n
+    ratio, weight, limit = (
+        _ratio(constraints, seen, subject.client),
+        held.weight_n,
+        held.last_limit_n,
+    )
     if not strained and not (hangs and ratio >= RATIO and gaps_m[-1] > APART * part):
         return None
     call = held.last.limited
@@ -121,7 +134,7 @@ def _(scene: Scene, subject: Body, held: HeldConstraint) -> Noted | None:
         count=held.full,
     )
     heavy = weight > limit
-    return _other(scene, subject, held) | {
+    return _other(seen, subject, held) | {
         "gap": float(gaps_m[-1]),
         "part": part,
         "strained": strained,
@@ -138,12 +151,12 @@ def _(scene: Scene, subject: Body, held: HeldConstraint) -> Noted | None:
     }
 
 
-def _ratio(scene: Scene, client: int) -> float:
+def _ratio(constraints: Constraints, seen: Seen, client: int) -> float:
     """Return the mass ratio that is too large for the solver; 0 if calls move a body."""
-    held = scene.constraints.of_client(client)
+    held = constraints.of_client(client)
     numbers = {number for each in held for number in each.bodies if number >= 0}
     still = all(each.moved == each.made.at.step for each in held)
-    return strained_by(scene.seen, [scene.body(each) for each in numbers]) if still else 0.0
+    return strained_by(seen, [seen.bodies[each] for each in numbers]) if still else 0.0
 
 
 MORE = SayingRow(

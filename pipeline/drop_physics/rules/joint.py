@@ -8,9 +8,11 @@ import numpy as np
 
 from drop_physics.arrays import Float64
 from drop_physics.explain.joints import JointTelemetry, target_of
+from drop_physics.explain.needs import PoseSupport
 from drop_physics.messages import Message
 from drop_physics.rules.thresholds import IN_DEGREES_RAD
 from drop_physics.trace.events import Actuator, Body, Joint
+from drop_physics.trace.history import Seen
 
 OFF = {"rad": 1e-2, "m": 1e-3}
 """Distance below which a joint is at its target."""
@@ -55,6 +57,18 @@ def units_of(driven: JointTelemetry, k: int) -> tuple[str, str]:
 def units(joint: Joint) -> tuple[str, str]:
     """Return the units of a joint's position and effort."""
     return ("m", "N") if joint.kind == "prismatic" else ("rad", "N m")
+
+
+def holds_off(seen: Seen, held: PoseSupport, joint_rate: int, away: float) -> bool:
+    """Return whether a body that the joint pushes or grips, not one it carries, blocks the motor.
+
+    `away` is the sign of the direction in which the motor is blocked.
+    """
+    against = [one for one, contact in held.contacts.items() if contact[joint_rate] * away > 0]
+    return any(
+        seen.bodies[one].base_moves and held.from_one_side(one, joint_rate) is None
+        for one in against
+    )
 
 
 def is_degrees(target: float, low: float, high: float) -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.driving import control_of
 from drop_physics.messages import Message
+from drop_physics.rules.chunk import Chunk
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import name_of
 from drop_physics.rules.rows import Remedy, SayingRow
@@ -17,20 +18,18 @@ from drop_physics.trace.acts import LOADS_KEYFRAME, Act
 
 
 @joint_rule("reset-leaves", "asked", engines=MUJOCOS)
-def keyframe_without_control(joints: JointColumns) -> Match | None:
+def keyframe_without_control(joints: JointColumns, chunk: Chunk) -> Match | None:
     """Writing a keyframe's `qpos` sets its pose, but not its `ctrl`."""
     body, steps = joints.driven.body, joints.driven.steps
     if steps.steps[0] != 1 or len(steps) < WATCHED or not (body.keyframes and body.actuators):
         return None
-    given = [
-        control_of(actuator, body, joints.scene.piece, steps.steps) for actuator in body.actuators
-    ]
+    given = [control_of(actuator, body, chunk.piece, steps.steps) for actuator in body.actuators]
     watched = np.array(given)[:, :WATCHED]
     begins, now = steps.before.joints[0], watched[:, 0]
     keys = [
         keyframe for keyframe in body.keyframes if np.abs(begins - keyframe.joints).max() < BACK
     ]
-    calls = joints.scene.piece.calls.of(Act.RESET_STATE)
+    calls = chunk.piece.calls.of(Act.RESET_STATE)
     loaded = any(call.function == LOADS_KEYFRAME and not call.at.step for call in calls)
     # Of poses that look the same, one may have what it gives; and what is loaded may be changed.
     same = any(np.abs(now - key.given).max() < BACK for key in keys)
@@ -73,15 +72,13 @@ keyframe_without_control.rows(
 
 
 @joint_rule("reset-leaves", "note", reason="keyframe", engines=MUJOCOS)
-def never_loaded(joints: JointColumns) -> Match | None:
+def never_loaded(joints: JointColumns, chunk: Chunk) -> Match | None:
     """A keyframe has controls, but the run starts from another pose, with controls of 0."""
     body, steps = joints.driven.body, joints.driven.steps
     keys = [keyframe for keyframe in body.keyframes if any(keyframe.given)]
     if not keys or not len(steps):
         return None
-    given = [
-        control_of(actuator, body, joints.scene.piece, steps.steps) for actuator in body.actuators
-    ]
+    given = [control_of(actuator, body, chunk.piece, steps.steps) for actuator in body.actuators]
     begins = steps.before.joints[0]
     at_key = any(np.abs(begins - keyframe.joints).max() < BACK for keyframe in body.keyframes)
     where = ~np.any(given, axis=0) & (not at_key or steps.steps[0] > 1)

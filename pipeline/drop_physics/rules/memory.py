@@ -18,6 +18,7 @@ from drop_physics.rules.rule import input_rule
 from drop_physics.rules.thresholds import EACH_STEP, MASS_EDIT, PUSHES_STEPS, WATCHED
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body, EngineWarning
+from drop_physics.trace.history import Seen
 
 POSITION = "bad position"
 RESETS = POSITION, "bad velocity", "bad acceleration"
@@ -26,20 +27,20 @@ BASE_M = 3
 """Index of the quaternion in the coordinates of a free base."""
 
 
-def bodies_of(inputs: Inputs, client: int) -> list[Body]:
+def bodies_of(seen: Seen, client: int) -> list[Body]:
     """Return the bodies of a simulation in the engine's order."""
-    return [body for body in inputs.scene.seen.bodies.values() if body.client == client]
+    return [body for body in seen.bodies.values() if body.client == client]
 
 
-def body_at(inputs: Inputs, client: int, index: int) -> Body | None:
+def body_at(seen: Seen, client: int, index: int) -> Body | None:
     """Return the recorded body that contains a MuJoCo body, by the engine's index."""
-    before = [body for body in bodies_of(inputs, client) if body.engine_id <= index]
+    before = [body for body in bodies_of(seen, client) if body.engine_id <= index]
     return max(before, key=lambda each: each.engine_id, default=None)
 
 
-def rate_at(inputs: Inputs, client: int, index: int) -> tuple[Body, str | None, str] | None:
+def rate_at(seen: Seen, client: int, index: int) -> tuple[Body, str | None, str] | None:
     """Return body, joint (None for the base) and joint type for an engine's dof index."""
-    for body in bodies_of(inputs, client):
+    for body in bodies_of(seen, client):
         if body.base_moves:
             if index < 6:
                 return body, None, "prismatic" if index < 3 else "revolute"
@@ -51,24 +52,24 @@ def rate_at(inputs: Inputs, client: int, index: int) -> tuple[Body, str | None, 
     return None
 
 
-def turn_at(inputs: Inputs, client: int, index: int) -> Body | None:
+def turn_at(seen: Seen, client: int, index: int) -> Body | None:
     """Return the body whose base quaternion starts at an index of `qpos`."""
-    for body in bodies_of(inputs, client):
+    for body in bodies_of(seen, client):
         if body.base_moves and index == BASE_M:
             return body
         index -= sum(joint.widths[0] for joint in body.joints) + (7 if body.base_moves else 0)
     return None
 
 
-def _ends(inputs: Inputs, client: int) -> int:
-    return inputs.scene.seen.samples.get(client, 1) - 1
+def _ends(seen: Seen, client: int) -> int:
+    return seen.samples.get(client, 1) - 1
 
 
 @input_rule("reset-leaves", "model", "reset-clears", engines=MUJOCOS)
-def reset_clears_force(inputs: Inputs) -> Iterator[Case]:
+def reset_clears_force(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """A reset of the state sets forces to zero, and nothing sets them again."""
     for (client, act, place), force in inputs.lasting.forces.items():
-        steps = _ends(inputs, client) - force.since
+        steps = _ends(seen, client) - force.since
         by_reset = force.since in inputs.lasting.episodes[client] and not force.now.any()
         # A body may be pushed for a while; what is reset before a step never pushes it.
         is_drive = act is Act.SET_JOINT_FORCE and force.from_start
@@ -90,11 +91,11 @@ reset_clears_force.rows(
 )
 
 
-def _cleared(inputs: Inputs, force: LastingForce) -> int:
+def _cleared(seen: Seen, force: LastingForce) -> int:
     """Return how many steps pass before the engine next clears a force by a reset of its own."""
-    warnings = [each for each in inputs.scene.seen.warnings if each.client == force.client]
+    warnings = [each for each in seen.warnings if each.client == force.client]
     resets = [step for each in warnings if each.kind in RESETS for step in _first_and_last(each)]
-    return min([_ends(inputs, force.client), *(step for step in resets if step > force.since)])
+    return min([_ends(seen, force.client), *(step for step in resets if step > force.since)])
 
 
 def _first_and_last(warning: EngineWarning) -> tuple[int, int]:
@@ -102,15 +103,15 @@ def _first_and_last(warning: EngineWarning) -> tuple[int, int]:
 
 
 @input_rule("push-stays", "model", engines=MUJOCOS)
-def force_stays(inputs: Inputs) -> Iterator[Case]:
+def force_stays(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """A force on a body or a joint acts in each step until it is written again."""
     for (client, act, place), force in inputs.lasting.forces.items():
-        acts, first = force.until(_cleared(inputs, force)), force.call.at.step + 1
+        acts, first = force.until(_cleared(seen, force)), force.call.at.step + 1
         if acts < PUSHES_STEPS * force.writes or force.was_cleared or force.from_start:
             continue
-        body, joint, kind = body_at(inputs, client, place), None, "prismatic"
+        body, joint, kind = body_at(seen, client, place), None, "prismatic"
         if act is Act.SET_JOINT_FORCE:
-            body, joint, kind = rate_at(inputs, client, place) or (None, None, "")
+            body, joint, kind = rate_at(seen, client, place) or (None, None, "")
         push = math.hypot(*force.most[:3])
         unit = "N" if kind == "prismatic" and push else "N m"
         if act is Act.SET_ACTIVE or body is None or not body.moving:
@@ -149,15 +150,15 @@ force_stays.rows(
 
 
 @input_rule("not-taken", "asked", "no-effect", engines=MUJOCOS)
-def without_joint(inputs: Inputs) -> Iterator[Case]:
+def without_joint(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """A body without a joint is part of the world: no force moves it."""
     for (client, act, place), force in inputs.lasting.forces.items():
-        body = body_at(inputs, client, place) if act is Act.SET_BODY_FORCE else None
+        body = body_at(seen, client, place) if act is Act.SET_BODY_FORCE else None
         if body is None or (body.moving and place):
             continue
         told = {"field": f"{force.call.function}[{place}]", "of_world": place == 0}
         if place == 0:
-            first = next(each for each in bodies_of(inputs, client) if each.moving)
+            first = next(each for each in bodies_of(seen, client) if each.moving)
             told |= {"index": first.engine_id, "body": first.label}
         yield Case(call=force.call, subject=body, values=told)
 
@@ -180,7 +181,7 @@ without_joint.rows(
 
 
 @input_rule("model-edited", "model", engines=MUJOCOS)
-def model_edited(inputs: Inputs) -> Iterator[Case]:
+def model_edited(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """Quantities that a model derives from its masses are computed only when it is compiled."""
     lasting = inputs.lasting
     anew = {(each.call.client, each.call.at.step) for each in lasting.edits[Act.SET_DERIVED]}
@@ -203,7 +204,7 @@ def model_edited(inputs: Inputs) -> Iterator[Case]:
     for client, (ratio, old, new, edit, index) in worst.items():
         told: dict[str, object] = {"old": old, "new": new, "more": new - old, "ratio": ratio}
         told |= {"step": edit.call.at.step + 1, "index": index}
-        yield Case(call=edit.call, subject=body_at(inputs, client, index), values=told)
+        yield Case(call=edit.call, subject=body_at(seen, client, index), values=told)
 
 
 MODEL_EDITED = SayingRow(
@@ -223,10 +224,10 @@ model_edited.rows(
 
 
 @input_rule("reading", "note", "reading-stale", engines=MUJOCOS)
-def stale_after_write(inputs: Inputs) -> Iterator[Case]:
+def stale_after_write(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """Quantities derived from positions stay those of the earlier state until recomputed."""
     for client, writes in inputs.lasting.positions.items():
-        if len(writes.steps) < EACH_STEP * _ends(inputs, client) or writes.is_computed:
+        if len(writes.steps) < EACH_STEP * _ends(seen, client) or writes.is_computed:
             continue
         steps = sorted(writes.steps)
         yield Case(
@@ -267,10 +268,10 @@ read_after_write.rows(
 
 
 @input_rule("taken-elsewhere", "model", "quaternion-order", engines=MUJOCOS)
-def w_first(inputs: Inputs) -> Iterator[Case]:
+def w_first(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """MuJoCo expects quaternions with w first: with w last, a turn about z becomes half a turn."""
     for (client, place), (call, turn) in inputs.lasting.turned.items():
-        body = turn_at(inputs, client, place)
+        body = turn_at(seen, client, place)
         if body is None:
             continue
         angle = 2 * math.atan2(turn[2], turn[3])

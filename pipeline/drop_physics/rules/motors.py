@@ -7,9 +7,9 @@ import numpy as np
 from drop_physics import quantities
 from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.commands import DEFAULT
+from drop_physics.explain.joints import DrivenJoints
 from drop_physics.explain.targets import flips, rings_with
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Scene
 from drop_physics.rules.joint import RADIANS, as_degrees, is_degrees
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, joint_rule
@@ -107,8 +107,10 @@ def motor_gain(joints: JointColumns) -> Match:
 
 
 @motor_gain.notes
-def _(scene: Scene, unit: str, site: float, at_place: bool, kp: float, kd: float) -> Noted:
-    called = scene.joints.site(site)
+def _(
+    telemetry: DrivenJoints, unit: str, site: float, at_place: bool, kp: float, kd: float
+) -> Noted:
+    called = telemetry.site(site)
     told = [] if called is None else [name.removesuffix("s") for name in called.places]
     usual = {"positionGain": (kp, 0.1), "velocityGain": (kd, 1.0)}
     # What no call gave is PyBullet's own, and is not changed.
@@ -282,8 +284,8 @@ def _(driven: Float64, inertia: Float64, taken: Float64, keys: Int64, net: Float
 
 
 @joint_damping.notes
-def _(scene: Scene, torque_site: float, taken: float, driven: float) -> Noted:
-    return {"called": scene.site(torque_site), "part": min(taken / driven, 1.0)}
+def _(telemetry: DrivenJoints, torque_site: float, taken: float, driven: float) -> Noted:
+    return {"called": telemetry.cited(torque_site), "part": min(taken / driven, 1.0)}
 
 
 joint_damping.rows(

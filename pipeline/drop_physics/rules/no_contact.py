@@ -5,14 +5,15 @@ from __future__ import annotations
 from drop_physics.account.overlaps import HeldShape
 from drop_physics.account.rows import AccountRow
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Scene
 from drop_physics.rules.body_properties import part_named, size_m
 from drop_physics.rules.engines import ANY, BULLETS, MUJOCOS
+from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import row_rule
 from drop_physics.rules.thresholds import DEEP_M, OVERLAPS_STEPS
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
+from drop_physics.trace.history import Seen
 
 
 @row_rule("no-contact", "model", engines=ANY, proof="call")
@@ -23,7 +24,8 @@ def no_contact(row: AccountRow) -> bool:
 
 @no_contact.notes
 def _(
-    scene: Scene,
+    inputs: Inputs,
+    seen: Seen,
     shapes: tuple[HeldShape, HeldShape],
     call: Call | None,
     cause: str,
@@ -33,7 +35,7 @@ def _(
     one, two = (shape.body for shape in shapes)
     (_, link_one), (_, link_two) = (shape.place for shape in shapes)
     solids = [shape.solid.collision for shape in shapes]
-    if count < OVERLAPS_STEPS or frozenset((one.number, two.number)) in scene.inputs.joined:
+    if count < OVERLAPS_STEPS or frozenset((one.number, two.number)) in inputs.joined:
         return None
     if one is two and cause != "parent-and-child":
         return None
@@ -50,7 +52,7 @@ def _(
         return None
     asked = {
         subject.body
-        for reading in scene.seen.readings
+        for reading in seen.readings
         if reading.act is Act.READ_CONTACTS
         for subject in reading.targets
     }

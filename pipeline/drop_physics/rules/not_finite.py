@@ -7,12 +7,14 @@ import numpy as np
 from drop_physics.arrays import Flags, Float64
 from drop_physics.messages import Message
 from drop_physics.rules.arguments import site_of
+from drop_physics.rules.chunk import Chunk
 from drop_physics.rules.engines import ANY
 from drop_physics.rules.rows import Noted, SayingRow
 from drop_physics.rules.rule import Match, body_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.trace.calls import BODY_NAMES, Call
 from drop_physics.trace.events import Body
+from drop_physics.trace.history import Seen
 from drop_physics.trace.log import Log
 
 OVERFLOWS = float(np.sqrt(np.finfo(np.float64).max))
@@ -20,7 +22,7 @@ OVERFLOWS = float(np.sqrt(np.finfo(np.float64).max))
 
 
 @body_rule("not-finite", "broken", engines=ANY)
-def not_finite(bodies: BodyColumns) -> Match | None:
+def not_finite(bodies: BodyColumns, seen: Seen, chunk: Chunk) -> Match | None:
     """The state after a step, or an impulse in it, is infinite or not a number."""
     names = ("velocity", "position_m", "orientation", "joints")
     states = np.hstack([getattr(bodies.after, name) for name in names])
@@ -30,8 +32,8 @@ def not_finite(bodies: BodyColumns) -> Match | None:
     calls = np.full(len(rows), None, object)
     _, firsts = np.unique(bodies.body[rows], return_index=True)
     for at in firsts.tolist():  # later steps have what the first one left
-        body, step = bodies.scene.body(int(bodies.body[rows[at]])), int(bodies.step[rows[at]])
-        calls[at] = _without_number(bodies.scene.piece.calls, body, step)
+        body, step = seen.bodies[int(bodies.body[rows[at]])], int(bodies.step[rows[at]])
+        calls[at] = _without_number(chunk.piece.calls, body, step)
     return Match(rows, np.ones(len(rows)), firsts={"given": calls})
 
 

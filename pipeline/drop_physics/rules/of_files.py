@@ -14,8 +14,9 @@ from drop_physics.messages import Message
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import BASE, RATES, Tree
-from drop_physics.rules.answer import Scene, and_more
+from drop_physics.rules.answer import and_more
 from drop_physics.rules.arguments import site_of
+from drop_physics.rules.body_properties import AskedOfBodies
 from drop_physics.rules.inputs import FileInertia, Inputs
 from drop_physics.rules.joint import link_of
 from drop_physics.rules.rows import Case, Noted, Remedy, SayingRow
@@ -30,6 +31,7 @@ from drop_physics.rules.thresholds import (
 from drop_physics.trace.acts import Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body, FileLink
+from drop_physics.trace.history import Seen
 from drop_physics.trace.properties import link_reached
 
 FROM_FILE = 2
@@ -50,18 +52,18 @@ def told_links(body: Body, tree: Tree) -> dict[int, FileLink]:
     return {link: told[links[link + 1]] for link in moving_links(tree) if links[link + 1] in told}
 
 
-def _came(inputs: Inputs) -> Iterator[tuple[Body, Tree]]:
+def _came(inputs: Inputs, seen: Seen) -> Iterator[tuple[Body, Tree]]:
     """Yield each body with its kinematic tree, as it was first loaded."""
     for number, life in inputs.first_lives.items():
-        body = inputs.scene.body(number)
+        body = seen.bodies[number]
         if len(body.links) == life.tree.links + 1:
             yield body, life.tree
 
 
 @input_rule("no-inertial", "asked")
-def no_inertial(inputs: Inputs) -> Iterator[Case]:
+def no_inertial(inputs: Inputs, asked: AskedOfBodies, seen: Seen) -> Iterator[Case]:
     """PyBullet gives a movable link without `<inertial>` a mass of 1 kg."""
-    for body, tree in _came(inputs):
+    for body, tree in _came(inputs, seen):
         masses_kg = {link: float(tree.masses_kg[link + 1]) for link in moving_links(tree)}
         links = [
             link
@@ -72,7 +74,7 @@ def no_inertial(inputs: Inputs) -> Iterator[Case]:
             total_kg = sum(masses_kg.values())
             yield Case(
                 subject=body,
-                call=inputs.scene.asked.load(body),
+                call=asked.load(body),
                 values={
                     "link": body.links[links[0] + 1],
                     "links": links,
@@ -99,9 +101,9 @@ no_inertial.rows(
 
 
 @input_rule("impossible-inertia", "model")
-def impossible_inertia(inputs: Inputs) -> Iterator[Case]:
+def impossible_inertia(inputs: Inputs, asked: AskedOfBodies, seen: Seen) -> Iterator[Case]:
     """The two smaller moments of inertia of a link add up to less than the largest."""
-    for body, tree in _came(inputs):
+    for body, tree in _came(inputs, seen):
         told = told_links(body, tree)
         for link in moving_links(tree):
             moments = sorted(tree.inertias_kg_m2[link + 1].tolist())
@@ -115,7 +117,7 @@ def impossible_inertia(inputs: Inputs) -> Iterator[Case]:
             low, middle, high = moments
             values = {"low": low, "middle": middle, "high": high, "zeroed": zeroed}
             values |= {"link": body.links[link + 1], "mass": mass_kg}
-            yield Case(subject=body, call=inputs.scene.asked.load(body), values=values)
+            yield Case(subject=body, call=asked.load(body), values=values)
             break
 
 
@@ -151,9 +153,9 @@ def _is_possible(moments: Sequence[float]) -> bool:
 
 
 @body_rule("inertia-from-shape", "note", subject=1, proposes=True)
-def inertia_from_shape(bodies: BodyColumns) -> Match | None:
+def inertia_from_shape(bodies: BodyColumns, inputs: Inputs) -> Match | None:
     """PyBullet computes inertias from shapes; the file's would change a rotation."""
-    found = {body.body.number: _other(bodies.scene, body) for body in bodies.batch.bodies}
+    found = {body.body.number: _other(inputs, body) for body in bodies.batch.bodies}
     whole = all(len(each.added) == bodies.law.tree.size for each in found.values())
     if not bodies.terms or not whole or not any(each.added.any() for each in found.values()):
         return None
@@ -187,7 +189,8 @@ def _(missing: Float64, acting: Float64, fastest: Float64) -> Float64:
 
 @inertia_from_shape.notes
 def _(
-    scene: Scene,
+    inputs: Inputs,
+    asked: AskedOfBodies,
     subject: Body,
     keys: list[int],
     among: int,
@@ -196,9 +199,9 @@ def _(
     acting: float,
 ) -> Noted:
     row = keys[1] - 6 * subject.base_moves
-    of_file = scene.inputs.first_lives[subject.number].of_file
+    of_file = inputs.first_lives[subject.number].of_file
     changed = None if of_file is None else of_file.changed
-    loaded, joint = scene.asked.loaded(subject), None
+    loaded, joint = asked.loaded(subject), None
     says = Message(
         "with the file's <inertia>, the moment of inertia of {body} about {axis}{more} would "
         "be {written} times what PyBullet uses: {why}"
@@ -244,12 +247,12 @@ inertia_from_shape.rows(
 )
 
 
-def _other(scene: Scene, steps: BodySteps) -> FileInertia:
+def _other(inputs: Inputs, steps: BodySteps) -> FileInertia:
     """Compare the inertias in a body's file with those of the engine; once per body."""
-    body, life = steps.body, scene.inputs.first_lives[steps.body.number]
+    body, life = steps.body, inputs.first_lives[steps.body.number]
     if life.of_file is None:
         inertias, masses = set[int](), dict[int, Call]()
-        for use in scene.inputs.of(Act.SET_PROPERTY):
+        for use in inputs.of(Act.SET_PROPERTY):
             if use.body is not None and use.body.number == body.number:
                 link = link_reached(use.first.values)
                 if "localInertiaDiagonal" in use.low:

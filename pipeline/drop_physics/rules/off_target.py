@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from drop_physics import quantities
 from drop_physics.arrays import Flags, Float64, Int64
-from drop_physics.explain.joints import REST_STEPS
+from drop_physics.explain.joints import REST_STEPS, DrivenJoints
 from drop_physics.explain.targets import flips, rings_with
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Cure, Scene
+from drop_physics.rules.answer import Cure
 from drop_physics.rules.by_name import called
 from drop_physics.rules.held_off import (
     MORE_FORCE,
@@ -23,12 +23,12 @@ from drop_physics.rules.held_off import (
     at_its_limit,
     cause_of,
     give_at_least,
-    holds_off,
 )
+from drop_physics.rules.joint import holds_off
 from drop_physics.rules.rows import Noted, Remedy, SayingRow, Worst
 from drop_physics.rules.rule import Match, Sized, joint_rule, target_rule
 from drop_physics.rules.tables import JointColumns
-from drop_physics.rules.target_columns import TargetColumns
+from drop_physics.rules.target_columns import StandingTargets, TargetColumns
 from drop_physics.rules.thresholds import (
     CROSSINGS,
     HALF_THE_STEPS,
@@ -39,11 +39,12 @@ from drop_physics.rules.thresholds import (
     STIFF,
     USUAL_STIFFNESS_HZ,
 )
+from drop_physics.trace.history import Seen
 from drop_physics.trace.motors import VELOCITY
 
 
 @target_rule("off-target", "asked")
-def rests_off(targets: TargetColumns) -> Match | None:
+def rests_off(targets: TargetColumns, telemetry: DrivenJoints, seen: Seen) -> Match | None:
     """A joint came to rest away from its target."""
     # One that began in an earlier piece has been noted, and may have been reached since.
     rests = targets.stood.resting & (targets.off >= targets.least)
@@ -52,18 +53,20 @@ def rests_off(targets: TargetColumns) -> Match | None:
     )
     if targets.late or not where.any():
         return None
-    lasts = {**targets.numbers, "cause": _causes(targets, where & rests)}
+    lasts = {**targets.numbers, "cause": _causes(targets, where & rests, telemetry, seen)}
     keys = np.column_stack([targets.keys, targets.stood.first])
     return Match(where, targets.off, lasts=lasts, keys=keys)
 
 
-def _causes(targets: TargetColumns, which: Flags) -> NDArray[Any]:
+def _causes(
+    targets: TargetColumns, which: Flags, telemetry: DrivenJoints, seen: Seen
+) -> NDArray[Any]:
     """Return the cause of the worst missed target; None for all others."""
     causes, rows = np.full(len(which), None, object), np.flatnonzero(which)
     for at in rows[[int(targets.off[rows].argmax())]] if len(rows) else ():
         stood = targets.stood.only(np.array([at]))
-        held = targets.scene.joints.holding(targets.driven, int(stood.row[0]))
-        causes[at] = cause_of(targets.scene, targets.driven, held, stood)
+        held = telemetry.holding(targets.driven, int(stood.row[0]))
+        causes[at] = cause_of(seen, targets.driven, held, stood)
     return causes
 
 
@@ -76,7 +79,7 @@ def _(cause: Float64, share: Float64) -> Sized:
 
 @rests_off.notes
 def _missed(
-    scene: Scene,
+    standing: StandingTargets,
     keys: list[int],
     stood: list[int],
     joint: str,
@@ -88,7 +91,7 @@ def _missed(
     says = Message(
         "{joint}{more} misses a target of {target:at} by {off:gap} at step {last}: {why}"
     )
-    going = scene.going.get((keys[0], keys[1]))
+    going = standing.going.get((keys[0], keys[1]))
     if going is not None and going.stood.first[0] == stood[0]:
         says = Message("{joint}{more} ends {off:gap} off its target of {target:at}: {why}")
     cure = cause.cure
@@ -176,7 +179,7 @@ follows_behind.rows(
 
 
 @target_rule("off-target", "asked")
-def falls_behind(targets: TargetColumns) -> Match | None:
+def falls_behind(targets: TargetColumns, telemetry: DrivenJoints, seen: Seen) -> Match | None:
     """Targets change before their joint arrives, with its motor at its limit."""
     weak = ~_lawful(targets) & ~np.isnan(targets.stood.lawful) & (targets.stood.at_limit > 0)
     match = _followed(targets, weak)
@@ -185,7 +188,7 @@ def falls_behind(targets: TargetColumns) -> Match | None:
     stopped = targets.stopped & (match.size > 0)
     # When a piece is over, what stopped a joint in it can no longer be asked.
     size = np.where(stopped & targets.late, 0.0, match.size)
-    against = _causes(targets, stopped & ~np.array(targets.late))
+    against = _causes(targets, stopped & ~np.array(targets.late), telemetry, seen)
     return replace(match, size=size, numbers={**match.numbers, "against": against})
 
 
@@ -198,7 +201,7 @@ def _(limited: Float64, count: Int64, moved: Float64, size: Float64, share: Floa
 @falls_behind.notes
 def _(
     worst: Worst,
-    scene: Scene,
+    standing: StandingTargets,
     keys: list[int],
     stood: list[int],
     against: Cause | None,
@@ -208,7 +211,7 @@ def _(
     count: int,
     left: float,
 ) -> Noted | None:
-    going = scene.going.get((keys[0], keys[1]))
+    going = standing.going.get((keys[0], keys[1]))
     there = going is not None and going.at_rest[0] and going.off[0] <= going.least
     if there and stood[1] - stood[0] + 1 < REST_STEPS:
         return None  # one of many on the way to that at which it stands
@@ -226,10 +229,10 @@ falls_behind.rows(MISSED)
 
 
 def _takes_more(
-    scene: Scene, keys: list[int], weak: Message, limit: float, effort: str, force: float
+    telemetry: DrivenJoints, keys: list[int], weak: Message, limit: float, effort: str, force: float
 ) -> Cause | None:
     """Return the torque that a motion to a target takes, if it exceeds the motor's limit."""
-    efforts = scene.joints.efforts[keys[0]]
+    efforts = telemetry.efforts[keys[0]]
     takes = efforts.on_the_way[keys[1]]
     if not takes > limit:
         return None
@@ -333,7 +336,7 @@ still_moves.rows(MISSED)
 
 
 @joint_rule("off-target", "asked")
-def too_slow(joints: JointColumns) -> Match:
+def too_slow(joints: JointColumns, telemetry: DrivenJoints, seen: Seen) -> Match:
     """A velocity motor is at its limit for most of the time of its target.
 
     A joint that grips something, or presses its stop, is meant to stand still; and a target beyond
@@ -347,8 +350,8 @@ def too_slow(joints: JointColumns) -> Match:
     for k in np.flatnonzero(weak.any(axis=0)).tolist():
         row, way = int(np.flatnonzero(told[:, k])[-1]), np.sign(goal[:, k])
         if weak[row, k]:
-            held, on = joints.scene.joints.holding(joints.driven, row), float(way[row])
-            weak[:, k] &= held.stops[k] * on >= 0 and not holds_off(joints.scene, held, k, -on)
+            held, on = telemetry.holding(joints.driven, row), float(way[row])
+            weak[:, k] &= held.stops[k] * on >= 0 and not holds_off(seen, held, k, -on)
             takes[:, k] = held.needs[k] * on
     step = np.broadcast_to(joints.step[:, None], goal.shape).astype(np.float64)
     lasts = {"weak": weak, "rate": joints.rate, "goal": goal, "takes": takes}

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
-from drop_physics.rules.answer import Scene
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS
+from drop_physics.rules.inputs import Inputs
+from drop_physics.rules.placing import Placing
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule, pair_rule
 from drop_physics.rules.tables import BodyColumns, PairColumns
@@ -27,16 +30,16 @@ from drop_physics.trace.events import Body
 
 
 @pair_rule("overwritten", "asked", reason="pose-set-each-step", engines=MUJOCOS)
-def pose_set_in_contact(pair: PairColumns) -> Match:
+def pose_set_in_contact(pair: PairColumns, placing: Placing) -> Match:
     """A pose set in every step exerts no force: the body passes through obstacles."""
-    posed = _posed(pair)
+    posed = _posed(pair, placing)
     deep = posed & (pair.pairs.normal_n > 0) & (pair.pairs.depth_m > DEEP_M)
     return Match(posed, np.where(deep, pair.pairs.depth_m, 0.0), sums={"deep": deep * 1})
 
 
-def _posed(pair: PairColumns) -> Flags:
+def _posed(pair: PairColumns, placing: Placing) -> Flags:
     """Flag the rows in which a call set a body's pose, not only its velocity."""
-    rows = np.flatnonzero(pair.scene.placing.moved(pair.body, pair.step))
+    rows = np.flatnonzero(placing.moved(pair.body, pair.step))
     posed = np.zeros(len(pair.step), np.bool_)
     for steps, its, at in pair.of_bodies(rows):
         last = (at - 1).clip(0)
@@ -77,12 +80,12 @@ pose_set_in_contact.rows(
     least_count=SINKS_STEPS,
     engines=MUJOCOS,
 )
-def rate_gathers(bodies: BodyColumns) -> Match | None:
+def rate_gathers(bodies: BodyColumns, placing: Placing) -> Match | None:
     """A pose is set in every step but its velocity is not, so that the velocity grows."""
     if bodies.law.tree.fixed:
         return None
     came, at = bodies.came(lambda states: states.position_m), bodies.before.position_m
-    moved = bodies.scene.placing.moved(bodies.body, bodies.step)
+    moved = placing.moved(bodies.body, bodies.step)
     speed = lengths(bodies.before.velocity[:, 3:6])
     way = lengths(np.diff(at, axis=0, append=at[-1:])) / bodies.reported.timestep_s
     # Where it is set back in each step, its velocity is of no way that it goes.
@@ -111,14 +114,14 @@ rate_gathers.rows(
     least_count=SINKS_STEPS,
     engines=ANY,
 )
-def falls_no_faster(bodies: BodyColumns) -> Match | None:
+def falls_no_faster(bodies: BodyColumns, placing: Placing) -> Match | None:
     """A velocity written before each step removes the speed that gravity gave in the last one."""
     if bodies.law.tree.fixed:
         return None
     timestep_s, now = bodies.reported.timestep_s, bodies.before.velocity[:, 3:6]
     given = bodies.reported.gravity_m_s2 * timestep_s[:, None]
     taken = bodies.came(lambda states: states.velocity)[:, 3:6] - now
-    moved = bodies.scene.placing.moved(bodies.body, bodies.step)
+    moved = placing.moved(bodies.body, bodies.step)
     # A pose that is set stops the body, too.
     moved &= (bodies.came(lambda states: states.position_m) == bodies.before.position_m).all(axis=1)
     where = moved & (lengths(taken - given) <= NO_FORCE * lengths(given)) & given.any(axis=1)
@@ -126,14 +129,21 @@ def falls_no_faster(bodies: BodyColumns) -> Match | None:
 
 
 @falls_no_faster.notes
-def _(scene: Scene, subject: Body, size: float, count: int, timestep: float) -> Noted:
-    uses = (use for use in scene.inputs.of(Act.SET_VELOCITY) if use.body is subject)
+def _(
+    inputs: Inputs,
+    last_samples: Mapping[int, int],
+    subject: Body,
+    size: float,
+    count: int,
+    timestep: float,
+) -> Noted:
+    uses = (use for use in inputs.of(Act.SET_VELOCITY) if use.body is subject)
     call = next((use.first for use in uses), None)
     return {
         "taken": size * count,
         "way": size * timestep * 1e3,
         "called": None if call is None else site_of(call),
-        "part": count / scene.ends[subject.number],
+        "part": count / last_samples[subject.number],
     }
 
 

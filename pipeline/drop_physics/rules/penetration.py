@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.arrays import Float64
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Scene
 from drop_physics.rules.body_properties import part_named, size_m, strained_by, thickness_m
+from drop_physics.rules.chunk import Chunk
+from drop_physics.rules.inputs import Inputs
+from drop_physics.rules.placing import Placing
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, pair_rule
 from drop_physics.rules.tables import PairColumns
@@ -32,6 +34,7 @@ from drop_physics.rules.thresholds import (
 )
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
+from drop_physics.trace.history import Seen
 
 SOLVER = 50
 """The solver's number of iterations if no call sets it."""
@@ -39,10 +42,10 @@ SLOP, ITERATIONS = "contactSlop", "numSolverIterations"
 
 
 @pair_rule("deep-penetration", "model", consecutive=True)
-def deep_penetration(pair: PairColumns) -> Match:
+def deep_penetration(pair: PairColumns, placing: Placing, chunk: Chunk) -> Match:
     """Bodies overlap by a good part of the thinner one, though not placed so."""
     rows = np.flatnonzero((pair.pairs.depth_m > DEEP_M) & (pair.body != pair.other))
-    points, placing = pair.points, pair.scene.placing
+    points, placing = pair.points, placing
     steps, bodies, depth_m = pair.step[rows], pair.pairs.body[rows], pair.pairs.depth_m[rows]
     moved = placing.moved(bodies, steps[:, None])
     came_m = pair.pairs.most(points.approach_m_s)[rows].clip(0.0) * pair.timestep_s[rows]
@@ -54,7 +57,7 @@ def deep_penetration(pair: PairColumns) -> Match:
         depth_m,
         {"deepest": steps, "links": pair.links[rows]},
         {"came": came_m, "carried": (moved & still).any(axis=1).astype(float)},
-        {"fastest": came_m, **_presses(pair, rows)},
+        {"fastest": came_m, **_presses(pair, rows, chunk)},
         {"placed": moved.any(axis=1) | late, "began": depth_m, "at": bodies[:, 0]},
         keys=pair.keys[rows],
     )
@@ -62,7 +65,9 @@ def deep_penetration(pair: PairColumns) -> Match:
 
 @deep_penetration.notes
 def _(
-    scene: Scene,
+    last_samples: Mapping[int, int],
+    inputs: Inputs,
+    seen: Seen,
     subject: Body,
     partner: Body,
     time_s: Callable[[int], float],
@@ -86,14 +91,14 @@ def _(
     lasts = took >= GROWS_STEPS
     # What comes fast goes deeper; without a cause, only what is no physics any more is said.
     least = DEEP_LASTING if lasts else DEEP_IMPACT
-    stays, ends = last >= scene.ends[subject.number], took < IMPACT_STEPS
+    stays, ends = last >= last_samples[subject.number], took < IMPACT_STEPS
     # What a constraint holds inside, a call asked for.
     over = share > OVER_HALF and not constraints
     level = "broken" if stays and over else "note" if ends and not over else None
-    engine = [*scene.inputs.of(Act.SET_ENGINE)]
+    engine = [*inputs.of(Act.SET_ENGINE)]
     soft_n_m = [
         float(np.nan_to_num(each.reported["contact_stiffness"]).max())
-        for each in scene.seen.dynamics
+        for each in seen.dynamics
         if each.body.number in numbers
     ]
     slops_m = [float(use.high[SLOP][0]) for use in engine if SLOP in use.high]
@@ -107,13 +112,13 @@ def _(
         "level": level,
         "moves": carried > (last - first) / 2,
         # A joint's is `overwritten`.
-        "posed": any(use.body in both for use in scene.inputs.of(Act.SET_POSE)),
+        "posed": any(use.body in both for use in inputs.of(Act.SET_POSE)),
         "lasts": lasts,
         "grows": lasts and size > 2 * began,
         "ends": ends,
         "slop": max([0.0, *slops_m]),
         "stiffness": max([0.0, *soft_n_m]),
-        "ratio": strained_by(scene.seen, both),
+        "ratio": strained_by(seen, both),
         "few": min(given, default=SOLVER),
         "usual": SOLVER,
     }
@@ -198,12 +203,12 @@ deep_penetration.rows(
 )
 
 
-def _presses(pair: PairColumns, rows: NDArray[np.intp]) -> dict[str, Float64]:
+def _presses(pair: PairColumns, rows: NDArray[np.intp], chunk: Chunk) -> dict[str, Float64]:
     """Return how hard motors and constraints press a body against its contacts."""
     found = {name: np.zeros(len(rows)) for name in ("constraints", "motors")}
     for side in (0, 1):
         bodies = pair.pairs.body[rows, side]
-        for steps, its, at in pair.scene.steps_at(bodies, pair.step[rows]):
+        for steps, its, at in chunk.steps_at(bodies, pair.step[rows]):
             for name in found if steps.terms else ():
                 contacts = steps.terms["contacts"][at]
                 against = -np.minimum(steps.terms[name][at] * contacts, 0.0).sum(axis=1)
@@ -217,14 +222,16 @@ def _presses(pair: PairColumns, rows: NDArray[np.intp]) -> dict[str, Float64]:
 
 
 @pair_rule("starts-in-contact", "asked")
-def starts_in_contact(pair: PairColumns) -> Match | None:
+def starts_in_contact(
+    pair: PairColumns, placing: Placing, seen: Seen, chunk: Chunk
+) -> Match | None:
     """The engine pushes overlapping bodies apart, faster with depth and with shorter timesteps."""
-    points, placing, both = pair.points, pair.scene.placing, pair.pairs.body
+    points, placing, both = pair.points, placing, pair.pairs.body
     # How fast the deepest parts leave each other after the step.
     parting = pair.pairs.most(np.where(points.distance_m < -DEEP_M, points.parting_m_s, 0.0))
     pressed = pair.pairs.normal_n > 0
     # With substeps the last one is reported: the push may be over, and they have parted since.
-    substeps = _substeps(pair)
+    substeps = _substeps(pair, chunk, seen)
     pushed = parting + pair.pairs.most(points.approach_m_s) > PUSHED_APART_M_S
     pressed |= (substeps > 1) & pushed
     depth_m = pair.pairs.depth_m + parting * pair.timestep_s * (1 - 1 / substeps)
@@ -250,7 +257,7 @@ def starts_in_contact(pair: PairColumns) -> Match | None:
     links = points.link[deepest]
     keys, step = np.where(second, both[rows, ::-1], both[rows]), pair.step[rows]
     sites = [
-        placing.site(pair.scene.body(number), at)
+        placing.site(seen.bodies[number], at)
         for number, at in zip(keys[:, 0].tolist(), step.tolist(), strict=True)
     ]
     return Match(
@@ -267,16 +274,16 @@ def starts_in_contact(pair: PairColumns) -> Match | None:
     )
 
 
-def _substeps(pair: PairColumns) -> Float64:
+def _substeps(pair: PairColumns, chunk: Chunk, seen: Seen) -> Float64:
     """Return the number of substeps of each step, shape (n,)."""
     bodies, which = np.unique(pair.body, return_inverse=True)
-    settings = [pair.scene.settings(pair.scene.body(each).client) for each in bodies.tolist()]
+    settings = [chunk.settings(seen.bodies[each].client) for each in bodies.tolist()]
     return np.maximum([each.get("numSubSteps", 0.0) for each in settings], 1.0)[which]
 
 
 @starts_in_contact.notes
 def _(
-    scene: Scene,
+    seen: Seen,
     subject: Body,
     partner: Body,
     time_s: Callable[[int], float],
@@ -284,6 +291,7 @@ def _(
     step: int,
     size: float,
     away: list[float],
+    placing: Placing,
 ) -> Noted:
     scale_m, itself = min(size_m(subject), size_m(partner)), subject is partner
     height_m = size**2 / (2 * STANDARD_M_S2)
@@ -291,13 +299,13 @@ def _(
     return {
         "itself": itself,
         "level": "model" if itself else "broken" if thrown else "asked" if lifted else "note",
-        "came": scene.placing.came(subject.number, step),
+        "came": placing.came(subject.number, step),
         "one": part_named(subject, links[0]),
         "two": part_named(partner, links[1]),
         "away": tuple(away),
         "time": time_s(step - 1),
         "scale": scale_m,
-        "hull": _hull(scene, (subject, partner), links),
+        "hull": _hull(seen, (subject, partner), links),
     }
 
 
@@ -336,12 +344,12 @@ starts_in_contact.rows(
 )
 
 
-def _hull(scene: Scene, both: tuple[Body, Body], links: list[int]) -> str:
+def _hull(seen: Seen, both: tuple[Body, Body], links: list[int]) -> str:
     """Return a note that a mesh's hollow counts as filled, if either body has a mesh."""
     if any(collision.kind == "plane" for body in both for collision in body.collisions):
         return ""  # a mesh and its hull go equally deep into a plane
     for body, link in zip(both, links, strict=True):
-        for surface in scene.seen.surfaces:
+        for surface in seen.surfaces:
             if surface.body == body.number and body.collisions[surface.shape].link == link:
                 return Message(
                     "; the mesh of {body} has a hollow, which PyBullet fills: it collides as its "

@@ -12,7 +12,7 @@ from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import in_world, kinematics, motion
 from drop_physics.physics.vectors import cross, distinct_rows, groups, lengths, summed
-from drop_physics.rules.answer import Scene, Span
+from drop_physics.rules.answer import Span
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.inputs import Inputs, Use
 from drop_physics.rules.rows import Case, Noted, Remedy, SayingRow
@@ -22,6 +22,7 @@ from drop_physics.rules.thresholds import NEGLIGIBLE, SAME_POINT_M, SOON_STEPS
 from drop_physics.trace.acts import PUSHES, Act
 from drop_physics.trace.calls import WORLD_FRAME
 from drop_physics.trace.events import Body
+from drop_physics.trace.history import Seen
 from drop_physics.trace.motors import TORQUE
 
 FORCES = "forceObj", "torqueObj", "force", "forces"
@@ -31,7 +32,7 @@ PLACES = "linkIndex", "jointIndex", "jointIndices"
 
 
 @input_rule("push-lasted-a-step", "note", proposes=True)
-def push_lasted_a_step(inputs: Inputs) -> Iterator[Case]:
+def push_lasted_a_step(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """A force or torque of a call acts in the next step only."""
     alike: defaultdict[tuple[int, Act], list[Use]] = defaultdict(list)
     for use in inputs.of(*PUSHES, Act.COMMAND):
@@ -42,14 +43,14 @@ def push_lasted_a_step(inputs: Inputs) -> Iterator[Case]:
         if use.body is not None and torque and not in_turn and _size(use) > 0:
             alike[use.body.number, use.first.act].append(use)
     for (number, act), uses in alike.items():
-        body, call = inputs.scene.body(number), uses[0].first
+        body, call = seen.bodies[number], uses[0].first
         steps = sorted(set[int]().union(*(use.steps for use in uses)))
         apart = {*np.diff(steps).tolist()}
         every, lost = max(apart, default=0), 0.0
         in_turn = len(steps) > 2 and apart == {every} and every > 1
         if in_turn:
             asked, lost = every <= SOON_STEPS, 1 - 1 / every
-        elif len(steps) == 1 and steps[0] + 1 < inputs.scene.seen.samples.get(body.client, 0):
+        elif len(steps) == 1 and steps[0] + 1 < seen.samples.get(body.client, 0):
             asked = act is Act.PUSH and _came_to_nothing(inputs, number)
         else:
             continue
@@ -158,12 +159,10 @@ def force_off_centre(bodies: BodyColumns) -> Match | None:
 
 
 @force_off_centre.notes
-def _(scene: Scene, subject: Body, keys: list[int], centre: list[float]) -> Noted | None:
+def _(inputs: Inputs, subject: Body, keys: list[int], centre: list[float]) -> Noted | None:
     own = keys[2]
     pushes = (
-        use.first
-        for use in scene.inputs.of(Act.PUSH)
-        if use.body and use.body.number == subject.number
+        use.first for use in inputs.of(Act.PUSH) if use.body and use.body.number == subject.number
     )
     mistaken = (push for push in pushes if (WORLD_FRAME in push.values.get("flags", ())) != own)
     call = next(mistaken, None)

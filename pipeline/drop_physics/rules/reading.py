@@ -14,22 +14,23 @@ from drop_physics.rules.rule import input_rule
 from drop_physics.rules.thresholds import STALE_M
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
+from drop_physics.trace.history import Seen
 from drop_physics.trace.readings import Reading
 
 
-def _read(inputs: Inputs, act: Act) -> Iterator[tuple[Reading, Body, int]]:
+def _read(seen: Seen, act: Act) -> Iterator[tuple[Reading, Body, int]]:
     """Yield the script's readings by given functions, with body and link; -1 for no link."""
-    for reading in inputs.scene.seen.readings:
+    for reading in seen.readings:
         for subject in reading.targets if reading.act is act else ():
-            if body := inputs.scene.seen.bodies.get(subject.body):
+            if body := seen.bodies.get(subject.body):
                 yield reading, body, -1 if subject.link is None else subject.link
 
 
 @input_rule("reading", "note", "reading-stale")
-def stale(inputs: Inputs) -> Iterator[Case]:
+def stale(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """The pose of a link is that of one step earlier, unless it is computed again."""
     ways: dict[int, tuple[float, Reading, Body, int]] = {}
-    for each, body, link in _read(inputs, Act.READ_LINK):
+    for each, body, link in _read(seen, Act.READ_LINK):
         way_m = inputs.link_way_m.get((each.number, body.number, link), 0.0)
         late = each.flags.get("computeForwardKinematics", 0) == 0 and each.last_step > 0
         if late and way_m >= ways.get(each.number, (STALE_M,))[0]:
@@ -60,11 +61,11 @@ stale.rows(
 
 
 @input_rule("reading", "note", "reading-static")
-def static(inputs: Inputs) -> Iterator[Case]:
+def static(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """The velocity of a base that only calls move is the one set by a call, or 0."""
     posed = {u.body.number: u for u in inputs.of(Act.SET_POSE) if u.body is not None}
     given = {u.body.number for u in inputs.of(Act.SET_VELOCITY) if u.body is not None}
-    for each, body, _ in _read(inputs, Act.READ_VELOCITY):
+    for each, body, _ in _read(seen, Act.READ_VELOCITY):
         use = posed.get(body.number)
         if use is None or body.base_moves or body.number in given:
             continue
@@ -85,7 +86,7 @@ static.rows(
 
 
 @input_rule("reading", "note", "reading-torque")
-def torque(inputs: Inputs) -> Iterator[Case]:
+def torque(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """`getJointState` returns the torque of the motor, and not that of TORQUE_CONTROL.
 
     A torque that changes may follow from the positions that are read, and only these be used.
@@ -96,7 +97,7 @@ def torque(inputs: Inputs) -> Iterator[Case]:
         if use.body and not (use.constant("force") or use.constant("forces"))
     }
     said = set[int]()
-    for each, body, link in _read(inputs, Act.READ_JOINT):
+    for each, body, link in _read(seen, Act.READ_JOINT):
         if (body.number, link) in inputs.torque_alone and not (
             body.number in varied or each.number in said
         ):
@@ -118,12 +119,12 @@ torque.rows(
 
 
 @input_rule("reading", "note", "reading-depth")
-def depth(inputs: Inputs) -> Iterator[Case]:
+def depth(seen: Seen) -> Iterator[Case]:
     """The depth buffer of a camera with perspective is not linear in the distance.
 
     A camera that takes more than one picture may only film.
     """
-    for reading in inputs.scene.seen.readings:
+    for reading in seen.readings:
         lens = reading.camera
         if lens is None or lens.near_far_m is None or lens.projection[11] == 0 or reading.count > 1:
             continue

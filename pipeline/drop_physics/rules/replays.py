@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from drop_physics.explain.step_status import WHYS
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Scene
+from drop_physics.rules.chunk import Chunk
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule
@@ -14,12 +16,13 @@ from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import FALLS_STEPS
 from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
+from drop_physics.trace.history import Seen
 from drop_physics.trace.switches import NO_GRAVITY, is_off
 
 
-def _of_steps(bodies: BodyColumns, why: str) -> Match:
+def _of_steps(bodies: BodyColumns, why: str, chunk: Chunk) -> Match:
     """Return the replayed steps that are unexplained for a given reason."""
-    piece = bodies.scene.piece
+    piece = chunk.piece
     client = bodies.of_each(lambda each: each.body.client)
     replayed = np.isin(client, [each for each, held in piece.impulses.items() if held])
     writes = {(each.client, each.at.step + 1) for each in piece.calls.of(Act.SET_STATE)}
@@ -32,9 +35,9 @@ def _of_steps(bodies: BodyColumns, why: str) -> Match:
 
 
 @body_rule("not-replayed", "asked", reason="stale", subject=0, engines=MUJOCOS)
-def stale_step(bodies: BodyColumns) -> Match:
+def stale_step(bodies: BodyColumns, chunk: Chunk) -> Match:
     """A step used data computed from an older state, and leads elsewhere than its own would."""
-    return _of_steps(bodies, "stale")
+    return _of_steps(bodies, "stale", chunk)
 
 
 stale_step.rows(
@@ -54,9 +57,9 @@ stale_step.rows(
 
 
 @body_rule("not-replayed", "note", subject=0, engines=MUJOCOS)
-def not_replayed(bodies: BodyColumns) -> Match:
+def not_replayed(bodies: BodyColumns, chunk: Chunk) -> Match:
     """Repeated steps lead to other states than the recorded ones."""
-    return _of_steps(bodies, "not replayed")
+    return _of_steps(bodies, "not replayed", chunk)
 
 
 not_replayed.rows(
@@ -73,13 +76,13 @@ not_replayed.rows(
 
 
 @body_rule("no-gravity", "model", least_count=FALLS_STEPS, engines=MUJOCOS)
-def floats_without_gravity(bodies: BodyColumns) -> Match | None:
+def floats_without_gravity(bodies: BodyColumns, seen: Seen) -> Match | None:
     """A free body without support does not fall: gravity is zero, or off."""
     body = bodies.batch.bodies[0].body
     if not body.base_moves:
         return None
     acts = np.any(bodies.after.velocity, axis=1)
-    if not is_off(bodies.scene.seen, body.client, NO_GRAVITY):
+    if not is_off(seen, body.client, NO_GRAVITY):
         acts |= bodies.reported.gravity_m_s2.any(axis=1)
     acts[bodies.reported.contacts.step] = True
     for term in bodies.terms.values():
@@ -102,10 +105,10 @@ def floats_by_compensation(bodies: BodyColumns) -> Match | None:
 
 @floats_by_compensation.notes
 @floats_without_gravity.notes
-def _(scene: Scene, subject: Body, count: int) -> Noted | None:
-    if count < scene.ends[subject.number]:
+def _(last_samples: Mapping[int, int], seen: Seen, subject: Body, count: int) -> Noted | None:
+    if count < last_samples[subject.number]:
         return None  # it moves at some time
-    return {"off": is_off(scene.seen, subject.client, NO_GRAVITY)}
+    return {"off": is_off(seen, subject.client, NO_GRAVITY)}
 
 
 # The model says so, where no flag does.

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
-from drop_physics.rules.answer import Scene
 from drop_physics.rules.engines import MUJOCOS
+from drop_physics.rules.inputs import Inputs
+from drop_physics.rules.placing import Placing
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, Sized, body_rule, joint_rule
 from drop_physics.rules.tables import BodyColumns, JointColumns
@@ -26,23 +27,23 @@ from drop_physics.trace.acts import Act
 from drop_physics.trace.events import Body
 
 
-def left_targets(joints: JointColumns, anew: Collection[int] = ()) -> Match:
+def left_targets(joints: JointColumns, placing: Placing, anew: Collection[int] = ()) -> Match:
     """Return the joints that a call placed although an earlier target is still in effect.
 
     `anew`: the steps before which targets were set back, too.
     """
     steps, before, told = joints.steps, joints.before, joints.asked.told
     step = np.broadcast_to(joints.step[:, None], before.shape).astype(np.float64)
-    kept = joints.scene.kept
-    _, came = joints.latest(kept.joints, np.ones(before.shape, np.bool_), joints.after)
+    earlier = joints.earlier
+    _, came = joints.latest(earlier.joints, np.ones(before.shape, np.bool_), joints.after)
     puts = (steps.put & ~np.isin(joints.step - 1, [*anew]))[:, None]
     puts = puts & (np.abs(before - came) > joints.at_target)
     episodes = puts | np.isnan(came)
-    put, began = joints.latest(kept.put_steps, episodes, step)
-    position, home = joints.latest(kept.put_joints, episodes, before)
+    put, began = joints.latest(earlier.put_steps, episodes, step)
+    position, home = joints.latest(earlier.put_joints, episodes, before)
     anew, back = told > began, np.abs(before - home) < BACK
     where = (told < put - 1) & (joints.limit > 0) & np.isfinite(joints.target)
-    restored = joints.scene.placing.restored(joints.body.number, joints.step)
+    restored = placing.restored(joints.body.number, joints.step)
     return Match(
         where,
         np.abs(position - joints.target) - np.abs(joints.after - joints.target),
@@ -62,9 +63,9 @@ def driven_off(
 
 
 @joint_rule("reset-leaves", "asked", consecutive=True)
-def reset_leaves(joints: JointColumns) -> Match:
+def reset_leaves(joints: JointColumns, placing: Placing) -> Match:
     """`resetJointState` and `restoreState` set positions and velocities, but not motors."""
-    return left_targets(joints)
+    return left_targets(joints, placing)
 
 
 @reset_leaves.notes
@@ -91,14 +92,16 @@ reset_leaves.rows(
 
 
 @joint_rule("reset-leaves", "model", consecutive=True, engines=MUJOCOS)
-def state_leaves_control(joints: JointColumns) -> Match | None:
+def state_leaves_control(
+    joints: JointColumns, inputs: Inputs, placing: Placing, last_samples: Mapping[int, int]
+) -> Match | None:
     """Writing `qpos` sets positions, but not controls."""
-    body, scene = joints.driven.body, joints.scene
-    writes = scene.inputs.lasting.positions.get(body.client)
+    body = joints.driven.body
+    writes = inputs.lasting.positions.get(body.client)
     # Written in each step, it is no reset.
-    if writes is not None and len(writes.steps) >= EACH_STEP * scene.ends[body.number]:
+    if writes is not None and len(writes.steps) >= EACH_STEP * last_samples[body.number]:
         return None
-    return left_targets(joints, scene.inputs.lasting.episodes[body.client])
+    return left_targets(joints, placing, inputs.lasting.episodes[body.client])
 
 
 # Sent there again on purpose it looks the same, as it does if the last episode began with it.
@@ -125,22 +128,22 @@ for _rule in (reset_leaves, state_leaves_control):
 
 
 @body_rule("teleported", "note")
-def teleported(bodies: BodyColumns) -> Match | None:
+def teleported(bodies: BodyColumns, placing: Placing) -> Match | None:
     """A call moves a body elsewhere while it moves, without restoring a state."""
     if bodies.law.tree.fixed:
         return None
     way = lengths(bodies.before.position_m - bodies.came(lambda states: states.position_m))
     speed = lengths(bodies.came(lambda states: states.velocity)[:, 3:6])
     where = bodies.put & (way > 0) & (speed > TELEPORTED_M_S)
-    where &= ~bodies.scene.placing.restored(bodies.body, bodies.step)
+    where &= ~placing.restored(bodies.body, bodies.step)
     # Of all the first is told.
     return Match(where, np.ones(len(way)), {"way": way, "speed": speed})
 
 
 @teleported.notes
-def _(scene: Scene, subject: Body, first: int, last: int, count: int) -> Noted:
+def _(placing: Placing, subject: Body, first: int, last: int, count: int) -> Noted:
     more = Message(" (the first of {n:,} times)", n=count) if count > 1 else ""
-    return {"step": first - 1, "more": more, "called": scene.placing.site(subject, last)}
+    return {"step": first - 1, "more": more, "called": placing.site(subject, last)}
 
 
 teleported.rows(
@@ -157,12 +160,12 @@ teleported.rows(
 
 
 @joint_rule("reset-leaves", "asked")
-def rates_left(joints: JointColumns) -> Match | None:
+def rates_left(joints: JointColumns, placing: Placing) -> Match | None:
     """`resetBasePositionAndOrientation` stops a base, but not its joints."""
     steps, number = joints.steps, np.full(len(joints.step), joints.body.number)
     if steps.law.tree.fixed:
         return None
-    put = steps.put & joints.scene.placing.placed(number, joints.step)
+    put = steps.put & placing.placed(number, joints.step)
     put &= (
         np.abs(steps.before.position_m - joints.came(lambda states: states.position_m)) > KEPT
     ).any(axis=1)
@@ -175,8 +178,8 @@ def rates_left(joints: JointColumns) -> Match | None:
 
 
 @rates_left.notes
-def _(scene: Scene, subject: Body, first: int, unit: str) -> Noted:
-    return {"unit": f"{unit}/s", "called": scene.placing.site(subject, first)}
+def _(placing: Placing, subject: Body, first: int, unit: str) -> Noted:
+    return {"unit": f"{unit}/s", "called": placing.site(subject, first)}
 
 
 rates_left.rows(

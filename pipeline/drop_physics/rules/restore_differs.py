@@ -10,7 +10,7 @@ import numpy as np
 from drop_physics.arrays import Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.quantities import gap as distance
-from drop_physics.rules.answer import Scene, Span
+from drop_physics.rules.answer import Span
 from drop_physics.rules.arguments import given
 from drop_physics.rules.episodes import AfterRestore, Key, Named
 from drop_physics.rules.inputs import Inputs
@@ -20,12 +20,12 @@ from drop_physics.rules.rule import input_rule
 from drop_physics.rules.thresholds import EPISODE_STEPS, EPISODES_MOST
 from drop_physics.trace.acts import MAKES, SETS_TIMESTEP, Act
 from drop_physics.trace.calls import Call
-from drop_physics.trace.history import PIECE
+from drop_physics.trace.history import PIECE, Seen
 from drop_physics.trace.states import by_body
 
 
 @input_rule("restore-differs", "asked")
-def restore_differs(inputs: Inputs) -> Iterator[Case]:
+def restore_differs(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """Episodes with the same initial state and the same calls run differently."""
     kinds: defaultdict[tuple[object, ...], list[AfterRestore]] = defaultdict(list)
     for each in inputs.episodes.all():
@@ -37,7 +37,7 @@ def restore_differs(inputs: Inputs) -> Iterator[Case]:
             first = max(
                 episodes[:at], key=lambda episode: (_alike(episode, second), episode.begin.at.call)
             )
-            found = _compared(inputs, first, second)
+            found = _compared(inputs, first, second, seen)
             if found is not None:
                 yield found
                 break
@@ -50,8 +50,7 @@ def _alike(first: AfterRestore, second: AfterRestore) -> int:
     return min(*lengths, *(since for since, _ in asked), 1 << 40)
 
 
-def _compared(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> Case | None:
-    scene = inputs.scene
+def _compared(inputs: Inputs, first: AfterRestore, second: AfterRestore, seen: Seen) -> Case | None:
     same = first.starts.keys() == second.starts.keys() and all(
         np.array_equal(start, second.starts[key], equal_nan=True)
         for key, start in first.starts.items()
@@ -59,7 +58,7 @@ def _compared(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> Case
     if not same or not first.starts:
         return None
     begins = first.begin.at.step, second.begin.at.step
-    apart = _apart(scene, begins, _alike(first, second), first.begin.client)
+    apart = _apart(seen, begins, _alike(first, second), first.begin.client)
     if not apart:
         return None
     # Of those that differ first the one that goes farthest apart.
@@ -69,7 +68,7 @@ def _compared(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> Case
     if cause is None:
         return None
     why, call = cause
-    numbers = scene.seen.bodies.values()
+    numbers = seen.bodies.values()
     body = next(number for number in numbers if (number.engine_id, number.label) == key)
     return Case(
         call=call or second.begin,
@@ -77,7 +76,7 @@ def _compared(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> Case
         span=Span(begins[1] + since, begins[1] + last, last - since + 1),
         values={
             "by_call": call is not None,
-            "ordered": call is None and _other_order(inputs, first, second),
+            "ordered": call is None and _other_order(inputs, first, second, seen),
             "step": begins[1] + since,
             "size": gap,
             "unit": unit,
@@ -116,12 +115,12 @@ restore_differs.rows(
 )
 
 
-def _other_order(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> bool:
+def _other_order(inputs: Inputs, first: AfterRestore, second: AfterRestore, seen: Seen) -> bool:
     """Return whether the episodes' first contacts differ only in their order.
 
     A state saved before the first step of touching bodies has no contacts to restore.
     """
-    scene, client = inputs.scene, first.begin.client
+    client = first.begin.client
     sorts = [use for use in inputs.of(Act.SET_ENGINE) if "deterministicOverlappingPairs" in use.low]
     saved = [
         each.begin.at
@@ -130,7 +129,7 @@ def _other_order(inputs: Inputs, first: AfterRestore, second: AfterRestore) -> b
     ]
     if not saved or sorts or len(first.touched | second.touched) < 2:
         return False
-    at, changed = saved[-1], (scene.seen.puts, scene.seen.appearances)
+    at, changed = saved[-1], (seen.puts, seen.appearances)
     placed = [(each.body.client, each.at) for its in changed for each in its]
     return at.step > 0 and not any(
         (number, made.step) == (client, at.step) and made.call < at.call for number, made in placed
@@ -141,12 +140,12 @@ Apart = tuple[int, int, float, str]
 """Steps after which a body first differs, and differs most; the difference then, and its unit."""
 
 
-def _apart(scene: Scene, begins: tuple[int, int], until: int, client: int) -> dict[Key, Apart]:
+def _apart(seen: Seen, begins: tuple[int, int], until: int, client: int) -> dict[Key, Apart]:
     """Return the bodies that differ in the first steps of two episodes."""
     found: dict[Key, Apart] = {}
     for start in range(1, until + 1, PIECE):
         end = min(start + PIECE, until + 1)
-        one, other = (_places(scene, begin + start, begin + end, client) for begin in begins)
+        one, other = (_places(seen, begin + start, begin + end, client) for begin in begins)
         for key in one.keys() & other.keys():
             (steps, mine, its_units), (others, its, _) = one[key], other[key]
             if mine.shape != its.shape or (steps - begins[0] != others - begins[1]).any():
@@ -166,13 +165,13 @@ def _apart(scene: Scene, begins: tuple[int, int], until: int, client: int) -> di
 
 
 def _places(
-    scene: Scene, first: int, end: int, client: int
+    seen: Seen, first: int, end: int, client: int
 ) -> dict[Key, tuple[Int64, Float64, list[str]]]:
     """Return steps, base and joint positions, and units, for bodies that can move."""
-    piece = scene.seen.sampled.piece(first, end)
+    piece = seen.sampled.piece(first, end)
     bases, found = by_body(piece.bases), {}
-    for number in scene.moving:
-        body, base, joints = scene.body(number), bases.get(number), piece.joints.get(number)
+    for number in seen.moving:
+        body, base, joints = seen.bodies[number], bases.get(number), piece.joints.get(number)
         if body.client != client or (base is None and joints is None):
             continue
         columns, its_units, steps = [], ["m"], np.empty(0, np.int64)

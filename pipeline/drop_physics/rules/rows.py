@@ -30,7 +30,7 @@ from typing import Any
 from drop_physics.account.rows import AccountRow
 from drop_physics.messages import Message
 from drop_physics.quantities import KINDS, Written
-from drop_physics.rules.answer import Cure, Effect, Level, Scene, Span, so_many
+from drop_physics.rules.answer import TABLES, Cure, Effect, Level, Scene, Span, so_many
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import engine_of
@@ -100,6 +100,8 @@ class Case:
     """The call that is the cause."""
     site: str | None = None
     """File and line of the cause, if that is no call."""
+    scene: Scene = field(init=False, repr=False)
+    """The tables that the rule's functions may name, too."""
 
     def __post_init__(self) -> None:
         about = {"body": None if self.subject is None else self.subject.label, "size": 0.0}
@@ -110,15 +112,17 @@ class Case:
             self.site = site_of(self.call)
 
     def __getitem__(self, name: str) -> Any:  # noqa: ANN401 - whatever the rule noted
-        return self.values[name] if name in self.values else getattr(self, name)
+        if name in self.values:
+            return self.values[name]
+        return getattr(self.scene if name in TABLES else self, name)
 
     @staticmethod
-    def of_row(row: AccountRow, scene: Scene) -> Case:
+    def of_row(row: AccountRow) -> Case:
         """Convert a row of the account to a case of a rule."""
         about: dict[str, Any] = {name: getattr(row, name) for name in ("cause", "joint", "other")}
         about["unit"] = row.unit or "m"
         about["effort"] = "N m" if about["unit"].startswith("rad") else "N"
-        values = {"scene": scene, "size": row.got, **about, **row.noted}
+        values = {"size": row.got, **about, **row.noted}
         span = None if row.span is None else Span(*row.span)
         call = row.noted.get("call")
         return Case(subject=row.subject, values=values, span=span, call=call, site=row.site)
@@ -143,7 +147,7 @@ class Worst(Case):
     def __init__(self, scene: Scene, noted: Runs, site: str | None, **about: object) -> None:
         self.scene, self.noted = scene, noted
         row = {name: each[:1].tolist()[0] for name, (_, each) in noted.columns.items()}
-        subject = scene.body(int(noted.keys[0, 0]))
+        subject = scene.seen.bodies[int(noted.keys[0, 0])]
         super().__init__(subject=subject, values=row | about, site=site)
 
     @property

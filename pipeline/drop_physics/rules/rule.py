@@ -16,6 +16,8 @@ has rows likewise:
 
     @input_rule("not-taken", "asked", "other-client")
     def other_client(inputs: Inputs) -> Iterator[Case]: ...
+
+Further parameters name the tables of the scene that a function reads, such as `placing: Placing`.
 """
 
 from __future__ import annotations
@@ -34,12 +36,12 @@ from drop_physics.physics.vectors import distinct_rows, groups
 from drop_physics.rules.answer import Finding, Level, Proof, Scene, and_more
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.by_name import called
+from drop_physics.rules.earlier import EarlierRows
 from drop_physics.rules.engines import BULLETS, engine_of
 from drop_physics.rules.joint import link_of, units
 from drop_physics.rules.rows import Case, Noted, Said, SayingRow, Worst, filled
 from drop_physics.rules.runs import Kind, Runs
 from drop_physics.rules.tables import TABLES, RuleTable, TableName, tables
-from drop_physics.rules.target_columns import left_standing
 from drop_physics.rules.thresholds import MINOR
 from drop_physics.trace.episodes import episode_at
 
@@ -155,12 +157,12 @@ class RunsOfBodies:
     @property
     def ends(self) -> Int64:
         """The last sample of each run's body."""
-        return np.array([self.scene.ends[number] for number in self._numbers])
+        return np.array([self.scene.last_samples[number] for number in self._numbers])
 
     @property
     def sizes_m(self) -> Float64:
         """The size of each run's body."""
-        return np.array([size_m(self.scene.body(number)) for number in self._numbers])
+        return np.array([size_m(self.scene.seen.bodies[number]) for number in self._numbers])
 
 
 def nothing() -> Noted:
@@ -180,7 +182,7 @@ class Rule:
     code: str
     level: Level
     table: TableName
-    matches: Callable[[Any], Any]
+    matches: Callable[..., Any]
     """The rule's function: returns a `Match` for a table, or None; for inputs, yields findings."""
     reason: str | None = None
     """The cause, as one of the code's reasons."""
@@ -233,6 +235,7 @@ class Rule:
 
     def finding(self, case: Case, scene: Scene) -> Finding | None:
         """Return the finding for a case; None if there is nothing to report."""
+        case.scene = scene
         noted = called(self.noting, case, worst=case)
         if noted is None:
             return None
@@ -284,7 +287,9 @@ RULES: list[Rule] = []
 """All rules on tables, in the order in which their modules are imported."""
 
 
-RuleMaker = Callable[[Callable[[Any], Any]], Rule]
+Matching = Callable[..., Any]
+"""The function of a rule: its table first, then the tables of the scene that it names."""
+RuleMaker = Callable[[Matching], Rule]
 
 
 def _maker(
@@ -294,7 +299,7 @@ def _maker(
     reason: str | None = None,
     **options: Any,  # noqa: ANN401
 ) -> RuleMaker:
-    def made(matches: Callable[[Any], Any]) -> Rule:
+    def made(matches: Matching) -> Rule:
         RULES.append(Rule(code, level, table, matches, reason, **options))
         return RULES[-1]
 
@@ -337,12 +342,15 @@ class Rules:
         self._in: dict[int, set[tuple[int, ...]]] = {}
         """The keys that each rule has matched, with the episode number."""
         self._ended: list[Runs | None] = [None] * len(self._rules)
+        self._earlier = EarlierRows()
 
     def see(self) -> None:
         """Apply the rules to a chunk."""
         read = {rule.table for rule in self._rules}
         names = [each for each in TABLES[2:] if each in read]
-        self._look((name, table) for name in names for table in tables(name, self.scene))
+        self._look(
+            (name, table) for name in names for table in tables(name, self.scene, self._earlier)
+        )
 
     @np.errstate(all="ignore")  # what is not asked for is nan
     def _look(self, seen: Iterable[tuple[TableName, RuleTable]]) -> None:
@@ -350,7 +358,9 @@ class Rules:
         found: list[list[Runs]] = [[] if each is None else [each] for each in self._open]
         for name, table in seen:
             for place, rule in enumerate(self._rules):
-                match = rule.matches(table) if rule.table == name else None
+                if rule.table != name:
+                    continue
+                match = rule.matches(table, **self.scene.read_by(rule.matches, 1))
                 if match is not None and len(runs := match.runs(table)):
                     found[place].append(runs)
         for place, parts in enumerate(found):
@@ -393,7 +403,7 @@ class Rules:
         numbers = np.zeros(len(runs), np.int64)
         for body in np.unique(runs.keys[:, 0]).tolist():
             its = runs.keys[:, 0] == body
-            client = self.scene.body(body).client
+            client = self.scene.seen.bodies[body].client
             numbers[its] = episode_at(self.scene.episodes, client, runs["first"][its])
         return numbers
 
@@ -414,7 +424,7 @@ class Rules:
 
         `account` has the rows of the account.
         """
-        self._look(("targets", each) for each in left_standing(self.scene))
+        self._look(("targets", each) for each in self.scene.standing.left())
         for place, rule in enumerate(self._rules):
             if (last := self._open[place]) is not None:
                 self._end(place, last)
@@ -440,7 +450,8 @@ class Rules:
                     yield replace(finding, episodes=self._episodes(place, mine.keys))
         for rule in [each for each in self._rules if each.table in TABLES[:2]]:
             inputs = rule.table == "inputs"
-            for case in rule.matches(self.scene.inputs) if inputs else self._of(rule, account):
+            read = self.scene.read_by(rule.matches) if inputs else {}
+            for case in rule.matches(**read) if inputs else self._of(rule, account):
                 if (finding := rule.finding(case, self.scene)) is not None:
                     yield finding
 
@@ -449,7 +460,7 @@ class Rules:
         found: dict[Hashable, list[tuple[float, Case]]] = {}
         for place, row in enumerate(account):
             if rule.matches(row):
-                case = Case.of_row(row, self.scene)
+                case = Case.of_row(row)
                 if (size := float(np.asarray(called(rule.sizes, case)))) > 0:
                     key = (row.body, None) if row.joint else (row.body, place)
                     found.setdefault(key, []).append((size, case))
@@ -463,19 +474,19 @@ class Rules:
     def _finding(self, rule: Rule, worst: Runs, among: int, joints: int) -> Finding | None:
         keys, about, site = worst.keys[0].tolist(), dict[str, Any](), None
         subject = keys[: rule.subject]
-        body = self.scene.body(keys[0])
+        body = self.scene.seen.bodies[keys[0]]
         if rule.table in ("joints", "targets"):
             link = link_of(body, keys[1])
             unit, effort = units(body.joints[link])
             about = {"joint": body.joints[link].name, "link": link, "unit": unit, "effort": effort}
             about |= {"joints": joints, "more": and_more(among)}
-            site = self.scene.site(worst["site"][0]) if rule.commanded else None
+            site = self.scene.telemetry.cited(worst["site"][0]) if rule.commanded else None
         elif rule.table == "actuators":
             actuator = body.actuators[keys[1]]
             joint = actuator.target if actuator.acts_on == "joint" else None
             about = {"actuator": actuator, "name": actuator.name, "joint": joint}
         elif len(subject) > 1:
-            partner = self.scene.body(keys[1])
+            partner = self.scene.seen.bodies[keys[1]]
             about = {"partner": partner, "other": partner.label}
         if rule.argument is not None:
             site = self.scene.asked.of[rule.argument].site(*keys[:2])

@@ -25,9 +25,9 @@ NOT_CONNECTED = "Not connected to physics server."
 
 
 @input_rule("script-failed", "broken", engines=ANY)
-def script_failed(inputs: Inputs) -> Iterator[Case]:
+def script_failed(inputs: Inputs, origin: Mapping[str, Any]) -> Iterator[Case]:
     """The script ended with an error, possibly raised by a call."""
-    if found := failure(inputs.scene.origin, *inputs.raised):
+    if found := failure(origin, *inputs.raised):
         message, site = found
         yield Case(values={"says": message}, site=site)
 

@@ -11,9 +11,9 @@ import math
 from drop_physics import quantities
 from drop_physics.account.balance import CONTACTS, DRIVE, JointBalance
 from drop_physics.account.rows import AccountRow
+from drop_physics.explain.actuators import ActuatorTable
 from drop_physics.explain.causes import TENDON_LIMIT
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Scene
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import OFF, RADIANS, actuators_on, as_degrees, is_degrees, link_of
@@ -28,6 +28,7 @@ from drop_physics.rules.thresholds import (
     SPRING_SHARE,
 )
 from drop_physics.trace.events import Actuator, Body
+from drop_physics.trace.history import Seen
 
 CLAMPED, RUBS, DAMPS = "joint force range", "friction loss", "joint damping"
 """The terms by which a joint's own force range, its dry friction and its damping act."""
@@ -51,7 +52,8 @@ def _(subject: Body, unit: str, balance: JointBalance) -> float:
 
 @off_its_servo.notes
 def _(
-    scene: Scene,
+    actuators: ActuatorTable,
+    seen: Seen,
     subject: Body,
     joint: str,
     joints: int,
@@ -65,7 +67,7 @@ def _(
     gap, goal, own, needs = balance.gap, balance.goal, balance.force(DRIVE), balance.needs
     near, back = OFF[unit], balance.force("spring")
     # Controls that are never written are 0, too: nobody may have asked for that.
-    level = None if scene.actuators.sends(subject) else "model"
+    level = None if actuators.sends(subject) else "model"
     if by in HELD or (by == "spring" and abs(gap) < SAGS * near):
         level = "note"
     ends = subject.joints[link_of(subject, balance.joint_rate)].limits
@@ -88,7 +90,7 @@ def _(
         "rubs": balance.force(RUBS),
         "kp": servo.kp,
         "gear": servo.gear,
-        "other": None if holder is None or by != "contact" else scene.body(holder).label,
+        "other": None if holder is None or by != "contact" else seen.bodies[holder].label,
         "itself": holder == subject.number,
         "held": balance.held,
         "tendon": (tendon := _tendon(balance)).removeprefix(TENDON_LIMIT),

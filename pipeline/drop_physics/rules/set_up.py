@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
+from drop_physics.account.touches import TouchTable
+from drop_physics.explain.times import StepTimes
 from drop_physics.fields import fraction
 from drop_physics.messages import Message
 from drop_physics.physics.laws.lookup import RIGID
 from drop_physics.physics.tree import RATES
 from drop_physics.rules.answer import Span
-from drop_physics.rules.body_properties import size_m
+from drop_physics.rules.body_properties import AskedOfBodies, size_m
 from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS, engine_of
 from drop_physics.rules.inputs import BodyLife, Inputs
 from drop_physics.rules.rows import Case, Remedy, SayingRow
@@ -19,6 +22,7 @@ from drop_physics.rules.rule import input_rule
 from drop_physics.rules.thresholds import STANDARD_M_S2, TIPS_RAD
 from drop_physics.trace.acts import PUSHES, SETS_TIMESTEP, Act
 from drop_physics.trace.events import Body
+from drop_physics.trace.history import Seen
 
 WAITS = Act.COMMAND, Act.CONSTRAIN, *PUSHES
 """Functions that take effect only in a step."""
@@ -27,9 +31,9 @@ HOLDS = Act.SET_GRAVITY, Act.CONSTRAIN, *PUSHES
 
 
 @input_rule("not-stepped", "asked")
-def not_stepped(inputs: Inputs) -> Iterator[Case]:
+def not_stepped(inputs: Inputs, seen: Seen, origin: Mapping[str, Any]) -> Iterator[Case]:
     """A simulation waits for a step and has none: time passes only in steps."""
-    seen, ended = inputs.scene.seen, inputs.scene.origin.get("ended")
+    seen, ended = seen, origin.get("ended")
     stepped = any(samples > 1 for samples in seen.samples.values())
     uses = [*inputs.of(*WAITS)], [*inputs.of(Act.SET_GRAVITY)]
     placed = {use.first.client for use in inputs.of(Act.SET_POSE, Act.SET_JOINT)}
@@ -62,10 +66,9 @@ not_stepped.rows(
 
 
 @input_rule("not-stepped", "asked", engines=MUJOCOS)
-def only_computed(inputs: Inputs) -> Iterator[Case]:
+def only_computed(seen: Seen, origin: Mapping[str, Any]) -> Iterator[Case]:
     """A script recomputes derived data again and again, but makes no step."""
-    scene = inputs.scene
-    if not scene.seen.samples and scene.origin.get("ended") != "failed":
+    if not seen.samples and origin.get("ended") != "failed":
         yield Case()
 
 
@@ -82,16 +85,16 @@ only_computed.rows(
 
 
 @input_rule("no-gravity", "asked")
-def no_gravity(inputs: Inputs) -> Iterator[Case]:
+def no_gravity(inputs: Inputs, seen: Seen, times: Mapping[int, StepTimes]) -> Iterator[Case]:
     """Bodies without support do not fall: gravity is never set, or a reset sets it to 0."""
-    scene, said = inputs.scene, set[tuple[int, bool]]()
+    said = set[tuple[int, bool]]()
     # Where the call is there, and for another client, that is said.
     left_out = inputs.left_out(Act.SET_GRAVITY)[1]
     free = [
         (body, life)
         for (number, _), life in inputs.lives.items()
-        if (body := scene.body(number)).base_moves and not life.falls
-        if _would_fall_m(inputs, body, life) > size_m(body)
+        if (body := seen.bodies[number]).base_moves and not life.falls
+        if _would_fall_m(body, life, times) > size_m(body)
     ]
     for body, life in sorted(free, key=lambda each: each[1].first):
         client = body.client
@@ -106,7 +109,7 @@ def no_gravity(inputs: Inputs) -> Iterator[Case]:
         reset, use = min(resets, key=lambda each: each[0].call, default=(None, None))
         gravity_m_s2 = 0.0
         if reset is not None:
-            _, before = scene.times[client].of_steps(np.array([reset.step]))
+            _, before = times[client].of_steps(np.array([reset.step]))
             gravity_m_s2 = float(np.linalg.norm(before))
         since, lost = -1 if reset is None else reset.call, gravity_m_s2 > 0
         held = (at for at, _ in inputs.made(client, *HOLDS) if since < at.call)
@@ -152,18 +155,18 @@ no_gravity.rows(
 )
 
 
-def _would_fall_m(inputs: Inputs, body: Body, life: BodyLife) -> float:
+def _would_fall_m(body: Body, life: BodyLife, times: Mapping[int, StepTimes]) -> float:
     """Return how far a body would fall freely while it exists [m]."""
-    times = inputs.scene.times[body.client]
-    return STANDARD_M_S2 * (times.of(life.last) - times.of(life.first - 1)) ** 2 / 2
+    end_s, begin_s = (times[body.client].of(step) for step in (life.last, life.first - 1))
+    return STANDARD_M_S2 * (end_s - begin_s) ** 2 / 2
 
 
 @input_rule("free-base", "model", proposes=True)
-def free_base(inputs: Inputs) -> Iterator[Case]:
+def free_base(inputs: Inputs, seen: Seen, asked: AskedOfBodies) -> Iterator[Case]:
     """An arm loaded without `useFixedBase` stands on its base, and tips over."""
     for number, life in inputs.first_lives.items():
-        body, tree = inputs.scene.body(number), life.tree
-        load, commanded = inputs.scene.asked.load(body), inputs.commanded.get(number)
+        body, tree = seen.bodies[number], life.tree
+        load, commanded = asked.load(body), inputs.commanded.get(number)
         movable = {link for link, joint in enumerate(tree.joints) if RATES[joint]}
         # What moves first, from the base on: an arm has one such joint, wheels and legs several.
         roots = [link for link in movable if {*tree.branch(link)} & movable == {link}]
@@ -188,25 +191,25 @@ free_base.rows(
 
 
 @input_rule("timestep-changed", "model", engines=ANY)
-def timestep_changed(inputs: Inputs) -> Iterator[Case]:
+def timestep_changed(inputs: Inputs, seen: Seen, times: Mapping[int, StepTimes]) -> Iterator[Case]:
     """The timestep changes while motors, constraints or gains depend on it."""
-    is_mujoco = engine_of(inputs.scene.seen) == MUJOCO
-    for client, times in inputs.scene.times.items():
+    is_mujoco = engine_of(seen) == MUJOCO
+    for client, its in times.items():
         keeps = [
             life
             for (number, _), life in inputs.lives.items()
-            if (body := inputs.scene.body(number)).client == client
+            if (body := seen.bodies[number]).client == client
             if is_mujoco or life.held or any(joint.widths[1] for joint in body.joints)
         ]
         changes = [
             change
-            for change in times.changes
+            for change in its.changes
             if any(life.first <= change[0] < life.last for life in keeps)
         ]
         constants_s = [
             solref[0]
-            for bodies, (solref, _) in inputs.scene.seen.softness.items()
-            if inputs.scene.body(bodies[0]).client == client
+            for bodies, (solref, _) in seen.softness.items()
+            if seen.bodies[bodies[0]].client == client
         ]
         if is_mujoco:  # whose contacts alone go by it, where it is too long for them
             changes = [
@@ -258,9 +261,9 @@ timestep_changed.rows(
 
 
 @input_rule("real-time", "repeat")
-def real_time(inputs: Inputs) -> Iterator[Case]:
+def real_time(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """The number of steps depends on the speed of the machine."""
-    for use in inputs.of(Act.SET_REAL_TIME) if inputs.scene.seen.real_time else ():
+    for use in inputs.of(Act.SET_REAL_TIME) if seen.real_time else ():
         told = use.high.get("enableRealTimeSimulation", ("True" in use.first.arguments,))
         if told[0]:
             yield Case(call=use.first)
@@ -279,9 +282,9 @@ real_time.rows(
 
 
 @input_rule("unseeded", "repeat", engines=ANY)
-def unseeded(inputs: Inputs) -> Iterator[Case]:
+def unseeded(seen: Seen) -> Iterator[Case]:
     """Another run draws other random numbers."""
-    places = inputs.scene.seen.unseeded
+    places = seen.unseeded
     for place in places[:1]:
         where: str = place
         if len(places) > 1:
@@ -300,14 +303,20 @@ unseeded.rows(
 
 
 @input_rule("massless", "asked")
-def massless(inputs: Inputs) -> Iterator[Case]:
+def massless(
+    inputs: Inputs,
+    seen: Seen,
+    asked: AskedOfBodies,
+    times: Mapping[int, StepTimes],
+    touches: TouchTable,
+) -> Iterator[Case]:
     """A body without mass is pushed in vain, or hangs in the air."""
-    scene, pushed = inputs.scene, {use.body.number for use in inputs.of(*PUSHES) if use.body}
-    for number, body in scene.seen.bodies.items():
-        call = scene.asked.load(body)
+    pushed = {use.body.number for use in inputs.of(*PUSHES) if use.body}
+    for number, body in seen.bodies.items():
+        call = asked.load(body)
         if body.joints or body.base_moves or not body.collisions or call is None:
             continue
-        hangs = scene.times[body.client].falls and not scene.touches.rows(number)
+        hangs = times[body.client].falls and not touches.rows(number)
         if call.act is not Act.MAKE or "baseMass" in call.values or not (hangs or number in pushed):
             continue
         yield Case(call=call, subject=body, values={"pushed": number in pushed})
@@ -324,9 +333,9 @@ massless.rows(
 
 
 @input_rule("inertia-without-mass", "model")
-def inertia_without_mass(inputs: Inputs) -> Iterator[Case]:
+def inertia_without_mass(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """A call for the inertia of a btRigidBody also sets its mass, to a leftover in memory."""
-    dynamics = inputs.scene.seen.dynamics
+    dynamics = seen.dynamics
     rigid = {each.body.number for each in dynamics if int(each.reported["kind"][0]) == RIGID}
     alone = {
         use.body.number: (use.first, use.body)

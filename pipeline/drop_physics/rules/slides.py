@@ -10,9 +10,10 @@ from drop_physics.explain.steps import BodySteps, Steps
 from drop_physics.messages import Message
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.physics.vectors import lengths
-from drop_physics.rules.answer import Scene
+from drop_physics.rules.body_properties import AskedOfBodies
+from drop_physics.rules.chunk import Chunk
 from drop_physics.rules.engines import ANY, MUJOCO
-from drop_physics.rules.placing import NEAR
+from drop_physics.rules.placing import NEAR, Placing
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, pair_rule, side_rule
 from drop_physics.rules.tables import PairColumns
@@ -43,6 +44,7 @@ from drop_physics.rules.thresholds import (
     USUAL_FRICTION,
 )
 from drop_physics.trace.events import Body
+from drop_physics.trace.history import Seen
 
 Rows = NDArray[np.intp]
 
@@ -55,9 +57,9 @@ Rows = NDArray[np.intp]
     least_count=SLIPS_STEPS,
     proposes=True,
 )
-def slides(pair: PairColumns) -> Match:
+def slides(pair: PairColumns, placing: Placing, chunk: Chunk) -> Match:
     """Gravity and the support's acceleration need more friction than there is, without a push."""
-    return _slips(pair, pair.pairs.slip_m_s > SLIPS_M_S)
+    return _slips(pair, pair.pairs.slip_m_s > SLIPS_M_S, placing, chunk)
 
 
 @slides.counts
@@ -84,7 +86,7 @@ def _(
 
 @slides.notes
 def _(
-    scene: Scene,
+    asked: AskedOfBodies,
     subject: Body,
     partner: Body,
     held: float,
@@ -95,7 +97,7 @@ def _(
     until_available: float,
     until_against: float,
 ) -> Noted | None:
-    given = scene.asked.of["lateralFriction"].values
+    given = asked.of["lateralFriction"].values
     if max(given.get(each.number, 1.0) for each in (subject, partner)) < USUAL_FRICTION:
         return None  # calls made both slippery
     # Of nothing no factor makes something.
@@ -150,9 +152,14 @@ slides.rows(
 @side_rule(
     "creeps", "model", consecutive=True, argument="lateralFriction", least_count=CREEPS_STEPS
 )
-def creeps(pair: PairColumns) -> Match:
+def creeps(pair: PairColumns, placing: Placing, chunk: Chunk) -> Match:
     """The solver stops before contacts rest: its changes are small, or iterations run out."""
-    return _slips(pair, (pair.pairs.slip_m_s > TREMBLES_M_S) & (pair.pairs.slip_m_s < CREEPS_M_S))
+    return _slips(
+        pair,
+        (pair.pairs.slip_m_s > TREMBLES_M_S) & (pair.pairs.slip_m_s < CREEPS_M_S),
+        placing,
+        chunk,
+    )
 
 
 @creeps.counts
@@ -198,7 +205,7 @@ creeps.rows(
 )
 
 
-def _slips(pair: PairColumns, slips: Flags) -> Match:
+def _slips(pair: PairColumns, slips: Flags, placing: Placing, chunk: Chunk) -> Match:
     """Return the steps in which a body slips on its support, and nothing else pushes it.
 
     Sums: of slip [m], with its direction and without, and way of the centre [m], time [s]; normal,
@@ -206,9 +213,9 @@ def _slips(pair: PairColumns, slips: Flags) -> Match:
     in a grip the moment about the contact of that, and what friction can give of it [N m s]. Those
     of forces in a grip leave out the steps in which it closes.
     """
-    free = np.isin(pair.body, [body.body.number for body in _free_bodies(pair.scene)])
+    free = np.isin(pair.body, [body.body.number for body in _free_bodies(chunk)])
     rows = np.flatnonzero(slips & free & (pair.pairs.normal_n > 0) & (pair.body != pair.other))
-    asked, others, pushed, way, arm = _acting(pair, rows)
+    asked, others, pushed, way, arm = _acting(pair, rows, placing)
     line, normal = pair.pairs.line[rows], pair.pairs.normal_n[rows]
     along = _dot(asked, line)
     needed, way = asked - along[:, None] * line, way - _dot(way, line)[:, None] * line
@@ -247,7 +254,7 @@ def _slips(pair: PairColumns, slips: Flags) -> Match:
     sums |= {"slid": pair.pairs.slip_m_s[rows] * dt, "moved": moved * dt, "way": slip * dt[:, None]}
     sums["needed"] = needed * (steady * dt)[:, None]
     firsts = {"began": pair.pairs.began_slip_m_s[rows]}
-    bodies, step, placing = pair.body[rows], pair.step[rows], pair.scene.placing
+    bodies, step, placing = pair.body[rows], pair.step[rows], placing
     begins = placing.moved(bodies, step) | placing.restored(bodies, step)
     return Match(
         rows, pair.pairs.slip_m_s[rows], sums=sums, firsts=firsts, holds=alone, begins=begins
@@ -259,13 +266,13 @@ def _is_free(steps: Steps) -> bool:
     return steps.law.tree.size == 6 and bool(steps.terms)
 
 
-def _free_bodies(scene: Scene) -> list[BodySteps]:
+def _free_bodies(chunk: Chunk) -> list[BodySteps]:
     """Return the steps of single bodies in the latest chunk."""
-    free = (batch.bodies for batch, _ in scene.batches if _is_free(batch.whole))
+    free = (batch.bodies for batch, _ in chunk.batches if _is_free(batch.whole))
     return [body for bodies in free for body in bodies]
 
 
-def _acting(pair: PairColumns, rows: Rows) -> tuple[Float64, ...]:
+def _acting(pair: PairColumns, rows: Rows, placing: Placing) -> tuple[Float64, ...]:
     """Return the load that weight and acceleration put on a body's contact, (n, 3) [N].
 
     The acceleration is that of moving with its support. Then the forces of other bodies, and of
@@ -281,7 +288,7 @@ def _acting(pair: PairColumns, rows: Rows) -> tuple[Float64, ...]:
     step, dt = pair.step[rows], pair.timestep_s[rows, None]
     support = ended - began
     # Between steps calls may give it another velocity.
-    placed = pair.scene.placing.moved(pair.other[rows], step)
+    placed = placing.moved(pair.other[rows], step)
     if placed.any():
         last = pair.before(rows)
         now = np.flatnonzero((last >= 0) & placed)
@@ -311,10 +318,10 @@ def _dot(a: Float64, b: Float64) -> Float64:
 
 
 @pair_rule("friction-pyramid", "model", least_count=PYRAMID_STEPS)
-def friction_pyramid(pair: PairColumns) -> Match | None:
+def friction_pyramid(pair: PairColumns, seen: Seen) -> Match | None:
     """Friction exceeds μN in most steps, or turns a slide: enableConeFriction is 0."""
-    clients = pair.scene.clients_with("set_enableConeFriction", 0)
-    bodies = [number for number, body in pair.scene.seen.bodies.items() if body.client in clients]
+    clients = seen.clients_with("set_enableConeFriction", 0)
+    bodies = [number for number, body in seen.bodies.items() if body.client in clients]
     slides = (
         (pair.pairs.slip_m_s > PYRAMID_M_S)
         & (pair.pairs.available_n > 0)
@@ -357,12 +364,12 @@ friction_pyramid.rows(
 
 
 @side_rule("dragged-by-nothing", "asked", engines=ANY)
-def dragged_by_nothing(pair: PairColumns) -> Match | None:
+def dragged_by_nothing(pair: PairColumns, placing: Placing) -> Match | None:
     """Friction acts on velocities, and a body moved by poses alone has none."""
     moves = pair.points.moves[pair.starts]
     lies = moves[:, pair.side] & ~moves[:, 1 - pair.side] & (pair.pairs.available_n > 0)
     ahead_m, where = np.zeros((len(lies), 3)), np.zeros(len(lies), np.bool_)
-    for support, (steps, bases) in pair.scene.placing.animated.items():
+    for support, (steps, bases) in placing.animated.items():
         rows = np.flatnonzero(lies & (pair.other == support))
         held = np.minimum(np.searchsorted(steps, pair.step[rows]), len(steps) - 1)
         moved = (held > 0) & (steps[held] == pair.step[rows])
@@ -382,7 +389,7 @@ def dragged_by_nothing(pair: PairColumns) -> Match | None:
 
 @dragged_by_nothing.notes
 def _(
-    scene: Scene,
+    placing: Placing,
     partner: Body,
     last: int,
     body_size_m: float,
@@ -393,7 +400,7 @@ def _(
     behind, (ahead, went) = float(np.linalg.norm(ways[0] - ways[1])), lengths(ways)
     if went > STAYS * ahead or behind < AHEAD * body_size_m:
         return None
-    return {"ahead": ahead, "behind": behind, "called": scene.placing.site(partner, last)}
+    return {"ahead": ahead, "behind": behind, "called": placing.site(partner, last)}
 
 
 dragged_by_nothing.rows(

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
+from drop_physics.explain.bodies import Record
 from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.laws.mujoco.contact import impedance, rest_depth_m, shortest_s
-from drop_physics.rules.answer import Scene
 from drop_physics.rules.body_properties import thickness_m
 from drop_physics.rules.by_name import called
 from drop_physics.rules.engines import MUJOCOS
@@ -26,6 +26,7 @@ from drop_physics.rules.thresholds import (
     SINKS_STEPS,
 )
 from drop_physics.trace.events import Body, Equality
+from drop_physics.trace.history import Seen
 
 USUAL_S, USUAL_SHARE = 0.02, 0.9
 """MuJoCo's default time constant in `solref`, and its default impedance at first touch in
@@ -47,7 +48,7 @@ def _staying(pair: PairColumns, depth_m: Float64, least_m: float) -> Int64:
 
 
 @pair_rule("deep-penetration", "model", engines=MUJOCOS)
-def sinks_in(pair: PairColumns) -> Match:
+def sinks_in(pair: PairColumns, seen: Seen) -> Match:
     """A contact is soft, or soft for its load, so that a resting body sinks in."""
     rows = _staying(pair, pair.pairs.depth_m, SINKS_M)
     numbers = {
@@ -55,32 +56,32 @@ def sinks_in(pair: PairColumns) -> Match:
         "bodies": pair.pairs.body[rows],
         "force": np.linalg.norm(pair.pairs.pressed_n[rows], axis=1),
         "pressed": pair.pairs.normal_n[rows],
-        "loaded": _loaded(pair)[rows],
+        "loaded": _loaded(pair, seen)[rows],
         "timestep": pair.timestep_s[rows],
     }
     return Match(rows, pair.pairs.depth_m[rows], numbers, keys=pair.keys[rows])
 
 
-def _loaded(pair: PairColumns) -> Flags:
+def _loaded(pair: PairColumns, seen: Seen) -> Flags:
     """Flag the sides of contacts that a free body presses on, shape (m, 2)."""
-    bodies, seen = pair.pairs.body, pair.scene.seen.bodies
-    free = [number for number, body in seen.items() if body.base_moves]
+    bodies, known = pair.pairs.body, seen.bodies
+    free = [number for number, body in known.items() if body.base_moves]
     presses = np.isin(bodies[:, ::-1], free) & (pair.pairs.normal_n > 0)[:, None]
-    keys = pair.step[:, None] * len(seen) + np.searchsorted(sorted(seen), bodies)
+    keys = pair.step[:, None] * len(known) + np.searchsorted(sorted(known), bodies)
     return np.isin(keys, keys[presses])
 
 
 @sinks_in.notes
 def _(
     worst: Worst,
-    scene: Scene,
+    seen: Seen,
     bodies: list[int],
     links: list[int],
     size: float,
     force: float,
     pressed: float,
 ) -> Noted | None:
-    soft = scene.seen.soft(bodies, links)
+    soft = seen.soft(bodies, links)
     if soft is None:
         return None
     solref, solimp = soft
@@ -98,7 +99,7 @@ def _(
 
 
 def _carries(
-    scene: Scene,
+    seen: Seen,
     subject: Body,
     partner: Body,
     bodies: list[int],
@@ -116,23 +117,23 @@ def _carries(
     """
     masses_kg = {
         each.body.number: float(each.reported["mass_kg"][0])
-        for each in scene.seen.dynamics
+        for each in seen.dynamics
         if each.body.base_moves and each.body.number in (subject.number, partner.number)
     }
     if not masses_kg or any(len(each.links) > 1 and each.moving for each in (subject, partner)):
         return None
     light = min(masses_kg, key=lambda number: masses_kg[number])
-    *_, told = (each for each in scene.seen.settings if each.client == subject.client)
+    *_, told = (each for each in seen.settings if each.client == subject.client)
     gravity_m_s2 = np.linalg.norm([told.values[f"gravityAcceleration{axis}"] for axis in "XYZ"])
     weight = float(gravity_m_s2) * masses_kg[light]
     if not weight or not loaded[bodies.index(light)] or force < CARRIES * weight:
         return None
     least_s = shortest_s(timestep)
-    thin_m = min(map(thickness_m, map(scene.body, bodies), links))
+    thin_m = min(map(thickness_m, map(seen.bodies.__getitem__, bodies), links))
     # What is pressed flat may let its load down on something else.
     stiffens = 0 < least_s < solref[0] and size < thin_m / 2
     return {
-        "light": scene.body(light).label,
+        "light": seen.bodies[light].label,
         "mass": masses_kg[light],
         "ratio": force / weight,
         "stiffens": stiffens,
@@ -202,31 +203,31 @@ held_apart.rows(
 )
 
 
-def _follows(bodies: BodyColumns) -> Iterator[tuple[Equality, int, int]]:
+def _follows(bodies: BodyColumns, seen: Seen) -> Iterator[tuple[Equality, int, int]]:
     """Yield the equalities that tie a body to one that calls move, with that body's id."""
-    scene, number = bodies.scene, bodies.batch.bodies[0].body.number
-    if not scene.seen.equalities:
+    number = bodies.batch.bodies[0].body.number
+    if not seen.equalities:
         return
-    moved = {put.body.number for put in scene.seen.puts}
-    for equality in scene.seen.equalities:
+    moved = {put.body.number for put in seen.puts}
+    for equality in seen.equalities:
         if equality.tendons:
             continue
         for lead, body, link in (
             (equality.body_a, equality.body_b, equality.link_b),
             (equality.body_b, equality.body_a, equality.link_a),
         ):
-            leads = lead in moved and not scene.body(lead).moving
+            leads = lead in moved and not seen.bodies[lead].moving
             if equality.active and body == number and leads and link < bodies.law.tree.links:
                 yield equality, lead, link
 
 
 @body_rule("constraint-lags", "model", engines=MUJOCOS)
-def constraint_lags(bodies: BodyColumns) -> Match | None:
+def constraint_lags(bodies: BodyColumns, records: Mapping[int, Record], seen: Seen) -> Match | None:
     """A body held to one that only calls move lags behind, since that body has no velocity."""
     rows, parts = np.arange(len(bodies.step)), []
-    for equality, lead, link in _follows(bodies):
+    for equality, lead, link in _follows(bodies, seen):
         # Where it is as a step begins: what is written before it counts.
-        led_m = bodies.scene.records[lead].base_at(bodies.step)[:, :3]
+        led_m = records[lead].base_at(bodies.step)[:, :3]
         apart_m = led_m - kinematics(bodies.law.tree, bodies.before).position_m(link)
         way_m = np.linalg.norm(np.diff(led_m, axis=0, prepend=np.nan), axis=1)
         speed_m_s = way_m / bodies.reported.timestep_s
@@ -248,7 +249,7 @@ def constraint_lags(bodies: BodyColumns) -> Match | None:
 
 @constraint_lags.notes
 def _(
-    scene: Scene, apart: list[float], began: list[float], speed: float, solref: list[float]
+    seen: Seen, apart: list[float], began: list[float], speed: float, solref: list[float]
 ) -> Noted | None:
     lag_m = float(np.linalg.norm(np.subtract(apart, began)))
     constant_s, ratio = solref
@@ -257,7 +258,7 @@ def _(
         return None
     if abs(lag_m / speed - lasts_s) > LAG_SHARE * lasts_s:
         return None
-    least_s = 2 * float(np.ravel(scene.seen.settings[-1].values["fixedTimeStep"])[0])
+    least_s = 2 * float(np.ravel(seen.settings[-1].values["fixedTimeStep"])[0])
     left = 2 * least_s * speed * 1e3
     return {"lag": lag_m, "lasts": lasts_s, "shortest": least_s, "left": left}
 

@@ -14,11 +14,13 @@ from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import distinct_rows
 from drop_physics.rules.engines import MUJOCOS
+from drop_physics.rules.placing import Placing
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, pair_rule
 from drop_physics.rules.tables import PairColumns, Rows
 from drop_physics.rules.thresholds import DEEP_M, EACH_STEP, STANDARD_M_S2, THROWN_M
 from drop_physics.trace.events import Body
+from drop_physics.trace.history import Seen
 
 BASE = -1
 HALF = 1e-3
@@ -26,10 +28,10 @@ HALF = 1e-3
 
 
 @pair_rule("starts-in-contact", "asked", consecutive=True, engines=MUJOCOS)
-def starts_inside(pair: PairColumns) -> Match:
+def starts_inside(pair: PairColumns, placing: Placing, seen: Seen) -> Match:
     """Bodies of different trees overlap at the start, and are thrown apart."""
     rows = np.flatnonzero(pair.body != pair.other)
-    placed = pair.scene.placing.placed(pair.pairs.body[rows], pair.step[rows, None]).any(axis=1)
+    placed = placing.placed(pair.pairs.body[rows], pair.step[rows, None]).any(axis=1)
     starts = placed & (pair.pairs.depth_m[rows] > DEEP_M) & (pair.pairs.normal_n[rows] > 0)
     return Match(
         rows,
@@ -37,7 +39,7 @@ def starts_inside(pair: PairColumns) -> Match:
         firsts={
             "starts": starts,
             "depth_m": pair.pairs.depth_m[rows],
-            "lifts": _lifts(pair)[rows] & ~_chained(pair, rows, starts),
+            "lifts": _lifts(pair)[rows] & ~_chained(pair, rows, starts, seen),
         },
         keys=pair.keys[rows],
         begins=starts,
@@ -51,12 +53,12 @@ def _lifts(pair: PairColumns) -> Flags:
     return np.asarray(pair.pairs.most(down) < HALF - 1)
 
 
-def _chained(pair: PairColumns, rows: Rows, starts: Flags) -> Flags:
+def _chained(pair: PairColumns, rows: Rows, starts: Flags, seen: Seen) -> Flags:
     """Flag the pairs with a body that overlaps a third body at the start, too."""
     bodies = pair.pairs.body[rows]
     keys = pair.step[rows, None] * (bodies.max(initial=0) + 1) + bodies
     found, counts = np.unique(
-        keys[starts[:, None] & np.isin(bodies, pair.scene.moving)], return_counts=True
+        keys[starts[:, None] & np.isin(bodies, seen.moving)], return_counts=True
     )
     return np.asarray(np.isin(keys, found[counts > 1]).any(axis=1))
 
@@ -124,13 +126,13 @@ def _is_half(body: Body, depth_m: float) -> bool:
 
 
 @pair_rule("static-parent", "asked", subject=1, engines=MUJOCOS)
-def static_parent(pair: PairColumns) -> Match:
+def static_parent(pair: PairColumns, seen: Seen) -> Match:
     """A body collides with its parent only if the parent cannot move."""
     points = pair.points
     own = np.flatnonzero((points.body[:, 0] == points.body[:, 1]) & (points.normal_n > 0))
     both = np.column_stack([points.body[own, 0], np.sort(points.link[own], axis=1)])
     known, _, which = distinct_rows(both)
-    is_so = [_is_parent(pair.scene.body(number), a, b) for number, a, b in known.tolist()]
+    is_so = [_is_parent(seen.bodies[number], a, b) for number, a, b in known.tolist()]
     so = np.array(is_so, np.bool_)[which]
     own, both = own[so], both[so]
     keys, _, which = distinct_rows(np.column_stack([pair.pairs.row[own], both]))

@@ -10,15 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.arrays import Flags, Float64, Int8, Int64
+from drop_physics.explain.bodies import Record
 from drop_physics.explain.driving import control_of
 from drop_physics.explain.joints import JointTelemetry, target_of
 from drop_physics.explain.step_status import StepVerdicts
 from drop_physics.explain.steps import BodySteps, StepBatch, Steps
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
-from drop_physics.rules.answer import Column, Scene
+from drop_physics.rules.answer import Scene
+from drop_physics.rules.chunk import Chunk, Column
+from drop_physics.rules.earlier import EarlierRows
 from drop_physics.rules.joint import units_of
-from drop_physics.rules.target_columns import target_columns
 from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD
 from drop_physics.trace.events import Joint
 from drop_physics.trace.motors import POSITION
@@ -56,25 +58,33 @@ class RuleTable(Protocol):
         """Numbers that every rule records of its worst case."""
 
 
-def tables(name: TableName, scene: Scene) -> Iterator[RuleTable]:
+def tables(name: TableName, scene: Scene, earlier: EarlierRows) -> Iterator[RuleTable]:
     """Yield the tables of one kind for the latest chunk."""
-    touching = len(scene.pairs.starts) > 0
+    chunk = scene.chunk
+    touching = len(chunk.pairs.starts) > 0
     if name == "joints":
-        yield from (JointColumns(scene, each) for each in scene.driven())
+        yield from (JointColumns(chunk, each, earlier) for each in chunk.driven)
     elif name == "actuators":
         yield from (
-            ActuatorColumns(scene, each) for _, each in scene.intervals() if each.body.actuators
+            ActuatorColumns(chunk, each, earlier)
+            for _, each in chunk.intervals()
+            if each.body.actuators
         )
     elif name == "targets":
-        yield from target_columns(scene)
+        for driven in chunk.driven:
+            yield from scene.standing.see(driven, scene.seen, scene.telemetry)
     elif name == "bodies":
-        yield from (BodyColumns(scene, *batch) for batch in scene.batches if len(batch[0].whole))
+        yield from (
+            BodyColumns(chunk, *batch, scene.records, earlier)
+            for batch in chunk.batches
+            if len(batch[0].whole)
+        )
     elif name == "sides" and touching:
-        yield from (PairColumns(scene, side) for side in (0, 1))
+        yield from (PairColumns(chunk, side) for side in (0, 1))
     elif touching:
-        pair = PairColumns(scene, 1)
+        pair = PairColumns(chunk, 1)
         # Of two, one that can move is told of.
-        still = ~np.isin(pair.body, scene.moving)
+        still = ~np.isin(pair.body, scene.seen.moving)
         pair.keys[still] = pair.keys[still, ::-1]
         yield pair
 
@@ -85,9 +95,9 @@ class JointColumns:
     They are those of `driven`, the requests of calls, `asked`, and some that rules share.
     """
 
-    def __init__(self, scene: Scene, driven: JointTelemetry) -> None:
-        self.scene, self.driven, self.asked = scene, driven, driven.asked
-        self._settings = scene.settings(driven.body.client)
+    def __init__(self, chunk: Chunk, driven: JointTelemetry, earlier: EarlierRows) -> None:
+        self._chunk, self.driven, self.asked, self.earlier = chunk, driven, driven.asked, earlier
+        self._settings = chunk.settings(driven.body.client)
         self.body, self.steps = driven.body, driven.steps
         self.before, self.after, self.rate = driven.before, driven.after, driven.rate
         self.torque, self.limit, self.at_limit = driven.torque, driven.limit, driven.at_limit
@@ -145,7 +155,7 @@ class JointColumns:
 
     def came(self, column: Column) -> Float64:
         """Return states of the body one step earlier; nan if there is none."""
-        return self.scene.came(self.steps, [(0, self.steps)], column)
+        return self._chunk.came(self.steps, [(0, self.steps)], column)
 
     def term(self, name: str) -> Float64:
         """Return the impulses of a cause on the joints; 0 if it does not act."""
@@ -157,23 +167,22 @@ class JointColumns:
 class ActuatorColumns:
     """The actuators of a body over n steps; columns (n, actuators)."""
 
-    def __init__(self, scene: Scene, steps: BodySteps) -> None:
-        self.scene, self.client, self.number = scene, steps.body.client, steps.body.number
-        self.actuators, self.step = steps.body.actuators, steps.steps
+    def __init__(self, chunk: Chunk, steps: BodySteps, earlier: EarlierRows) -> None:
+        self.earlier, self.client, self.number = earlier, steps.body.client, steps.body.number
+        self.body, self.actuators, self.step = steps.body, steps.body.actuators, steps.steps
         self.noted: dict[str, Float64] = {}
         self.keys = np.full((len(steps), 1), steps.body.number)
         self.given = np.column_stack(
             [
-                control_of(actuator, steps.body, scene.piece, steps.steps)
+                control_of(actuator, steps.body, chunk.piece, steps.steps)
                 for actuator in self.actuators
             ]
         )
         """The control of each actuator before clamping; nan if unknown."""
-        kept = scene.kept.controls
-        earlier = kept.get(self.number, np.zeros(len(self.actuators)))
-        self.before = np.vstack([earlier, self.given[:-1]])
+        last = earlier.controls.get(self.number, np.zeros(len(self.actuators)))
+        self.before = np.vstack([last, self.given[:-1]])
         """The control in the previous step; 0 before the first."""
-        kept[self.number] = self.given[-1]
+        earlier.controls[self.number] = self.given[-1]
         ranges = [actuator.ctrl_range or (-np.inf, np.inf) for actuator in self.actuators]
         self.lower, self.upper = np.broadcast_to(
             np.array(ranges).T[:, None], (2, *self.given.shape)
@@ -183,8 +192,8 @@ class ActuatorColumns:
 class PairColumns:
     """The contacts of pairs over steps, seen from one of the two bodies."""
 
-    def __init__(self, scene: Scene, side: int) -> None:
-        self.scene, self.side, self.pairs = scene, side, scene.pairs
+    def __init__(self, chunk: Chunk, side: int) -> None:
+        self._chunk, self.side, self.pairs = chunk, side, chunk.pairs
         self.step, self.timestep_s = self.pairs.step, self.pairs.timestep_s
         self.points, self.starts = self.pairs.points, self.pairs.starts
         self.noted: dict[str, Float64] = {}
@@ -218,14 +227,22 @@ class PairColumns:
 
     def of_bodies(self, rows: Rows) -> Iterator[tuple[Steps, Rows, Rows]]:
         """Yield the steps of bodies in the given contact rows, with both indices."""
-        return self.scene.steps_at(self.body[rows], self.step[rows])
+        return self._chunk.steps_at(self.body[rows], self.step[rows])
 
 
 class BodyColumns:
     """The steps of equal bodies, one body after the other."""
 
-    def __init__(self, scene: Scene, batch: StepBatch, verdict: StepVerdicts) -> None:
-        self.scene, self.batch, self.whole, self.verdict = scene, batch, batch.whole, verdict
+    def __init__(
+        self,
+        chunk: Chunk,
+        batch: StepBatch,
+        verdict: StepVerdicts,
+        records: Mapping[int, Record],
+        earlier: EarlierRows,
+    ) -> None:
+        self._chunk, self._records, self._earlier = chunk, records, earlier
+        self.batch, self.whole, self.verdict = batch, batch.whole, verdict
         self.law, self.terms, self.reported = self.whole.law, self.whole.terms, self.whole.reported
         self.before, self.after, self.put = self.whole.before, self.whole.after, self.whole.put
         self.step = self.whole.steps
@@ -243,7 +260,7 @@ class BodyColumns:
 
         Both have the shape (n, rates).
         """
-        found, kept = np.empty_like(values), self.scene.kept.rates
+        found, kept = np.empty_like(values), self._earlier.rates
         for body in self.batch.bodies:
             if len(mine := values[body.rows]):
                 before = kept.get(body.body.number, mine[0])
@@ -256,17 +273,21 @@ class BodyColumns:
     @property
     def driven(self) -> Iterator[JointTelemetry]:
         """Yield the commanded joints of the bodies; `steps.rows` are their rows."""
-        return (each for each in self.scene.driven() if each.steps.whole is self.whole)
+        return (each for each in self._chunk.driven if each.steps.whole is self.whole)
+
+    def joints(self, driven: JointTelemetry) -> JointColumns:
+        """Return the table of a body's joints."""
+        return JointColumns(self._chunk, driven, self._earlier)
 
     def came(self, column: Column) -> Float64:
         """Return states of the bodies one step earlier; nan if there is none."""
         parts = [(body.rows.start, body) for body in self.batch.bodies if len(body)]
-        return self.scene.came(self.whole, parts, column)
+        return self._chunk.came(self.whole, parts, column)
 
     @property
     def puts(self) -> Int64:
         """How often calls set the body's state before each step; a change begins a new run."""
-        records, its = self.scene.records, self.batch.bodies
+        records, its = self._records, self.batch.bodies
         puts = ([put.at.step for put in records[each.body.number].puts] for each in its)
         return np.concatenate(
             [np.searchsorted(at, each.steps) for at, each in zip(puts, its, strict=True)]

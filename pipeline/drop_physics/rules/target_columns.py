@@ -10,46 +10,60 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drop_physics.arrays import Flags, Float64
-from drop_physics.explain.joints import JointTelemetry
+from drop_physics.explain.joints import DrivenJoints, JointTelemetry
 from drop_physics.explain.targets import HeldTargets, Targets
-from drop_physics.rules.answer import Scene
 from drop_physics.rules.body_properties import size_m
-from drop_physics.rules.held_off import holds_off
-from drop_physics.rules.joint import units_of
+from drop_physics.rules.joint import holds_off, units_of
 from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD, HALF_THE_STEPS
+from drop_physics.trace.history import Seen
 
 
-def target_columns(scene: Scene) -> Iterator[TargetColumns]:
-    """Yield the targets that ended in the latest chunk, and those still in effect."""
-    for driven in scene.driven():
-        targets = scene.targets.setdefault(driven.body.number, Targets())
+class StandingTargets:
+    """The targets of position motors over chunks, and the table of each that is in effect."""
+
+    def __init__(self) -> None:
+        self._targets: dict[int, Targets] = {}
+        """Targets by body id."""
+        self.going: dict[tuple[int, int], TargetColumns] = {}
+        """The table of the target in effect, by body and rate."""
+
+    def see(
+        self, driven: JointTelemetry, seen: Seen, telemetry: DrivenJoints
+    ) -> Iterator[TargetColumns]:
+        """Yield the targets of a body that ended in the latest chunk, and those in effect."""
+        targets = self._targets.setdefault(driven.body.number, Targets())
         for stood, going in targets.see(driven):
             key = driven.body.number, stood.k
-            before = scene.going.pop(key, None)
+            before = self.going.pop(key, None)
             # Where what a body is changes, a target ends that nobody saw end.
             if before is not None and before.stood.first[0] != stood.first[0]:
                 before.ended, before.late = np.ones(1, np.bool_), True
                 yield before
-            table = TargetColumns(scene, driven, stood, going=going)
+            table = TargetColumns(seen, telemetry, driven, stood, going=going)
             if going:
-                scene.going[key] = table
+                self.going[key] = table
             yield table
 
-
-def left_standing(scene: Scene) -> Iterator[TargetColumns]:
-    """Yield the targets that are still in effect when the run ends."""
-    for table in scene.going.values():
-        table.late, table.ends_run = True, np.ones(1, np.bool_)
-        yield table
+    def left(self) -> Iterator[TargetColumns]:
+        """Yield the targets that are still in effect when the run ends."""
+        for table in self.going.values():
+            table.late, table.ends_run = True, np.ones(1, np.bool_)
+            yield table
 
 
 class TargetColumns:
     """The targets of one joint, in order; columns of shape (m,)."""
 
     def __init__(
-        self, scene: Scene, driven: JointTelemetry, stood: HeldTargets, *, going: bool
+        self,
+        seen: Seen,
+        telemetry: DrivenJoints,
+        driven: JointTelemetry,
+        stood: HeldTargets,
+        *,
+        going: bool,
     ) -> None:
-        self.scene, self.driven, self.stood = scene, driven, stood
+        self.driven, self.stood = driven, stood
         m, number = len(stood), driven.body.number
         self.step = stood.last
         self.keys = np.tile([number, stood.k], (m, 1))
@@ -82,7 +96,7 @@ class TargetColumns:
         self.stopped = self._stopped()
         """Whether each ends with the motor at its limit, blocked by a body that touches
         its links."""
-        self.pressed = self._pressed()
+        self.pressed = self._pressed(seen, telemetry)
         """Whether each ends with the joint pressed against a body that it holds."""
 
     @cached_property
@@ -103,10 +117,10 @@ class TargetColumns:
         stopped = self.driven.at_limit[rows, k] & (against > HALF_THE_STEPS * np.abs(motor))
         return np.asarray(stopped & (rows >= 0))
 
-    def _pressed(self) -> Flags:
+    def _pressed(self, seen: Seen, telemetry: DrivenJoints) -> Flags:
         for at in np.flatnonzero(self.stopped)[:1].tolist():
             row, k = int(self.stood.row[at]), self.stood.k
             away = -float(np.sign(self.driven.torque[row, k]))
-            if holds_off(self.scene, self.scene.joints.holding(self.driven, row), k, away):
+            if holds_off(seen, telemetry.holding(self.driven, row), k, away):
                 return self.stopped
         return np.zeros(len(self.stood), np.bool_)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
+from drop_physics.explain.bodies import Record
 from drop_physics.explain.convex import is_convex
 from drop_physics.explain.steps import BodySteps
 from drop_physics.fields import fraction
@@ -17,21 +18,26 @@ from drop_physics.physics.columns import rotation
 from drop_physics.physics.laws.mujoco.contact import shortest_s
 from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import lengths
-from drop_physics.rules.answer import Cure, Scene
+from drop_physics.rules.answer import Cure
 from drop_physics.rules.arguments import site_of
+from drop_physics.rules.chunk import Chunk
 from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS
+from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import ENDLESS_M, LONG_S
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import Body, Collision
+from drop_physics.trace.history import Seen
 
 
 @body_rule("tunnelled", "asked", engines=ANY)
-def tunnelled(bodies: BodyColumns) -> Match | None:
+def tunnelled(
+    bodies: BodyColumns, records: Mapping[int, Record], seen: Seen, inputs: Inputs, chunk: Chunk
+) -> Match | None:
     """A body is on opposite sides of a box before and after a step, without a contact."""
-    scene, tree = bodies.scene, bodies.law.tree
+    tree = bodies.law.tree
     if tree.links or not tree.size:
         return None
     before_m, after_m = bodies.before.position_m, bodies.after.position_m
@@ -39,9 +45,9 @@ def tunnelled(bodies: BodyColumns) -> Match | None:
     parts = [
         (
             other,
-            *_crossing(before_m, after_m, scene.records[other.number].base_at(bodies.step), box),
+            *_crossing(before_m, after_m, records[other.number].base_at(bodies.step), box),
         )
-        for other, box in _standing(scene)
+        for other, box in _standing(seen)
         if other.client == body.client and _may_meet(body, other, box)
     ]
     if not parts:
@@ -50,13 +56,16 @@ def tunnelled(bodies: BodyColumns) -> Match | None:
     for other, came, left in parts:
         whole = (came > 0) & (left < 1)
         # One with a shape, that gets inside, was held off.
-        free = [_why(scene, each, other) is not None for each in map(scene.body, numbers.tolist())]
+        free = [
+            _why(inputs, each, other) is not None
+            for each in map(seen.bodies.__getitem__, numbers.tolist())
+        ]
         passes = np.where(np.array(free)[which], (came > 0) & (came <= 1), whole)
         found.append(passes & (came < left))
     rows, at = np.nonzero(np.array(found).T)
     boxes = np.array([other.number for other, _, _ in parts])[at]
     # What it touches on the way holds it off, and it is pushed through.
-    alone = ~_touching(bodies, rows, boxes)
+    alone = ~_touching(bodies, rows, boxes, chunk)
     rows, at, boxes = rows[alone], at[alone], boxes[alone]
     share = np.array([left - came for _, came, left in parts])[at, rows]
     return Match(
@@ -72,18 +81,20 @@ def tunnelled(bodies: BodyColumns) -> Match | None:
 
 
 @body_rule("tunnelled", "broken", engines=MUJOCOS)
-def pushed_through(bodies: BodyColumns) -> Match | None:
+def pushed_through(
+    bodies: BodyColumns, records: Mapping[int, Record], seen: Seen, chunk: Chunk
+) -> Match | None:
     """A body enters a box despite contacts, and leaves on the other side."""
-    scene, tree, body = bodies.scene, bodies.law.tree, bodies.batch.bodies[0].body
+    tree, body = bodies.law.tree, bodies.batch.bodies[0].body
     if tree.links or not tree.size or len(body.collisions) != 1:
         return None  # of several shapes the centre may be in none
     if not is_convex(body.collisions[0]):
         return None
     parts = []
-    for other, box in _standing(scene):
+    for other, box in _standing(seen):
         if other.client != body.client or not _may_meet(body, other, box):
             continue
-        base = scene.records[other.number].base_at(bodies.step)
+        base = records[other.number].base_at(bodies.step)
         place = _in_box(bodies.before.position_m, base, box) / (np.array(box.size_m) / 2)
         came, left = _crossing(bodies.before.position_m, bodies.after.position_m, base, box)
         outside = np.abs(place) > 1
@@ -98,7 +109,7 @@ def pushed_through(bodies: BodyColumns) -> Match | None:
     if not parts:
         return None
     rows, boxes = map(np.concatenate, zip(*parts, strict=True))
-    touched = _touching(bodies, rows, boxes)
+    touched = _touching(bodies, rows, boxes, chunk)
     rows, boxes = rows[touched], boxes[touched]
     speed = np.linalg.norm(bodies.before.velocity[rows, 3:6], axis=1)
     keys = np.column_stack([bodies.body[rows], boxes])
@@ -108,7 +119,7 @@ def pushed_through(bodies: BodyColumns) -> Match | None:
 
 @pushed_through.notes
 def _(
-    scene: Scene,
+    seen: Seen,
     partner: Body,
     body: str,
     time_s: Callable[[int], float],
@@ -116,7 +127,7 @@ def _(
     size: float,
     timestep: float,
 ) -> Noted:
-    thick_m = min(min(box.size_m) for each, box in _standing(scene) if each is partner)
+    thick_m = min(min(box.size_m) for each, box in _standing(seen) if each is partner)
     cure = _stopping(body, timestep, thick_m, size)
     return {"time": time_s(step), "thick": thick_m, "cure": cure}
 
@@ -145,7 +156,7 @@ def _stopping(body: str, timestep_s: float, thick_m: float, speed_m_s: float) ->
 
 @tunnelled.notes
 def _(
-    scene: Scene,
+    inputs: Inputs,
     subject: Body,
     partner: Body,
     body: str,
@@ -157,9 +168,9 @@ def _(
     part: float,
     timestep: float,
 ) -> Noted | None:
-    if subject.client in scene.inputs.filtered:
+    if subject.client in inputs.filtered:
         return None  # they may be meant to pass
-    why = _why(scene, subject, partner)
+    why = _why(inputs, subject, partner)
     noted: Noted = {
         "time": time_s(step),
         "thick": size * part,
@@ -215,12 +226,12 @@ tunnelled.rows(
 )
 
 
-def _standing(scene: Scene) -> list[tuple[Body, Collision]]:
+def _standing(seen: Seen) -> list[tuple[Body, Collision]]:
     """Return the bodies that cannot move, with their boxes."""
-    puts = Counter(put.body.number for put in scene.seen.puts)
+    puts = Counter(put.body.number for put in seen.puts)
     return [
         (body, collision)
-        for number, body in scene.seen.bodies.items()
+        for number, body in seen.bodies.items()
         if not (body.moving or body.before or puts[number] > 1)
         for collision in body.collisions
         if (collision.kind, collision.link) == ("box", BASE)
@@ -236,20 +247,20 @@ def _may_meet(body: Body, other: Body, box: Collision) -> bool:
     return not bits or any(a & affinity or kind & b for a, b in bits)
 
 
-def _touching(bodies: BodyColumns, rows: Int64, others: Int64) -> Flags:
+def _touching(bodies: BodyColumns, rows: Int64, others: Int64, chunk: Chunk) -> Flags:
     """Return whether a body touches another in a step, or in an adjacent step."""
-    pairs, found = bodies.scene.pairs, np.zeros(len(rows), np.bool_)
+    pairs, found = chunk.pairs, np.zeros(len(rows), np.bool_)
     for k, (number, other) in enumerate(zip(bodies.body[rows], others, strict=True)):
         both = (pairs.body == sorted((number, other))).all(axis=1)
         found[k] = (np.abs(pairs.step[both] - bodies.step[rows[k]]) <= 1).any()
     return found
 
 
-def _why(scene: Scene, body: Body, other: Body) -> Call | str | None:
+def _why(inputs: Inputs, body: Body, other: Body) -> Call | str | None:
     """Return why two bodies made no contact: the call that disabled it, or `shapeless`."""
     if not body.collisions:
         return "shapeless"
-    return scene.inputs.passes.get(frozenset(((body.number, BASE), (other.number, BASE))))
+    return inputs.passes.get(frozenset(((body.number, BASE), (other.number, BASE))))
 
 
 def _crossing(
@@ -286,14 +297,14 @@ FINER = 4.0
 
 
 @body_rule("timestep-too-long", "model", engines=ANY)
-def far(bodies: BodyColumns) -> Match | None:
+def far(bodies: BodyColumns, chunk: Chunk) -> Match | None:
     """Before or after a contact, a body moves farther in a step than it is thick."""
     if bodies.law.tree.size != 6:
         return None
     step_s = bodies.reported.timestep_s / bodies.whole.substeps
     way_m = lengths(bodies.after.velocity[:, 3:6]) * step_s
     thick_m = bodies.of_each(_thick_m)
-    meets = [bodies.scene.touching(bodies.body, bodies.step + later) for later in (0, 1)]
+    meets = [chunk.touching(bodies.body, bodies.step + later) for later in (0, 1)]
     far = (thick_m > 0) & (thick_m < ENDLESS_M) & (way_m > thick_m) & np.isfinite(way_m)
     pulled = bodies.terms.get("constraints", np.zeros((len(way_m), 1))).any(axis=1)
     numbers = {"step": step_s, "thick": thick_m, "pulled": pulled}

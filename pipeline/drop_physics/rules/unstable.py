@@ -8,8 +8,9 @@ from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.explain.cause_names import cause_in_words
 from drop_physics.explain.targets import flips
 from drop_physics.messages import Message
-from drop_physics.rules.answer import Scene, and_more
+from drop_physics.rules.answer import and_more
 from drop_physics.rules.by_name import called
+from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.joint import link_of, units
 from drop_physics.rules.rows import Noted, Remedy, SayingRow, Worst
 from drop_physics.rules.rule import Match, body_rule
@@ -171,13 +172,13 @@ def _(count: Int64) -> Float64:
 
 
 @velocity_clamped.notes
-def _(worst: Worst, scene: Scene, subject: Body, count: int) -> Noted:
+def _(worst: Worst, inputs: Inputs, subject: Body, count: int) -> Noted:
     named = called(_named, worst)
     return {
         **named,
         "of": "N m s" if named["unit"] == "rad/s" else "N s",
         "level": None if count >= RINGS_STEPS else "note",
-        "part": count / scene.inputs.motions[subject.number].samples,
+        "part": count / inputs.motions[subject.number].samples,
     }
 
 

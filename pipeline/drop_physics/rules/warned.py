@@ -15,31 +15,32 @@ from drop_physics.rules.rows import Case, Remedy, SayingRow
 from drop_physics.rules.rule import input_rule
 from drop_physics.trace.calls import Call
 from drop_physics.trace.events import EngineWarning
+from drop_physics.trace.history import Seen
 from drop_physics.trace.switches import NO_AUTO_RESET, is_off
 
 CONTACTS, CONSTRAINTS, CONTROL = "contacts full", "constraints full", "bad control"
 
 
 @input_rule("auto-reset", "broken", engines=MUJOCOS)
-def auto_reset(inputs: Inputs) -> Iterator[Case]:
+def auto_reset(inputs: Inputs, seen: Seen) -> Iterator[Case]:
     """The engine resets the state by itself after a huge or non-finite number."""
     by_client: dict[int, list[EngineWarning]] = {}
-    for warning in inputs.scene.seen.warnings:
+    for warning in seen.warnings:
         if warning.kind in RESETS:
             by_client.setdefault(warning.client, []).append(warning)
     for client, warnings in by_client.items():
-        if is_off(inputs.scene.seen, client, NO_AUTO_RESET):
+        if is_off(seen, client, NO_AUTO_RESET):
             continue
         first = min(warnings, key=lambda each: each.at.step)
         steps = sum(each.steps for each in warnings)
-        of_rate = None if first.kind == POSITION else rate_at(inputs, client, first.info)
+        of_rate = None if first.kind == POSITION else rate_at(seen, client, first.info)
         body, joint, _ = of_rate or (None, None, "")
         number: str = Message("a position")
         if body is not None:
             number = Message("the acceleration of {what}", what=joint or body.label)
             if first.kind != "bad acceleration":
                 number = Message("the velocity of {what}", what=joint or body.label)
-        all_steps = inputs.scene.seen.samples.get(client, 1) - 1
+        all_steps = seen.samples.get(client, 1) - 1
         call = inputs.lasting.huge.get((client, first.at.step - 1))
         yield Case(
             call=call,
@@ -79,9 +80,9 @@ def _given(call: Call) -> Message:
     )
 
 
-def _warned(inputs: Inputs, *kinds: str) -> Iterator[Case]:
+def _warned(seen: Seen, *kinds: str) -> Iterator[Case]:
     """Yield the engine's warnings of given kinds, with their steps."""
-    for each in inputs.scene.seen.warnings:
+    for each in seen.warnings:
         if each.kind in kinds:
             told = {"kind": each.kind, "index": each.info, "first": each.at.step}
             told |= {"count": each.steps, "steps": so_many(each.steps)}
@@ -92,9 +93,9 @@ IN_STEPS = SayingRow(effect="count", unit="steps", share="count")
 
 
 @input_rule("not-finite", "broken", engines=MUJOCOS)
-def bad_control(inputs: Inputs) -> Iterator[Case]:
+def bad_control(seen: Seen) -> Iterator[Case]:
     """A control is huge or not a number, so that no actuator acts in that step."""
-    return _warned(inputs, CONTROL)
+    return _warned(seen, CONTROL)
 
 
 bad_control.rows(
@@ -110,9 +111,9 @@ bad_control.rows(
 
 
 @input_rule("buffer-full", "broken", engines=MUJOCOS)
-def buffer_full(inputs: Inputs) -> Iterator[Case]:
+def buffer_full(seen: Seen) -> Iterator[Case]:
     """Contacts or constraints without room in memory do not act."""
-    for case in _warned(inputs, CONTACTS, CONSTRAINTS):
+    for case in _warned(seen, CONTACTS, CONSTRAINTS):
         is_contacts = case["kind"] == CONTACTS
         case.values["what"] = Message("contacts") if is_contacts else Message("constraints")
         yield case

@@ -12,7 +12,8 @@ from drop_physics.messages import Message
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import BASE, Tree
 from drop_physics.physics.vectors import lengths, summed
-from drop_physics.rules.answer import Scene
+from drop_physics.rules.body_properties import AskedOfBodies
+from drop_physics.rules.chunk import Chunk
 from drop_physics.rules.engines import ANY, MUJOCO
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, Sized, joint_rule
@@ -27,6 +28,7 @@ from drop_physics.rules.thresholds import (
 )
 from drop_physics.trace.events import Body
 from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
+from drop_physics.trace.history import Seen
 from drop_physics.trace.motors import VELOCITY
 
 Rows = NDArray[np.intp]
@@ -40,7 +42,7 @@ OF_BOTH = {PYBULLET: Message("the product of both"), MUJOCO: Message("the larger
 
 
 @joint_rule("wheel-slip", "asked", engines=ANY, commanded=False)
-def wheel_slip(joints: JointColumns) -> Match | None:
+def wheel_slip(joints: JointColumns, chunk: Chunk) -> Match | None:
     """A wheel slips: its contact point moves otherwise than its joint turns."""
     steps, number = joints.steps, joints.body.number
     drives = (joints.mode == VELOCITY) & (joints.asked.impulse > 0)
@@ -48,7 +50,7 @@ def wheel_slip(joints: JointColumns) -> Match | None:
         return None
     sums, ground = np.zeros((*drives.shape, len(SUMS))), np.full(drives.shape, -1)
     held = np.zeros(drives.shape, np.bool_)
-    points = joints.scene.pairs.points
+    points = chunk.pairs.points
     its = np.flatnonzero(
         (points.body == number).any(axis=1)
         & (points.normal_n > 0)
@@ -125,7 +127,8 @@ def _(
 
 @wheel_slip.notes
 def _(
-    scene: Scene,
+    seen: Seen,
+    asked: AskedOfBodies,
     subject: Body,
     ground: int,
     rolled: float,
@@ -137,12 +140,12 @@ def _(
 ) -> Noted:
     return {
         "of": OF_BOTH[engine],
-        "other": scene.body(ground).label,
+        "other": seen.bodies[ground].label,
         "rolls": rolled / seconds,
         "goes": (rolled - slipped) / seconds,
         "friction": available / normal,
         "part": abs(slipped) / abs(rolled),
-        "called": scene.asked.of["lateralFriction"].site(subject.number, ground),
+        "called": asked.of["lateralFriction"].site(subject.number, ground),
     }
 
 

@@ -191,6 +191,19 @@ class Seen:
         """Name and version of the engine; for PyBullet, the name only."""
         return next((each.engine for each in self.settings if each.engine), DEFAULT_ENGINE)
 
+    @property
+    def moving(self) -> list[int]:
+        """Ids of the bodies that can move."""
+        return [number for number, body in self.bodies.items() if body.moving]
+
+    def clients_with(self, setting: str, value: float) -> set[int]:
+        """Return the simulations in which an engine setting ever had the given value."""
+        return {
+            each.client
+            for each in self.settings
+            if setting in each.values and float(np.ravel(each.values[setting])[0]) == value
+        }
+
     def soft(self, bodies: Sequence[int], links: Sequence[int]) -> Softness | None:
         """Return the softness of the contact between two links, if the engine reports it."""
         (a, b), (i, k) = bodies, links

@@ -1,4 +1,4 @@
-"""Keeps the last rows of each chunk, for columns that look back to earlier chunks."""
+"""Keeps the last rows of each chunk, for tables whose columns look back to earlier chunks."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from drop_physics.arrays import Float64
 
 
 @dataclass
-class KeptRows:
-    """The last rows of earlier chunks, by body id, for columns that look back."""
+class EarlierRows:
+    """The last rows of earlier chunks, by body id; only the tables of the next chunk read them."""
 
     controls: dict[int, Float64] = field(default_factory=dict)
     """The control of each actuator in the last step, shape (actuators,)."""
