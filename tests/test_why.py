@@ -40,6 +40,7 @@ from drop_physics.recording import writer
 from drop_physics.recording.layer_file import trials_of
 from drop_physics.recording.reader import read
 from drop_physics.report.annotations import github_of, sarif_of
+from drop_physics.report.blocks import DataTable
 from drop_physics.report.html import CURVES, html_of
 from drop_physics.rules.answer import Effect, Finding
 from drop_physics.stages.record import record_script
@@ -105,6 +106,16 @@ def test_what_takes_a_symptom_away_is_said_to_have_cured_it(held: Why) -> None:
     assert tried.moved.value == pytest.approx(fell_m, rel=1e-2)
     assert held.noise is not None
     assert held.noise.value < 1e-8
+    (table,) = (
+        block
+        for section in held.report().sections
+        for block in section.blocks
+        if isinstance(block, DataTable) and "maxForce=30" in block.columns[-1].cells[0]
+        if block.columns[-1].head == "with"
+    )
+    mark, becomes, told = table.columns
+    assert (mark.cells, becomes.head, becomes.cells) == (["cured"], "becomes", ["gone"])
+    assert told.cells[0].startswith("maxForce=30; 0_box moves by 152 mm")
 
 
 def test_a_trial_is_recorded_as_the_engine_was_asked(held: Why) -> None:

@@ -14,7 +14,7 @@ from drop_physics.account.rows import AccountRow, RowTerm
 from drop_physics.engines.watching.single_changes import Change
 from drop_physics.experiments.search import ChangeOutcome
 from drop_physics.report.expected import sections_of
-from drop_physics.stages.why.expect import Expected
+from drop_physics.stages.why.expect import Expected, likely
 from drop_physics.stages.why.row import row_expectation
 
 SCHEMA = json.loads((Path(__file__).parents[1] / "docs/schemas/why.json").read_text("utf-8"))
@@ -109,6 +109,22 @@ def test_what_holds_is_said_after_one_run_and_a_local_name_is_known(tmp_path: Pa
     code, found, _ = why(tmp_path, SLIDES, "--expect", "slid > 0.1 and printed[-1] == slid")
     assert (code, found["runs"], found["makes_true"]) == (0, 0, [])
     assert found["expectation"]["holds"]
+
+
+def test_what_is_often_to_blame_is_tried_first_and_inner_workings_of_the_engine_late() -> None:
+    """Calls that are left out; flags of a call; factors; the engine's own flags."""
+    added = Change("setGravity.gravZ", "=-9.81", ("=-9.81", {"call": "setGravity"}))
+    order = [
+        added,
+        *(
+            Change(*each, ("", None))
+            for each in (("loadURDF.flags", "^8"), ("geom_friction", "*10"))
+        ),
+        Change("flag.WARMSTART", "^", ("^", None)),
+        Change("dof_damping", "*-1", ("*", -1)),
+    ]
+    backwards = order[::-1]
+    assert sorted(backwards, key=likely) == order
 
 
 @pytest.mark.long

@@ -12,7 +12,8 @@ from drop_physics.experiments.motion import fastest
 from drop_physics.fields import all_of, counted
 from drop_physics.messages import Message, joined
 from drop_physics.quantities import DIGITS, number, quantity
-from drop_physics.report.blocks import Column, DataTable, Section, Words
+from drop_physics.report.blocks import Section, Words
+from drop_physics.report.tried import TriedRow, table_of
 from drop_physics.stages.rerun.evaluated import BranchedTrial
 
 if TYPE_CHECKING:
@@ -157,31 +158,14 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
     blocks: list[Any] = [Words(tried)]
     shown = found.makes_true if every else found.makes_true[:SHOWN]
     if shown:
-        places = [*_places(found)]
         least, latest = ([*each, *[None] * len(shown)] for each in (found.least, found.latest))
         branched = [*found.branched, *[BranchedTrial()] * len(shown)]
-        blocks.append(
-            DataTable(
-                [
-                    Column("", [str(place) for place in places[: len(shown)]]),
-                    Column(
-                        Message("becomes"),
-                        [_value(found, each.tried.outcome) for each in shown],
-                        right=True,
-                    ),
-                    Column(
-                        Message("with"),
-                        [
-                            _told(found, *each)
-                            for each in zip(
-                                shown, least, found.lines, latest, branched, strict=False
-                            )
-                        ],
-                        wraps=True,
-                    ),
-                ]
-            )
-        )
+        facts = zip(shown, least, found.lines, latest, branched, strict=False)
+        rows = [
+            TriedRow(str(place), _value(found, each[0].tried.outcome), _told(found, *each))
+            for place, each in zip(_places(found), facts, strict=False)
+        ]
+        blocks.append(table_of(rows))
     elif found.moves:
         nearest = [
             Message(

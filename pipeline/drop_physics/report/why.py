@@ -1,6 +1,7 @@
 """The report of `drop why`: the trial runs of a script, and what they show.
 
-A trial has one of three sentences: tried X: cured; no effect; the outcome hangs on X by so much.
+Trials of a finding are rows of the same table as those of an expectation: a mark, what becomes of
+the quantity, and the change with what it moves.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from drop_physics.report.blocks import (
     Words,
 )
 from drop_physics.report.expected import FAILS, NOTHING
+from drop_physics.report.tried import TriedRow, table_of
 from drop_physics.stages.analyze import plot_of_recording
 from drop_physics.stages.trust.findings import part_of, readable
 from drop_physics.trace.events import ENDED
@@ -45,12 +47,17 @@ LONGEST = 52
 """Longest call [characters], if there is no room for more."""
 LISTED = 4
 """Most lines about changes that an outcome depends on, without `--all`."""
-SHOWN = {
+MARKS = {
     "cured": Message("cured"),
     "part": Message("in part"),
-    "refuted": Message("no effect"),
-    "void": Message("void: it changed nothing that can be compared, or made the script fail"),
+    "refuted": Message("no"),
+    "void": Message("void"),
     "chaotic": Message("chaotic"),
+    "untried": "",
+}
+"""Marks of trials by their verdict."""
+REASONS = {
+    "void": Message("it changed nothing that can be compared, or made the script fail"),
     "untried": Message("not tried: there was no time left, or no run can apply it"),
 }
 HANGS = Message("the outcome hangs on it")
@@ -136,7 +143,12 @@ def report_of(why: Why, *, every: bool = False, again: Again | None = None) -> R
         steps=counted(why.steps, "step"),
         trials=counted(why.runs, "trial"),
     )
-    order = sorted(why.findings, key=lambda finding: VERDICTS.index(finding.verdict))
+    its = why.expected
+    is_assert = its is not None and its.source == "assert"
+    findings = [  # where an assert is what is expected, that the script fails is said
+        each for each in why.findings if not (is_assert and each.finding.code == "script-failed")
+    ]
+    order = sorted(findings, key=lambda finding: VERDICTS.index(finding.verdict))
     proved = [
         Section([*_proved(number, each, why.sources)], apart=False)
         for number, each in enumerate(order, 1)
@@ -146,7 +158,6 @@ def report_of(why: Why, *, every: bool = False, again: Again | None = None) -> R
     first: list[Section] = []
     if why.expected is not None:
         first = [*expected.sections_of(why.expected, every=every)]
-    its = why.expected
     fails = its is not None and its.source == "option" and not its.base.holds
     return Report(
         verdict=Words(head, key=why.script, indent="  "),
@@ -179,54 +190,60 @@ def _proved(number: int, proved: Proved, sources: Mapping[str, Path]) -> Iterato
     if not tried:
         yield Words(Message("not tried: drop has no trial for this"), "dim", margin=MARGIN)
         return
-    yield DataTable(
-        [
-            Column("", [*map(_word, tried)]),
-            Column("", [each.intervention.short for each in tried]),
-            Column("", [_shows(each, proved.finding) for each in tried], wraps=True),
-        ],
-        has_heads=False,
-        margin=MARGIN,
-    )
+    rows = [
+        TriedRow(_mark(each, proved.finding), _becomes(each), _told(each, proved.finding))
+        for each in tried
+    ]
+    yield table_of(rows, MARGIN)
     wrong = proved.verdict == "refuted" and proved.finding.code not in CAUSES
     if wrong and any(each.intervention.decides for each in tried if each.verdict == "refuted"):
         words = Message("this finding is wrong: without that cause it happens, too")
         yield Words(words, margin=MARGIN)
 
 
-def _word(tried: Tried) -> str:
-    return {"refuted": Message("no"), "untried": ""}.get(tried.verdict, Message("tried"))
+def _is_hinge(tried: Tried, finding: Finding) -> bool:
+    """Return whether a trial shows that the outcome hangs on a cause that a finding names."""
+    return finding.code in CAUSES and tried.verdict in ("cured", "part")
 
 
-def _shows(tried: Tried, finding: Finding) -> str:
-    """Describe what a trial shows about a finding, and the numbers behind it.
+def _mark(tried: Tried, finding: Finding) -> str:
+    return Message("yes") if _is_hinge(tried, finding) else MARKS[tried.verdict]
+
+
+def _becomes(tried: Tried) -> str:
+    """Describe what is left of a finding's effect; empty if it has none."""
+    shown = tried.shown
+    if shown is None or shown.left is None or shown.before is None or tried.verdict == "void":
+        return ""
+    if shown.after is None:
+        return Message("gone") if not shown.left else ""
+    unit = shown.unit or ""
+    return Message(
+        "{after} of {before}",
+        after=readable(shown.after, unit),
+        before=readable(shown.before, unit),
+    )
+
+
+def _told(tried: Tried, finding: Finding) -> str:
+    """Describe a trial of a finding: its change, and what moves.
 
     A finding that names a cause itself is never cured: the outcome hangs on that cause, or does
     not.
     """
-    shown, verdict = tried.shown, tried.verdict
-    if shown is None or verdict == "void":
-        return SHOWN[verdict]
-    hangs = finding.code in CAUSES and verdict in ("cured", "part")
-    parts: list[str] = [HANGS if hangs else SHOWN[verdict]]
-    if verdict == "refuted" and shown.left is not None and shown.after is not None:
-        parts = []
-    if shown.left is not None and shown.after is not None:
-        unit = shown.unit or ""
-        parts.append(
-            Message(
-                "{before} becomes {after}",
-                before=readable(shown.before or 0.0, unit),
-                after=readable(shown.after, unit),
-            )
-        )
-    if tried.moved is not None:
+    parts: list[str] = [tried.intervention.short]
+    if _is_hinge(tried, finding):
+        parts.append(HANGS)
+    if tried.verdict in ("void", "untried"):
+        parts.append(REASONS[tried.verdict])
+    elif tried.moved is not None:
         far = tried.moved
         part = far.joint or part_of(far.body, None, far.unit)
         moves = Message("{part} moves by {value}", part=part, value=readable(far.value, far.unit))
         parts.append(moves)
-    if shown.new:
-        parts.append(Message("new: {codes}", codes=", ".join(dict.fromkeys(shown.new))))
+    if tried.shown is not None and tried.shown.new:
+        codes = ", ".join(dict.fromkeys(tried.shown.new))
+        parts.append(Message("new: {codes}", codes=codes))
     return joined("; ", parts)
 
 

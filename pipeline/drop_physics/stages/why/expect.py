@@ -357,7 +357,7 @@ def _searched(
         return {"noise": noise, "chaotic": True}
     search = Search(base, trials.all_of, noise)
     changes, its_text = (
-        sorted(each, key=_likely) for each in (seen_run.of_engine, seen_run.of_text)
+        sorted(each, key=likely) for each in (seen_run.of_engine, seen_run.of_text)
     )
     if row is not None:  # what acts on a term of it first
         changes.sort(key=lambda each: not row.names(each))
@@ -462,12 +462,14 @@ def _coincidences_last(search: Search, said: Sequence[SaidChange]) -> list[SaidC
     return [*standing, *alone]
 
 
-def _likely(change: Change) -> int:
+def likely(change: Change) -> int:
     """Return a sort key for changes: first those of values that are most often to blame."""
     op = change.op
     if isinstance(change.how[1], Mapping):  # a call that is added, because it is often left out
         return 0
-    if op in ("left-out", "default", "=default", "undone") or op[0] == "^":
+    if change.change.startswith("flag."):  # of an engine's inner workings, and seldom to blame
+        return 3
+    if op in ("left-out", "default", "=default", "undone", "each-step") or op[0] == "^":
         return 1
     if op in ("*10", "*0.1"):
         return 2

@@ -135,11 +135,9 @@ class ObservedWorld(Observed):
         return [p.getBodyUniqueId(n, client) for n in range(p.getNumBodies(client))]
 
     def _name(self, body: int, link: int) -> str:
-        root, name = (
-            each.decode(errors="replace") for each in self._p.getBodyInfo(body, self._client)
-        )
-        if link < 0:
-            return name or root or f"body{body}"
+        if link < 0:  # bodies that the script makes have one name for all their bases
+            name = self._p.getBodyInfo(body, self._client)[1].decode(errors="replace")
+            return name or f"body{body}"
         return str(self._p.getJointInfo(body, link, self._client)[12].decode(errors="replace"))
 
     def _links(self) -> Iterator[tuple[str, tuple[int, int]]]:
