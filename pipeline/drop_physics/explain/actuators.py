@@ -33,21 +33,21 @@ class ActuatorRow:
     given: float | None
     """Control set by the script in the last step."""
     ctrl_range: tuple[float, float] | None
-    """Range to which the control is clamped; null if it has none."""
+    """Range to which the control is clamped; null without a range."""
     beyond_range_steps: int
-    """The number of steps in which its control was outside the range."""
+    """Number of steps in which the control was outside its range."""
     length: float | None
-    """Length of its transmission at the last step, which its gear scales: of a joint the position
-    [m] or [rad]; null if unknown."""
+    """Length of the actuator's transmission at the last step, before the gear ratio; for a joint
+    its position [rad or m]; null if unknown."""
     force: float | None
     """Force in the last step [N] or [N m], before the gear ratio; null if unknown."""
     moments: dict[str, float]
-    """Moment arm on each joint on which it acts: force [N] or torque [N m] on the joint per unit of
-    its own; empty without a force."""
+    """Moment arm on each joint on which the actuator acts: force [N] or torque [N m] on the joint
+    per unit of the actuator's force; empty without a force."""
     force_range: tuple[float, float] | None
-    """Range to which the force is clamped; null if it has none."""
+    """Range to which the force is clamped; null without a range."""
     at_force_limit_steps: int
-    """The number of steps in which its force was at a limit."""
+    """Number of steps in which the force was at a limit of its range."""
     energy_j: float
     """Energy that the actuator gave to the body."""
 
@@ -59,9 +59,9 @@ class _Sums:
     given: float = np.nan
     force: float = np.nan
     on_joints: Float64 = field(default_factory=lambda: np.empty(0))
-    """What it exerts on each rate of the joints in the last step [N] or [N m]."""
+    """Force on each rate of the joints in the last step [N] or [N m]."""
     most: float = 0.0
-    """The largest magnitude of its control."""
+    """Largest magnitude of the control so far."""
     beyond: int = 0
     at_limit: int = 0
     energy_j: float = 0.0
@@ -146,7 +146,7 @@ class ActuatorTable:
 def _moments(body: Body, exerted: Float64, force: float) -> dict[str, float]:
     """Return the moment arm of an actuator about each joint that it moves, by joint name.
 
-    A joint with three rates has that with the largest arm.
+    Of a joint with three rates, the largest of three moment arms is returned.
     """
     if not force or not np.isfinite(force) or not len(exerted):
         return {}

@@ -1,8 +1,8 @@
-"""Explains single rigid bodies by a law of their own, where the sum for trees does not apply.
+"""Explains single rigid bodies by a separate law where the sum for trees does not apply.
 
-A btRigidBody follows another law than a tree, and with several substeps PyBullet reports the
-contacts of the last one only. Flight is then checked against the law of free fall, and contact
-against the balance of impulses if there is one (`segments`).
+A btRigidBody follows a different law than a tree, and for a timestep of several substeps PyBullet
+reports only the contacts of the last substep. Flight is then checked against the law of free fall,
+and contact against the balance of impulses, where that is defined (`segments`).
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def explained(
 ) -> Int8:
     """Classify each step by the single-body law: flight, contact … or unexplained, (n,).
 
-    The numbers are those of `segments`. `exact`: whether the machine rounds each operation once.
+    The codes are those of `segments`. `exact` is whether the machine rounds each operation once.
     """
     codes = np.full(len(before), segments.UNEXPLAINED, np.int8)
     timestep_s, gravity_m_s2 = reported.timestep_s, reported.gravity_m_s2
@@ -100,7 +100,7 @@ def _rolling(contacts: Forces, steps: int) -> Flags:
 
 
 def _pushes(applied: Forces, before: Motion) -> Pushes | None:
-    """Return the forces and torques that calls applied, about the centre of mass; None if none."""
+    """Return forces and torques applied by calls, about the centre of mass; None without any."""
     if not len(applied):
         return None
     n, step = len(before), applied.step

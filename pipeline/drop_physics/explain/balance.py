@@ -30,9 +30,9 @@ CLOSES = 1e-12
 ULPS = 16
 """Allowed deviation of velocities while a body turns, in units of rounding of a step's terms.
 
-Measured: 5. For contact without a force, the unit is the rounding of what the solver may have
-tried: measured at most 0.8 in 5,822 samples of 596 recordings, and 6.3 in one, where the touching
-body was 80 times as fast.
+The largest measured deviation is 5. For contact without a force, the unit is the rounding of
+velocities that the solver may have added and removed again: the largest deviation was 0.8 in 5,822
+samples of 596 recordings, and 6.3 in one, in which the touching body was 80 times as fast.
 """
 
 
@@ -41,11 +41,11 @@ class Pushes(Rowed):
     """Forces and torques that the script applied to a body, step by step, in world axes."""
 
     force_n: Float64
-    """Sum of its forces, shape (samples, 3)."""
+    """Sum of the forces in each step, shape (samples, 3)."""
     torque_n_m: Float64
     """Sum of the torques about the centre of mass, (samples, 3)."""
     force_scale_n: Float64
-    """Sum of the magnitudes of forces that may cancel, shape (samples,)."""
+    """Sum of the magnitudes of the forces, which may cancel, shape (samples,)."""
     torque_scale_n_m: Float64
 
     @property
@@ -79,10 +79,9 @@ class Balance:
     near: Flags
     """Whether there is a contact point, with or without a force."""
     tried_m_s: Float64
-    """Magnitude of the velocity that the solver may have added and removed again, shape
-    (samples,)."""
+    """Bound on the velocity that the solver may have added and removed again, shape (samples,)."""
     tried_rad_s: Float64
-    """The same for the spin."""
+    """Bound on the spin that the solver may have added and removed again, shape (samples,)."""
 
     def closes(self, motion: Motion) -> Flags:
         """Flag the samples whose velocities follow from the free-flight rule and impulses."""
@@ -109,20 +108,20 @@ def balance_of(
     *,
     before: Motion | None = None,
 ) -> Balance:
-    """Return the balance of every step: what contacts added to the free-flight motion.
+    """Return the balance of every step: the change of motion by contacts, after free flight.
 
     Parameters
     ----------
     motion
         The recorded motion of a body.
     law
-        The law that it follows where nothing touches it.
+        The body's law of motion without contacts.
     touches
-        Its contact points.
+        The contact points of the body.
     pushes
-        What a script applied; None without any.
+        Forces and torques that the script applied; None without any.
     before
-        What each step began with; None where that is the sample before.
+        The motion at the start of each step; None if it is always that of the previous sample.
     """
     dt, before = law.step_s, motion.before() if before is None else before
     alone = law.step(before)
@@ -186,11 +185,11 @@ def _tried(
 ) -> tuple[Flags, Float64, Float64]:
     """Flag samples with contact points, and bound the rounding that the solver may have left, (n,).
 
-    The solver adds impulses and takes them back. Their rounding stays, even in a velocity that ends
-    at 0. An impulse changes the velocity of its point by v at most: enough to stop it, and to move
-    a point that is inside the other body by d out of it in one step (d / dt; the engine corrects a
-    share of it, its ERP). It changes the spin by v m r / (I + m r²), with r the distance of the
-    point from the centre and I the least moment of inertia.
+    The solver adds impulses and takes them back; their rounding remains, even in a velocity that
+    ends at 0. An impulse changes the velocity of its contact point by at most v: enough to stop the
+    point, and to move it out of the other body in one step, if it is inside by d (d / dt; the
+    engine only corrects a share, the ERP). The impulse changes the spin by v m r / (I + m r²),
+    where r is the point's distance from the centre, and I the least moment of inertia.
     """
     terms_m_s, terms_rad_s = law.terms(before)
     near = np.isin(np.arange(len(before)), touches.step)

@@ -1,4 +1,4 @@
-"""Collects what is known of each body: its tree of links, and settings that calls change."""
+"""Collects the recorded data of each body: its tree of links, and settings that calls change."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from drop_physics.trace.poses import inertial_frames, tree_of
 DISABLE_SLEEPING = 2
 """Bit of `activationState` that keeps a body awake."""
 AT_ORIGIN = np.array([0.0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0])
-"""Default state of a base of which nothing is recorded."""
+"""State of a base without recorded states: at rest at the origin."""
 KEPT = frozenset(
     (
         "linearDamping",
@@ -36,7 +36,7 @@ KEPT = frozenset(
         "activationState",
     )
 )
-"""Properties that affect a step, and that the engine does not report after a call has set them."""
+"""Properties that affect a step, but that the engine does not report after a call has set them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +44,11 @@ class BodyConfig:
     """A body over a period in which its settings do not change."""
 
     life: int
-    """Index of the body among those that used the same id, from 0: a script may remove a body and
+    """Index of the body among all bodies with the same id, from 0: a script may remove a body and
     load it again."""
     law: DampedTree
     reasons: tuple[Reason, ...]
-    """Reasons why its steps may not equal the sum, as far as the settings tell."""
+    """Reasons, known from the settings, why the body's steps may not equal the sum."""
     cone_friction: bool
     """Value of the engine setting `enableConeFriction`."""
     substeps: int
@@ -56,7 +56,8 @@ class BodyConfig:
     damping: tuple[float | None, float | None]
     """Linear and angular damping set by calls; None if no call set it."""
     other: Law | None
-    """The law of free flight of a single body in another engine; None for the engine's own law."""
+    """Law of free flight for a drop in another engine than PyBullet; None for the engine's own law.
+    """
     step_law: StepLaw | None
     """The engine's integration rule; None if the engine itself reports every impulse."""
 
@@ -70,12 +71,12 @@ class Record:
     dynamics: list[Dynamics] = field(default_factory=list)
     puts: list[Put] = field(default_factory=list)
     given: list[Given] = field(default_factory=list)
-    """Calls so far that set properties in KEPT; more are added with each chunk."""
+    """Calls so far that set properties in `KEPT`; each chunk adds more."""
     given_steps: list[int] = field(default_factory=list)
-    """The step of each of these calls."""
+    """The step of each call in `given`."""
 
     def give(self, given: Given) -> None:
-        """Add a call that set properties of the body, if they matter for its motion."""
+        """Add a call that set properties of the body, if they affect its motion."""
         if KEPT & given.values.keys():
             self.given.append(given)
             self.given_steps.append(given.at.step)
@@ -87,8 +88,8 @@ class Record:
     def base_at(self, steps: Int64) -> Float64:
         """Return the state of the base that calls last set before the samples, shape (n, 13).
 
-        A state that was set at a step follows the sample of that step, unless it is the first
-        sample of all.
+        A state set at a step takes effect after the sample of this step, unless that is the body's
+        first sample.
         """
         if not self.puts:
             return np.tile(AT_ORIGIN, (len(steps), 1))
@@ -101,7 +102,7 @@ class Record:
     def coefficients(self, name: str) -> tuple[Int64, Float64]:
         """Return the m reports of a coefficient, such as friction: steps, values (m, links + 1).
 
-        Values are nan if the engine reports none.
+        Values are nan if the engine does not report the coefficient.
         """
         if name not in self._coefficients:
             held = [each for each in self.dynamics if name in each.reported]
@@ -118,8 +119,8 @@ class Record:
     def lives(self, steps: Int64) -> Int64:
         """Return how often the id was reused before each sample: 0 for the first body.
 
-        A sample at the step at which a body appeared is its own, unless the sample was taken
-        before.
+        A sample at the step in which a body appears belongs to this body, unless it was taken
+        before the body appeared.
         """
         if len(self.came) == 1:
             return np.zeros(len(steps), np.int64)
@@ -128,7 +129,7 @@ class Record:
 
 
 class Records(dict[int, Record]):
-    """What is recorded about each rigid body, by body id."""
+    """The recorded data of each rigid body, by body id."""
 
     def __init__(self, records: Mapping[int, Record] | None = None) -> None:
         super().__init__(records or {})
@@ -137,7 +138,8 @@ class Records(dict[int, Record]):
     def coefficients(self, name: str, steps: Int64, bodies: Int64, links: Int64) -> Float64:
         """Return a coefficient, such as friction, of links at the start of steps, shape (n,).
 
-        It is nan where the engine reports none, and for bodies without a record.
+        Values are nan where the engine does not report the coefficient, and for bodies without a
+        record.
         """
         latest, changing = self._table(name)
         rows, column = np.minimum(bodies, len(latest) - 1), latest.shape[1] - 1
@@ -157,7 +159,7 @@ class Records(dict[int, Record]):
     def _table(self, name: str) -> tuple[Float64, dict[int, tuple[Int64, Float64]]]:
         """Return each link's last reported coefficient, and all reports of bodies with changes.
 
-        The last row of the former stands for bodies without a record.
+        The last row of the first array stands for bodies without a record.
         """
         if name not in self._tables:
             reports = {number: record.coefficients(name) for number, record in self.items()}
@@ -180,7 +182,7 @@ def _step_of(put: Put) -> int:
 
 
 def records_of(seen: Seen) -> Records:
-    """Collect what is recorded about each rigid body."""
+    """Collect the recorded data of each rigid body."""
     records = Records(
         {number: Record(body) for number, body in sorted(seen.bodies.items()) if not body.soft}
     )
@@ -199,8 +201,8 @@ def records_of(seen: Seen) -> Records:
 class BodyConfigs:
     """The configurations of one body, each valid for a range of steps.
 
-    `laws` holds the trees of all bodies by their content: equal bodies share one, so that their
-    steps can be one batch.
+    `laws` contains the trees of all bodies by content: equal bodies share a tree, so that their
+    steps can be explained in one batch.
     """
 
     def __init__(
@@ -224,8 +226,8 @@ class BodyConfigs:
     def of(self, began: Int64) -> Iterator[tuple[slice, BodyConfig]]:
         """Yield ranges of steps that have the same configuration, in order.
 
-        `began` has, for each step, the number of steps before it, shape (n,). A step has the
-        properties that were set before it began. Equal successive configurations are one object.
+        `began` is the number of steps before each step, shape (n,). Properties apply to a step if
+        they were set before it began. Equal successive configurations are the same object.
         """
         if not len(began):
             return
@@ -306,7 +308,7 @@ def _damping(calls: Sequence[Given]) -> tuple[float | None, float | None]:
 
 
 def _kind(engine: Mapping[str, float | Sequence[float]]) -> tuple[int, bool]:
-    """Return the engine settings that decide whether impulses can be summed up."""
+    """Return the engine settings that determine whether there is a sum of impulses."""
     cone = _number(engine.get("set_enableConeFriction", 1.0)) != 0
     return substeps_of(engine), cone
 
@@ -367,7 +369,7 @@ def law_of(
 
 
 def _armature(reported: Mapping[str, Float64]) -> Float64 | None:
-    """Return the joints' armature as reported; None if it is 0 for all."""
+    """Return the reported armature of all joints; None if all are 0."""
     found = reported.get("armature")
     return None if found is None or not found.any() else found
 

@@ -73,9 +73,9 @@ def history_of(
     record
         The events of the body.
     bases, joints
-        Its samples in the chunk.
+        The samples of base and joints in the chunk.
     last
-        The last states of the chunk before, with which the history begins.
+        The last states of the previous chunk, with which the history begins.
     """
     samples = _samples(record, bases, joints)
     if samples is None:
@@ -117,7 +117,7 @@ def _samples(record: Record, bases: Rows | None, joints: Joints | None) -> BodyH
 
 
 def put_states(puts: Sequence[Put], like: BodyHistory) -> BodyHistory:
-    """Return the states that calls set; `like` tells how many joint efforts a state has."""
+    """Return the states that calls set, with as many joint efforts as the states in `like`."""
     n = len(puts)
     return BodyHistory(
         base=np.array([put.base for put in puts]),

@@ -11,17 +11,17 @@ WITHIN = {
     *("gravity", "bias", "motors", "damping", "joint damping", "spring", "friction loss", "stops"),
     *("joint force range", "contacts", "clamp", "integrator", "solver", "remainder"),
 }
-"""Causes that act across a joint alone, or whose forces on each link are known, or that are no
-forces."""
+"""Causes that do not prevent the computation of reactions: they act only across joints, the force
+on each link is known, or they are not forces."""
 ROUNDED = 1e-9
-"""Share of an impulse below which the rest of it is rounding."""
+"""A remainder below this share of an impulse is rounding."""
 
 
 def reactions_of(steps: BodySteps, row: int) -> Reactions | None:
     """Return the reactions across a body's joints in one of its steps.
 
-    None where the step is not explained, or where something acts of which the force on each link
-    is unknown: a force on a body of MuJoCo, an equality, a fluid, a tendon.
+    None if the step is not explained, or if the force of a cause on each link is unknown: an
+    applied force in MuJoCo, an equality, a fluid, or a tendon.
     """
     if not steps.covered or not steps.closes[row] or steps.substeps > 1:
         return None

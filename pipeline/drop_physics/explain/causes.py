@@ -29,19 +29,19 @@ OF_REPLAYS = (
 
 
 TENDON_LIMIT = "tendon limit "
-"""Prefix of the name of the cause that holds a tendon at the end of its range; the name without
-`limit` is that of the tendon's spring and damper."""
+"""Prefix of the name of a cause: the limit of a tendon's length. Without the word `limit`, it is
+the prefix of the tendon's spring and damper."""
 
 
 def family(cause: str) -> str:
-    """Return the group that a cause is summed up in: `motors`, `tendon`, else the cause itself."""
+    """Return the group to which a cause is added: `motors`, `tendon`, or the cause itself."""
     kind, _, name = cause.partition(" ")
     return {"actuator": "motors", "tendon": "tendon"}.get(kind, cause) if name else cause
 
 
 @dataclass
 class UnexplainedSamples:
-    """Number and times of the samples that are unexplained for one reason."""
+    """Number and times of samples that are unexplained for the same reason."""
 
     samples: int = 0
     first_step: int = -1
@@ -74,7 +74,7 @@ class Totals:
     """Kinetic and potential energy at the start; heights are measured from the origin."""
     changed_j: float = 0.0
     energy_j: dict[str, float] = field(default_factory=_no_energy)
-    """Changes of energy by cause; they add up to `changed_j`."""
+    """Changes of energy by cause; their sum is `changed_j`."""
     start_kg_m_s: Float64 = field(default_factory=lambda: np.zeros(3))
     moved_kg_m_s: Float64 = field(default_factory=lambda: np.zeros(3))
     momentum_kg_m_s: dict[str, Float64] = field(default_factory=_no_momentum)
@@ -117,7 +117,7 @@ class Totals:
             self._add(steps)
 
     def _jump_to(self, steps: BodySteps) -> None:
-        """Add the change between two chunks that calls made, or a new body under the same id."""
+        """Add the change between two chunks, made by calls or by a new body with the same id."""
         begin, last = _End.first(steps), self._last
         if last is not None and last.same(begin):
             return

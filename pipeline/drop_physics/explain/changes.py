@@ -31,7 +31,7 @@ class Transitions:
 
     @property
     def gravity_then(self) -> Float64:
-        """Gravity in each transition, shape (m, 3); for a call that of the step before."""
+        """Gravity in each transition, shape (m, 3); for a call, that of the previous step."""
         return np.asarray(self.gravity_m_s2[np.maximum(np.cumsum(self.real) - 1, 0)])
 
     def spread(self, values: Float64) -> Float64:
@@ -50,7 +50,7 @@ class Changes:
     given_j: Mapping[str, float]
     """Changes of energy by cause, summed over the steps."""
     set_j: float
-    """Change of energy between these steps, due to calls that set states or gravity."""
+    """Change of energy between the steps, by calls that set states or gravity."""
     changed_j: float
     """Total change of energy."""
     momentum_kg_m_s: Mapping[str, Float64]
@@ -75,8 +75,8 @@ def changes_of(
 ) -> list[Changes]:
     """Return the changes of energy and momentum in each step, by cause, and by calls.
 
-    Without a sum, all changes are the remainder's. `parts` has the transitions and the steps of
-    each part; the transition from one part to the next is left out.
+    Without a sum, the whole change counts as remainder. `parts` contains slices of the transitions
+    and of the steps of each body; transitions between bodies are left out.
     """
     if added is None:
         changed, moved = _changed(law, states, steps)
@@ -119,7 +119,7 @@ def changes_of(
 def energy_of(law: DampedTree, states: States, gravity_m_s2: Float64) -> tuple[Float64, Float64]:
     """Return kinetic and potential energy [J], shape (n,), and linear momentum, shape (n, 3).
 
-    Heights count from the origin; the momentum of a tree whose base is fixed is taken as 0.
+    Heights are measured from the origin; the momentum of a tree with a fixed base counts as 0.
     `gravity_m_s2` has the shape (n, 3).
     """
     kin = kinematics(law.tree, states)
@@ -150,9 +150,9 @@ def _potential(kin: Kinematics, gravity_m_s2: Float64) -> Float64:
 
 
 def _weighed(law: DampedTree, states: States, steps: Transitions, starts: Int64) -> Float64:
-    """Return the change of potential energy when gravity is changed before a step [J], (n,).
+    """Return the change of potential energy by a change of gravity before each step [J], (n,).
 
-    `starts`: the first step of each part, before which gravity is not known.
+    `starts` are the first steps of each body, before which gravity is unknown.
     """
     turned = np.diff(steps.gravity_m_s2, axis=0, prepend=0.0)
     turned[starts] = 0.0

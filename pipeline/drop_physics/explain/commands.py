@@ -1,10 +1,11 @@
-"""Works out which joint commands are in effect in each step: motors, torques, PD control.
+"""Determines which joint commands are in effect in each step: motors, torques, PD control.
 
-PyBullet stores a motor's limit as an impulse, force × the timestep at the call, whatever the
-timestep is later. Each revolute and prismatic joint begins with a velocity motor that may exert
-1 N m s per step, whatever its file says (`PhysicsServerCommandProcessor.cpp`, createJointMotors).
-Only another call of PD_CONTROL changes PD_CONTROL: PyBullet stores it under the body's id, and it
-survives other modes, `removeBody` and `resetSimulation` (`pdControlPlugin.cpp`).
+PyBullet stores a motor's limit as an impulse: the force times the timestep at the time of the call,
+even if the timestep changes later. Each revolute and prismatic joint begins with a velocity motor
+of at most 1 N m s per step, even if its file states another limit
+(`PhysicsServerCommandProcessor.cpp`, createJointMotors). A command in PD_CONTROL stays in effect
+until the next one: PyBullet stores it under the body's id, through other modes, `removeBody` and
+`resetSimulation` (`pdControlPlugin.cpp`).
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ from drop_physics.trace.motors import PD, POSITION, TORQUE, VELOCITY, Command
 DEFAULT = -1
 """Mode of a joint whose motor no call has set since the body was loaded."""
 LOADED, BEFORE = -2, -3
-"""Pseudo-modes: the body was loaded here; the value is carried over from the previous chunk."""
+"""Pseudo-modes of rows that are not calls: the body was loaded; the state is carried over from the
+previous chunk."""
 DEFAULT_IMPULSES = {1: 1.0, 3: 1000.0}
 """Impulse limit of a joint's default motor, by its degrees of freedom [N s or N m s]."""
 TIMESTEP_S = 1 / 240
@@ -44,7 +46,7 @@ class Commanded(Rowed):
     mode: Float64
     """Mode of the motor: DEFAULT, VELOCITY, POSITION."""
     target: Float64
-    """Position [rad] or [m]; nan if there is none."""
+    """Target position [rad] or [m]; nan without one."""
     target_velocity: Float64
     kp: Float64
     kd: Float64
@@ -53,7 +55,7 @@ class Commanded(Rowed):
     force: Float64
     """Force limit given in the call [N or N m]; nan if no call set the motor."""
     max_velocity: Float64
-    """Velocity limit of a position motor; nan if it has none."""
+    """Velocity limit of a position motor; nan without a limit."""
     site: Float64
     """Id of the call site; nan if no call set the motor."""
     began: Float64
@@ -61,7 +63,8 @@ class Commanded(Rowed):
     told: Float64
     """The step at which a call last set the motor, even to the same parameters."""
     torque_since: Float64
-    """The step of the first TORQUE_CONTROL since a call with another mode; nan if there is none."""
+    """The step of the first TORQUE_CONTROL call after the last call in another mode; nan without
+    one."""
     torque_site: Float64
     pd: Float64
     """Whether PD_CONTROL acts: 1 or nan."""
@@ -112,8 +115,8 @@ class _JointCommands:
     now: Float64
     """The commands at the end of the chunk, shape (NAMES, width of the joint)."""
     calls: list[tuple[Float64, Float64]] = field(default_factory=list)
-    """The calls of the chunk: the step and call from which each is in effect, its own index and its
-    mode, shape (4, m); and its columns, shape (m, NAMES, width)."""
+    """The calls of the chunk. First the step and the call index from which each is in effect, the
+    call's own index, and its mode, shape (4, m); then its settings, shape (m, NAMES, width)."""
     steps: Int64 | None = None
     """Step from which each row of `columns` is in effect; None if the chunk has no calls."""
     columns: Float64 = field(default_factory=lambda: np.empty(0))
@@ -127,7 +130,7 @@ class _JointCommands:
         self.torques = [torque for torque in self.torques if torque[1][-1] + 1 >= first]
 
     def take(self) -> None:
-        """Sort a chunk's calls, and complete each by what earlier calls had set."""
+        """Sort a chunk's calls, and fill in settings that each call leaves unchanged."""
         if not self.calls:
             return
         moments, columns = (
@@ -150,7 +153,7 @@ class _JointCommands:
 
 
 def _fill(steps: Int64, modes: Float64, columns: Float64) -> None:
-    """Complete each call by what earlier calls had set; row 0 is the state before all calls."""
+    """Fill in settings that each call leaves unchanged; row 0 is the state before all calls."""
     number = np.arange(len(modes))
     sets = np.isin(modes, (BEFORE, LOADED, VELOCITY, POSITION))
     at = np.flatnonzero(sets)
@@ -183,7 +186,7 @@ class MotorCommands:
         self._timesteps: dict[int, float] = {}
         """Current timestep of each client [s]."""
         self._reports = list(seen.settings)
-        """The reports of settings that lie after the chunks so far, in order."""
+        """The reports of settings that come after the chunks so far, in order."""
         self._joints: dict[tuple[int, int], _JointCommands] = {}
         """Commands of motors and torques, by body and link."""
         self._servos: dict[tuple[int, int, int], _JointCommands] = {}
@@ -276,8 +279,8 @@ class MotorCommands:
     def _timesteps_at(self, piece: Piece) -> dict[int, tuple[Int64, Float64]]:
         """Return the timesteps in effect before and after each call that sets it [s], by client.
 
-        A call sets the timestep, and so does a new simulation under the client number of an earlier
-        one, which the engine's report shows.
+        A timestep is set by a call, or by a new simulation that reuses a client number, as the
+        engine's report shows.
         """
         reported: dict[int, list[tuple[int, float]]] = {}
         for call in piece.calls.of(*SETS_TIMESTEP):
@@ -316,7 +319,7 @@ def _timestep_s(report: Settings) -> float:
 
 
 def _columns(command: Command, steps: Int64, width: int, timestep_s: Float64) -> Float64:
-    """Return what calls set for a joint, shape (n, NAMES, width); nan for what they leave."""
+    """Return the settings of calls for a joint, shape (n, NAMES, width); nan if unchanged."""
     mode, single = command.values["controlMode"], width == 1
     position, torque = mode == POSITION, mode == TORQUE
     force, target, rate = (

@@ -42,7 +42,7 @@ class Points:
     normal: Float64
     """Unit vector towards side 0, shape (k, 3)."""
     distance_m: Float64
-    """Distance at the start of the step, negative where the sides overlap."""
+    """Distance of the two sides at the start of the step [m], negative if they overlap."""
     normal_n: Float64
     tangential_n: Float64
     """Friction force on side 0, shape (k, 3)."""
@@ -55,8 +55,8 @@ class Points:
     ended_m_s: Float64
     """Velocities at the end of the step, shape (k, 2, 3)."""
     carried_m_s: Float64
-    """Velocities at the end of the step, of the points moved along with their links: as for a point
-    on a wheel."""
+    """Velocities on both sides at the end of the step, of the material points that were in contact
+    at its start, shape (k, 2, 3)."""
     timestep_s: Float64
     explained: Flags
     """Whether the step of each side is explained, shape (k, 2); True for immovable sides."""
@@ -68,7 +68,7 @@ class Points:
         return len(self.step)
 
     def at(self, rows: Int64) -> Points:
-        """Return the given points."""
+        """Return the contact points in the given rows."""
         return Points(**{each.name: getattr(self, each.name)[rows] for each in fields(Points)})
 
     @property

@@ -14,7 +14,7 @@ from drop_physics.trace.events import Collision
 def outside_m(shape: Collision, local: Float64) -> Float64:
     """Return the signed distance of points from a shape [m], negative inside, shape (n,).
 
-    `local` has the points in the shape's own axes, shape (n, 3).
+    `local` are the points in the shape's own axes, shape (n, 3).
     """
     return OUTSIDE[shape.kind](shape, local)
 
@@ -57,7 +57,7 @@ def _mesh(shape: Collision, local: Float64) -> Float64:
 def hull_faces(corners_m: tuple[float, ...]) -> Float64 | None:
     """Return the faces of a convex hull: outward normals and offsets, shape (f, 4).
 
-    `corners_m` has three numbers for each corner. None if they lie in a plane.
+    `corners_m` has three coordinates per corner [m]. None if all corners lie in a plane.
     """
     from scipy.spatial import ConvexHull, QhullError  # takes a tenth of a second to import
 
@@ -75,8 +75,8 @@ OUTSIDE: dict[str, Callable[[Collision, Float64], Float64]] = {
     "capsule": _capsule,
     "mesh": _mesh,
 }
-"""Functions that return the signed distances of points, in a shape's axes, from a shape of each
-kind."""
+"""Functions that return the signed distances of points from a shape, in the shape's axes, by kind
+of shape."""
 
 
 def is_convex(shape: Collision) -> bool:

@@ -32,7 +32,7 @@ class Curves:
     steps: Int64
     """Shape (n,)."""
     columns: dict[str, Float64]
-    """Values by name, shape (n,), for joints (n, joint_rates); nan where there is no value."""
+    """Values by name, shape (n,), or for joints (n, joint_rates); nan where undefined."""
 
     @staticmethod
     def of(parts: Sequence[Curves], names: Iterable[str]) -> Curves:

@@ -3,9 +3,10 @@
     simulated - free fall = timestep + damping + interaction + rounding
 
 Timestep is the discretisation error of semi-implicit Euler in free fall, exact. Damping is the
-difference of two models, both in continuous time: it does not vanish with the timestep.
-Interaction is what the damped discrete law adds to these two when it is evaluated in exact
-arithmetic. Rounding is what the simulation's double precision adds to that.
+difference between damped and free fall, both in continuous time: it does not vanish with the
+timestep. Interaction is the further difference of the damped discrete law, evaluated in exact
+arithmetic, from the sum of these two. Rounding is the further difference of the simulation, which
+computes in double precision.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from drop_physics.physics.vectors import triple
 
 TERMS = ("timestep", "damping", "interaction", "rounding")
 STIFF = 1e3
-"""Number of times that drag could stop a throw within its flight; integration of a stiffer one
-takes too long."""
+"""Stiffness of a throw, as the number of times that drag could stop the body during the flight; the
+integration of a stiffer throw takes too long."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +78,13 @@ def decompose(
         Simulated positions of consecutive samples [m], shape (samples, 3). All of them must be in
         the air.
     first
-        Step number of the first of them; 0 is the start.
+        Step number of the first of these samples; 0 is the start.
     path
-        The law's exact path, advanced to that sample; None computes it from the start.
+        The law's exact path, advanced to the first sample; None to compute it from the start.
 
     Returns
     -------
-    The error and its terms, which add up to it except for the last bit of the largest.
+    The error and its terms, whose sum is the error up to the last bit of the largest term.
     """
     if not len(simulated_m):
         return Decomposition(*[np.empty((0, 3))] * len(fields(Decomposition)))
@@ -110,18 +111,19 @@ def decompose(
 def error_and_terms(
     start: Motion, position_m: Float64, law: Law, *, steps: int
 ) -> tuple[Vector, VectorTerms | None]:
-    """Return the position error of a flight after the given steps, and its four terms [m].
+    """Return the position error of a flight after some steps, and its four terms [m].
 
     Parameters
     ----------
     start
-        The sample that it starts from.
+        The motion at the sample from which the flight starts.
     position_m
-        Where the body is after these steps, shape (3,).
+        The position of the body after these steps [m], shape (3,).
     law
-        Its law. Where gravity is not along z, or the drag of a throw is `STIFF`, there are none.
+        The discrete law of the body. The terms are None if gravity is not along z, or if a throw is
+        stiffer than `STIFF`.
     steps
-        At least 1.
+        The number of steps, at least 1.
     """
     time_s, velocity_m_s = steps * law.timestep_s, start.velocity_m_s[0]
     stops = law.drag.quadratic_per_m * float(np.linalg.norm(velocity_m_s)) * time_s

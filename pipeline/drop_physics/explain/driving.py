@@ -13,12 +13,12 @@ from drop_physics.trace.history import Piece
 from drop_physics.trace.motors import POSITION, VELOCITY
 
 LOUDER = {"motor": 0, "general": 0, "muscle": 0, "velocity": 1, "position": 2}
-"""Rank of an actuator's kind: of several actuators on a joint, the highest-ranked gives its
-command."""
+"""Rank of an actuator's kind: of several actuators on a joint, the one with the highest rank
+determines the joint's command."""
 
 
 def control_of(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float64:
-    """Return an actuator's control in the given steps, shape (n,); nan if it is unknown."""
+    """Return an actuator's control in the given steps, shape (n,); nan if unknown."""
     steps, values = piece.controls.get(body.client, (np.empty(0, np.int64), np.empty((0, 0))))
     given = np.full(len(ends), np.nan)
     if actuator.number >= values.shape[1]:
@@ -31,7 +31,8 @@ def control_of(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Flo
 def control_changed_at(actuator: Actuator, body: Body, piece: Piece, ends: Int64) -> Float64:
     """Return the step in which an actuator's control last changed, shape (n,); nan if unknown.
 
-    If that was before the chunk, it is the step at which any actuator's control last changed.
+    If the last change was before the chunk, it is the step at which any actuator's control last
+    changed.
     """
     steps, values = piece.controls.get(body.client, (np.empty(0, np.int64), np.empty((0, 0))))
     found = np.full(len(ends), np.nan)
@@ -52,10 +53,10 @@ def clamped(actuator: Actuator, given: Float64) -> Float64:
 def limited_motors(
     body: Body, controls: Mapping[Actuator, Float64]
 ) -> Iterator[tuple[int, Flags, float]]:
-    """Yield the motors of joints whose control has a range: the rate, and their limit.
+    """Yield motors with a limited control: rate, steps at the limit, and force at the limit.
 
-    The steps in which the control is at an end of its range or beyond, shape (n,), and the force
-    that the motor exerts there [N] or [N m]. `controls` has that of each actuator, shape (n,).
+    The steps are flags of shape (n,), set where the control is at an end of its range or beyond;
+    the force is in [N] or [N m]. `controls` has the control of each actuator, shape (n,).
     """
     for actuator, given in controls.items():
         rate = body.rate_of(actuator)

@@ -1,4 +1,4 @@
-"""Constraints between bodies that calls have set, and the forces that they exert."""
+"""Constraints that calls have created between bodies, and the forces that they exert."""
 
 from __future__ import annotations
 
@@ -28,12 +28,13 @@ LIMIT_N_S = 500.0
 TIMESTEP_S = 1 / 240
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 Poses = Callable[[int, Int64], tuple[Tree, States]]
-"""Returns a body's tree and its states at the start of the steps to given samples."""
+"""Function that returns a body's tree, and its states at the start of the steps that lead to given
+samples."""
 
 
 @dataclass(frozen=True)
 class ConstraintVersion:
-    """A constraint as a call has set it, valid until the next call."""
+    """A constraint with the settings made by a call, valid until the next call changes them."""
 
     at: At
     kind: int
@@ -43,23 +44,24 @@ class ConstraintVersion:
     pivots_m: tuple[Vector, Vector]
     """The pivot point in the axes of each link, or of the world."""
     orientations: tuple[Vector, Vector]
-    """Both frames in the axes of each link, or of the world: quaternions x, y, z, w."""
+    """The constraint's frames in the axes of each link, or of the world: quaternions x, y, z, w."""
     made: Call
     """The call that created the constraint."""
     moved: int
-    """The step of the last call that moved one of its frames, or created it."""
+    """The step of the last call that created the constraint, or moved one of its frames."""
     ratio: float = 1.0
     """Ratio of a gear constraint."""
     limit_n_s: float = LIMIT_N_S
-    """Maximum impulse in a step along an axis: a call's force × the timestep at that call."""
+    """Maximum impulse in a step along an axis [N s]: the call's force times the timestep at the
+    time of the call."""
     limited: Call | None = None
     """The last call that changed the maximum force."""
     limited_since: int = -1
-    """The step since which its limit in newtons is unchanged."""
+    """The step since which the force limit [N] is unchanged."""
 
 
 class Pull(NamedTuple):
-    """The name of what a constraint connects a body to: another body, or an equality."""
+    """The other side of a constraint: another body, or an equality, with its name."""
 
     name: str
     other: int | None = None
@@ -142,7 +144,7 @@ class Constraints:
             versions.append(replace(held, at=call.at))
 
     def set_timestep(self, call: Call) -> None:
-        """Note a call that may set the timestep, which limits in newtons depend on."""
+        """Note a call that may set the timestep, which is needed for limits in newtons."""
         if call.timestep_s is None:
             return
         self._timesteps_s[call.client] = call.timestep_s
@@ -151,7 +153,7 @@ class Constraints:
                 versions.append(replace(versions[-1], at=call.at, limited_since=call.at.step))
 
     def timestep_s(self, client: int) -> float:
-        """Return the current timestep of a simulation, as set by calls so far [s]."""
+        """Return the current timestep of a simulation, after the calls so far [s]."""
         return self._timesteps_s.get(client, TIMESTEP_S)
 
     def in_steps(self) -> Iterator[tuple[list[ConstraintVersion], Int64, Float64]]:

@@ -1,4 +1,4 @@
-"""Joints over the steps of a chunk: commands, positions, torques, and torques that hold a pose."""
+"""The joints in the steps of a chunk: commands, positions, efforts, and efforts to hold a pose."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from drop_physics.trace.motors import POSITION
 
 REST_STEPS = 10
 REST_SHARE, REST, NEVER_MOVED = 1e-3, 1e-3, 1e-5
-"""A joint is at rest while its rate is below REST_SHARE of its highest rate, or below REST [SI] if
-that is lower; a joint whose rate never exceeded NEVER_MOVED is also at rest."""
+"""A joint is at rest while its rate is below REST_SHARE of its highest rate, or below REST [rad/s,
+m/s] if that is lower; a joint whose rate never exceeded NEVER_MOVED always is."""
 WAY_POSES = 32
 """Number of poses between start and target at which the static torque is computed."""
 AT_LIMIT = 1 - 1e-6
@@ -44,10 +44,11 @@ class JointTelemetry:
     torque: Float64
     """Torques of the motors."""
     limit: Float64
-    """Maximum torque of each motor; with several substeps, the sum over all of them."""
+    """Maximum torque or force of each motor [N m or N]; with several substeps, the sum over the
+    substeps."""
     at_limit: Flags
     at_stop: Flags
-    """Whether a position limit of the joint pushed it."""
+    """Whether the joint was pushed by its position limit."""
     resting: Flags
     """Whether the joint has been at rest for the last ten steps."""
     all_resting: Flags
@@ -66,13 +67,13 @@ class PoseEfforts:
     needs: Float64
     """Torque required to hold the last pose [N m] or [N]; nan if undefined."""
     needs_at_target: Float64
-    """Torque required to hold the pose with each joint at its target."""
+    """Torque required to hold the pose with each joint at its target; nan if undefined."""
     on_the_way: Float64
-    """Maximum torque that a motor at its limit would need on the way to its target.
+    """Largest torque that a motor at its limit would need on the path to its target.
 
-    The way goes straight from the last pose to the targets of all joints; the torque is that of
-    holding a pose on it against the motion, or of holding the last one. It is nan where that is not
-    known, and at rest.
+    The path is a straight line in joint space from the last pose to the targets of all joints. The
+    torque is the largest needed in the direction of the target to hold one of these poses, or in
+    either direction to hold the pose at the target. It is nan if unknown, and for a joint at rest.
     """
     reactions: Reactions | None
     """Forces and torques across the joints in the last step; None if unknown."""
@@ -85,7 +86,7 @@ class PoseEfforts:
 
 @dataclass(eq=False)
 class _Pace:
-    """The highest rates of a body so far, and how long each rate has been near 0; (size,) each."""
+    """The highest rates of a body so far, and how long each has been near 0; shape (size,) each."""
 
     greatest: Float64
     """The highest rate so far of each entry of u."""
@@ -104,7 +105,7 @@ class DrivenJoints:
         self.latest: dict[int, list[JointTelemetry]] = {}
         """Telemetry of the joints in the latest chunk, by body id."""
         self.efforts: dict[int, PoseEfforts] = {}
-        """Efforts at the end of the last chunk that has the body, by body id."""
+        """Efforts at the end of the last chunk in which the body has samples, by body id."""
 
     def add(self, explained: ExplainedPiece) -> None:
         """Add a chunk of explained steps."""

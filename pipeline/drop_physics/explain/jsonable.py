@@ -11,7 +11,7 @@ from typing import Any
 def jsonable(value: Any) -> Any:  # noqa: ANN401
     """Convert a value to plain objects and lists; nan and infinities become null.
 
-    A field of a dataclass whose metadata say `json` is False is left out.
+    Dataclass fields with the metadata `json=False` are left out.
     """
     if is_dataclass(value) and not isinstance(value, type):
         shown = [each.name for each in fields(value) if each.metadata.get("json", True)]

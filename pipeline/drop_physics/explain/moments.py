@@ -14,7 +14,7 @@ from drop_physics.trace.states import by_body
 from drop_physics.trace.sums import Window
 
 MOST_CLIENTS = 4
-"""Maximum number of simulations that get windows, the longest first."""
+"""Maximum number of simulations of which steps are examined: those with the most steps."""
 SPAN, LEAST_SPAN, FREEDOMS = 200, 20, 30
 """Maximum and minimum number of steps around a moment, and the number of degrees of freedom up to
 which the maximum applies."""
@@ -34,8 +34,9 @@ def end_of(episode: Episode, times: StepTimes) -> Window:
 def moments_of(seen: Seen, steps: Mapping[int, int]) -> list[Window]:
     """Return the step ranges to explain first: start, end, and the most violent steps.
 
-    These are the largest velocity, the largest change of one in a step, and the first state that a
-    call sets on the way; `steps` has the number of steps of each simulation.
+    The most violent steps are those with the largest velocity and the largest change of velocity,
+    and the first in which a call sets a state during the run. `steps` is the number of steps of
+    each simulation, by client.
     """
     clients = sorted(steps, key=lambda client: -steps[client])[:MOST_CLIENTS]
     freedoms = {client: _freedoms(seen, client) for client in clients}

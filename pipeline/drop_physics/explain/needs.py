@@ -1,8 +1,8 @@
 """Computes the motor torques that would hold a body in its present pose.
 
-It balances gravity, forces that calls apply, and what the body carries by constraints or contacts.
-What the pose does not need is left out: a table or a stop that the body leans on. If a load has
-other supports, too, or is pressed from several sides, the torque of a joint is not determined.
+The torques balance gravity, forces that calls apply, and loads that the body carries by constraints
+or contacts. Supports that the body leans on, such as a table or a stop, are ignored. If a load has
+further supports, or is pressed from several sides, the torque of a joint is undetermined.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Place = tuple[int, int]
 """A body id, and a link of the body."""
 
 PASSIVE = "spring", "gravity compensation", "tendon "
-"""Prefixes of causes that depend on the pose alone, other than those in `HOLDS`."""
+"""Prefixes of causes whose force depends only on the pose, other than those in `HOLDS`."""
 HOLDS = "constraints", TENDON_LIMIT
 """Prefixes of causes whose force reacts to other forces."""
 ACTS = 1e-9
@@ -41,9 +41,9 @@ class Load:
 
     bodies: set[int]
     anchored: bool = False
-    """Whether anything else also supports the load."""
+    """Whether anything other than the body also supports the load."""
     links: set[int] = field(default_factory=set)
-    """The links of the carrying body that the load touches or is joined to."""
+    """The links of the carrying body that touch the load, or are joined to it."""
     joined: dict[int, int] = field(default_factory=dict)
     """The links of the carrying body to which constraints join the load, with the constraint's
     kind."""
@@ -62,13 +62,13 @@ class PoseSupport:
     _steps: Steps
     _row: int
     _passive: bool
-    """Whether springs or the like act, whose force would differ in another pose."""
+    """Whether springs or similar causes act, whose force would differ in another pose."""
     _loads: tuple[Load, ...]
     _masses: Mapping[int, tuple[float, Float64]]
     """Total mass and centre of mass of each load, by index in `_loads`."""
 
     def from_one_side(self, body: int, joint_rate: int) -> Load | None:
-        """Return the load that contains a body, if only links moved by the joint carry the load."""
+        """Return the load that contains a body, if only links moved by the joint carry it."""
         tree = self._steps.law.tree
         moved = _beyond(tree, tree.first_rate + joint_rate)
         its = (load for load in self._loads if body in load.bodies and load.links <= moved)
@@ -77,8 +77,8 @@ class PoseSupport:
     def weighs(self, joint_rate: int) -> float | None:
         """Return the torque that a joint needs to carry the weight of the links that it moves.
 
-        It includes the weight of what touches the links that the joint moves; None if something
-        else bears a part of that weight, whether it is at rest or trembles.
+        This includes the weight of bodies that touch these links. None if anything else bears part
+        of the weight, whether at rest or trembling.
         """
         tree, row = self._steps.law.tree, np.array([self._row])
         moved = _beyond(tree, tree.first_rate + joint_rate)
@@ -140,15 +140,15 @@ def holding(
     Parameters
     ----------
     explained
-        The chunk that the step is in.
+        The explained chunk that contains the step.
     bodies
-        All bodies, by number.
+        All bodies, by id.
     steps, row
-        Steps of the body, and which of them.
+        Steps of the body, and the row of the step.
     number
-        The body's.
+        The id of the body.
     resting
-        Whether it is at rest: loads are known only then.
+        Whether the body is at rest: loads are known only then.
     """
     tree, sample = steps.law.tree, int(steps.steps[row])
     contacts, other = _touching(steps, row)
@@ -206,7 +206,7 @@ def _alone(
     *,
     resting: bool,
 ) -> Flags:
-    """Flag the rates that carry their loads without help from others, shape (size,)."""
+    """Flag the rates that carry their loads without other supports, shape (size,)."""
     sizes = [np.abs(each).max(initial=0.0) for each in (constraints, *contacts.values())]
     least = ACTS * max(float(max(sizes)), 1e-300)
     alone, pulled = np.ones(tree.size, np.bool_), np.abs(constraints) > least

@@ -31,27 +31,28 @@ def pushed(
 ) -> Forces:
     """Return the forces that calls applied to a body in each step.
 
-    PyBullet takes the pose of a link that it computed last (`PhysicsServerCommandProcessor.cpp`
-    12609, `m_cachedWorldTransform`). It is the current one for the base; for a link that of one
-    step earlier, unless a call has refreshed the poses of this body's links since, which not every
-    recording has: `getLinkState` or `getLinkStates` of any of its links with
+    PyBullet applies a force at the last computed pose of a link
+    (`PhysicsServerCommandProcessor.cpp` 12609, `m_cachedWorldTransform`). For the base this is the
+    current pose. For a link it is the pose of one step earlier, unless a call has refreshed the
+    poses of this body's links since then: `getLinkState` or `getLinkStates` of any link with
     `computeForwardKinematics=True`, `resetJointState` and its multi-dof form,
-    `resetBasePositionAndOrientation`, `resetBaseVelocity`; and before the first step. Other reads,
-    `performCollisionDetection` and `calculateInverseKinematics` do not.
+    `resetBasePositionAndOrientation`, `resetBaseVelocity`. Poses are also current before the first
+    step. Other readings, `performCollisionDetection` and `calculateInverseKinematics` do not
+    refresh them. Not every recording contains these calls.
 
     Parameters
     ----------
     given
         All pushes of this body.
     record, tree
-        The body.
+        The recorded data and the tree of the body.
     history
-        Its states.
+        The states of the body.
     begins, ends
-        Which of them the steps began with, and which samples they led to, shape (n,).
+        The index of the state at the start of each step, and the sample after it, shape (n,).
     refreshed
-        After how many pushes of links in each of these steps their poses were computed: those
-        before have the pose of one step earlier, shape (n,).
+        The number of pushes on links before the link poses were refreshed in each step, shape (n,);
+        these pushes act at the pose of one step earlier.
     """
     found, rows = rows_of([each.at.step + 1 for each in given], ends)
     within = np.array([BASE <= given[k].link < tree.links for k in found], np.bool_)
@@ -96,7 +97,8 @@ def _poses(
 ) -> BodyHistory:
     """Return the states of the body at which each push acts.
 
-    This is the state of the body at the call, or the one before the step.
+    This is the state at the time of the call or, for pushes at a pose that was not refreshed
+    (`late`), that of one step earlier.
     """
     steps = np.array([each.at.step for each in active], np.int64)
     sampled = np.flatnonzero(history.sampled)

@@ -43,7 +43,7 @@ from drop_physics.trace.states import by_body
 Rows = NDArray[np.intp]
 
 MOST_STEPS, NUMBERS = 1 << 12, 1 << 17
-"""Maximum number of steps of a chunk, and of degrees of freedom of all bodies over its steps: about
+"""Maximum number of steps in a chunk, and of steps times degrees of freedom of all bodies: about
 100 MB."""
 FORCES = ("normal_force_n", "friction_1_n", "friction_2_n")
 """Names of the force columns of a contact point."""
@@ -66,7 +66,7 @@ class ExplainedPiece:
     batches: Sequence[tuple[StepBatch, StepVerdicts]]
     """The steps of `bodies` in batches: equal bodies share a batch."""
     frictions: Mapping[tuple[int, int, int, int], float] | None = None
-    """Friction coefficient of each pair of bodies and links, if the engine has one per pair; None
+    """Friction coefficient by ids of two bodies and two links, if the engine has one per pair; None
     if it is the product of both bodies' coefficients."""
 
     def steps_at(
@@ -74,8 +74,8 @@ class ExplainedPiece:
     ) -> Iterator[tuple[StepBatch, StepVerdicts, Rows, Rows]]:
         """Find the steps that led to given samples of given bodies; both have shape (n,).
 
-        Yields each batch that has any of them, its verdicts, the indices of these samples in the
-        arguments, and the rows of their steps in the batch.
+        Yields each batch with any of these steps, the batch's verdicts, the indices of the samples
+        in the arguments, and the rows of the steps in the batch.
         """
         keys = bodies * STEPS + steps
         for (batch, verdict), places in zip(self.batches, self._places, strict=True):
@@ -89,8 +89,8 @@ class ExplainedPiece:
     ) -> tuple[Float64, Float64]:
         """Return a link's position and axes at samples [m]; shapes (n, 3) and (n, 3, 3).
 
-        Without `after`, at the start of the steps that lead to the samples. A body that no step
-        moves is where calls put it; unknown values are nan.
+        Without `after`, they are those at the start of the steps that lead to the samples. A body
+        that no step moves stays where calls have set it; unknown values are nan.
         """
         place_m, axes = np.full((len(samples), 3), np.nan), np.full((len(samples), 3, 3), np.nan)
         if number not in self.bodies and link == BASE:
@@ -106,7 +106,7 @@ class ExplainedPiece:
 
     @cached_property
     def _places(self) -> list[Int64]:
-        """Sorted keys by which the row of a body and step is found in each batch."""
+        """Sorted keys, body × STEPS + step, of the rows of each batch."""
         return [batch.body * STEPS + batch.whole.steps for batch, _ in self.batches]
 
 
@@ -114,8 +114,8 @@ class Explanation:
     """Explains a recording from states and reported forces; `totals` grow chunk by chunk.
 
     A property that was set before the recording began and that the engine does not report is
-    assumed to have its default; a step that this does not explain is marked accordingly. `other` is
-    the law of a single body in flight, for a drop in another engine than PyBullet.
+    assumed to have its default; if this does not explain a step, the reason says so. `other` is the
+    law of a single body in flight, for a drop in another engine than PyBullet.
     """
 
     frictions: Mapping[tuple[int, int, int, int], float] | None = None
@@ -135,7 +135,7 @@ class Explanation:
         """Energy, momentum and counts of each body so far, by body id."""
 
     def pieces(self, steps: int = 0) -> Iterator[ExplainedPiece]:
-        """Yield each chunk explained, once; `steps` sets the length of a chunk if nonzero."""
+        """Yield each chunk with its explanation; `steps` sets the length of chunks unless 0."""
         substeps = max((substeps_of(each.values) for each in self.seen.settings), default=1)
         steps = steps or self.seen.piece_steps(MOST_STEPS, NUMBERS // substeps)
         # Unlike a loop variable, `map` does not keep a piece in memory while the next is read.
@@ -176,7 +176,7 @@ class Explanation:
         )
 
     def prepared(self, piece: Piece) -> Piece:
-        """Take in the calls of a chunk; return it with contact forces corrected for substeps."""
+        """Process the calls of a chunk; return it with contact forces corrected for substeps."""
         self._pushes = self._take_calls(piece)
         return replace(piece, contacts=self._in_substeps(piece.contacts))
 
@@ -253,7 +253,7 @@ class Explanation:
     # -- calls ------------------------------------------------------------------------------------
 
     def _take_calls(self, piece: Piece) -> dict[int, list[Push]]:
-        """Take in the calls of a chunk; return the forces that they apply, by body."""
+        """Process the calls of a chunk; return the forces that they apply, by body."""
         pushes = {
             number: [each for each in held if each.at.step + 1 >= piece.first]
             for number, held in self._pushes.items()
@@ -270,7 +270,7 @@ class Explanation:
         return pushes
 
     def _join(self, call: Call, calls: Log) -> None:
-        """Take in a call that creates or changes a constraint, or sets the timestep."""
+        """Process a call that creates or changes a constraint, or sets the timestep."""
         if call.act in SETS_TIMESTEP:
             self._constraints.set_timestep(call)
         elif call.act is Act.CHANGE_CONSTRAINT:

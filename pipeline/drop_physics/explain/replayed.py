@@ -1,8 +1,8 @@
 """Explains MuJoCo recordings from recorded impulses, where the engine replayed each step.
 
-Each step is still judged: with the mass matrix from our own kinematics, the recorded impulses must
-add up to the change of momentum, and the velocities at the end of the step must lead to its pose.
-`Replayed` is an `Explanation` that takes its terms from the recording instead of a law.
+Each step is still judged: with the mass matrix from drop's own kinematics, the recorded impulses
+must add up to the change of momentum, and the velocities after the step must lead to the pose after
+it. `Replayed` is an `Explanation` that takes its terms from the recording instead of a law.
 """
 
 from __future__ import annotations
@@ -46,12 +46,13 @@ from drop_physics.trace.history import Piece, Seen
 
 ACTUATOR = "actuator"
 ANOTHER = "another engine"
-"""Additional tolerance for an imported step over this engine's, whose pose is also rounded."""
+"""Cause of the difference between another program's step and the engine's own, which only imported
+recordings have."""
 NAMED = (ACTUATOR, "tendon", TENDON_LIMIT.strip())
 """The kinds of causes of which a body has several, distinguished by name."""
 CONSTRAINTS = "constraints"
 ALWAYS = (PULLED, MOVED, "damping", "applied", "contacts", CONSTRAINTS, "stops")
-"""Causes for which every step has a term, even where they do not act."""
+"""Causes for which every step has a term, which is zero if they do not act."""
 NEVER, LATER = REPLAYS.index("not replayed"), REPLAYS.index("not asked")
 RUNGE_KUTTA = 1.0
 """Value of the setting `integrator` for RK4, whose pose follows from velocities within the step."""
@@ -65,7 +66,8 @@ SEGMENT_OF = (
     (CONSTRAINED, "tendon "),
     (PUSHED, "applied"),
 )
-"""Segment of a step by prefix of a cause that acts in it; the last match counts."""
+"""Segment of a step in which a cause with the given prefix acts; the last match in this list
+counts."""
 
 
 def cause_name(cause: ImpulseCause) -> str:
@@ -74,7 +76,7 @@ def cause_name(cause: ImpulseCause) -> str:
 
 
 class Replayed(Explanation):
-    """Explains a recording from the impulses that it holds."""
+    """Explains a recording from the impulses stored in it."""
 
     def __init__(self, seen: Seen) -> None:
         super().__init__(seen)
@@ -191,8 +193,7 @@ class _Acted:
         order = np.argsort(self._numbers, kind="stable")
         bounds = np.flatnonzero(np.diff(self._numbers[order], prepend=-1, append=-2))
         self._of: dict[int, list[tuple[ImpulseCause, Int64, Int64]]] = {}
-        """Causes that act on a body, with the rows of their steps, and the index of their first
-        value."""
+        """Causes on each body by id, with the rows of their steps and the index of their values."""
         for a, b in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
             its = order[a:b]
             cause = causes[int(self._numbers[its[0]])]
@@ -282,11 +283,12 @@ def _arms(record: Record, states: States) -> Float64:
 
 
 def _frame_turn(record: Record, before: States, after: States) -> Float64:
-    """Return how a free base's velocity change in engine axes differs from ours, shape (n, size).
+    """Return how a free base's velocity change differs in engine axes, shape (n, size).
 
-    The engine's u has the spin in the base's own axes, and the velocity of the frame's origin,
-    which is at -a from the centre of mass. With Q the rotation from the base's axes to the world's
-    before the step, r = Q a, and Q', r' the same after it, its u' - u is ours plus
+    The engine's u contains the spin in base axes, and the velocity of the frame's origin, which is
+    at -a from the centre of mass; drop's u contains spin and velocity of the centre of mass in
+    world axes. With Q the rotation from base axes to world axes before the step, r = Q a, and Q',
+    r' the same after the step, the engine's u' - u is drop's plus
 
         spin      (Q Q'ᵀ - 1) ω'
         velocity  (Q Q'ᵀ ω') × r - ω' × r'
@@ -304,7 +306,7 @@ def _frame_turn(record: Record, before: States, after: States) -> Float64:
 def _strays(record: Record, steps: Steps) -> Flags:
     """Flag the steps whose final velocities do not lead from start pose to end pose, shape (n,).
 
-    A free base is moved by the velocity of its frame's origin (`mj_integratePos`).
+    MuJoCo moves a free base by the velocity of its frame's origin (`mj_integratePos`).
     """
     tree, before, after = steps.law.tree, steps.before, steps.after
     if not tree.fixed:
@@ -320,7 +322,7 @@ def _strays(record: Record, steps: Steps) -> Flags:
 
 
 def _verdicts(steps: Steps, status: Int64, strays: Flags) -> StepVerdicts:
-    """Return verdicts: explained is a step that was replayed exactly and fits our kinematics."""
+    """Return verdicts: a step is explained if it was replayed exactly and fits the kinematics."""
     n = len(steps)
     why = np.full(n, -1, np.int8)
     if steps.law.tree.size:

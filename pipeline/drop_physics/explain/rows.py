@@ -26,14 +26,13 @@ COLUMNS = {
 }  # fmt: skip
 """Columns of the table, and their Polars types.
 
-An error is null except in a flight; the remainder is that of the step that led to the sample, over
-its largest term.
+Errors are null except in flight. The remainder is that of the step before the sample, divided by
+the step's largest term.
 """
 MOST_ROWS = 1 << 17
-"""Maximum number of rows of a table that need not be complete, besides rows at which something
-changes."""
+"""Maximum number of rows of a thinned table, in addition to rows at which something changes."""
 SHOWN_PER_S = 60.0
-"""Maximum number of rows per second of a body where not all are kept."""
+"""Maximum number of rows per second of a body in a thinned table."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +41,10 @@ class SampleRows:
 
     body: Body
     columns: dict[str, NDArray[Any]]
-    """Columns of shape (n,): those of COLUMNS except body and label, and those of joints and terms.
+    """Columns of shape (n,): those of `COLUMNS` except body and label, then those of joints and
+    terms.
 
-    `segment` has indices into SEGMENTS.
+    `segment` contains indices into `SEGMENTS`.
     """
 
     def shown(self, *, per_s: float) -> SampleRows:
@@ -61,7 +61,7 @@ class SampleRows:
 
 
 def joined(parts: Sequence[SampleRows]) -> list[SampleRows]:
-    """Concatenate table rows, by body id; columns that a part lacks become nan."""
+    """Concatenate table rows of the same body; columns that a part lacks become nan."""
     of_bodies: dict[int, list[SampleRows]] = {}
     for part in parts:
         of_bodies.setdefault(part.body.number, []).append(part)
@@ -117,8 +117,8 @@ def rows_of(
 ) -> SampleRows:
     """Return table rows for a body's samples in a chunk.
 
-    `base_m`: position of its base, shape (n, 3); `errors_m`: deviation from free fall, by row;
-    `detailed`: whether to add columns for each joint and each term (`details_of`).
+    `base_m` is the position of the body's base, shape (n, 3), `errors_m` the deviation from free
+    fall, by row; `detailed` adds columns for each joint and each term (`details_of`).
     """
     n = len(judged.steps)
     error_m = np.full((n, 3), np.nan)

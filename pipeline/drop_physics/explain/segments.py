@@ -1,14 +1,14 @@
-"""Classifies a single body's samples by the rule that led to them: flight, contact and others.
+"""Classifies a single body's samples by the kind of step before them: flight, contact and others.
 
-    x' = x + v' dt        holds in every phase to the last bit, and so does the turn by ω'
+    x' = x + v' dt        is exact in every segment to the last bit, and so is the rotation by ω'
     v', ω'                follow from the law in flight, else from law and contacts (`balance`)
 
-The segment of a sample is that of the step which led to it, so it depends on two samples and the
-contacts between them. Some steps are not covered, and so `unexplained`: contact in a timestep of
-several substeps, of which PyBullet reports only the last; rolling and spinning friction, which it
-does not report, or reports in place of sliding friction if cone friction is off; and the first
-contact step of a btRigidBody after it was turned or given another mass, which PyBullet computes
-with the inertia that the body was loaded with. Bodies with joints are not covered at all.
+The segment of a sample is that of the step before it, so it depends on two samples and the contacts
+between them. Steps of these kinds are not covered, and `unexplained`: contact in a timestep of
+several substeps, of which PyBullet reports only the last; rolling and spinning friction, which
+PyBullet does not report, or reports instead of sliding friction if cone friction is off; and the
+first contact step of a btRigidBody after a rotation or a change of mass, which PyBullet computes
+with the inertia from loading. Bodies with joints are not covered at all.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ BLOCK = 1 << 14
 
 @dataclass(frozen=True)
 class Segments:
-    """The kind of step that led to each sample of a body; arrays have the shape (samples,)."""
+    """The kind of step before each sample of a body; arrays have the shape (samples,)."""
 
     code: Int8
     """Indices into `SEGMENTS`."""
     held: Flags
-    """Whether the engine clamped a velocity in the step to each sample.
+    """Whether the engine clamped a velocity in the step before each sample.
 
-    If law and contacts do not explain the sample: whether a velocity is exactly at the limit.
+    For an unexplained sample: whether a velocity is exactly at the limit.
     """
 
 
@@ -57,28 +57,29 @@ def segments_of(
     before: Motion | None = None,
     rolls: Flags | None = None,
 ) -> Segments:
-    """Return the kind of step that led to each sample of a single rigid body.
+    """Return the kind of step before each sample of a single rigid body.
 
     Parameters
     ----------
     motion
         The recorded motion of a body without joints.
     law
-        The law that it follows where nothing touches it.
+        The body's law of motion without contacts.
     touches
-        Its contact points, in the order of the samples.
+        The contact points of the body, in the order of the samples.
     exact
         Whether the engine's machine rounds each operation once.
     pushes
-        What a script applied in the step which led to each sample; None without any.
+        Forces and torques that the script applied in the step before each sample; None without any.
     placed
-        Which samples a call, not a step, led to; the first one if None.
+        Flags of samples before which a call set the state instead of a step; None for the first
+        only.
     before
-        What each step began with; None where that is the sample before.
+        The motion at the start of each step; None if it is always that of the previous sample.
     rolls
-        In which samples contact may have given an unreported torque: these are `contact` or
-        `pushed` if their linear momentum balances, regardless of spin. None: spin must balance in
-        all samples.
+        Flags of samples before which contact may have exerted an unreported torque: they are
+        `contact` or `pushed` if the linear momentum balances, whatever the spin. None if the spin
+        must balance in all samples.
     """
     before = motion.before() if before is None else before
     placed = np.arange(len(motion)) == 0 if placed is None else placed

@@ -1,7 +1,7 @@
 """Lower bounds on the overlap of convex shapes, from points of one inside the other.
 
-A point of A that is d deep in B has to move by d to leave it, so A and B overlap by at least d. The
-points are chosen (corners, axes, centres), so the real overlap may be deeper, and is never less.
+A point of A at depth d in B has to move by d to leave B, so A and B overlap by at least d. Only
+some points are tested (corners, axes, centres), so the real overlap may be deeper.
 """
 
 from __future__ import annotations

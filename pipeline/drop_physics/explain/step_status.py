@@ -1,4 +1,4 @@
-"""Says for each sample which kind of step led to it, or why that step is unexplained."""
+"""Determines for each sample the kind of step before it, or why that step is unexplained."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SEGMENTS: tuple[Segment, ...] = get_args(Segment)
 (SET, UNEXPLAINED, STILL, PUSHED, CONSTRAINED, CONTACT, DRIVEN, FLIGHT) = range(len(SEGMENTS))
 
 ALONE = {segments.FLIGHT: FLIGHT, segments.CONTACT: CONTACT, segments.PUSHED: PUSHED}
-"""Segments by the law of a single body, and the corresponding names here."""
+"""Segments of the single-body law (`segments`), and the corresponding segments in this module."""
 
 Unsolved = Literal[
     "nothing moves",
@@ -52,7 +52,7 @@ WHYS: tuple[Why, ...] = (
     "remainder",
     *get_args(Unsolved),
 )
-"""Reasons for unexplained samples: first those of the law, then those found in the data."""
+"""Reasons why samples are unexplained: first those of the law, then those found in the data."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,14 +64,15 @@ class SampleStatus:
     segment: Int8
     """Indices into SEGMENTS."""
     kind: Int8
-    """Kind of the step that led to the sample, even if calls had set its initial state, as indices
-    into SEGMENTS; SET if no step led to it, or the body only kept the velocity that a call set."""
+    """Kind of the step before the sample, as index into `SEGMENTS`, even if calls had set the
+    step's initial state; `SET` if there was no step, or the body only kept a velocity that a call
+    had set."""
     why: Int8
     """Indices into WHYS; -1 if the sample is explained."""
     unexplained: Float64
     """Ratio of the remainder to the largest term of the preceding step; 0 if there was no step."""
     intervals: Sequence[BodySteps]
-    """The steps that led to samples, in order, each under constant settings."""
+    """The steps before the samples, in order, divided into intervals of constant settings."""
 
     @property
     def explained(self) -> Flags:
@@ -128,7 +129,7 @@ def judged(
 
 
 def _kinds(steps: Steps) -> Int8:
-    """Return the kind of each step: which sort of cause acted in it."""
+    """Return the kind of each step, from the causes that act in it."""
     kinds = np.full(len(steps), FLIGHT if steps.law.tree.size else SET, np.int8)
     if steps.alone is not None and not steps.covered:
         for code, kind in ALONE.items():

@@ -31,12 +31,13 @@ from drop_physics.trace.calls import Push
 from drop_physics.trace.events import Body, order
 
 NEVER, TRIALS = 1 << 30, 8
-"""The number of pushes in a step before the link poses were refreshed: NEVER, or less than TRIALS.
-It is not recorded, so the value that explains the step best is used."""
+"""The number of pushes in a step before the link poses were refreshed, which is not recorded:
+either NEVER, or one of fewer than TRIALS values is used, whichever explains the step best."""
 WITHOUT_SUM: frozenset[Reason] = frozenset(
     ("engine", "substeps", "soft", "maximal", "massless", "planar")
 )
-"""Reasons for which the law has no sum. For others, the sum holds until the reason applies."""
+"""Reasons for which there is no sum. With other reasons, the sum is valid in steps in which they do
+not apply."""
 SUBSTEPS: Reason = "substeps"
 
 
@@ -65,7 +66,7 @@ class Interval:
     """All states of the body in the chunk."""
     first: int
     end: int
-    """End index: the interval consists of the states `first` up to `end` of `whole`."""
+    """The interval consists of the states from `first` to before `end` of `whole`."""
     config: BodyConfig
     pushes: Sequence[Push] = ()
     """All pushes on the body in the chunk."""
@@ -104,12 +105,12 @@ def intervals_of(
 class Steps:
     """The steps of a body, or of several equal bodies one after the other, as sums of impulses.
 
-    Arrays have one row per step, shape (n,) if not said otherwise. All steps have the same law.
+    Arrays have one row per step, shape (n,) unless noted. The same law applies to all steps.
     """
 
     config: BodyConfig
     law: DampedTree
-    """The configured tree, with all joints fixed where the law does not support them."""
+    """The body's tree and damping, with all joints fixed if the law does not support them."""
     steps: Int64
     """The sample after each step."""
     before: States
@@ -119,7 +120,7 @@ class Steps:
     asked: Commanded
     """The motor commands in effect."""
     reported: Reported
-    """Forces reported by the engine; `step` of a row of Forces is the row of its step here."""
+    """Forces reported by the engine; `step` in `Forces` is the row of the step in this object."""
     sides: Sides
     """The contact points, in the order of `reported.contacts`."""
     terms: Mapping[str, Float64]
@@ -127,18 +128,19 @@ class Steps:
     remainder: Float64
     """The part of the change that no term explains, shape (n, size)."""
     largest: Float64
-    """The largest entry of any term, or the largest impulse of a single force if that is larger."""
+    """The largest entry of any term, or a single force's largest impulse if that is larger, as a
+    scale."""
     unexplained: Float64
     """Ratio of the largest entry of the remainder to `largest`; infinite if the law has no sum."""
     closes: Flags
-    """Whether `unexplained` is within rounding, or within the error that substeps may leave."""
+    """Whether `unexplained` is within rounding, or within the possible error by substeps."""
     unknown: Flags
     """Whether a constraint acts that the law does not support."""
     alone: Int8 | None
-    """Segments by the law of a single body (`alone`); None for other bodies."""
+    """Segments by the single-body law (`alone.explained`); None for other bodies."""
     pulls: Mapping[Pull, Float64] = field(default_factory=dict)
-    """The constraints' impulses by what exerts them, shape (n, size) each, where these are known
-    separately."""
+    """The constraints' impulses, by the body or equality that exerts them, shape (n, size) each, if
+    known separately."""
 
     def __len__(self) -> int:
         """Return the number of steps."""
@@ -241,7 +243,7 @@ class StepBatch:
 
     whole: Steps
     bodies: list[BodySteps]
-    """The steps of each body, in the order of `whole`."""
+    """The steps of each body, in the order of the rows of `whole`."""
 
     @cached_property
     def body(self) -> Int64:
@@ -269,7 +271,7 @@ def batches_of(intervals: Iterable[Interval], around: PieceContext) -> list[Step
 
 
 def _known_apart(interval: Interval, around: PieceContext) -> Iterator[Interval]:
-    """Split an interval into runs of steps that a sum explains despite substeps, and others."""
+    """Split an interval into runs of steps that a sum explains despite substeps, and other runs."""
     config = interval.config
     if {*config.reasons} & WITHOUT_SUM != {SUBSTEPS} or not config.law.tree.size:
         yield interval
@@ -407,7 +409,7 @@ def _pulls(
     before: States,
     timestep_s: Float64,
 ) -> dict[Pull, Float64]:
-    """Return the impulses of constraints, by what each one connects the bodies to."""
+    """Return the impulses of constraints, by the body or equality that exerts them."""
     found: dict[Pull, Float64] = {}
     for effect, rows in zip(acting, its, strict=True):
         for pull, forces in effect.by_partner.items():
@@ -462,7 +464,7 @@ def _closing(
 ) -> tuple[Summed, Reported]:
     """Return the sum, with applied forces acting at the link poses that fit best in each step.
 
-    `one` is the first interval of the batch: bodies that are pushed are not batched with others.
+    `one` is the first interval of the batch, and the only one if forces are applied to the body.
     """
     config, pushes = one.config, _pushes(one)
 

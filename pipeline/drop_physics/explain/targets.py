@@ -4,8 +4,8 @@ A motor's law, off its limit, with e the position minus the target (`btMultiBody
 
     e' = (1 - kp) e + dt (kd v + (1 - kd) q̇_free)
 
-so a target that stood for n steps, at kd = 1, leaves (1 - kp)^n of the gap before, and what its
-velocity v adds.
+so a target in effect for n steps at kd = 1 leaves (1 - kp)^n of the initial gap, plus a part due to
+the target velocity v.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from drop_physics.explain.joints import REST_STEPS, JointTelemetry, target_of
 from drop_physics.trace.motors import POSITION, VELOCITY
 
 KEYS = ("target", "target_velocity", "kp", "kd", "mode", "pd")
-"""Columns that identify a target: two targets with equal values are the same one."""
+"""Settings that identify a target: two targets with equal values count as the same."""
 STRAIGHT = 0.2
 """A joint trembles if its net displacement is less than this share of its path."""
 SETTLED_STEPS, SETTLED = 60, 1e-3
-"""A joint that stays within SETTLED [rad] or [m] over SETTLED_STEPS also counts as at rest, even if
-it bounces off its stop, or creeps."""
+"""A joint that stays within SETTLED [rad] or [m] over SETTLED_STEPS counts as at rest, even if it
+bounces off its stop or creeps."""
 
 
 @dataclass(frozen=True, eq=False)
 class HeldTargets:
-    """Targets of joints, m of them, each held for some steps; arrays have shape (m,)."""
+    """The targets of joints, m in all, each in effect for some steps; arrays have shape (m,)."""
 
     k: int
-    """Index of the rate among those of all joints."""
+    """Index of the joint's rate among the rates of all joints."""
     first: Int64
     """The first sample after each target was set."""
     last: Int64
     row: Int64
-    """Row of the target's last step in the current steps; -1 if it is not among them."""
+    """Row of the target's last step in the current steps; -1 if it is not in them."""
     steps: Int64
     at_limit: Int64
     """Number of the target's steps in which the motor was at its limit."""
@@ -52,13 +52,13 @@ class HeldTargets:
     """The gap predicted by the motor's control law; nan if unknown."""
     kp: Float64
     rate: Float64
-    """Mean rate over the last SETTLED_STEPS steps, or fewer if the target was in effect for fewer;
-    0 for a joint that only trembles in place."""
+    """Mean rate over the last SETTLED_STEPS steps of the target, or over all if it had fewer; 0 for
+    a joint that only trembles in place."""
     resting: Flags
     """Whether the joint came to rest while the target was in effect."""
     left: Flags
-    """Whether calls reset the joint at the start of this target, and did not set the
-    target again."""
+    """Whether calls reset the joint at the start of this target without setting the target again.
+    """
 
     def __len__(self) -> int:
         """Return the number of targets."""
@@ -96,10 +96,7 @@ class Targets:
         self._path = self._tail
 
     def see(self, driven: JointTelemetry) -> Iterator[tuple[HeldTargets, bool]]:
-        """Yield the targets that ended in these steps, and with True those still in effect.
-
-        The latter comes with True: it may go on.
-        """
+        """Yield the targets that ended in these steps, with False; those in effect, with True."""
         asked, steps = driven.asked, driven.steps
         target = target_of(driven)
         keys = np.stack([getattr(asked, name) for name in KEYS])
@@ -121,7 +118,7 @@ class Targets:
         self._tail, self._tail_step = self._path[-SETTLED_STEPS:].copy(), int(steps.steps[-1])
 
     def _settled(self, stood: HeldTargets, end: int) -> Flags:
-        """Return whether each joint hardly moved in its target's last `end` steps."""
+        """Return whether each joint hardly moved in the last `end` steps of its target."""
         settled = stood.resting.copy()
         for i in np.flatnonzero(~settled & (stood.steps >= SETTLED_STEPS)).tolist():
             last = len(self._path) - end + int(stood.row[i]) + 1

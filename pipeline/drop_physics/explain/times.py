@@ -1,4 +1,4 @@
-"""Timestep, gravity and time of each step, also if the script changes them."""
+"""Timestep, gravity and time of each step, even if the script changes them."""
 
 from __future__ import annotations
 

@@ -17,7 +17,8 @@ from drop_physics.physics.tree import BASE
 from drop_physics.trace.states import Rows
 
 STEPS = 1 << 40
-"""A factor larger than any step, so that body × STEPS + step is a unique key."""
+"""A factor above the number of steps in any recording, so that body × STEPS + step is a unique key.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +50,7 @@ class Touches(Rowed):
     force_n: Float64
     """Sum of the normal force and both friction forces on this link."""
     distance_m: Float64
-    """Distance, negative where the bodies overlap, (points,)."""
+    """Distance of the bodies [m], negative if they overlap, (points,)."""
     other_body: Int64
     """Id of the other body, (points,)."""
     other_link: Int64
@@ -106,8 +107,8 @@ class Touching:
     def of(self, bodies: Sequence[int], which: Int64, ends: Int64) -> tuple[Sides, Int64]:
         """Return the contact points of bodies in given steps, and the step of each by its index.
 
-        `which` has the index of the body of each step, `ends` the sample that it led to, shape
-        (n,); both ascend.
+        `which` is the index of each step's body in `bodies`, `ends` the sample after each step,
+        shape (n,); both ascend.
         """
         held = self.sides
         first, end = (np.searchsorted(held.body, bodies, side) for side in ("left", "right"))
@@ -139,7 +140,7 @@ class Touching:
         )
 
     def distance_m(self, sides: Sides) -> Float64:
-        """Return the distance at contact points, negative where bodies overlap, shape (k,)."""
+        """Return the distance at contact points [m], negative if bodies overlap, shape (k,)."""
         return np.asarray(self._distance_m[sides.point])
 
 

@@ -29,7 +29,7 @@ def written_whole(path: Path, *, force: bool, ours: bool = False) -> Iterator[Bi
     Parameters
     ----------
     path, force, ours
-        As for `replaced`.
+        Passed on to `files.whole.replaced`.
 
     Raises
     ------

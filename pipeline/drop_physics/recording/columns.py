@@ -1,4 +1,4 @@
-"""Reads a chunk's columns as arrays, and checks that they have the types that we write."""
+"""Reads a chunk's columns as arrays, and checks that they have the types that drop writes."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from drop_physics.trace.states import Rows
 Properties = dict[str, Any]
 
 PROPERTY_BYTES, LARGEST_BYTES = 1 << 16, 1 << 24
-"""Largest sizes of a property [bytes]: of most, where the engine's report takes 18,000; and of a
-script's arguments (Linux allows two megabytes) and the closing property, which has a digest of 64
-letters for each body with joints, constraint and client."""
+"""Largest sizes of a property [bytes]: of most properties (the engine's report has 18,000); and of
+the origin, with a script's arguments (two megabytes at most on Linux), and the closing property,
+which has a digest of 64 letters for each body with joints, constraint and client."""
 LARGE = schema.ORIGIN_PROPERTY, schema.RECORDING_PROPERTY
 
 
@@ -41,7 +41,7 @@ def rows(chunk: Chunk, table: Table, path: Path) -> Rows:
     Raises
     ------
     RecordingError
-        If it holds anything but lists of the table's numbers.
+        If the chunk has any content but lists of the table's numbers.
     """
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_numpy()
     in_order = (steps[1:] > steps[:-1]).all()
@@ -73,7 +73,7 @@ def told(chunk: Chunk, path: Path) -> Iterator[tuple[At, str]]:
     Raises
     ------
     RecordingError
-        If it holds anything else.
+        If the chunk has any other content.
     """
     steps = _column(chunk, schema.STEP_TIMELINE, pa.types.is_int64, path).to_pylist()
     calls = _column(chunk, schema.CALL_TIMELINE, pa.types.is_int64, path).to_pylist()
@@ -87,12 +87,12 @@ def told(chunk: Chunk, path: Path) -> Iterator[tuple[At, str]]:
 
 
 def series(chunk: Chunk, path: Path) -> tuple[Int64, Float64] | None:
-    """Return steps (n,) and values (n, k) of a series; None for a chunk that only names it.
+    """Return steps (n,) and values (n, k) of a series; None for a chunk that only has its name.
 
     Raises
     ------
     RecordingError
-        If a chunk holds anything else.
+        If the chunk has any other content.
     """
     if chunk.batch.schema.get_field_index("Scalars:scalars") < 0:
         return None
@@ -106,12 +106,12 @@ def series(chunk: Chunk, path: Path) -> tuple[Int64, Float64] | None:
 
 
 def holders(chunk: Chunk, path: Path) -> Int64:
-    """Return the id of the constraint that each row of forces belongs to, shape (n,).
+    """Return the constraint id of each row of forces, shape (n,).
 
     Raises
     ------
     RecordingError
-        If a chunk holds anything else.
+        If the chunk has any other content.
     """
     if chunk.batch.schema.get_field_index(schema.CONSTRAINT) < 0:  # as once: its entity's name
         return np.full(chunk.batch.num_rows, int(chunk.entity.rpartition("_")[2]))
@@ -127,7 +127,7 @@ def calls(chunk: Chunk, path: Path) -> Calls:
     Raises
     ------
     RecordingError
-        If it holds anything else.
+        If the chunk has any other content.
     """
     steps, times_s, held, counts = _lists(chunk, _OF_CALLS, path)
     first = _column(chunk, schema.CALL_TIMELINE, pa.types.is_int64, path).to_numpy()
@@ -152,7 +152,7 @@ def impulses(chunk: Chunk, path: Path) -> Impulses:
     Raises
     ------
     RecordingError
-        If it holds anything else.
+        If the chunk has any other content.
     """
     steps, times_s, held, counts = _lists(chunk, _OF_IMPULSES, path)
     if not ((counts["status"] == 1) & (counts["remainder"] == 1)).all():
@@ -176,7 +176,7 @@ def model_parts(chunk: Chunk, path: Path) -> Iterator[ModelPart]:
     Raises
     ------
     RecordingError
-        If it holds anything else.
+        If the chunk has any other content.
     """
     said, data = _rows_of(chunk, {schema.JSON: pa.types.is_string, "data": pa.types.is_uint8}, path)
     for texts, held in zip(said, data, strict=True):
@@ -194,7 +194,7 @@ def steps(chunk: Chunk, path: Path) -> Iterator[PackedFrames]:
     Raises
     ------
     RecordingError
-        If it holds anything else.
+        If the chunk has any other content.
     """
     for texts, *held in zip(*_rows_of(chunk, _OF_STEPS, path), strict=True):
         if len(texts) != 1:
@@ -260,7 +260,7 @@ def images(chunk: Chunk, path: Path) -> Iterator[tuple[int, bytes]]:
     Raises
     ------
     RecordingError
-        If it holds anything else.
+        If the chunk has any other content.
     """
     if chunk.batch.schema.get_field_index("EncodedImage:blob") < 0:
         return  # the media type, which `rerun rrd split` writes into a separate chunk
@@ -280,7 +280,7 @@ def values(chunk: Chunk, path: Path) -> Properties:
     Raises
     ------
     RecordingError
-        If it holds anything but texts, numbers up to `LARGEST`, and booleans.
+        If a value is not a text, a number up to `LARGEST`, or a boolean.
     """
     name, batch = chunk.entity.removeprefix("__properties/"), chunk.batch
     if batch.num_rows != 1:
@@ -314,7 +314,7 @@ def values(chunk: Chunk, path: Path) -> Properties:
 
 
 _PLAIN = (pa.types.is_float64, pa.types.is_int64, pa.types.is_boolean, pa.types.is_string)
-"""The types of the properties we write."""
+"""The types of the properties that drop writes."""
 
 
 def _is_plain(value: object) -> bool:
@@ -324,7 +324,7 @@ def _is_plain(value: object) -> bool:
 
 
 def _column(chunk: Chunk, name: str, is_right: Callable[[Any], bool], path: Path) -> pa.Array:
-    """Return a column, checking that it has the type that we write and no gaps."""
+    """Return a column, after a check that it has the type that drop writes and no gaps."""
     index = chunk.batch.schema.get_field_index(name)
     if index < 0 or not is_right(chunk.batch.schema.field(index).type):
         what = Message(

@@ -24,12 +24,12 @@ class ForeignError(RecordingError):
 
 
 def chunks_of(path: Path) -> Iterator[rrd.Chunk]:
-    """Yield the chunks of a file, which must hold one recording and nothing else.
+    """Yield the chunks of a file, which must contain exactly one recording.
 
     Raises
     ------
     RecordingError
-        If there is none, or it is damaged.
+        If there is no recording, or the file is damaged.
     """
     only: str | None = None
     try:
@@ -69,7 +69,7 @@ def is_script(path: Path) -> bool:
     Raises
     ------
     RecordingError
-        If it is missing, damaged, or not a recording of ours.
+        If the file is missing, damaged, or was not written by drop.
     """
     first = next(chunks_of(path), None)
     return first is not None and first.entity == f"__properties/{schema.ORIGIN_PROPERTY}"
@@ -81,7 +81,7 @@ def beginning_of(path: Path) -> tuple[str, Properties] | None:
     Raises
     ------
     RecordingError
-        If it is missing, damaged, or not a recording of ours.
+        If the file is missing, damaged, or was not written by drop.
     """
     first = next(chunks_of(path), None)
     if first is None or not first.entity.startswith("__properties/"):
@@ -95,7 +95,7 @@ def properties_of(path: Path) -> dict[str, Properties]:
     Raises
     ------
     RecordingError
-        If it is missing, damaged, or not a recording of ours.
+        If the file is missing, damaged, or was not written by drop.
     """
     properties: dict[str, Properties] = {}
     for chunk in chunks_of(path):
@@ -110,7 +110,7 @@ def gather(properties: dict[str, Properties], chunk: rrd.Chunk, path: Path) -> N
     Raises
     ------
     RecordingError
-        If it holds anything but a property, or contradicts another chunk.
+        If the chunk has other content than a property, or contradicts another chunk.
     """
     name = chunk.entity.removeprefix("__properties/")
     if name not in schema.PROPERTIES:
@@ -131,7 +131,7 @@ def closing_of(properties: Mapping[str, Properties], path: Path) -> Properties |
     Raises
     ------
     RecordingError
-        If it is missing, or another version of drop wrote it.
+        If the property is missing, or written by an unsupported version of drop.
     """
     closing = properties.get(schema.RECORDING_PROPERTY)
     if closing is None:

@@ -30,7 +30,7 @@ def wrong_count(entity: str, count: int, name: str) -> Message:
 
 
 def again(path: Path) -> Message:
-    """Return the command that makes such a recording anew."""
+    """Describe the command that would record the same again."""
     first = None
     with contextlib.suppress(rrd.DamagedError, OSError):
         first = next(rrd.chunks(path, unfinished=True), None)

@@ -1,7 +1,7 @@
 """Computes digests of all recorded data from which results or images are computed.
 
-They are written last, into the recording's closing property, and checked before anything is used:
-a bit that flipped on the disk is damage, not a result.
+The digests are written last, into the recording's closing property, and checked before any data are
+used, so that a flipped bit on the disk counts as damage and does not change a result.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class Digests:
         self._series.setdefault(entity, RowsDigest()).update(numbers)
 
     def add_holders(self, entity: str, steps: Int64, ids: Int64) -> None:
-        """Add the constraint ids of an entity's rows, if they are not the id in its name."""
+        """Add an entity's constraint ids where they differ from the id in its name."""
         others = ids != int(entity.rpartition("_")[2])
         if others.any():
             self.add_series(f"{entity}_", steps[others], ids[others])
@@ -186,7 +186,7 @@ def closing_digest(closing: Mapping[str, Any]) -> str:
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert values to what reading returns: no None, and one-element lists as the element."""
+    """Convert values to the form in which they are read: no None, one-element lists as elements."""
     return {
         key: value[0] if isinstance(value, list | tuple) and len(value) == 1 else value
         for key, value in values.items()

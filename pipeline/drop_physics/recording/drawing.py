@@ -1,6 +1,7 @@
-"""Writes what the viewer shows of a recording: shapes, poses, curves, images, a log of calls.
+"""Writes the parts of a recording that the viewer shows: shapes, poses, curves, images, calls.
 
-Nothing is computed from this display. Poses and curves are thinned to what a viewer can show.
+No number is computed from these parts. Poses and curves are thinned to as many as a viewer can
+show.
 """
 
 from __future__ import annotations
@@ -39,26 +40,29 @@ from drop_physics.trace.poses import inertial_frames, links_of, tree_of, within
 from drop_physics.trace.states import BASE, Joints
 
 POSES_TOGETHER, IMAGES_TOGETHER, LINES_TOGETHER = 1 << 16, 32, 1024
-"""Rows that are buffered before they are written as chunks: poses, images and log lines."""
+"""Number of rows that are buffered before they are written as a chunk: poses, images and log lines.
+"""
 PUT_TOGETHER = 1024
-"""States of a body that calls have set, whose poses are computed at once."""
+"""Number of states set by calls whose poses are computed at once."""
 MOST_TRAILS, TRAIL_PER_S, TRAIL_M = 6, 20, 1e-3
-"""Most bodies whose path is drawn; points of a path per second, and least distance between them."""
+"""Largest number of bodies whose path is drawn; points of a path per second, and smallest distance
+between them [m]."""
 DEEPEST = 64
 """Most nested links of a chain; a deeper link is attached to the base in the scene."""
 LONGEST_PART = 60
-"""Characters of a link's name in an entity path: `DEEPEST` of them fit in `rrd.LONGEST_NAME`."""
+"""Largest number of characters of a link's name in an entity path: a path of `DEEPEST` such names
+fits in `rrd.LONGEST_NAME`."""
 ARROW = 1 / 3
-"""Arrow length for the heaviest body's weight, as a share of the scene's diagonal; twice that at
-most."""
+"""Length of an arrow for the weight of the heaviest body, as a share of the scene's diagonal; no
+arrow is longer than twice that."""
 FARTHEST_M = 10.0
-"""Distance from its start beyond which a body no longer counts for the view."""
+"""Distance from its start position beyond which a body is ignored when the view is chosen [m]."""
 SHOWN_PER_S = 60
 """Poses drawn per second of simulated time."""
 SLOWER = 4
 """Playback slowdown of a drop: how many times slower than real time."""
 MOST_LINES = 20
-"""Most calls listed for each call site."""
+"""Largest number of calls listed for each call site."""
 
 
 class Drawing:
@@ -70,9 +74,9 @@ class Drawing:
         """Corners of the bounding box of all motion, without bodies that flew away."""
         self._first_m: Float64 | None = None
         self._bases: dict[int, Float64] = {}
-        """States of bases that are not sampled, by body id."""
+        """States of bases that have no samples because no step moves them, by body id."""
         self._put: dict[int, list[Put]] = {}
-        """States that calls have set and that are not drawn yet, by body id."""
+        """States set by calls whose poses are not drawn yet, by body id."""
         self._trees: dict[int, Tree] = {}
         self._masses: dict[int, Mapping[str, Float64]] = {}
         self._gravity: dict[int, Float64] = {}
@@ -93,7 +97,7 @@ class Drawing:
         """Last pose of each link, by entity, in units of `POSE_RESOLUTION`."""
         self._drawn: dict[int, tuple[Shape, ...]] = {}
         self._gone: dict[int, tuple[Times, Body]] = {}
-        """Bodies removed since the last sample, and when, by body id."""
+        """Bodies removed since the last sample, with the time of removal, by body id."""
         self._undrawn: dict[int, str] = {}
         """Labels of bodies that have a shape which cannot be drawn, by body id."""
         self._listed: dict[int, int] = {}
@@ -111,7 +115,7 @@ class Drawing:
             yield from gathered.flush()
 
     def notes(self) -> Iterator[Message]:
-        """Yield warnings about what is not shown."""
+        """Yield warnings about bodies and paths that are not drawn."""
         for body in self._bodies.values():
             if body.soft:
                 yield Message(
@@ -131,7 +135,7 @@ class Drawing:
             )
 
     def on(self, event: Event) -> Iterator[Chunk]:
-        """Yield what the viewer shows for an event, except for samples, calls and images."""
+        """Yield the viewer's chunks for an event other than samples, calls and images."""
         match event:
             case Appearance():
                 yield from self._draw_put()
@@ -196,7 +200,7 @@ class Drawing:
                 self._placed.pop(part_path(body, link), None)
 
     def on_put(self, put: Put) -> Iterator[Chunk]:
-        """Hold a state that a call has set, and yield the poses of many together."""
+        """Keep a state that a call has set; yield the poses once there are many."""
         number = put.body.number
         self._bases[number] = put.base
         if number in self._trees:
@@ -416,7 +420,7 @@ class Drawing:
 
 
 def _same_shapes(gone: Body, came: Body) -> bool:
-    """Return whether two bodies are drawn alike, in the same pose."""
+    """Return whether two bodies have the same drawn shapes in the same pose."""
     return (gone.label, gone.shapes, gone.collisions) == (
         came.label,
         came.shapes,
@@ -435,9 +439,9 @@ def _looks_alike(shape: Shape, touched: Collision) -> bool:
 
 
 def part_path(body: Body, link: int) -> str:
-    """Return a link's entity path in the scene: below its parent's, since poses are relative to it.
+    """Return a link's entity path in the scene: below its parent's, since poses are relative.
 
-    Its shapes are below it, by number.
+    The paths of the link's shapes are below this path, by number.
     """
     names = [_plain(f"{each}_{body.links[each + 1]}") for each in _line_to(body, link)]
     return "/".join([schema.WORLD, body.label, "base", *names])
@@ -446,7 +450,8 @@ def part_path(body: Body, link: int) -> str:
 def _line_to(body: Body, link: int) -> list[int]:
     """Return the chain of links from the base to a link, including it; empty for the base.
 
-    Beyond `DEEPEST` a link is drawn below the base: a name has no room for longer chains.
+    A link with more than `DEEPEST` ancestors is drawn as a child of the base, since Rerun limits
+    the length of a name.
     """
     line = list[int]()
     while link >= 0:

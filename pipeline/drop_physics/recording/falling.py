@@ -46,7 +46,7 @@ class Falling:
     progress: Progress
 
     def begin(self) -> Iterator[Chunk]:
-        """Yield what never changes: the camera's lens, and the curves' names and colours."""
+        """Yield static chunks: the camera's lens, and the curves' names and colours."""
         if self.photography is not None:
             camera, timestep_s = self.photography.camera, self.scenario.timestep_s
             yield writer.lens_chunk(camera)

@@ -19,7 +19,7 @@ def check_file(path: Path) -> None:
     Raises
     ------
     RecordingError
-        If it does not; the message says what to try.
+        If the check fails; the message suggests what to do.
     """
     if path.is_dir():
         inside = recordings_in(path) or recordings_in(path / "recordings")
@@ -55,7 +55,7 @@ def check_file(path: Path) -> None:
 
 
 def unreadable(path: Path, error: OSError) -> RecordingError:
-    """Return the error for a recording that the operating system does not let us read."""
+    """Return the error for a recording that the operating system does not allow to read."""
     return RecordingError(
         "{path} cannot be read: {reason}; see: {command}",
         path=path,

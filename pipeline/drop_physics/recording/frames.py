@@ -15,7 +15,7 @@ MOST_HELD = 4
 """Most size of all frames, as a multiple of the file's: PNG is compressed already, and equal frames
 are stored once."""
 FREELY_HELD = 1 << 26
-"""Size of frames that is allowed in any file [bytes]."""
+"""Total size of frames that is accepted in any file [bytes]."""
 _CAMERA = re.compile(r"camera/(\d{1,9})/image")
 
 
@@ -25,7 +25,7 @@ def frames(recording: Recording) -> Iterator[tuple[int, bytes]]:
     Raises
     ------
     RecordingError
-        If they are damaged.
+        If the frames are damaged.
     """
     path, sampled = recording.path, recording.sampled
     pictures: dict[int, bytes] = {}
@@ -50,7 +50,7 @@ def frames_of_cameras(recording: Recording) -> dict[int, list[tuple[int, float, 
     Raises
     ------
     RecordingError
-        If they are damaged.
+        If the frames are damaged.
     """
     frames: dict[int, list[tuple[int, float, bytes]]] = {}
     for entity, positions in recording.sampled.pictures.items():

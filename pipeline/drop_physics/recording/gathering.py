@@ -1,4 +1,4 @@
-"""Buffers rows by entity path, as a chunk of many rows costs no more than one of a single row."""
+"""Buffers rows by entity path, since one chunk of many rows is cheaper than many of one row."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ class Gathering:
     Parameters
     ----------
     make
-        Makes a chunk of an entity's rows, given the list of their values in order.
+        A function that makes a chunk from an entity path, the rows' times, and the list of their
+        values.
     most
-        How many rows are held, of all entities together.
+        The number of rows of all entities together that are buffered.
     """
 
     def __init__(self, make: Callable[[str, Times, list[Any]], Chunk], *, most: int) -> None:

@@ -25,7 +25,7 @@ class Drop:
 
 
 def check_inputs(properties: Mapping[str, Properties], path: Path) -> None:
-    """Check that a recording states what was recorded: a drop or a script."""
+    """Check that a recording states its inputs: those of a drop, or those of a script."""
     if schema.ORIGIN_PROPERTY not in properties:
         for name in (schema.SCENARIO_PROPERTY, schema.ENGINE_PROPERTY):
             if name not in properties:
@@ -38,7 +38,7 @@ def drop_of(properties: Mapping[str, Properties], path: Path) -> Drop:
     Raises
     ------
     RecordingError
-        If this version of drop knows no such inputs.
+        If this version of drop does not support these inputs.
     """
     camera = properties.get(schema.CAMERA_PROPERTY)
     try:

@@ -1,6 +1,6 @@
 """Writes commands to joints over time: a row whenever a target, limit or gain changes.
 
-Numbers are computed from `calls`, not from this.
+These rows are for display; numbers are computed from `calls`.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from drop_physics.trace.events import Appearance, At, Body, Calls, Raised, Sampl
 from drop_physics.trace.motors import PD, POSITION, TORQUE, VELOCITY, Command, commands_of
 
 TOGETHER = 1 << 13
-"""Commands buffered before they are written as rows."""
+"""Number of commands that are buffered before they are written as rows."""
 ROWS = {
     schema.TARGET: ("position", "velocity", "torque"),
     schema.LIMIT: ("force", "mode", "kp", "kd"),
 }
-"""Contents of each entity: values drawn as curves, and numbers stored with them."""
+"""Columns of each entity: first those shown as curves, then further numbers."""
 NAMES = [name for names in ROWS.values() for name in names]
 
 

@@ -1,8 +1,8 @@
 """Converts events other than samples to rows of JSON, and back.
 
-A row is a change at a moment: a body, a report of the engine, a place that calls it. JSON, because
-Rerun's index of a file grows with each column of each entity. It holds the event's fields by name,
-an array as lists, and a body described by another row as its number.
+A row is an event at some time, such as a new body, a report of the engine, or a new call site. It
+is a JSON object of the event's fields, with arrays as lists, and a body that another row describes
+as its id. JSON keeps Rerun's index small, which grows with each column of each entity.
 """
 
 from __future__ import annotations
@@ -65,9 +65,9 @@ ENTITIES: Mapping[type[Any], str] = {
     EpisodeEnd: schema.EPISODES,
     Sensor: schema.SENSORS,
 }
-"""Entity that stores each kind of event."""
+"""Entity that stores the events of each class."""
 MESH, ARRAYS = "mesh", ("corners_m", "triangles")
-"""Keys of a mesh row: the surface's digest, and its arrays, which only the first row with that
+"""Keys of a mesh row: the digest of the surface, and its arrays, which only the first row with this
 digest has."""
 SHAPES: Mapping[str, tuple[int, ...]] = {
     "base": (13,),
@@ -101,7 +101,7 @@ def row_of(event: Event) -> tuple[str, At, Values]:
 
 
 def keep_once(surface: Values, kept: set[str]) -> None:
-    """Add a surface's digest to its row, and drop the arrays if a row with that digest is kept."""
+    """Add a surface's digest to its row; drop the arrays if another row has the same digest."""
     arrays = {name: surface.pop(name) for name in ARRAYS}
     surface[MESH] = mesh = blake2b(packed(arrays).encode(), digest_size=16).hexdigest()
     if mesh not in kept:
@@ -158,7 +158,7 @@ def events(told: Told, kind: type[T], bodies: Mapping[int, Body] = MappingProxyT
     Raises
     ------
     ValueError
-        If the rows are something else.
+        If the rows have another content.
     """
     rows = told[ENTITIES[kind]]
     if not rows:
@@ -177,7 +177,7 @@ def surfaces(told: Told) -> list[Surface]:
     Raises
     ------
     ValueError
-        If the rows are something else.
+        If the rows have another content.
     """
     found, meshes = list[Surface](), dict[Any, Values]()
     # In the order of steps, a row may come before the one that has its arrays.
@@ -198,7 +198,7 @@ def _reader(kind: type[T]) -> Callable[[Values, Mapping[int, Body]], T]:
 def _of_class(kind: type[Any], *, nested: bool) -> CoreSchema:
     """Return the validation schema of a dataclass; if `nested`, bodies are given by id.
 
-    Pydantic's models would do, but each takes 5 ms to make.
+    A pydantic model could do the same, but takes 5 ms to create.
     """
     hints = get_type_hints(kind)
     parts = []
@@ -245,5 +245,5 @@ def _body(number: Any, info: core_schema.ValidationInfo) -> Any:  # noqa: ANN401
 
 
 def bodies_of(appearances: Iterable[Appearance]) -> dict[int, Body]:
-    """Return the bodies by id, as they last appeared."""
+    """Return the bodies by id, with their latest descriptions."""
     return {appearance.body.number: appearance.body for appearance in appearances}

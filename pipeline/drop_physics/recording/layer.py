@@ -1,6 +1,6 @@
 """Writes the analysis layer: the results that `analyze` adds, in a file beside the recording.
 
-It carries the recording's own id, so that the viewer shows both files as one recording.
+The layer has the same recording id, so that the viewer shows both files as one recording.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Line(NamedTuple):
     """Colour as `#rrggbb`."""
     width: float
     steps: Int64
-    """Step of each value, shape (n,), like the next two fields."""
+    """Step of each value, shape (n,), as `times_s` [s] and `values`."""
     times_s: Float64
     values: Float64
 
@@ -70,7 +70,7 @@ class ShownBody(NamedTuple):
     label: str
     at: Times
     segments: Sequence[str]
-    """Kind of each sample, such as flight."""
+    """Segment of each sample, such as flight."""
     errors_m: Float64
     """Deviation from free fall, shape (n, 3); nan outside flight."""
 
@@ -79,7 +79,7 @@ class Shown(NamedTuple):
     """A script's analysis, as the viewer shows it."""
 
     samples: Sequence[ShownBody] = ()
-    """The samples of each body."""
+    """The results of each body at its samples."""
 
     panels: Sequence[tuple[str, Sequence[Line]]] = ()
     """Titles and curves of the panels, in order."""
@@ -108,19 +108,19 @@ def write_layer(
     path
         The file to write.
     recording
-        The recording it belongs to.
+        The analysed recording.
     samples
-        The analysis table of a drop, null where there is no number to show; None of a script.
+        The analysis table of a drop, with null for values that are not shown; None for a script.
     events
-        What happened: step, time [s] and a line each, in order.
+        Events in order, each as step, time [s] and a line of text.
     findings
         The findings, as Markdown.
     look
-        What is shown of a script.
+        The results of a script that are shown.
     sums
-        What was explained of it now or before.
+        Impulses computed after recording, in this analysis or an earlier one.
     force, ours
-        As for `files.replaced`.
+        Passed on to `files.whole.replaced`.
 
     Raises
     ------

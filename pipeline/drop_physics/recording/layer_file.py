@@ -21,7 +21,7 @@ _TOP = {
 TRIALS = ".why"
 """Suffix of the folder that contains a recording's trials."""
 VERDICTS = "why.json"
-"""File in that folder with the results of the trials."""
+"""Name of the file in a recording's folder of trials that contains their results."""
 
 
 def layer_of(recording: Path) -> Path:
@@ -43,7 +43,7 @@ def trials_of(recording: Path) -> Path:
 
 
 def forget_trials(recording: Path) -> None:
-    """Delete a recording's trial runs; keep any other file, and then the folder."""
+    """Delete a recording's trial runs, and their folder unless it contains other files."""
     folder = trials_of(recording)
     if folder.is_dir() and not folder.is_symlink():
         for each in [*folder.glob("*.rrd"), *folder.glob("*.rrd.part"), folder / VERDICTS]:

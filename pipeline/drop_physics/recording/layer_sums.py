@@ -1,7 +1,7 @@
 """Stores impulses computed after recording in the analysis layer, and reads them back.
 
-The entities are those of a short run's recording, so that a viewer shows them alike. A digest
-covers them: sums that fail it are explained again.
+The entities are the same as in the recording of a short run, so that a viewer shows both in the
+same way. A digest protects the data: impulses whose digest is wrong are computed again.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def _digests(made: Digests, told: ToldDigest) -> dict[str, object]:
 
 
 def sums_in(layer: Path, recording_id: str) -> LaterSums | None:
-    """Return the impulses that a layer stores; None if there are none or they are incomplete."""
+    """Return the impulses stored in a layer; None if there are none, or some are missing."""
     sums, made, told = LaterSums(), Digests(), ToldDigest()
     digests: dict[str, object] | None = None
     rows: dict[str, list[tuple[At, str]]] = {entity: [] for entity in TOLD}

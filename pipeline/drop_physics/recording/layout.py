@@ -1,4 +1,4 @@
-"""Makes the viewer's layout for a recording, with or without analysis: which panels, where."""
+"""Defines the viewer's layout for a recording, with or without an analysis."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ SLOW_MOTION = 0.25
 """Playback speed of a drop: a fall from 1 m takes half a second, too fast to watch."""
 MOST_CAMERAS = 4
 MOST_NAMES = 8
-"""Most curves in a view, since more names would hide them."""
+"""Largest number of curves in a view; the names of more would hide them."""
 LEAST_REACH_M = 0.1
 ASPECT, HALF_VIEW, ROOM = 0.9, 0.52, 1.1
 """Aspect ratio of the 3-D view, tangent of half its angle, and a margin."""
 MOST_ROWS, MOST_STATES, MOST_JOINTS = 2, 6, 6
-"""Most panels below each other; most bodies whose states, and joints whose curves, are shown at
-once."""
+"""Largest numbers of panels in a column, of bodies whose segments are shown, and of joints whose
+curves are shown."""
 RIGHT_TOP = Corner2D.RightTop
 EYE = np.array([1.6, -1.6, 1.0])
 """Position of the viewer's eye relative to the centre of all motion."""
@@ -42,7 +42,8 @@ class Eye(NamedTuple):
 
 
 DROP_EYE = Eye((2.9, -0.95, 1.6), (0.4, -0.5, 0.5))
-"""Viewpoint beside the camera, from which its image, the floor and the fall are seen frontally."""
+"""Viewpoint beside the drop's camera, which shows the camera's image, the floor and the fall
+frontally."""
 NEAR_EYE = Eye((1.55, 0.6, 0.9), (0.0, 0.0, 0.45))
 """Viewpoint near the body, from the side, so that the camera's image does not hide the body."""
 
@@ -53,9 +54,9 @@ class Look:
 
     eye: Eye
     entities: frozenset[str]
-    """Entities that are shown; may contain more."""
+    """Entities of the recording; may include some that have no panel."""
     series: Mapping[str, int] = field(default_factory=dict)
-    """Number of curves of each entity that has several."""
+    """Number of curves of each entity that has more than one."""
     cameras: Mapping[str, str] = field(default_factory=dict)
     """Names of the camera images, by entity."""
     touched: frozenset[str] = frozenset()
@@ -79,11 +80,11 @@ def look_of_drop(height_m: float, camera: View | None, entities: Iterable[str] =
     Parameters
     ----------
     height_m
-        Height of the release [m]; the higher, the farther away is the eye.
+        Height of the release [m], which determines the distance of the viewpoint.
     camera
-        The camera's view, or None where there are no frames.
+        The camera's view; None without frames.
     entities
-        What is shown besides what every drop has.
+        Entities that are shown in addition to those of every drop.
     """
     far = max(1.0, height_m)
     position, target = NEAR_EYE if camera in ("close", "follow") else DROP_EYE
@@ -168,7 +169,7 @@ def _framed(whole: Panel, look: Look) -> rrb.Blueprint:
 
 
 class _Small(rrb.Blueprint):
-    """A layout without its parts' timestamps, which would take a third of its bytes."""
+    """A layout without timestamps of its parts, which would take a third of its bytes."""
 
     def _log_to_stream(self, stream: RecordingStream) -> None:
         stream.set_log_time_enabled(False)
@@ -229,7 +230,7 @@ def _pictures(look: Look) -> Iterator[Panel]:
 
 
 def _measured(look: Look) -> list[list[rrb.View]]:
-    """Return the views of the recording's own curves, grouped by kind."""
+    """Return the views of curves that were recorded, not analysed, grouped by kind."""
     of_drop = schema.HEIGHT_SIMULATED in look.entities
     heights = "Height of the centre [m]" if of_drop else "Heights of free bodies [m]"
     positions = ("/position", f"/{schema.TARGET}")

@@ -1,8 +1,8 @@
-"""Shows a recording while it is made, by sending chunks to a running viewer, too.
+"""Shows a recording while it is made, by also sending its chunks to a running viewer.
 
-A separate process talks to the viewer, because a stream to a viewer that hangs cannot be abandoned:
-Rerun's client waits for it when the stream is closed, and when Python ends. So closing or stopping
-the viewer loses the picture and nothing else.
+A separate process talks to the viewer, because Rerun's client waits for a viewer that hangs when a
+stream is closed and when Python ends. A viewer that is closed or hangs therefore does not affect
+the recording.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from drop_physics.recording.layout import Look, layout
 from drop_physics.workers import Worker, WorkerDiedError, under_load
 
 PATIENCE_S = 3.0
-"""Time after which a viewer that accepts nothing counts as closed."""
+"""Time after which a viewer that accepts no data counts as closed [s]."""
 STARTS_WITHIN_S = 15.0
-"""Longest wait for a viewer that is starting."""
+"""Longest wait for a viewer to start [s]."""
 
 
 def shown(
@@ -42,15 +42,15 @@ def shown(
     Parameters
     ----------
     chunks
-        A whole recording.
+        All chunks of a recording.
     url
-        Where the viewer listens.
+        The address at which the viewer listens.
     recording_id
         The recording's id.
     look
-        What the viewer's layout depends on.
+        The properties of the recording that determine the viewer's layout.
     note
-        Called once, with a sentence, if the viewer goes away.
+        A function that is called with a sentence, once, if the viewer is closed.
     """
     with Worker() as relay:
         relay.ask(f"{__name__}:_connect", recording_id, url, look)
@@ -67,7 +67,7 @@ def shown(
 
 
 def _passed_on(relay: Worker, *request: Any) -> bool:  # noqa: ANN401
-    """Send a chunk once the viewer has taken the last one; return whether it still responds."""
+    """Send a chunk after the viewer has accepted the last one; return whether it still responds."""
     try:
         relay.answer()
         if request:

@@ -1,6 +1,7 @@
 """Shows another recording in the same view: its bodies and heights in a different colour.
 
-It carries the other recording's id, so that the viewer shows both as one.
+The layer gets the id of the recording beside which it is shown, so that the viewer shows both as
+one.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from drop_physics import colours
 from drop_physics.recording import schema, writer
 
 ALPHA = 0x60
-"""Opacity out of 255: what is behind the layer shows through."""
+"""Opacity, of 255, with which the other recording's shapes are drawn."""
 
 
 @dataclass(frozen=True)
@@ -52,15 +53,15 @@ def write_other_layer(
     other
         The other recording: a golden one, or that of another engine.
     recording_id
-        Of the recording that it is shown with.
+        The id of the recording beside which the other one is shown.
     labels
-        Labels of the bodies of a script that are shown; None for the body of a drop.
+        Labels of the bodies to show, for a script; None for a drop.
     style
-        Their name and colour.
+        The name and colour of these bodies.
     blueprint
-        The layout of both together; None for the recording's own.
+        The layout for both recordings; None for that of the recording.
     drawn
-        What is shown, where the other recording holds nothing for looking.
+        The chunks to show; None for those in the other recording, which a script's trial lacks.
     """
     drawn = _read(other) if drawn is None else drawn
     chunks = _chunks(drawn, dict(_moved(labels, style.name)), style)
@@ -68,7 +69,7 @@ def write_other_layer(
 
 
 def _moved(labels: Collection[str] | None, name: str) -> Iterator[tuple[str, str]]:
-    """Yield entity paths of the other recording, with the paths that they get in this one."""
+    """Yield entity paths in the other recording, each with its path in the layer."""
     if labels is None:
         yield schema.BOX, f"{schema.WORLD}/{name}"
         yield schema.HEIGHT_SIMULATED, f"{schema.HEIGHT}/{name}"
@@ -84,7 +85,7 @@ def is_drawn(recording: Path) -> bool:
 
 
 def shapes_in(recording: Path) -> Iterator[Chunk]:
-    """Yield the shapes in a script's recording, with the links that they belong to."""
+    """Yield the chunks of a script's recording that define shapes, and their links."""
     for chunk in _read(recording):
         top, rest = _parted(chunk.entity_path.removeprefix("/"))
         if top.startswith(f"{schema.WORLD}/") and rest and rest[-1].isdigit():

@@ -23,11 +23,12 @@ PLANE_M, PLANE_COLOUR = 20.0, 0x8A93A0FF
 """Drawn width and grey of an infinite plane; on white, objects would be hard to see."""
 COLLISION_COLOUR = 0xFF8C00FF
 BEYOND_M = 1e-3
-"""Margin by which a hull is drawn larger [m], lest it flicker where it coincides with the mesh."""
+"""Margin by which a collision hull is enlarged [m], so that it does not flicker where it coincides
+with the mesh."""
 MESH_SUFFIXES = (".obj", ".stl", ".dae", ".gltf", ".glb")
 LARGEST_MESH_BYTES = 1 << 26
 ROUND_OR_BOX = "box", "sphere", "cylinder", "ellipsoid"
-"""Kinds of shapes that are drawn as primitives, both as visible and as collision shapes."""
+"""Kinds of shapes that are drawn as primitives, whether they are visible or collision shapes."""
 BRIGHTEST = 217
 """Brightness of a white body, out of 255: PyBullet's default would vanish on a light page."""
 TRAIL_RADIUS, TRAIL_COLOUR = -1.5, 0x56B4E9FF
@@ -92,7 +93,7 @@ def cleared(entity: str, at: Times) -> Chunk:
 def shape(entity: str, at: Times, seen: Shape, before: Shape | None = None) -> Iterator[Chunk]:
     """Yield a shape and its pose relative to its link, if it can be drawn.
 
-    If the mesh was drawn there before, in another colour, only the colour is yielded.
+    If only the colour of a drawn mesh has changed since `before`, only the colour is yielded.
     """
     if seen.kind == "mesh" and before is not None and replace(before, rgba=seen.rgba) == seen:
         recoloured = rr.Asset3D.columns(albedo_factor=[_colour(seen)])
@@ -185,10 +186,10 @@ def collision(entity: str, at: Times, link: str, seen: Collision) -> Iterator[Ch
 
 @functools.lru_cache(maxsize=64)
 def hull_of(corners: tuple[float, ...]) -> tuple[Float64, Float64] | None:
-    """Return the triangles of a convex hull: corners, three each, and normals, shape (n, 3).
+    """Return the triangles of a convex hull: three corners each, and their normals, shape (n, 3).
 
-    None where the corners [m], three numbers each, are not those of one hull: a file may have
-    several parts.
+    `corners` has three coordinates per corner [m]. None if they are not the corners of a single
+    convex hull: a file may have several parts.
     """
     from scipy.spatial import ConvexHull, QhullError  # slow to import, and few bodies have meshes
 
@@ -246,7 +247,7 @@ def png(rgba: NDArray[np.uint8]) -> bytes:
 
 
 def images(entity: str, at: Times, blobs: Sequence[bytes]) -> Chunk:
-    """Return a camera's frames, one PNG per time."""
+    """Return a chunk with a camera's frames, one PNG per time."""
     kinds = ["image/png"] * len(blobs)
     return Chunk.from_columns(
         entity, times(at), rr.EncodedImage.columns(blob=list(blobs), media_type=kinds)
@@ -287,7 +288,7 @@ def camera(entity: str, at: Times, seen: Image) -> Iterator[Chunk]:
 
 
 def log(entity: str, at: Times, lines: Sequence[tuple[str, bool]]) -> Chunk:
-    """Return log lines; each is given with a flag that is True for errors."""
+    """Return a chunk of log lines, each with a flag that is True for errors."""
     texts = [text for text, _ in lines]
     levels = ["ERROR" if is_error else "INFO" for _, is_error in lines]
     columns = rr.TextLog.columns(text=texts, level=levels if "ERROR" in levels else None)

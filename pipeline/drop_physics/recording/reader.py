@@ -1,7 +1,7 @@
 """Reads a recording: converts Rerun's chunks to arrays, and checks them.
 
-Samples, inputs and frames must have the digests that were written last. A recording that fails a
-check is damaged, and the error says why in one line.
+Samples, inputs and frames must match the digests in the closing property. A recording that fails a
+check is damaged; the error gives the reason in one line.
 """
 
 from __future__ import annotations
@@ -81,12 +81,15 @@ class Recording:
 
     @property
     def partial(self) -> bool:
-        """True if the recording was never finished; it then holds what was written so far."""
+        """True if the recording was never finished.
+
+        It then contains only the data written before an interruption.
+        """
         return self.ended is None
 
     @property
     def lacks(self) -> Message | None:
-        """Sentence on what older recordings lack; None if this one is of the current schema."""
+        """Sentence on contents that older recordings lack; None for the current schema."""
         version = (self.ended or {}).get("schema_version", schema.SCHEMA_VERSION)
         replayed = self.seen.engine != DEFAULT_ENGINE
         what = lacking(version, of_drop=self.drop is not None, replayed=replayed)
@@ -137,20 +140,14 @@ class Recording:
 
     @property
     def contacts(self) -> pl.DataFrame:
-        """Contact points as a table: one row each, sorted by step."""
+        """Contact points as a table, one row per point, sorted by step."""
         from drop_physics.trace.tables import table_of
 
         return table_of(self.seen.contacts)
 
 
 def read(path: Path) -> Recording:
-    """Read a recording; only one named `.part` may be unfinished.
-
-    Raises
-    ------
-    RecordingError
-        If it is missing, damaged, not a recording of ours, or not what was written.
-    """
+    """Read a recording; only a file named `.part` may be unfinished."""
     held = contents(path)
     closing = closing_of(held.properties, path)
     check_inputs(held.properties, path)
@@ -186,7 +183,7 @@ def read(path: Path) -> Recording:
 
 @dataclass
 class Contents:
-    """The chunks of a recording that results are computed from."""
+    """Data of a recording from which results are computed."""
 
     recording_id: str
     texts: dict[str, list[tuple[At, str]]]
@@ -213,7 +210,7 @@ def contents(path: Path) -> Contents:
     Raises
     ------
     RecordingError
-        If it is missing, damaged, or not a recording of ours.
+        If the file is missing, damaged, or was not written by drop.
     """
     texts: dict[str, list[tuple[At, str]]] = {entity: [] for entity in schema.TOLD}
     properties: dict[str, Properties] = {}
@@ -260,7 +257,7 @@ def contents(path: Path) -> Contents:
 
 
 def digests(held: Contents) -> dict[str, Any]:
-    """Return the digests of what was read, in the form in which the recording stores them."""
+    """Return the digests of the data read, in the form in which the recording stores them."""
     inputs = {name: held.properties.get(name) for name in schema.INPUT_PROPERTIES}
     tables = {entity: digest.hexdigest() for entity, digest in held.made.tables.items()}
     if schema.ORIGIN_PROPERTY not in held.properties:
@@ -387,7 +384,7 @@ def recording_id(path: Path) -> str:
     Raises
     ------
     RecordingError
-        If it is missing, damaged, or not one of ours.
+        If the file is missing, damaged, or was not written by drop.
     """
     for chunk in chunks_of(path):
         return chunk.recording_id
@@ -397,7 +394,7 @@ def recording_id(path: Path) -> str:
 def is_recording(path: Path, *, of_script: bool = False) -> bool:
     """Return whether a file is one recording made by `drop`, of a drop or of a script.
 
-    It may be unfinished, and of an older schema.
+    Unfinished recordings and those of an older schema count, too.
     """
     kind = schema.ORIGIN_PROPERTY if of_script else schema.SCENARIO_PROPERTY
     is_kind, ids = False, set()
@@ -418,6 +415,6 @@ def entities(path: Path) -> Iterator[str]:
     Raises
     ------
     RecordingError
-        If it is missing, damaged, or not one of ours.
+        If the file is missing, damaged, or was not written by drop.
     """
     return (chunk.entity for chunk in chunks_of(path))

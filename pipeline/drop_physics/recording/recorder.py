@@ -1,7 +1,7 @@
 """Converts a run's events to the chunks of a recording, in the right order.
 
-Numbers go into `state`, `joints`, `contacts`, `calls` and the entities beside them, as float64; the
-parts for display (`drawing`) are thinned to the number that a viewer can show.
+Numbers are stored as float64, in the entities `state`, `joints`, `contacts`, `calls` and others
+(`schema`). The parts for display (`drawing`) are thinned to as many as a viewer can show.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ from drop_physics.trace.history import rows_of_bases
 from drop_physics.trace.states import Rows
 
 ROWS_TOGETHER = 1024
-"""Rows that are buffered before they are written as chunks."""
+"""Number of rows that are buffered before they are written as a chunk."""
 MANY, SHORT, SOON_S = 64, 64, 1.0
-"""After the first number of batches with fewer than the second number of steps, further batches are
-buffered for this time [s] and written together: a chunk takes 1 kB and 1 ms, however small."""
+"""After `MANY` batches of fewer than `SHORT` steps, further short batches are collected for
+`SOON_S` [s] and written together, since a chunk takes 1 kB and 1 ms, however small it is."""
 LONGEST, MOST_NOTES = 1000, 10
-"""Most characters of a text, and most notes, that are stored in a property."""
+"""Largest number of characters of a text, and of notes, in a property."""
 
 Properties = Mapping[str, Mapping[str, Any]]
 
@@ -67,13 +67,13 @@ class Recorder:
     Parameters
     ----------
     inputs
-        Properties that say what was run: see `schema.INPUT_PROPERTIES`.
+        Properties that describe the run (see `schema.INPUT_PROPERTIES`).
     compared
-        Whether another run is compared: only then a digest of each state is kept.
+        Whether the run will be compared with another: a digest of each state is then kept.
     of_drop
-        Whether a drop is recorded, which shows curves of its own, for slow motion.
+        Whether a drop is recorded, which has further curves and is shown in slow motion.
     drawn
-        Whether a script's recording also holds what is only for looking.
+        Whether a script's recording includes entities that are only for display.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class Recorder:
         components."""
         self._short = 0
         self._held_since_s: float | None = None
-        """Time since which a batch is buffered [s]; None if none is."""
+        """Time at which the first buffered batch was added [s]; None without one."""
         self._digests: dict[int, list[tuple[int, bytes]]] = {}
 
     def chunks(
@@ -125,13 +125,13 @@ class Recorder:
         Parameters
         ----------
         events
-            What happened, in order.
+            The events of the run, in order.
         ending
-            Called after the last event.
+            A function that is called after the last event, and returns how the run ended.
         about
-            Called with the ending, for a description in Markdown.
+            A function that is called with the ending, and returns a description in Markdown.
         beside
-            What else the recording of a drop shows of its samples.
+            The further views of a drop; None for a script.
         """
         for chunk in self._chunks(events, ending, about, beside):
             entity = chunk.entity_path.removeprefix("/")
@@ -309,9 +309,10 @@ class Recorder:
         self._frames.hold(schema.STEPS, at, row)
 
     def _slots_of(self, seen: Samples) -> dict[int, int]:
-        """Return each constraint's column: its own, or that of a similar removed constraint.
+        """Return the entity slot of each constraint, perhaps that of a similar removed one.
 
-        Rerun holds 25 kB of each entity until the file is finished.
+        Slots are reused because Rerun keeps 25 kB of each entity in memory until the file is
+        finished.
         """
         slots = self._slots.setdefault(seen.client, {})
         there = {(number, forces.shape[1]) for number, forces in seen.constraints.items()}
@@ -327,7 +328,7 @@ class Recorder:
         return {each[0]: slots[each] for each in sorted(there)}
 
     def _is_held(self, steps: int) -> bool:
-        """Return whether a batch of steps waits for more before it is written."""
+        """Return whether a batch of steps should wait for more steps before it is written."""
         self._short += steps < SHORT
         if self._short <= MANY or steps >= SHORT:
             return False
@@ -339,7 +340,8 @@ class Recorder:
     def _flush(self) -> Iterator[Chunk]:
         """Yield all buffered rows as chunks.
 
-        Wherever the file ends, its bodies are known, and each sample in it has its contacts.
+        Bodies come before their samples, and contacts before the samples of their step, so that
+        even a file that is cut off at any point has them.
         """
         self._held_since_s = None
         contacts, states = (self._tables[each.entity] for each in (schema.CONTACTS, schema.STATES))
@@ -371,7 +373,7 @@ class Recorder:
         yield from self._series.flush()
 
     def _add_series(self, entity: str, at: Times, values: Float64) -> None:
-        """Add one value per row and joint."""
+        """Add rows of a series, with one value per row and joint."""
         if values.shape[1]:
             self._made.add_series(entity, at.steps, values)
             self._series.hold(entity, at, values, kind=values.shape[1])

@@ -1,10 +1,9 @@
 """Parses Rerun's file format, safely even if the file is damaged.
 
-Rerun's own reader trusts a file: a wrong bit makes it panic, which aborts the whole process, or
-allocate as much memory as that bit claims; and it rejects a file that ends within a message. Here
-each length is checked against the file before it is used, the unpacked size is limited in
-proportion to the file's, and the content of a message is read by Arrow's C++ reader, which is made
-for untrusted input.
+Rerun's own reader trusts a file: a wrong bit can make it abort the whole process, or allocate any
+amount of memory, and it rejects a file that ends within a message. This reader checks each length
+against the file's size before using it, limits the unpacked size in proportion to the file's size,
+and reads a message's content with Arrow's C++ reader, which is made for untrusted input.
 
     "RRF2", version, options                                            12 bytes
     kind u64, length u64, a protobuf message                            repeated
@@ -35,25 +34,26 @@ UNCOMPRESSED, LZ4 = 1, 2
 LZ4_RATIO = 255
 """Maximum compression ratio of an LZ4 block."""
 LARGEST_CHUNK = 1 << 27
-"""Most bytes of a chunk; ours have about a hundred kilobytes, and Rerun's tools merge them to a few
-megabytes."""
+"""Largest size of a chunk [bytes]; drop writes about a hundred kilobytes, and Rerun's tools merge
+chunks to a few megabytes."""
 LARGEST_HEADER = 1 << 16
-"""Most bytes of a chunk's schema; ours take up to ten thousand."""
+"""Largest size of a chunk's schema [bytes]; drop writes up to ten thousand."""
 LONGEST_NAME = 4096
 """Most characters of an entity's name or of an id."""
 MOST_FIELDS = 64
-"""Most fields in one protobuf message; ours have up to ten."""
+"""Largest number of fields in a protobuf message; drop writes up to ten."""
 RECORD_BATCH = 3
 """Arrow's message type for a batch of rows."""
 LEAST_ROW_BYTES = 10
-"""Least bytes per row in a file, as id and time never repeat. For a body at rest it is 12."""
+"""Smallest number of bytes per row in a file, since id and time never repeat; a body at rest takes
+12."""
 LEAST_MESSAGE_BYTES = 512
-"""Least bytes per chunk on average; one with a single number takes a thousand."""
+"""Smallest average number of bytes per chunk; a chunk with a single number takes a thousand."""
 MOST_UNPACKED = 32
-"""Most unpacked bytes, as a multiple of the file's size; the state of a body at rest unpacks to 4
-times, its equal frames to 24."""
+"""Largest unpacked size, as a multiple of the file's size; states of a body at rest unpack to 4
+times their size, equal frames to 24 times."""
 FREELY_UNPACKED = 1 << 26
-"""Unpacked bytes that are allowed for any file."""
+"""Unpacked size that is accepted for any file [bytes]."""
 
 _START = struct.Struct("<4s8s")
 _HEAD = struct.Struct("<QQ")
@@ -73,7 +73,7 @@ class UnfinishedError(DamagedError):
 
 
 class Chunk(NamedTuple):
-    """Rows of one entity, and the id of the recording that they belong to."""
+    """Rows of one entity, and the id of their recording."""
 
     application_id: str
     recording_id: str
@@ -92,14 +92,14 @@ def chunks(path: Path, *, unfinished: bool = False) -> Iterator[Chunk]:
     Parameters
     ----------
     path
-        The file.
+        The path of the file.
     unfinished
-        Whether it may end anywhere; the chunks before its end are yielded then.
+        Whether the file may be cut off at any point; its complete chunks are then yielded.
 
     Raises
     ------
     DamagedError
-        If it is not a Rerun file, is not finished, or a chunk cannot be decoded.
+        If the file is not a Rerun file or not finished, or a chunk cannot be decoded.
     """
     unpacked = 0
     with path.open("rb") as file:
@@ -121,7 +121,7 @@ def chunk_at(file: BinaryIO, position: int) -> Chunk:
     Raises
     ------
     DamagedError
-        If the file has changed since that position was found.
+        If the file has changed since the position was determined.
     """
     file.seek(position)
     kind, length = _HEAD.unpack(_exactly(file, _HEAD.size))
@@ -259,7 +259,7 @@ def _batch(data: pa.Buffer) -> pa.RecordBatch:
 def _check_stream(data: pa.Buffer) -> None:
     """Check that a short schema is followed by one uncompressed batch of rows.
 
-    Arrow would unpack a compressed column to whatever size it claims.
+    Arrow would unpack a compressed column to any size that the column claims.
     """
     stream = memoryview(data)
     schema = _header(stream, 0)
@@ -296,8 +296,8 @@ def _field(buffer: memoryview, table: int, number: int) -> int:
 def _fields(message: int | memoryview) -> dict[int, int | memoryview]:
     """Return the fields of a protobuf message by number; the last one if a field is repeated.
 
-    Source: protobuf.dev/programming-guides/encoding. Only what occurs here is read: varints, fixed
-    64-bit numbers and length-delimited bytes.
+    Source: protobuf.dev/programming-guides/encoding. Only the types that Rerun's files use are
+    supported: varints, fixed 64-bit numbers and length-delimited bytes.
     """
     if isinstance(message, int):
         raise DamagedError(Message("a chunk's header is unreadable"))

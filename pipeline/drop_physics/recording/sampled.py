@@ -19,7 +19,8 @@ from drop_physics.trace.log import Log
 from drop_physics.trace.states import Joints, Rows, between, in_step_order
 
 HELD_BYTES = 1 << 24
-"""Most bytes of decoded chunks kept in memory, so that a smaller recording is decoded once."""
+"""Largest size of decoded chunks kept in memory [bytes], so that a small recording is decoded once.
+"""
 
 
 def is_series(entity: str) -> bool:
@@ -38,7 +39,7 @@ class Entity:
     last: list[int] = field(default_factory=list)
     positions: list[int] = field(default_factory=list)
     in_order: bool = True
-    """Whether each chunk begins after the end of the one before."""
+    """Whether each chunk begins after the end of the previous one."""
 
     def add(self, steps: Int64, position: int) -> None:
         """Add a chunk that has rows for these steps."""
@@ -113,7 +114,7 @@ class RecordedSamples:
         Raises
         ------
         RecordingError
-            If the file has changed, or is gone, since it was indexed.
+            If the file was changed or deleted after it was indexed.
         """
         try:
             with self.path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""Reads what is needed to draw a script's scene: its shapes, and the poses of all parts."""
+"""Reads the data needed to draw a script's scene: its shapes, and the poses of all parts."""
 
 from __future__ import annotations
 
@@ -57,7 +57,8 @@ class Part:
     def in_looks(self, looks: Sequence[tuple[float, tuple[Model, ...]]]) -> Iterator[Part]:
         """Yield one part for each appearance, limited to the time of that appearance.
 
-        `looks` are in order, with the times at which they begin [s]; none while it is gone.
+        `looks` are the shapes in order, with the time from which they are drawn [s]; an empty tuple
+        means that the part does not exist.
         """
         starts_s = np.array([start_s for start_s, _ in looks])
         times_s = np.unique(np.concatenate([self.times_s, starts_s]))

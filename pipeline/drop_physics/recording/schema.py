@@ -22,7 +22,7 @@ TIME_TIMELINE = "sim_time"
 LONGEST_S = 9e9
 """Largest time on the time axis [s]: the viewer has nanoseconds in 64 bits, which are 292 years."""
 CALL_TIMELINE = "call"
-"""Timeline of a script's recording that counts the calls made before."""
+"""Timeline of a script's recording that counts the calls before each row."""
 
 # -- what is measured -----------------------------------------------------------------------------
 
@@ -31,7 +31,7 @@ class Table(NamedTuple):
     """A table: rows of named numbers, and the entity that stores them."""
 
     entity: str
-    """Entity with one row per step, which has lists of the table rows' values."""
+    """Entity with one row per step, which stores a table's rows as lists."""
     kind: np.dtype[np.void]
     """Type of the rows; its fields, other than the step, are the entity's components."""
 
@@ -52,64 +52,73 @@ TABLES = {table.entity: table for table in (STATES, CONTACTS)}
 # -- what a script did -----------------------------------------------------------------------------
 
 BODIES = "bodies"
-"""One row whenever a body appears, disappears or looks different: its description."""
+"""Entity with a row of JSON whenever a body appears, disappears or looks different: its
+description."""
 SURFACES = "surfaces"
-"""One row per hollow mesh that the engine replaces by its convex hull: the surface of its file."""
+"""Entity with a row for each hollow mesh that the engine replaces by its convex hull: the surface
+in the mesh file."""
 SET = "set"
-"""One row per body that calls have moved: its state before the next step."""
+"""Entity with a row whenever calls have set a body's state: the state before the next step."""
 DYNAMICS = "dynamics"
-"""One row per body whenever they change: mass, inertia, friction … of base and links."""
+"""Entity with a row whenever properties of a body change: mass, inertia, friction … of base and
+links."""
 SETTINGS = "engine"
-"""One row whenever they change: timestep, gravity … of the engine."""
+"""Entity with a row whenever settings of the engine change: timestep, gravity …"""
 SOLVER = "solver"
-"""One row per simulation whose contact solver stopped before it converged, written at its end."""
+"""Entity with a row for each simulation whose contact solver stopped before it converged, written
+at the end."""
 READINGS = "readings"
-"""One row per call site that reads, written at the end: function, file, line, what was read and
-when."""
+"""Entity with a row for each script line that reads values, written at the end: function, file,
+line, subjects, and number of readings."""
 SITES = "sites"
-"""One row per call site of an engine function: function, file, line, structure of the arguments."""
+"""Entity with a row for each call site of an engine function: function, file, line, structure of
+the arguments."""
 CALLS = "calls"
-"""One row per step that has calls: the call site of each, and all numeric arguments."""
+"""Entity with a row for each step with calls: the call site of each, and all numeric arguments."""
 RAISED = "calls/raised"
-"""One row per call that failed: its error."""
+"""Entity with a row for each failed call: the error."""
 LOG = "calls/log"
-"""Calls as readable text: the first of each call site."""
+"""Entity with the first calls of each call site as readable text."""
 JOINTS = "joints"
 """Parent of the entities of bodies' `position`, `velocity` and `effort`: one series per joint,
 float64, a row per step."""
 OF_JOINTS = ("position", "velocity", "effort")
 TARGET, LIMIT = "target", "limit"
-"""Entities beside these, with a row when a call changes a value: targets, with target velocities
-and torques; largest forces of motors, with modes and gains."""
+"""Names of entities beside these, with a row whenever a call changes a value: position, velocity
+and torque targets; and force limits of motors, with modes and gains."""
 CONSTRAINTS = "constraints"
 """Parent of the entities of constraint forces: a row per step."""
 CONSTRAINT = "constraint"
-"""Component beside the forces with the constraint's id: once it is removed, others reuse its
-entity."""
+"""Component with the constraint's id beside the forces: after a constraint is removed, others reuse
+its entity."""
 
 CONTROLS = "controls"
-"""Parent of the controls of actuators, by simulation: a row per step at which they change."""
+"""Parent of the entities with the controls of actuators, by simulation: a row for each step at
+which they change."""
 MODELS = "models"
-"""One row per part of a compiled model that was stepped: with it and `steps`, the engine can repeat
-each step."""
+"""Entity with a row for each part of a compiled model: with the model and `steps`, the engine can
+repeat each step."""
 STEPS = "steps"
-"""One row per batch of a simulation's steps: the full state before each step, and its inputs."""
+"""Entity with a row for each batch of a simulation's steps: the full state before each step, and
+the inputs."""
 IMPULSES = "impulses"
-"""Parent of the impulses in each step, by simulation, where the engine has repeated the step."""
+"""Parent of the entities with the impulses in each step, by simulation, if the engine has repeated
+the step."""
 CAUSES = "causes"
-"""One row per cause of impulses: what it is, and the body and degrees of freedom it acts on."""
+"""Entity with a row for each cause of impulses: its kind, its body, and the degrees of freedom on
+which it acts."""
 PAIRS = "pairs"
-"""One row per pair of links that touch: their coefficient of friction."""
+"""Entity with a row for each pair of links that touch: their friction coefficient."""
 
 WARNINGS = "warnings"
-"""One row per kind of engine warning, written at the end: how often, and when."""
+"""Entity with a row for each kind of engine warning, written at the end: how often, and when."""
 EQUALITIES = "equalities"
-"""One row per pair of links that are connected from the beginning on."""
+"""Entity with a row for each pair of links that are connected from the beginning."""
 EPISODES = "episodes"
-"""One row per finished episode of a gymnasium environment: how and why it ended, length and
-return."""
+"""Entity with a row for each finished episode of a gymnasium environment: how and why it ended,
+length and return."""
 SENSORS = "sensors"
-"""One row per sensor of a model, written at the end: what it measured."""
+"""Entity with a row for each sensor of a model, written at the end: the measured values."""
 
 JSON = "json"
 """Name of the column that stores rows of JSON."""
@@ -120,7 +129,7 @@ TOLD = (
 """Entities with rows of JSON, which share one digest."""
 
 HAPPENED = (STATES.entity, CONTACTS.entity, f"{JOINTS}/", SET, CALLS, "camera/")
-"""Prefixes of the entities without any of which nothing was recorded."""
+"""Prefixes of entities; a recording without any of them has recorded nothing."""
 
 # -- what is drawn --------------------------------------------------------------------------------
 
@@ -137,7 +146,8 @@ COLLISIONS = "collisions"
 """Parent of the collision shapes of links, which are hidden except for bodies that a finding
 concerns."""
 POSE_RESOLUTION = 1e-5
-"""Motions [m], and changes of a quaternion, below this are invisible and not drawn."""
+"""Resolution of drawn poses [m], and of quaternions: smaller changes are invisible and not written.
+"""
 HEIGHT_RESOLUTION_M = 1e-9
 """A height curve that stays within this range is drawn level [m]."""
 
@@ -165,7 +175,7 @@ arguments."""
 IMPORTED = "imported"
 """Kind of origin for states that another program computed."""
 BLOCK = "a block of Python"
-"""Recorded in place of a script's name for a block of Python."""
+"""Name that is recorded for a block of Python, which has no script."""
 ENGINE_PROPERTY = "engine"
 CAMERA_PROPERTY = "camera"
 RECORDING_PROPERTY = "recording"
@@ -186,10 +196,10 @@ ENERGY = "energy"
 ENERGY_RESOLUTION = 1e-10
 """An energy curve that stays within this share of the largest energy is drawn level."""
 SEGMENTS = "segments"
-"""Entity of the kind of each sample of a script's bodies, as states."""
+"""Entity with the segment of each sample of a script's bodies, as states of the viewer."""
 PANELS = "panels"
-"""Entity of a script's curves of joints, friction and energy by cause, as in its plot."""
+"""Entity with a script's curves of joints, friction, and energy by cause, as in its plot."""
 EVENTS = "events"
 FINDINGS = "findings"
 EXPLAINED = "explained"
-"""Name of the property with the digests of what was explained after recording."""
+"""Name of the property with the digests of impulses that were computed after recording."""

@@ -20,7 +20,7 @@ from drop_physics.recording.viewer import binary
 from drop_physics.temporary import is_temporary
 
 PANIC = re.compile(r"panicked at '?(.+?)'?$", re.MULTILINE)
-"""Text that Rerun's command line prints if it fails for reasons other than the file."""
+"""Text that Rerun's command line prints if it fails for another reason than a bad file."""
 
 
 @contextlib.contextmanager
@@ -37,16 +37,18 @@ def unfinished(
     Parameters
     ----------
     path, force, ours
-        As for `replaced`.
+        Passed on to `files.whole.replaced`.
     salvage
-        Whether what was written before an error is kept.
+        Whether data written before an error are kept.
     note
-        Called with a sentence if the file does not grow under the usual name.
+        A function that is called with a sentence if the `.part` file has to get another name than
+        usual.
 
     Raises
     ------
     OutputError
-        As for `replaced`; if another file has the name of the copy that gets the layout.
+        For the reasons of `replaced`, or if another file has the name needed for the copy with the
+        layout.
     """
     check_target(path, force=force or ours)
     force = force or (ours and not salvage)  # what a killed run left of it is nobody's
@@ -95,12 +97,12 @@ def _holds_something(part: Path) -> bool:
 def pack(recording: Path, path: Path) -> None:
     """Rewrite a recording as small as Rerun can, by merging its chunks.
 
-    Needs memory for the whole recording.
+    This needs memory for the whole recording.
 
     Raises
     ------
     OutputError
-        If it cannot be written.
+        If the file cannot be written.
     """
     _rerun("rrd", "optimize", recording, "-o", path)
     _check_end(path, path)
@@ -117,9 +119,9 @@ def seal(
 ) -> None:
     """Give a finished recording its final name: add the viewer's layout, verify, rename.
 
-    The file is verified by reading all of it back in this process, which takes less time and memory
-    than Rerun's own verifier and index. A recording without a layout is one of many: it is not
-    flushed to the disk here; `onto_disk` does that for all of them.
+    The file is verified by reading it back as a whole in this process, which takes less time and
+    memory than Rerun's own verifier. A recording without a layout is one of many, and not flushed
+    to the disk here: `onto_disk` does that for all of them.
 
     Parameters
     ----------
@@ -128,18 +130,18 @@ def seal(
     blueprint
         A viewer layout (.rbl) to add to the file, or None.
     on_top
-        Whether the file opens together with a recording whose layout its own replaces. The viewer
-        loads files at once and keeps the layout that arrives last, so that a recording begins with
-        its layout and a file on top of it ends with its own.
+        Whether the file will be opened together with a recording, to replace the recording's
+        layout. The viewer loads both files at the same time and keeps the layout that arrives last:
+        so a recording begins with its layout, and a file on top of it ends with its layout.
     rows
-        Rows that each entity must have; None where only the end of the file is verified.
+        Number of rows that each entity must have; None to verify only the end of the file.
     force
         Whether an existing file may be replaced.
 
     Raises
     ------
     OutputError
-        If the file does not verify; the `.part` file is kept, its copy is not.
+        If the verification fails; the `.part` file is kept, the copy with the layout is deleted.
     """
     if blueprint is None:
         _check(part, path, part, rows)

@@ -1,7 +1,7 @@
 """Packs the replay frames of a batch of steps into a row of a recording, and unpacks them.
 
-Parts of the state that the samples of joints have, too, are not repeated; nor is the clock if it is
-a timestep later.
+State arrays that equal joint samples are not stored again, and neither is the clock where it
+advances by one timestep.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from drop_physics.trace.frames import (
 T = TypeVar("T", bound=np.generic)
 
 SPARSE = ("before", "inputs", "posed")
-"""Groups of columns that have rows only at some steps."""
+"""Groups of columns that have rows only for some steps."""
 
 MOST_PART_BYTES = 1 << 24
 """Most unpacked bytes of a part of a model."""
 
 Series = Callable[[str, str], Float64]
-"""Function that returns a series of a body's joints in the samples that steps led to, by the body's
-label and the series' name, shape (n, places)."""
+"""Function that returns a series of a body's joint samples after each step, given the body's label
+and the series' name, shape (n, places)."""
 
 
 class PackedFrames(NamedTuple):
@@ -107,7 +107,7 @@ def inflated(data: bytes) -> bytes:
     Raises
     ------
     ValueError
-        If it is not compressed, or too large.
+        If the data are not compressed, or too large when decompressed.
     """
     inflating = zlib.decompressobj()
     try:
@@ -167,11 +167,11 @@ def unpacked(row: PackedFrames, numbers_of: Mapping[str, int], series: Series) -
     Parameters
     ----------
     row
-        The row.
+        The packed row.
     numbers_of
-        The numbers of bodies, by label.
+        The ids of bodies, by label.
     series
-        What the samples of joints hold.
+        A function that returns the samples of joints.
 
     Raises
     ------

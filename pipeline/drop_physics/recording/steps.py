@@ -23,7 +23,7 @@ class _Place(NamedTuple):
     first: int
     """Index of the sample from which the first step starts."""
     end: int
-    """Index of the sample that the last step leads to."""
+    """Index of the sample after the last step."""
     model: int
     chunk: int
     row: int
@@ -34,7 +34,7 @@ class RecordedModel(NamedTuple):
     """A recorded compiled model."""
 
     engine: str
-    """Name and version of the engine; no other can load the model."""
+    """Name and version of the engine, which alone can load the model."""
     sha256: str
     size: int
     """Size of the model [bytes]."""
@@ -50,7 +50,7 @@ class RecordedSteps:
     _parts: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
     """Offsets of the parts of each model, and their chunks."""
     _places: dict[int, list[_Place]] = field(default_factory=dict)
-    """Where each simulation's frames are stored, in order."""
+    """Positions in the file of each simulation's frames, in order."""
 
     @property
     def clients(self) -> list[int]:

@@ -1,9 +1,9 @@
-"""Lists the recording schemas that can be read, and what older ones lack.
+"""Lists the recording schemas that can be read, and the contents that older ones lack.
 
-Users keep golden recordings, so a landed change of the format raises `schema.SCHEMA_VERSION` and
-adds to `ADDED` the contents that recordings of earlier schemas lack, and to `tests/recordings` some
-of the schema before, which `check`, `analyze` and `info` read ever after. Contents that a change
-renames or reshapes must still be read in their old form: digests are those of the rows as they were
+Users keep golden recordings. A change of the format therefore raises `schema.SCHEMA_VERSION`, adds
+to `ADDED` the contents that earlier recordings lack, and adds recordings of the previous schema to
+`tests/recordings`, which `check`, `analyze` and `info` must always be able to read. Renamed or
+reshaped contents must still be read in their old form, since the digests are those of the rows as
 written.
 """
 
@@ -25,9 +25,9 @@ class Addition(NamedTuple):
 
     what: Message
     of_drops: bool
-    """Whether recordings of drops contain it, or only those of scripts."""
+    """Whether recordings of drops contain the addition; otherwise only those of scripts do."""
     of_replayed: bool = False
-    """Whether only recordings contain it whose engine can repeat its steps."""
+    """Whether only recordings of an engine that can repeat its steps contain it."""
 
 
 OLDEST = 3
@@ -42,7 +42,7 @@ ADDED: Mapping[int, Addition] = {
     7: Addition(Message("the episodes of its environments"), of_drops=False),
     8: Addition(Message("what the script's readings gave"), of_drops=False),
 }
-"""Additions of each schema version."""
+"""Contents that each schema version added."""
 
 
 def check_version(version: object, path: Path) -> None:
@@ -51,7 +51,7 @@ def check_version(version: object, path: Path) -> None:
     Raises
     ------
     RecordingError
-        If they cannot: it is too old, or later than today's.
+        If the version is too old, or newer than this version of drop.
     """
     if isinstance(version, int) and OLDEST <= version <= schema.SCHEMA_VERSION:
         return
@@ -70,9 +70,9 @@ def check_version(version: object, path: Path) -> None:
 
 
 def lacking(version: int, *, of_drop: bool, replayed: bool) -> Message | None:
-    """Describe the contents that recordings of a schema version lack; None if they lack none.
+    """Describe the contents that recordings of a schema version lack; None for the current one.
 
-    `replayed` is whether their engine can take steps again.
+    `replayed` is True if the engine can repeat its steps.
     """
     what = [
         added.what

@@ -1,7 +1,7 @@
 """Starts Rerun's viewer, reachable from this machine only.
 
-Rerun's telemetry is off in what is started here. The page of the web viewer, however, sends its own
-requests from the browser, and Rerun has no option against that.
+Rerun's telemetry is disabled in all processes started here. The page of the web viewer, however,
+sends requests from the browser, which Rerun has no option to prevent.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def binary() -> Path:
     Raises
     ------
     ViewerError
-        If it is not installed.
+        If Rerun's viewer is not installed.
     """
     spec = importlib.util.find_spec("rerun_cli")
     if spec is None or spec.origin is None:
@@ -73,9 +73,9 @@ def viewer(files: Sequence[Path] = (), *, web: bool = False) -> Viewer:
     Parameters
     ----------
     files
-        Recordings and layers; none for a viewer that waits for data.
+        Recordings and layers; empty for a viewer that waits for data.
     web
-        Whether it runs in the browser.
+        Whether the viewer runs in the browser.
 
     Raises
     ------
@@ -107,14 +107,14 @@ def start(viewer: Viewer, *, stays: bool) -> subprocess.Popen[bytes]:
     Parameters
     ----------
     viewer
-        What to start.
+        The viewer's command and addresses.
     stays
-        Whether it stays open when we end.
+        Whether the viewer stays open when this process ends.
 
     Raises
     ------
     ViewerError
-        If it ends, or does not listen in time.
+        If the viewer ends, or does not listen in time.
     """
     # Rerun sends telemetry unless disabled or in CI. Setting CI disables it, and leaves the user's
     # own settings as they are.
@@ -156,7 +156,7 @@ def wait(process: subprocess.Popen[bytes]) -> None:
     Raises
     ------
     ViewerError
-        If it fails.
+        If the viewer fails.
     """
     # Once Polars is imported, a blocking wait would go on after Ctrl-C.
     while process.poll() is None:
@@ -169,12 +169,12 @@ def wait(process: subprocess.Popen[bytes]) -> None:
 
 
 def in_notebook(files: Sequence[Path], height_px: int, at_s: float | None = None) -> Any:  # noqa: ANN401 - its own class
-    """Return a notebook widget that shows these files, with its cursor at a time [s].
+    """Return a notebook widget that shows files, with the time cursor at `at_s` [s].
 
     Raises
     ------
     ViewerError
-        If it is not installed.
+        If `rerun-notebook` is not installed.
     """
     if importlib.util.find_spec("rerun_notebook") is None:
         raise ViewerError(
@@ -204,11 +204,11 @@ def put_cursor(
     Parameters
     ----------
     viewer, process
-        The viewer.
+        The viewer, and its process.
     time_s
         The cursor's time [s].
     step
-        Its step, used instead of the time if given.
+        The cursor's step, used instead of the time if given.
     """
     from rerun.experimental import ViewerClient
 
@@ -233,9 +233,9 @@ def check_listens(url: str) -> None:
     Raises
     ------
     ScenarioError
-        If it is not such a URL.
+        If the URL is not that of a viewer.
     ViewerError
-        If nothing listens.
+        If no viewer listens at the URL.
     """
     from urllib.parse import urlsplit
 

@@ -1,8 +1,8 @@
-"""Finds the last complete step of an unfinished recording, which may break off within a step.
+"""Finds the last complete step of an unfinished recording, which may end within a step.
 
-Rows are written in groups. Within a group each body's series come before the states of bases, and
-these before the frames; calls come before all of them, and what a call refers to before the call.
-So a simulation is whole up to the end of the last group that has all of its parts.
+Rows are written in groups. The order within a group is: calls, preceded by the call sites that they
+refer to, then the series of each body, the states of bases, and the replay frames. A simulation is
+therefore complete up to the end of the last group that has all of these parts.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from drop_physics.recording.steps import RecordedSteps
 from drop_physics.trace.events import Appearance, Body
 
 NONE, LAST = -1, 2**62
-"""Step numbers that stand for before the first step, and after all steps."""
+"""Step numbers that mean before the first step, and after all steps."""
 BASE = -1
 """Link number of a body's base."""
 
@@ -35,11 +35,11 @@ def last_whole_step(
     Parameters
     ----------
     sampled, steps
-        Its samples, with their sites, and its frames.
+        The recording's samples, and its replay frames.
     appearances
-        When its bodies appeared.
+        The events in which its bodies appeared.
     efforts
-        Whether the engine reports those of joints.
+        Whether the engine reports efforts of joints.
     """
     bodies = {appearance.body.number: appearance.body for appearance in appearances}
     appeared = {appearance.body.number: appearance.at.step for appearance in reversed(appearances)}

@@ -45,8 +45,8 @@ PICTURE_DISTANCE = {"standard": 0.225, "close": 0.6, "follow": 0.6}
 """Distance of a camera's image from the camera in the view, as a share of the target's distance."""
 
 ROOM_BYTES = 1 << 25
-"""Free disk space needed besides twice the recording's size, as it is finished as a copy, and data
-still in memory is less than what was written, or than this [bytes]."""
+"""Free disk space needed [bytes], in addition to the size of the recording written so far:
+finishing makes a copy, and data in memory are smaller than the file or than this."""
 
 Value = float | int | str | bool | Sequence[float]
 _SAVING = threading.Lock()
@@ -74,25 +74,27 @@ def record(
     path
         The recording to write.
     chunks
-        What goes into it, in this order; requested one by one.
+        The chunks in order, requested one by one.
     recording_id
-        Files of one id open as one recording.
+        The recording's id; the viewer shows files with the same id as one recording.
     blueprint
-        The viewer's layout, or a function called for it after the chunks; None leaves it out.
+        The viewer's layout, or a function that returns it after the last chunk; None for no layout.
     on_top
-        Whether the file opens together with a recording whose layout its own replaces.
+        Whether the file will be opened together with a recording, to replace the recording's
+        layout.
     force, ours, salvage, note
-        As for `unfinished`.
+        Passed on to `sealing.unfinished`.
     verified
-        Whether it is read back before it gets its name; else whoever reads it finds the damage.
+        Whether the file is read back before it gets its final name; otherwise, damage is noticed
+        when the file is read later.
     full
-        Called, chunk by chunk, once the disk has little more room than finishing the file takes:
-        the source of the chunks is to end.
+        A function that is called after each chunk once the disk has little more space than
+        finishing the file takes; it should end the source of the chunks.
 
     Raises
     ------
     OutputError
-        As for `unfinished`; if the file fails verification.
+        For the reasons of `unfinished`, or if the verification fails.
     """
     rows: dict[str, int] = {}
     due = rows if verified else None
@@ -156,9 +158,9 @@ def _is_short_of_room(part: Path) -> bool:
 
 @contextmanager
 def strict() -> Iterator[None]:
-    """Make invalid calls of Rerun raise errors, where it would warn and lose data.
+    """Make invalid calls of Rerun raise errors instead of losing data with a warning.
 
-    This context acts on the whole process: recordings in several threads enter it around them.
+    The context affects the whole process: if several threads record, enter it around all of them.
     """
     strict, switch = rr.strict_mode(), os.environ.get("RERUN")
     rr.set_strict_mode(True)
@@ -179,8 +181,8 @@ def strict() -> Iterator[None]:
 def named(chunks: Iterable[Chunk], name: str) -> Iterator[Chunk]:
     """Yield chunks; insert the recording's name and start time after the first.
 
-    Name and start time are where Rerun's own `send_recording_name` and
-    `send_recording_start_time_nanos` put them.
+    Both are stored in the same place as by Rerun's `send_recording_name` and
+    `send_recording_start_time_nanos`.
     """
     info = rr.archetypes.RecordingInfo.columns(name=[name], start_time=[time.time_ns()])
     for number, chunk in enumerate(chunks):
@@ -220,7 +222,7 @@ def lens_chunk(camera: Camera) -> Chunk:
 
 
 def camera_chunk(steps: Int64 | None, timestep_s: float, world_from_camera: Float64) -> Chunk:
-    """Return a chunk of camera poses, shape (n, 4, 4), at the given steps, or of one constant."""
+    """Return a chunk of camera poses, shape (n, 4, 4), at the given steps, or of a static pose."""
     return Chunk.from_columns(
         schema.CAMERA,
         [] if steps is None else times(at(steps, timestep_s)),
@@ -244,7 +246,7 @@ def curve_style_chunk(entity: str, name: str, colour: str, *, width: float = CUR
 
 
 def rgba(colour: str) -> int:
-    """Convert a colour given as `#rrggbb` to Rerun's number, opaque."""
+    """Convert a colour given as `#rrggbb` to Rerun's integer for it, fully opaque."""
     return int(colour.removeprefix("#") + "ff", 16)
 
 
@@ -306,7 +308,7 @@ def series_chunk(entity: str, names: Sequence[str], *, stepped: bool = False) ->
 def calls_chunk(seen: Calls, widths: Int64) -> Chunk:
     """Return a chunk of calls, one row per step: call sites, and all numbers concatenated.
 
-    `widths` has the number of numbers of each call.
+    `widths` contains how many numbers each call has.
     """
     first = np.unique(seen.steps, return_index=True)[1]
     bounds, ends = np.append(first, len(seen.steps)), np.cumsum([0, *widths])
@@ -415,7 +417,10 @@ def _list_column(component: str, values: NDArray[Any], bounds: Int64) -> rr.Comp
 
 
 class _Arrow:
-    """A component of our own type, as Rerun's would have the same type in every entity."""
+    """A component with a type of its own, for each entity.
+
+    Rerun's own types would be the same in every entity.
+    """
 
     def __init__(self, values: pa.Array) -> None:
         self._values = values
@@ -429,8 +434,8 @@ def curve_chunk(
 ) -> Chunk:
     """Return a chunk with a curve's points, float64, from `values` of shape (n,).
 
-    Stretches that are level to within `resolution` keep only their ends, which the viewer connects
-    with a straight line.
+    Of parts that are constant within `resolution`, only the end points are kept, which the viewer
+    connects by a straight line.
     """
     kept = noticed(values.reshape(-1, 1), resolution)
     return scalars_chunk(entity, at(steps[kept], timestep_s), values[kept, None])
@@ -439,7 +444,7 @@ def curve_chunk(
 def noticed(values: Float64, resolution: float) -> Flags:
     """Flag the values at the start and end of changes, and the first and the last value.
 
-    `values` has the shape (n, k), or (m, n, k) for several at the same times.
+    `values` has the shape (n, k), or (m, n, k) for m curves at the same times.
     """
     marks = np.round(values / resolution)
     changes = (marks[..., 1:, :] != marks[..., :-1, :]).any(axis=-1)

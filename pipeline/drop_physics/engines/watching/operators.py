@@ -18,8 +18,8 @@ OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
     ">": lambda held, least: held.clip(min=least) if hasattr(held, "clip") else max(held, least),
     "<": lambda held, most: held.clip(max=most) if hasattr(held, "clip") else min(held, most),
 }
-"""Operators by name, as functions of a quantity's current value and an operand. The last four set
-and clear bits, and apply a lower and an upper bound."""
+"""Operators by name, as functions of a quantity's current value and an operand. The last five set,
+toggle and clear bits, and apply a lower and an upper bound."""
 QUATERNION = 4
 """Length of a quaternion."""
 ROTATED = {"w-first": 1, "w-last": -1}
