@@ -162,9 +162,9 @@ def test_another_text_that_throws_things_out_of_the_scene_takes_it_apart() -> No
         assert tried.change.breaks == breaks
 
 
-def test_a_timestep_with_which_the_run_ends_early_does_not_count() -> None:
+def test_a_timestep_with_which_the_run_simulates_another_time_does_not_count() -> None:
     """The run makes five steps of 0.01 s; with a tenth of the step it simulates as long, or not."""
-    for steps, holds in ((50, True), (5, False)):
+    for steps, holds in ((50, True), (5, False), (500, False)):
         moved = replace(motion(0.5), steps=steps, step_s=0.001)
         runs = Runs(lambda _: 0.5)
         search = Search(

@@ -161,7 +161,7 @@ OPERATORS = {
     "undone": Message("not written"),
     "w-first": Message("with w first in each quaternion"),
     "w-last": Message("with w last in the quaternion"),
-    "each-step": Message("repeated before each step"),
+    "each-step": Message("repeated before each later step"),
     "left-out": Message("left out"),
     "*-1": Message("reversed"),
     "^": Message("switched"),

@@ -31,7 +31,7 @@ class RunMotion:
     """Positions of three points of each body [m], shape (states, bodies, 9); nan where a body does
     not exist."""
     step_s: float
-    """Mean timestep [s]; 0 if the clock never went on."""
+    """Mean timestep [s]; 0 if the clock never went on, or began again."""
 
     @property
     def duration_s(self) -> float:
@@ -40,7 +40,7 @@ class RunMotion:
 
     @property
     def interval_s(self) -> float:
-        """Time between samples [s], in steps if the clock never went on."""
+        """Time between samples [s], in steps if the timestep is unknown."""
         return self.stride * (self.step_s or 1.0)
 
 

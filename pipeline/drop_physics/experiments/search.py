@@ -39,8 +39,9 @@ NARROWED = 3
 THROWN = 5.0
 """A change of the text that moves a body farther off than this many times the size of the scene
 counts as throwing it away, which destroys the scene."""
-LASTS = 0.99
-"""Share of the unchanged run's time that a run with another timestep must simulate."""
+LASTS = 0.01
+"""Largest relative difference of the simulated time if a change sets the timestep; beyond it, the
+change is one of what is measured."""
 MOST_MOVERS = 12
 """Most kinds of changes that only move the quantity, and are tried element by element."""
 MOST_PEAKS = 4
@@ -227,12 +228,12 @@ class Search:
         near = [each for each in near if each.outcome.margin > self.base.margin]
         return sorted(near, key=lambda each: -each.outcome.margin)
 
-    def _ends_early(self, outcome: ChangeOutcome) -> bool:
-        """Return whether a run simulates less time than the unchanged one."""
+    def _lasts_as_long(self, outcome: ChangeOutcome) -> bool:
+        """Return whether a run simulates as much time as the unchanged one."""
         own_s, its_s = (
             sum(each.duration_s for each in motion) for motion in (self.base.motion, outcome.motion)
         )
-        return its_s < LASTS * own_s
+        return math.isclose(its_s, own_s, rel_tol=LASTS)
 
     @property
     def _size_m(self) -> float:
@@ -249,7 +250,7 @@ class Search:
             number = queue.number(change)
             if change.engine == SOURCE:
                 # Another number is told, or sooner.
-                if is_still(far_m) or (paces(change) and self._ends_early(outcome)):
+                if is_still(far_m) or (paces(change) and not self._lasts_as_long(outcome)):
                     outcome = replace(outcome, holds=False)
                 apart = max(far_m.values(), default=0.0) > THROWN * self._size_m
                 change = replace(change, breaks=change.breaks or apart)

@@ -250,9 +250,9 @@ class ObservedSeries:
         }
 
     def _step_s(self) -> float:
-        """Return the mean timestep [s]: an episode begins its clock again."""
-        passed = [now - then for then, now in zip(self._times, self._times[1:]) if now > then]
-        return sum(passed) / len(passed) if passed else 0.0
+        """Return the mean timestep [s]; 0 if the clock began again, as for a new episode."""
+        passed = [now - then for then, now in zip(self._times, self._times[1:])]
+        return sum(passed) / len(passed) if passed and min(passed) >= 0 else 0.0
 
     def _find(self) -> None:
         for key in [*self._waiting]:
