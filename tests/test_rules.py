@@ -17,13 +17,13 @@ from types import ModuleType
 import pytest
 from drop_physics.messages import Message
 from drop_physics.rules import every, rows, rule
-from drop_physics.rules.answer import TABLES, Scene
+from drop_physics.rules.answer import SCENE_TABLES, Scene
 from drop_physics.rules.by_name import parameters
 from drop_physics.rules.rows import Case, Remedy, Worst
 from drop_physics.rules.rule import Rule, RunsOfBodies
 
 ROOMS = "drop_physics.rules", "drop_physics.account"
-MECHANISM = {"runs", "noted", "worst", "call", "why", *TABLES}
+MECHANISM = {"runs", "noted", "worst", "call", "why", *SCENE_TABLES}
 """Names that are no numbers of a case."""
 
 
@@ -87,8 +87,8 @@ def test_each_table_of_a_rule_is_declared_as_in_the_scene(one: Rule) -> None:
     told = [(one.matches, parameters(one.matches)[own:]), (one.noting, parameters(one.noting))]
     types, noted = Scene.__annotations__, given(sys.modules[one.matches.__module__])
     for function, names in told:
-        for name in {*names} & TABLES:
+        for name in {*names} & SCENE_TABLES:
             declared_as = function.__annotations__[name]
             assert declared_as == types[name] or (function is one.noting and name in noted)
     if own:
-        assert {*parameters(one.matches)[own:]} <= TABLES
+        assert {*parameters(one.matches)[own:]} <= SCENE_TABLES

@@ -222,7 +222,7 @@ class Scene:
     def read_by(self, function: Callable[..., object], first: int = 0) -> dict[str, Any]:
         """Return the tables that a function's parameters name, from the `first` parameter on."""
         names = parameters(function)[first:]
-        return {name: getattr(self, name) for name in names if name in TABLES}
+        return {name: getattr(self, name) for name in names if name in SCENE_TABLES}
 
     def only_site(self, act: Act) -> str | None:
         """Return the script line of all calls of one kind; None if there are several lines."""
@@ -230,7 +230,7 @@ class Scene:
         return places.pop() if len(places) == 1 else None
 
 
-TABLES = {each.name for each in fields(Scene) if not each.name.startswith("_")}
+SCENE_TABLES = {each.name for each in fields(Scene) if not each.name.startswith("_")}
 """The names of the tables of a scene."""
 
 

@@ -14,7 +14,7 @@ from drop_physics.explain.targets import HeldTargets
 from drop_physics.messages import Message
 from drop_physics.quantities import effort
 from drop_physics.rules.answer import Cure, Level
-from drop_physics.rules.joint import aimed, units_of
+from drop_physics.rules.joint import SPARE, aimed, units_of
 from drop_physics.trace.history import Seen
 from drop_physics.trace.motors import POSITION
 
@@ -41,8 +41,6 @@ Kind = Literal[
     "moving at its limit",
 ]
 """Kinds of causes; of a body's missed targets with causes of one kind, the worst is reported."""
-SPARE = 1.3
-"""Safety factor of a recommended motor limit over the required torque."""
 
 
 @dataclass(frozen=True)

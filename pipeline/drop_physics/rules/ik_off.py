@@ -29,7 +29,7 @@ def ik_off(bodies: BodyColumns, inputs: Inputs) -> Match | None:
     """`calculateInverseKinematics` stops after 20 iterations, converged or not."""
     keys, found = [], []
     for driven in bodies.driven:
-        inputs, joints = inputs, driven.body.joints
+        joints = driven.body.joints
         # An answer has no number for a fixed joint: what is sent to one is another's.
         shifted = any(not joints[each].widths[1] for each in inputs.commanded[driven.body.number])
         sent = [] if shifted else inputs.ik.latest.get(driven.body.number, [])

@@ -10,12 +10,14 @@ from drop_physics.arrays import Float64
 from drop_physics.explain.joints import JointTelemetry, target_of
 from drop_physics.explain.needs import PoseSupport
 from drop_physics.messages import Message
-from drop_physics.rules.thresholds import IN_DEGREES_RAD
+from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD, IN_DEGREES_RAD
 from drop_physics.trace.events import Actuator, Body, Joint
 from drop_physics.trace.history import Seen
 
-OFF = {"rad": 1e-2, "m": 1e-3}
-"""Distance below which a joint is at its target."""
+AT_TARGET = {"rad": AT_TARGET_RAD, "m": AT_TARGET_M}
+"""Distance below which a joint is at its target, by unit."""
+SPARE = 1.3
+"""Safety factor of a recommended force limit over the required force."""
 
 
 def link_of(body: Body, k: int) -> int:

@@ -30,7 +30,7 @@ from typing import Any
 from drop_physics.account.rows import AccountRow
 from drop_physics.messages import Message
 from drop_physics.quantities import KINDS, Written
-from drop_physics.rules.answer import TABLES, Cure, Effect, Level, Scene, Span, so_many
+from drop_physics.rules.answer import SCENE_TABLES, Cure, Effect, Level, Scene, Span, so_many
 from drop_physics.rules.arguments import site_of
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import engine_of
@@ -114,7 +114,7 @@ class Case:
     def __getitem__(self, name: str) -> Any:  # noqa: ANN401 - whatever the rule noted
         if name in self.values:
             return self.values[name]
-        return getattr(self.scene if name in TABLES else self, name)
+        return getattr(self.scene if name in SCENE_TABLES else self, name)
 
     @staticmethod
     def of_row(row: AccountRow) -> Case:

@@ -16,7 +16,15 @@ from drop_physics.explain.causes import TENDON_LIMIT
 from drop_physics.messages import Message
 from drop_physics.rules.body_properties import size_m
 from drop_physics.rules.engines import MUJOCOS
-from drop_physics.rules.joint import OFF, RADIANS, actuators_on, as_degrees, is_degrees, link_of
+from drop_physics.rules.joint import (
+    AT_TARGET,
+    RADIANS,
+    SPARE,
+    actuators_on,
+    as_degrees,
+    is_degrees,
+    link_of,
+)
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import row_rule
 from drop_physics.rules.thresholds import (
@@ -34,8 +42,6 @@ CLAMPED, RUBS, DAMPS = "joint force range", "friction loss", "joint damping"
 """The terms by which a joint's own force range, its dry friction and its damping act."""
 HELD, MOST = ("contact", "constraint"), 0.5
 """What may hold a joint on purpose; MOST: share of its force that is most of it."""
-SPARE = 1.3
-"""Safety factor of a recommended actuator limit over the required force."""
 
 
 @row_rule("off-target", "asked", engines=MUJOCOS)
@@ -65,7 +71,7 @@ def _(
     assert servo is not None
     holder = balance.holder
     gap, goal, own, needs = balance.gap, balance.goal, balance.force(DRIVE), balance.needs
-    near, back = OFF[unit], balance.force("spring")
+    near, back = AT_TARGET[unit], balance.force("spring")
     # Controls that are never written are 0, too: nobody may have asked for that.
     level = None if actuators.sends(subject) else "model"
     if by in HELD or (by == "spring" and abs(gap) < SAGS * near):
@@ -117,7 +123,7 @@ def _(
 def _holds(body: Body, balance: JointBalance, unit: str) -> str | None:
     """Return what holds a joint off its target; None if it is not sure."""
     servo, own = _servo(body, balance), balance.force(DRIVE)
-    if servo is None or not balance.forces or not abs(balance.gap) > OFF[unit]:
+    if servo is None or not balance.forces or not abs(balance.gap) > AT_TARGET[unit]:
         return None
     least = OWN_SHARE * abs(own)
     short = balance.at_limit and (balance.needs is None or balance.too_weak)

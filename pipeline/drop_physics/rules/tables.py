@@ -20,8 +20,7 @@ from drop_physics.physics.kinematics import kinematics
 from drop_physics.rules.answer import Scene
 from drop_physics.rules.chunk import Chunk, Column
 from drop_physics.rules.earlier import EarlierRows
-from drop_physics.rules.joint import units_of
-from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD
+from drop_physics.rules.joint import AT_TARGET, units_of
 from drop_physics.trace.events import Joint
 from drop_physics.trace.motors import POSITION
 
@@ -114,8 +113,7 @@ class JointColumns:
         self.motor = (self.asked.force > 0) & ~pd
         """Whether a call enabled a motor that may exert force."""
         self.position_motor = (self.asked.mode == POSITION) & (self.asked.impulse > 0) & ~pd
-        units = [units_of(driven, k)[0] for k in range(shape[1])]
-        self.at_target = np.array([AT_TARGET_M if unit == "m" else AT_TARGET_RAD for unit in units])
+        self.at_target = np.array([AT_TARGET[units_of(driven, k)[0]] for k in range(shape[1])])
         """Gap below which each joint counts as at its target, shape (joint_rates,)."""
 
     def setting(self, name: str, default: float) -> float:

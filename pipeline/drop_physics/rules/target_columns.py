@@ -13,8 +13,8 @@ from drop_physics.arrays import Flags, Float64
 from drop_physics.explain.joints import DrivenJoints, JointTelemetry
 from drop_physics.explain.targets import HeldTargets, Targets
 from drop_physics.rules.body_properties import size_m
-from drop_physics.rules.joint import holds_off, units_of
-from drop_physics.rules.thresholds import AT_TARGET_M, AT_TARGET_RAD, HALF_THE_STEPS
+from drop_physics.rules.joint import AT_TARGET, holds_off, units_of
+from drop_physics.rules.thresholds import HALF_THE_STEPS
 from drop_physics.trace.history import Seen
 
 
@@ -75,7 +75,7 @@ class TargetColumns:
         """Whether the target belongs to earlier steps, and has already been judged with them."""
         self.off = np.abs(stood.gap)
         unit, _ = units_of(driven, stood.k)
-        self.least = AT_TARGET_M if unit == "m" else AT_TARGET_RAD
+        self.least = AT_TARGET[unit]
         """Gap below which the joint counts as at its target."""
         self.kd = driven.asked.kd[stood.row, stood.k]
         self.at_rest = driven.resting[stood.row, stood.k]
