@@ -27,7 +27,7 @@ from drop_physics.rules.answer import Scene
 from drop_physics.trace.events import Body, order
 
 KEPT = ("set", "integrator", "remainder")
-"""Causes that are listed even if they changed nothing."""
+"""Causes that are listed even if they caused no change."""
 
 
 class BodyStory:
@@ -36,11 +36,12 @@ class BodyStory:
     Parameters
     ----------
     scene
-        All that is known besides the chunks.
+        Data of the whole run, beyond single chunks.
     body
-        The body.
+        The analysed body.
     at_s
-        Times [s] at which flights are broken down besides at their ends.
+        Times [s] at which the errors of flights are broken down, in addition to the end of each
+        flight.
     sums_at_s
         Times [s] whose steps are reported as sums.
     """
@@ -69,7 +70,7 @@ class BodyStory:
         *,
         detailed: bool,
     ) -> SampleRows:
-        """Add a chunk, with its runs in contact; return a table row for each of its samples."""
+        """Add a chunk with its runs of contact steps; return a table row for each sample."""
         # A flight's theory is the law of an engine that reports no sum of its own.
         errors_m = {} if self._is_replayed else self._flights.add(judged)
         self._phases.add(touched)
@@ -136,7 +137,7 @@ class BodyStory:
         return counts
 
     def _there(self, last: int) -> int:
-        """Return how many samples a body existed that has no samples of its own."""
+        """Return for how many samples a body existed, if it has no samples of its own."""
         there = 0
         mine = [
             appearance

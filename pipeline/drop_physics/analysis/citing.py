@@ -1,4 +1,4 @@
-"""Finds the account rows that say the same as a finding, and lets the finding cite them."""
+"""Finds the account row with the same content as a finding, so that the finding can cite it."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from drop_physics.account.rows import AccountRow
 from drop_physics.rules.answer import Finding
 
 SAME, ALIKE = 0.02, 2.0
-"""Tolerances for matching a finding's number with a row's: SAME as a relative difference; for the
-same joint or pair, where a row uses its worst moment and a finding the mean, ALIKE as a factor."""
+"""Tolerances for matching a finding's number with a row's: SAME as a relative difference; ALIKE as
+a factor, for the same joint or pair of bodies, since a row states its worst moment and a finding
+the mean."""
 
 
 def citing(findings: Iterable[Finding], account: Sequence[AccountRow]) -> Iterator[Finding]:
-    """Yield findings, each with the account row that says the same."""
+    """Yield findings, each with the matching account row, if there is one."""
     for finding in findings:
         rows = [row for row in account if _tells(row, finding)]
         rows.sort(key=lambda row: row.who in (row.body, ""))  # of a joint or a pair first
@@ -22,7 +23,7 @@ def citing(findings: Iterable[Finding], account: Sequence[AccountRow]) -> Iterat
 
 
 def _tells(row: AccountRow, finding: Finding) -> bool:
-    """Return whether a row of the account says the same as a finding."""
+    """Return whether an account row has the same content as a finding."""
     effect = finding.effect
     if effect is None or finding.body is None or finding.body not in (row.body, row.other):
         return False

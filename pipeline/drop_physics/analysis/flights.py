@@ -34,7 +34,7 @@ class _OpenFlight:
     samples: int = 0
     """The number of the flight's samples, without an initial state that a call set."""
     asked: dict[int, tuple[Float64, bool]] = field(default_factory=dict)
-    """Position at the requested steps, and whether a velocity was clamped by then."""
+    """Position at each requested step [m], and whether a velocity was clamped until then."""
 
 
 class Flights:
@@ -124,7 +124,7 @@ class Flights:
 
 
 def _breaks(steps: Steps) -> Flags:
-    """Flag the steps that start anew: from a state that a call set, or under another law."""
+    """Flag the steps that begin a new flight: after a call set the state, or under another law."""
     reported = steps.reported
     breaks = steps.put.copy()
     breaks[1:] |= (np.diff(steps.steps) != 1) | (np.diff(reported.timestep_s) != 0)
@@ -133,7 +133,7 @@ def _breaks(steps: Steps) -> Flags:
 
 
 def _runs(held: Flags, breaks: Flags) -> list[tuple[int, int]]:
-    """Return first row and end of each run of true values; a break starts a new run."""
+    """Return first row and end (exclusive) of each run of true values; a break starts a new run."""
     before = np.concatenate(([False], held[:-1]))
     after = np.concatenate((held[1:], [False]))
     ends = np.concatenate((breaks[1:], [True]))

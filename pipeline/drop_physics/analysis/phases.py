@@ -29,13 +29,13 @@ class ContactRun:
     largest_force_n: float = 0.0
     energy_j: float = 0.0
     most_given_j: float = 0.0
-    """The maximum energy that contact gave in one step, and the first such step."""
+    """The largest energy that contact gave in one step [J], and the first step in which it did."""
     most_given_step: int | None = None
     by: dict[tuple[int, int], tuple[Float64, float]] = field(default_factory=dict)
-    """Impulse and energy given by each link of each other body."""
+    """Impulse [N s] and energy [J] given by other bodies, by body id and link."""
 
     def add(self, run: ContactRun) -> None:
-        """Add the steps that follow."""
+        """Append a run that directly follows this one."""
         self.last_step = run.last_step
         self.impulse_n_s = self.impulse_n_s + run.impulse_n_s
         self.largest_force_n = max(self.largest_force_n, run.largest_force_n)
@@ -106,7 +106,7 @@ def _runs(batch: StepBatch, verdict: StepVerdicts) -> Iterator[tuple[int, Contac
 def _by_other(
     run: Int64, sides: Sides, impulses: Float64, point_j: Float64
 ) -> dict[int, dict[tuple[int, int], tuple[Float64, float]]]:
-    """Return impulse and energy given by each link of each other body, for each run."""
+    """Return impulse [N s] and energy [J] given by each link of other bodies, for each run."""
     found: dict[int, dict[tuple[int, int], tuple[Float64, float]]] = {}
     if not len(run):
         return found

@@ -30,7 +30,7 @@ JSON_NAMES = {"other": "with"}
 REPORT = "drop_physics.report.analysis"
 """Name of the module that reports an analysis."""
 HIDDEN = ("rows", "table", "by_body", "contact_j", "curves", "sources")
-"""Fields that are not written to JSON."""
+"""Names of fields that are not written to JSON."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,8 @@ class FlightSample:
     error_m: Vector
     """Simulated minus free-fall position."""
     terms_m: VectorTerms | None
-    """Terms of the error; None under the same conditions as for the flight."""
+    """Terms of the error; None if a velocity was clamped to the engine's limit, or gravity is not
+    along z."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ class BodyFlight:
     """Consecutive samples in which a body touches nothing and follows the law of free flight."""
 
     first_step: int
-    """The step at which the flight starts: from a sample, or from a state that a call then set."""
+    """The step at which the flight starts, from a sample or from a state that a call set after it.
+    """
     last_step: int
     """The last sample predicted by the law of flight."""
     start_s: float
@@ -60,7 +62,7 @@ class BodyFlight:
     end_s: float
     """Time of the last step."""
     error_m: Vector
-    """Simulated minus free-fall position at the last sample, computed from the state at
+    """Simulated minus free-fall position at the last sample [m]; free fall starts from the state at
     the first."""
     terms_m: VectorTerms | None
     """Terms of the error; None if a velocity was clamped to the engine's limit, or gravity is not
@@ -80,7 +82,7 @@ class Pusher:
     link: int
     """Index of the link; -1 is the base."""
     impulse_n_s: Vector
-    """Sum of the impulses of its forces."""
+    """Sum of the link's contact impulses."""
     energy_j: float
     """Energy that the link gave to the body; negative if it took energy."""
 
@@ -90,9 +92,9 @@ class BodyContact:
     """Consecutive samples after steps in contact."""
 
     first_step: int
-    """The first of these samples."""
+    """Index of the first sample."""
     last_step: int
-    """The last of these samples."""
+    """Index of the last sample."""
     start_s: float
     """Time of the first sample."""
     end_s: float
@@ -104,11 +106,11 @@ class BodyContact:
     energy_j: float
     """Energy that contact gave to the body; negative if it took energy."""
     most_given_j: float
-    """The maximum energy that contact gave in one step; 0 if it only took energy."""
+    """The largest energy that contact gave in one step; 0 if it only took energy."""
     most_given_step: int | None
     """The step in which contact gave most energy."""
     by: list[Pusher]
-    """The links that pushed it."""
+    """The links that pushed the body."""
 
 
 @dataclass(frozen=True)
@@ -118,9 +120,9 @@ class Unexplained:
     reason: str
     """Reason: a feature that the law does not support, or `remainder`."""
     samples: int
-    """Number of these samples."""
+    """Number of unexplained samples."""
     first_step: int
-    """The first of these samples."""
+    """Index of the first unexplained sample."""
     remainder: float | None
     """The largest ratio of the remainder to the largest term of its step; None if the law has no
     sum."""
@@ -157,13 +159,13 @@ class StepSum:
     step: int
     """The sample after the step."""
     time_s: float
-    """Simulated time of that sample."""
+    """Simulated time of the sample after the step."""
     segment: str
     """Segment of the sample."""
     terms: dict[str, list[float]] | None
     """Impulse of each term per degree of freedom [N s, N m s]; None if the law has no sum."""
     remainder: list[float] | None
-    """The part of the change that the terms do not explain."""
+    """The part of the momentum change that the terms do not explain."""
     contact_by: list[Pusher] = field(default_factory=list)
     """The links that pushed the body in this step, with the contact impulse of each."""
 
@@ -173,13 +175,13 @@ class BodyAnalysis:
     """Motion of one body, with the terms that explain it."""
 
     name: str
-    """The file from which it was loaded, or its name."""
+    """Name of the file from which the body was loaded, or the body's own name."""
     label: str
     """Id and name, as in findings and in the recording's entities."""
     id: int
     """Id in the recording: the engine's own id, unless another body had that id before."""
     soft: bool
-    """Whether it is a soft body, whose motion is not recorded, so that it has no samples."""
+    """Whether the body is a soft body, whose motion is not recorded, so that it has no samples."""
     links: list[str]
     """Names of the base and the links."""
     mass_kg: float
@@ -202,7 +204,7 @@ class BodyAnalysis:
     actuators: Sequence[ActuatorRow]
     """Actuators with a control law of their own, if the engine has any."""
     touches: Sequence[Touch]
-    """The bodies that it touched."""
+    """The bodies that this body touched."""
     at: list[StepSum]
     """The steps nearest to the times requested by `--at`."""
 
@@ -222,7 +224,7 @@ class Explained:
     """Time of the first unexplained sample, None if all are explained; for a drop, of the last
     sample before it."""
     why: str | None
-    """Reason why that sample is unexplained."""
+    """Reason why the first unexplained sample is not explained."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -271,7 +273,7 @@ class Analysis(Printable, reported_by=REPORT):
     notes: list[str] = field(default_factory=list)
     """Notes on missing parts of the recording: steps of other processes, for example."""
     lacks: str | None = None
-    """Contents that the recording lacks because of an older schema; None if it lacks none."""
+    """Contents that the recording lacks because of an older schema; None for the current schema."""
 
     @cached_property
     def table(self) -> pl.DataFrame:

@@ -1,4 +1,4 @@
-"""Turns a recording into its analysis: explains every body, and applies every rule."""
+"""Analyzes a recording: explains every body, and applies every rule."""
 
 from __future__ import annotations
 
@@ -41,29 +41,30 @@ class Story:
     Parameters
     ----------
     seen
-        What was observed of its simulations.
+        The recorded data.
     origin
-        The script, and how it ended.
+        The script's properties, and how it ended.
     at_s
-        Times [s] at which flights are broken down besides at their ends.
+        Times [s] at which the errors of flights are broken down, in addition to the end of each
+        flight.
     sums_at_s
         Times [s] whose steps are reported as sums.
     whole
-        Whether the table has all rows of a long recording too, and columns for joints and terms.
+        Whether the table has all rows even of a long recording, and columns for joints and terms.
     episode
-        The episode whose end the account and the tables of joints are of; None for the whole run.
+        The episode whose end the account and the joint tables describe; None for the whole run.
     about
         The body, link or joint whose rows begin the account; None for no preference.
     asked
-        Whether rules are asked what they find.
+        Whether rules are applied.
     other
-        The law of one body in flight, where it is that of another engine.
+        The law of one body in flight, for a drop in another engine than PyBullet.
     call_of
-        Returns a cure as its user would write it, in the words of the engine.
+        A function that returns the code of a cure, as a user of the engine would write it.
     reports
-        Whether a finding is reported, or left out.
+        A function that returns whether a finding is reported.
     also
-        Called with each chunk.
+        A function that is called with each chunk.
     """
 
     def __init__(
@@ -152,7 +153,7 @@ class Story:
         self.scene.forget()
 
     def _is_told(self, piece: Piece) -> bool:
-        """Return whether the account includes a chunk; it includes chunks only as a whole."""
+        """Return whether the account includes a chunk, which it can only do as a whole."""
         if self._window is None:
             return True
         _, first, last = self._window
@@ -194,7 +195,7 @@ class Story:
     def findings(self, *, reported: bool = True) -> list[Finding]:
         """Return the findings of all rules, or the suppressed ones, most severe first.
 
-        After the last chunk.
+        Call this after the last chunk.
         """
         found = ranked(each for each in self._found if self._reports(each) == reported)
         return [*self._placed(told_apart(found, self._seen.bodies.values()))]

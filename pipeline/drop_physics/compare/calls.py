@@ -21,21 +21,21 @@ class OtherCall:
     """The first call that differs from the golden recording's."""
 
     value: Call | None
-    """The call in the checked recording; None if it has no more."""
+    """The call in the checked recording; None if that has no further call."""
     golden: Call | None
-    """The call in the golden recording; None if it has no more."""
+    """The call in the golden recording; None if that has no further call."""
 
 
 class CallComparison:
     """Compares the calls of each simulation, chunk by chunk.
 
-    From which lines they are made does not count, nor how those of several simulations alternate:
-    threads take turns at random.
+    The calling lines are not compared, and neither is the order of calls to different simulations,
+    since threads take turns at random.
 
     Parameters
     ----------
     clients
-        The number in the checked recording of each client of the golden one.
+        The checked recording's id of each client in the golden recording.
     """
 
     def __init__(self, clients: Mapping[int, int]) -> None:
@@ -72,7 +72,7 @@ class CallComparison:
         return min(found, key=_when, default=None)
 
     def _does(self, call: Call) -> tuple[object, ...]:
-        """Return a call without its source line and folders, to compare what it does."""
+        """Return the parts of a call that determine its effect, without source line and folders."""
         if call.site not in self._said:
             self._said[call.site] = call.function, FOLDER.sub("", call.site.form)
         return *self._said[call.site], _comparable(call.numbers), bool(call.raised)

@@ -1,9 +1,9 @@
 """Decides whether two recordings show the same physics, and finds the first difference.
 
-Inputs count until a sample differs: from there on they may be a reaction to the difference, in a
-script that controls by its measurements. Calls are reported, but only their effects count. Motion
-that is not recorded, such as that of soft bodies, is not compared: nothing with such a body is the
-same.
+Inputs are compared until a sample differs: later, a script that controls by its measurements may
+react to the difference. Calls are reported, but only their effects count. Motion that is not
+recorded, such as that of soft bodies, is not compared: recordings with such a body never count as
+the same.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ class Comparison:
     of_drop: bool
     """Whether both recordings are of a drop."""
     differences: list[Difference]
-    """Settings of a drop, or inputs of a script that differed before any sample did: bodies, the
-    engine's settings, masses … For a script, they alone do not count as a difference."""
+    """Settings of a drop, or inputs of a script that differed before any sample did: bodies, engine
+    settings, masses … For a script, differences of inputs alone do not count as a difference."""
     first: Difference | None
     """The first difference of a sample, or the first body that only one recording has; None if
     there is none, or nothing was compared."""
     call_before: Call | None
     """The last call before the first difference."""
     other_call: OtherCall | None
-    """The first call that differs from the golden recording's; None if none does. It alone is no
-    difference in physics."""
+    """The first call that differs from the golden recording's; None if none does. A different call
+    alone is no difference in physics."""
     largest: list[Largest]
     """The largest difference of each body and quantity, if there is any."""
     largest_difference_m: float | None
@@ -61,14 +61,15 @@ class Comparison:
     part_at: int | None
     """The first step with a state that is not equal bit for bit."""
     not_compared: list[str]
-    """Bodies whose motion is not recorded, or not that of all links: soft bodies, and links that
-    PyBullet does not report. If nothing else differs, the recordings are then neither the same nor
-    different. Also bodies that only one of the two has, or that have other joints there."""
+    """Bodies that are not compared, so that the recordings cannot count as the same: soft bodies,
+    bodies with links that PyBullet does not report, and bodies that only one recording has, or that
+    have other joints in the other one."""
     script: list[Setting]
     """Differences of the script: name, digest of the text, arguments, seed. Not a difference in
     physics."""
     versions: list[Setting]
-    """Versions of the software that made them, if they differ: not a difference in physics."""
+    """Versions of the software with which the recordings were made, if they differ: not a
+    difference in physics."""
     unseeded: list[str]
     """Calls that drew unseeded random numbers in either recording."""
     real_time: bool
@@ -78,7 +79,7 @@ class Comparison:
 
     @property
     def same(self) -> bool:
-        """True if both show the same physics; False if nothing could be compared."""
+        """True if both recordings show the same physics; False if nothing could be compared."""
         alike = self.first is None and not self.not_compared
         alike &= not (self.of_drop and self.differences)
         return alike and self.largest_difference_m is not None
@@ -90,9 +91,9 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
     Parameters
     ----------
     run, golden
-        The two, both of a drop or both of a script.
+        The two recordings, both of a drop or both of a script.
     tolerance_m
-        Allowed difference of positions [m]; 0 means bit for bit, but for a drop in contact.
+        Allowed difference of positions [m]; 0 requires equal bits, except for a drop in contact.
     """
     pairs = pairing(run.seen, golden.seen)
     if run.drop is not None and golden.drop is not None:
@@ -146,7 +147,7 @@ def compare(run: Side, golden: Side, *, tolerance_m: float = 0.0) -> Comparison:
 
 
 def _pieces(run: Seen, golden: Seen) -> Iterator[tuple[Piece, Piece]]:
-    """Yield the samples of both recordings for the same steps."""
+    """Yield chunks of both recordings for the same steps."""
     sides, steps = (run.sampled, golden.sampled), min(run.piece_steps(), golden.piece_steps())
     for first in range(
         min(side.first for side in sides), max(side.last for side in sides) + 1, steps

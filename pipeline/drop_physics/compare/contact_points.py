@@ -19,23 +19,23 @@ COLUMNS = [
     *(column for name in MEASURED for column in CONTACT_COLUMNS.get(name, (name,))),
     *(f"friction_{axis}_n" for axis in "xyz"),
 ]
-"""The compared quantities of a contact point: friction is summed up to one force, since a small sum
-may have large parts."""
+"""The compared quantities of a contact point. Both friction forces are added to one, since a small
+sum may have large parts."""
 
 
 def first_contact(
     run: Seen, pairs: Pairing, mine: Rows, golden: Rows, allowed: Mapping[str, float]
 ) -> Dated | None:
-    """Return the first contact point that differs by more than allowed, or is in only one run.
+    """Return the first contact point that differs by more than allowed, or that one run lacks.
 
     Parameters
     ----------
     run, pairs
-        The checked simulation, and which bodies correspond.
+        The checked recording, and the bodies that correspond.
     mine, golden
-        The contact points of the same steps, with the same numbers of bodies.
+        The contact points of both recordings in the same steps, with the same body ids.
     allowed
-        Allowed difference in each column; 0 in the others.
+        Allowed difference by column; 0 for columns that are not listed.
     """
     if mine.tobytes() == golden.tobytes():
         return None
@@ -68,7 +68,7 @@ def first_contact(
 
 
 def _numbers(points: Rows) -> Float64:
-    """Return the numbers of contact points that are compared, shape (k, numbers)."""
+    """Return the compared numbers of contact points, shape (k, numbers)."""
     friction = sum(
         points[f"friction_{k}_n"][:, None] * points[f"friction_{k}_direction"] for k in (1, 2)
     )
@@ -85,7 +85,7 @@ def _by_client(run: Seen, points: Rows) -> Rows:
 
 
 def _part(run: Seen, pairs: Pairing, point: np.void) -> tuple[str | None, int | None]:
-    """Return label and link of a touching body; PyBullet hides those of btRigidBodies."""
+    """Return label and link of a touching body; a btRigidBody's links are unknown."""
     for side in "ab":
         number, link = int(point[f"body_{side}"]), int(point[f"link_{side}"])
         if number in run.bodies:

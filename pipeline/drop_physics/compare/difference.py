@@ -14,7 +14,7 @@ from drop_physics.scenario import Scenario
 from drop_physics.trace.history import Seen
 
 Value = Any
-"""A number, a text, a flag or a vector; None if it does not exist."""
+"""A number, a text, a flag or a vector; None if a recording lacks the value."""
 
 
 class DropInputs(NamedTuple):
@@ -55,11 +55,12 @@ class Difference:
     """A value that differs from the golden recording, or that the golden recording lacks."""
 
     step: int | None
-    """Number of steps of the simulation before it; None for a setting of a whole drop."""
+    """Number of the simulation's steps before the difference; None for a setting of a whole drop.
+    """
     body: str | None
-    """Label of the body; None if it belongs to no body."""
+    """Label of the body; None for a value that belongs to no body."""
     link: int | None
-    """Link of the body, -1 is its base; None if it belongs to no link."""
+    """Link of the body, -1 is the base; None for a value that belongs to no link."""
     column: str
     """Name of the differing number: a column of the state, of joints, such as `joint_effort`, or of
     a contact point, such as `contact_distance_m`; `contact_points` is the number of contact points.
@@ -69,11 +70,11 @@ class Difference:
     is an image. For a drop's settings, the name in its scenario, with the prefix `engine.` where
     the engine's value differs and the scenario's does not."""
     value: Value = None
-    """The value in the checked recording; None if there is none."""
+    """The value in the checked recording; None if that lacks it."""
     golden: Value = None
-    """The value in the golden recording; None if there is none."""
+    """The value in the golden recording; None if that lacks it."""
     time_s: float | None = None
-    """Simulated time of the step; None if it has none."""
+    """Simulated time of the step [s]; None for a value without a step."""
     part: str | None = None
     """Name of the link, or of its joint if the column belongs to a joint."""
     unit: str = ""
@@ -81,7 +82,7 @@ class Difference:
 
     @property
     def difference(self) -> float | None:
-        """The value minus the golden value; None if they are not numbers."""
+        """The value minus the golden value; None if either is not a number."""
         if all(type(each) in (int, float) for each in (self.value, self.golden)):
             return float(self.value - self.golden)
         return None
@@ -109,21 +110,21 @@ class Largest:
 
 
 class When(NamedTuple):
-    """When a difference occurs; moments can be compared."""
+    """The moment of a difference; moments can be compared."""
 
     step: int
     phase: int
-    """Order within a step: `LED` (a sample that a step led to) comes before `INPUT` (the inputs
-    given then) and `FIRST` (a first sample, after the inputs that led to it)."""
+    """Order within a step: `LED`, a sample after a step, comes before `INPUT`, the inputs given
+    then, and before `FIRST`, a body's first sample, which follows from these inputs."""
     call: int = 0
-    """Number of calls that the script had made."""
+    """Number of calls that the script had made before."""
 
 
 LED, INPUT, FIRST = range(3)
 
 
 class Dated(NamedTuple):
-    """A difference, with its simulation and time."""
+    """A difference, with its simulation and its moment."""
 
     when: When
     client: int
@@ -142,7 +143,7 @@ def differs(value: Value, other: Value) -> bool:
 
 
 def off(mine: Float64, golden: Float64, allowed: Float64 | float = 0.0) -> Flags:
-    """Flag the numbers that differ by more than allowed; nan equals nan."""
+    """Flag the numbers that differ by more than allowed; nan and nan count as equal."""
     with np.errstate(invalid="ignore"):  # of infinite numbers
         near = np.abs(mine - golden) <= allowed
     differ: Flags = ~((mine == golden) | near | (np.isnan(mine) & np.isnan(golden)))

@@ -25,20 +25,20 @@ from drop_physics.trace.history import Seen
 
 FOLLOWS = ("number", "label", "name", "engine_id", "client", "bounds_m", "asked")
 """Fields that are not compared: names and ids of bodies, which depend on the machine and on earlier
-bodies; bounding boxes, which follow from poses; and what a body's file requests, of which only the
-result in the engine counts."""
+bodies; bounding boxes, which follow from poses; and properties in a body's file, of which only the
+engine's result counts."""
 MADE_WITH = "made_with_"
 DID = ("unseeded", "real_time")
-"""Recorded facts with the prefix of versions that describe the script's behaviour instead."""
+"""Properties that have the prefix of software versions, but describe the script's behaviour."""
 OF_SCRIPT = ("script", "script_sha256", "arguments", "seed")
 
 OF_VERSION = ("engine", "dynamics")
-"""Entities whose values are compared only as far as both engines report them."""
+"""Entities of which only values that both engines report are compared."""
 SET = "set_"
-"""Prefix of the names of settings that a call set."""
+"""Prefix of the names of settings that were set by calls."""
 
 Column = tuple[int | None, str]
-"""A value's link, and its name."""
+"""Link and name of a value."""
 Values = dict[Column, Value]
 Key = tuple[str, int, int]
 """Entity, simulation and body id (-1 for none), as in the checked recording."""
@@ -71,7 +71,7 @@ def _keep_shared(
     mine: Mapping[Key, Mapping[int, tuple[int, Values]]],
     theirs: Mapping[Key, Mapping[int, tuple[int, Values]]],
 ) -> None:
-    """Remove values that one of the two engines, or versions, never reports."""
+    """Remove values that one of the two engines, or engine versions, never reports."""
     sides = (
         [
             values
@@ -93,7 +93,7 @@ def _keep_shared(
 
 
 def _reported(name: str) -> str | None:
-    """Return the name of a value reported by the engine; None for one that a call set."""
+    """Return the name of a value that the engine reports; None for values set by calls."""
     return None if name.startswith(SET) else name.partition(".")[0]
 
 
@@ -191,7 +191,7 @@ def script_settings(run: Side, golden: Side) -> Iterator[Setting]:
 
 
 def script_versions(run: Side, golden: Side) -> Iterator[Setting]:
-    """Yield the software versions that differ between two recordings, where both have one."""
+    """Yield the software versions that differ between two recordings, if both state one."""
     mine, theirs = (_made_with(side) for side in (run, golden))
     for name, value in mine.items():
         other = theirs.get(name)

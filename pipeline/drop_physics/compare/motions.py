@@ -13,7 +13,7 @@ from drop_physics.trace.states import Joints, Rows, by_body, motion_of
 
 @dataclass(frozen=True)
 class BodySamples:
-    """A body's samples: of its base if it can move, and of its joints if it has any."""
+    """A body's samples, of the base if it can move, and of the joints if there are any."""
 
     steps: Int64
     base: Rows | None
@@ -56,7 +56,7 @@ def motions(bases: Rows, joints: Mapping[int, Joints]) -> dict[int, BodySamples]
 def together(
     mine: BodySamples, theirs: BodySamples, *, finer: int = 1
 ) -> tuple[BodySamples, BodySamples]:
-    """Return the samples at common times; the second run has `finer` steps for one of the first."""
+    """Return the samples at common times, if the second run makes `finer` steps for each step."""
     due = mine.steps * finer
     if np.array_equal(due, theirs.steps):
         return mine, theirs

@@ -20,17 +20,18 @@ BASE = ("m",) * 3 + ("rad",) * 4 + ("m/s",) * 3 + ("rad/s",) * 3
 
 @dataclass(frozen=True, eq=False)
 class PairedBody:
-    """A body that both runs have, with its numbers: 13 for the base, then those of its joints."""
+    """A body that both runs have, with its numbers: 13 for the base, then those of the joints."""
 
     name: str
     a: Float64
-    """Values by sample, shape (n + 1, k); nan where missing."""
+    """The first run's values at each sample, shape (n + 1, k); nan where missing."""
     b: Float64
     units: Sequence[str]
     labels: Sequence[str]
-    """The body or joint that each number belongs to."""
+    """The body or joint to which each number belongs."""
     places: Sequence[int]
-    """Index of each number among those of the base and of all joints, positions and velocities."""
+    """Index of each number in the full list of a body's numbers: base, joint positions, joint
+    velocities."""
 
 
 def paired_bodies(

@@ -1,8 +1,7 @@
 """Matches the simulations and bodies of two recordings.
 
-Numbers say nothing about contents: an earlier connection, even an unused one, shifts those of
-clients; and bodies are numbered in the order of their appearance, which depends on how threads take
-turns.
+Ids cannot be used for this: client ids are shifted by any earlier connection, even an unused one,
+and bodies are numbered in the order of their appearance, which depends on how threads take turns.
 """
 
 from __future__ import annotations
@@ -24,11 +23,12 @@ class Pairing:
 
     clients: Mapping[int, int]
     """Simulation ids in the checked recording, by golden id; simulations that only the golden
-    recording has get unused ids."""
+    recording has are given unused ids."""
     bodies: Mapping[int, Body]
-    """The golden recording's bodies, by their id in the checked recording, or by an unused id."""
+    """The golden recording's bodies, by their id in the checked recording; by an unused id if that
+    lacks the body."""
     common: Mapping[int, Body]
-    """The checked recording's bodies that both have, by id."""
+    """The checked recording's bodies that both recordings have, by id."""
 
     @cached_property
     def numbers(self) -> dict[int, int]:
@@ -53,8 +53,8 @@ class Pairing:
 def pairing(run: Seen, golden: Seen) -> Pairing:
     """Match the simulations and bodies of two recordings.
 
-    Simulations correspond in the order of their connections, without unused ones; in two such
-    simulations bodies of the same name correspond, in the order of their appearance.
+    Simulations are matched in the order of their connections, ignoring unused ones; within two
+    matched simulations, bodies of the same name are matched in the order of their appearance.
     """
     clients = _clients(run, golden)
     mine = _named(run, {client: client for client in _used(run)})

@@ -44,23 +44,26 @@ class SampleComparison:
     Parameters
     ----------
     run, golden
-        The two.
+        The checked and the golden recording.
     pairs
-        Which bodies correspond.
+        The simulations and bodies that correspond.
     tolerance
-        By how much they may differ.
+        The allowed differences.
     """
 
     def __init__(self, run: Seen, golden: Seen, pairs: Pairing, tolerance: Tolerance) -> None:
         self.first: Dated | None = None
-        """The first number that differs by more than allowed, or sample missing from one
-        recording."""
+        """The first number that differs by more than allowed, or the first sample that one
+        recording lacks.
+        """
         self.parted: When | None = None
         """Moment of the first state that is not equal bit for bit."""
         self.shared = False
         """Whether both recordings have a sample of the same body and step."""
         self.unlike: dict[int, str] = {}
-        """Labels of bodies that have other joints in the other recording, and are not compared."""
+        """Labels of bodies that have other joints in the other recording, so that they are not
+        compared.
+        """
         self.largest: dict[tuple[int, str], Largest] = {}
         """The largest difference of each body and quantity."""
         self._run, self._golden = run, golden
@@ -104,7 +107,7 @@ class SampleComparison:
             self.first = earliest(*found)
 
     def end(self) -> None:
-        """Compare how long the simulations are, even if nothing moves."""
+        """Compare the durations of the simulations, even if nothing moves."""
         for client, (mine, theirs) in lengths(self._run, self._golden, self._pairs).items():
             step, there = min(mine, theirs), (float(mine > theirs), float(theirs > mine))
             ended = Dated(When(step, LED), client, Difference(step, None, None, "there", *there))
@@ -263,8 +266,8 @@ def _beyond(mine: Float64, golden: Float64, allowed: Float64) -> Flags:
 def _states_off(mine: Float64, golden: Float64, allowed: Float64) -> Flags:
     """Flag the numbers of states that differ by more than allowed, shape (rows, 13).
 
-    A tolerance holds for a whole vector: if a difference is too long, but none of its components is
-    too large, its largest component counts as different.
+    A tolerance applies to the length of a vector: if the difference is too long, but no component
+    exceeds the tolerance, the largest component counts as different.
     """
     differ = off(mine, golden, allowed)
     with np.errstate(invalid="ignore", over="ignore"):

@@ -19,9 +19,9 @@ OF_EVERY_ENGINE = ("timestep_s", "gravity_m_s2", "mass_kg", "inertia_kg_m2", "bo
 def scenario_differences(run: DropInputs, golden: DropInputs) -> list[Difference]:
     """Return the settings that make two drops different experiments.
 
-    Differences already listed for the scenarios are not repeated for the engines. Where the
-    scenarios agree, the name says that the difference is the engine's: a default of the engine has
-    changed, or a report was altered.
+    A difference between scenarios is not listed again for the engines. If the scenarios agree but
+    the engines' reports do not, the name has the prefix `engine.`: a default of the engine has
+    changed, or the report was altered.
     """
     found, names = _scenario_differences(run, golden), asdict(run.scenario).keys()
     of_engines = [each for each in _engine_settings(run, golden) if not _is_version(each.column)]
@@ -53,7 +53,7 @@ def _scenario_differences(run: DropInputs, golden: DropInputs) -> list[Differenc
 
 
 def _alike(run: DropInputs, golden: DropInputs, name: str) -> bool:
-    """Return whether an option left to one engine's default agrees with the other drop's value."""
+    """Return whether an option at one engine's default agrees with the other drop's value."""
     if run.scenario.engine == golden.scenario.engine:
         return False
     mine, theirs = (_in_effect(side, name) for side in (run, golden))
@@ -63,7 +63,7 @@ def _alike(run: DropInputs, golden: DropInputs, name: str) -> bool:
 
 
 def _in_effect(side: DropInputs, name: str) -> tuple[Any, ...]:
-    """Return an engine's effective values for an option; None where unknown."""
+    """Return an engine's effective values for an option; None for unknown values."""
     if name == "friction":
         return (side.engine.lateral_friction, side.engine.floor_lateral_friction)
     return (None,)

@@ -1,9 +1,10 @@
 """Allowed differences: none, or those that move a body by less than a given length.
 
-Before the first contact a drop's law uses only + - × ÷ √, so two runs of one engine agree to the
-last bit. In contact the solver stops at a residual, which is a discrete branch, and a nanometre is
-allowed. The tolerances of other columns follow from a length: a velocity may differ by what moves
-the body that far in one step, an angle by what moves its surface that far.
+Before the first contact, a drop's law uses only + - × ÷ √, so two runs of the same engine agree to
+the last bit. In contact, the solver stops when a residual is small, which makes the result jump,
+and a nanometre is allowed. Tolerances of other columns follow from a length: a velocity may differ
+by the amount that moves the body so far in one step, an angle by the amount that moves its surface
+so far.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ class Tolerance:
 
     air_m: float
     contact_m: float
-    """Allowed difference of positions after a drop's first contact; for a script, the same as
+    """Allowed difference of positions after a drop's first contact [m]; for a script, the same as
     before."""
     fused: bool
     """Whether a processor may have fused multiplication and addition in a drop's run."""
@@ -48,13 +49,13 @@ class Tolerance:
         Parameters
         ----------
         body, client
-            The body, and golden's number of its client.
+            The body, and the golden recording's id of the body's client.
         steps
-            Shape (n,).
+            The steps of the states, shape (n,).
         touched
             The first step with a contact; None if there is none yet.
         parts
-            Golden's states, shape (n, links, 13).
+            The golden recording's states, shape (n, links, 13).
         """
         contact = steps >= touched if touched is not None else np.zeros(len(steps), np.bool_)
         metres = np.where(contact, self.contact_m, self.air_m)
@@ -68,8 +69,8 @@ class Tolerance:
     def of_contacts(self) -> Mapping[str, float] | None:
         """Return the tolerances for columns of contact points; None if these are not compared.
 
-        Columns that the mapping lacks have no tolerance. In a script, contact points count only if
-        no tolerance is given: otherwise they count through the motion.
+        Columns that are not in the mapping must agree exactly. For a script, contact points are
+        compared only without a tolerance: otherwise, only their effect on the motion counts.
         """
         if self.mass_kg is None or self.length_m is None:
             return None if self.air_m else {}

@@ -1,7 +1,7 @@
 """Format help as plain text, with options in groups; the reference in docs/ has the same text.
 
-Typer draws boxes around the options by default, and loading the library for these takes longer than
-everything else in `drop --help`.
+By default, Typer draws boxes around the options; loading the library that does so takes longer than
+the rest of `drop --help`.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from drop_physics.errors import ScenarioError
 from drop_physics.messages import joined, shell_command
 
 SCRIPT = "SCRIPT.py"
-"""Name of the command that handles a line that begins with a script."""
+"""Name of the command that handles a command line that begins with a script."""
 GROUPS = OWN, BOX, RECORDINGS = "Your own script", "The falling box", "Recordings"
 """Groups of commands, in the order in which help lists them."""
 SHELLS = ("bash", "zsh", "fish")
 FOREIGN = (".rrd", ".ipynb")
-"""Suffixes of files that are not scripts; the script command then prints what to type."""
+"""Suffixes of files that are not scripts, for which the script command prints the right command."""
 OURS = ("--version", "--help", "-h")
-"""Options of the command line itself."""
+"""Options of `drop` itself, before any command."""
 RECORDED = (SCRIPT, "record", "analyze")
-"""Commands that may handle a line that begins with a script."""
+"""Commands that may handle a command line that begins with a script."""
 
 
 class App(typer.Typer):
@@ -51,7 +51,7 @@ class App(typer.Typer):
         return super().command(name, cls=cls or HelpedCommand, **how)
 
     def __call__(self, *args: Any, **how: Any) -> Any:  # noqa: ANN401 - handed on
-        """Run the command that was typed, without creating the others."""
+        """Run the typed command, without creating the other commands."""
         first = "".join(sys.argv[1:2])
         wanted = RECORDED if _is_of_script(first) else (first,)
         few = copy.copy(self)
@@ -67,7 +67,7 @@ class Plain(RuntimeParam):
     """A parameter passed on as typed: for texts and paths, Typer would load pydantic."""
 
     def coerce(self, value: Any, param: Any, ctx: Any) -> Any:  # noqa: ANN401 - of any type
-        """Convert a parameter's value; Typer checks types other than texts."""
+        """Convert a parameter's value; Typer checks the types of values that are not text."""
         kind, several = self.annotation, param.multiple or param.nargs == -1
         if value is None:
             return () if several else None
@@ -140,7 +140,7 @@ class HelpedCommands(TakesPlainly, TyperGroup):
                 formatter.write_dl(records)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401
-        """Return the command and its arguments; for a script's line, the whole line."""
+        """Return the command and its arguments; for a script, the whole line as arguments."""
         if _is_of_script(args[0]):
             return SCRIPT, self.commands[SCRIPT], args
         if args[0] not in self.commands and Path(args[0]).is_file():

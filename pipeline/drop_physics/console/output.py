@@ -23,7 +23,7 @@ NARROWEST, WIDEST = 50, 100
 def width(stream: TextIO | None = None) -> int:
     """Return the line width in columns: the terminal's, within limits.
 
-    `shutil.get_terminal_size` would ask descriptor 1, which is /dev/null here, see `running`.
+    `shutil.get_terminal_size` would use descriptor 1, which is /dev/null here (see `running`).
     """
     stream = stream or sys.stdout
     if not stream.isatty():
@@ -84,7 +84,7 @@ def note(sentence: str) -> None:
 
 
 def error(sentence: str) -> None:
-    """Print an error to standard error; on a terminal it begins in red."""
+    """Print an error to standard error; on a terminal, it begins in red."""
     line = one_line(f"drop: {translated(sentence)}")
     if wants_colour(sys.stderr):
         line = f"\x1b[1;31mdrop:\x1b[0m{line.removeprefix('drop:')}"

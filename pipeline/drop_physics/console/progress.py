@@ -1,6 +1,6 @@
 """Progress bars on a terminal, with share done, speed and time left.
 
-The duration of a script is unknown: a line shows its progress.
+Since the duration of a script is unknown, a line of text shows its progress.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ def sweep_progress() -> Iterator[Callable[[int, int, int], None]]:
 def search_progress() -> Iterator[Callable[..., None]]:
     """Yield a progress callback for searches: it takes changes tried, successes, and the total.
 
-    Elements of kinds are tried, too, so that there may be more than kinds.
+    The search first tries each kind of change, then single elements, so the number of tries may
+    exceed the total.
     """
     with _bars() as show:
         yield lambda tried, true, total: show(
@@ -104,8 +105,8 @@ def script_progress() -> Iterator[
 ]:
     """Yield a function that shows a script's progress on the terminal, and one that prints notes.
 
-    In a pipe there is no such line. The script's own output may come at any time: it begins where
-    the line does.
+    In a pipe, no progress is shown. The script may print at any time: its output overwrites the
+    progress line.
     """
     if not sys.stderr.isatty():
         yield None, note

@@ -32,7 +32,8 @@ UNMAPPED = "failed to map segment"
 COLLECTED_EVERY = 1_000_000
 """Number of new objects that triggers garbage collection: more than the imports create.
 
-At 700, its default, it takes 0.17 s of the 1.4 s that `drop run --no-camera` computes.
+With Python's default of 700, garbage collection takes 0.17 s of the 1.4 s of `drop run
+--no-camera`.
 """
 
 
@@ -85,9 +86,9 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
     Parameters
     ----------
     load
-        Returns the command line; an error of its own becomes one line too.
+        A function that returns the command-line app; its errors become one line, too.
     received
-        The signals that came, filled by their handler before it raises.
+        The list of received signals, to which the handler adds each before it raises.
     """
     output.errors_as_json = False
     try:
@@ -117,9 +118,9 @@ def run(load: Callable[[], typer.Typer], received: Sequence[int] = ()) -> int:
 
 
 def _open_closed_streams() -> None:
-    """Open closed standard streams (`>&-`), lest a recording get their descriptors.
+    """Open closed standard streams (`>&-`), so that no recording gets their descriptors.
 
-    Characters outside of the encoding are written as escapes, which is valid in JSON too.
+    Characters outside the stream's encoding are written as escapes, which are also valid in JSON.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
@@ -226,18 +227,18 @@ _TYPERS: dict[str, Callable[..., Message]] = {
         "unexpected argument: {what}", what=what
     ),
 }
-"""Our translated messages for Typer's errors about a wrong command line."""
+"""Translated messages that replace Typer's errors about a wrong command line."""
 
 
 def _of_typer(text: str) -> str:
-    """Return our message in place of Typer's."""
+    """Return drop's message in place of Typer's."""
     found = ((make, re.fullmatch(pattern, text, re.DOTALL)) for pattern, make in _TYPERS.items())
     ours = [make(*match.groups()) for make, match in found if match]
     return ours[-1] if ours else f"{text[:1].lower()}{text[1:]}"
 
 
 def _unreadable(error: BaseException) -> Message | None:
-    """Return the message for a text that is not a number, since Typer's omits the text."""
+    """Return the message for a text that is not a number; Typer's does not quote the text."""
     from drop_physics.fields import shown
 
     for details in getattr(error.__cause__, "errors", list)():

@@ -23,9 +23,11 @@ class Air:
         self.contact_step: int | None = None
         """The first sample that touches the floor, or that a contact has acted on."""
         self.departs = 0 if self._follows and not case.released else None
-        """The first sample to which neither the release nor the law leads; None if all follow."""
+        """The first sample that follows neither from the release nor from the law; None if all
+        follow.
+        """
         self.clamped_step: int | None = None
-        """The first sample that was clamped to ±100 m/s or rad/s."""
+        """The first sample with a velocity clamped to ±100 m/s or rad/s."""
         self.landed_step: int | None = None
         """The first sample at which free fall has reached the floor."""
 
@@ -42,7 +44,7 @@ class Air:
         return min(step for step, _ in self._ends())
 
     def add(self, part: DropSamples, before: Motion) -> None:
-        """Add samples; `before` holds the sample before each (for the very first, itself)."""
+        """Add samples; `before` is the previous sample of each (of the very first, itself)."""
         flew = self.contact_step is None
         touching = np.flatnonzero(part.touching)
         if flew and len(touching):
@@ -82,7 +84,7 @@ class Air:
     def _touched(self, part: DropSamples, before: Motion, row: int) -> bool:
         """Return whether a contact acted that the engine did not report.
 
-        A body that departs from the law within reach of the floor has touched it.
+        A body near the floor that deviates from the law has touched the floor.
         """
         case = self._case
         if not case.hides_contacts:
@@ -92,7 +94,10 @@ class Air:
         return bool(lowest_m <= case.engine.reach_m + way_m)
 
     def coverage(self) -> Coverage:
-        """Return which samples the formula covers and why it stops, once all samples are added."""
+        """Return which samples the free-flight formula covers, and why it ends there.
+
+        Call this after the last sample.
+        """
         case, of = self._case, self._case.samples
         if not case.scenario.stepped:
             return Coverage(0, of, Message("no step was taken, so no law of motion applies"))

@@ -1,4 +1,4 @@
-"""The analysis of a fall: all results from its samples, in one typed object."""
+"""The analysis of a fall: all results from its samples, in one object."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Fall:
     phases: Phases
     analysis: FallAnalysis
     mismatch_step: int | None = None
-    """The first covered sample that does not follow from the previous one by the formula, once
-    known."""
+    """The first covered sample that does not follow from the previous one by the law; None until it
+    is known, or without one."""
 
 
 class FallAnalyzer:
@@ -42,11 +42,11 @@ class FallAnalyzer:
     Parameters
     ----------
     case
-        What was dropped, and how.
+        The scenario, the engine's report, and the samples.
     at_s
-        Times at which to break down the error [s]; without any, 0.3 s where that is in free flight.
+        Times at which the error is broken down [s]; if empty, 0.3 s, if that is in free flight.
     whole
-        Whether the table has all samples, or those that are shown.
+        Whether the table has all samples, or only those that are shown.
 
     Raises
     ------

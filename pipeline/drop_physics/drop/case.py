@@ -1,4 +1,4 @@
-"""What the analysis of a drop starts from: scenario, engine report, and samples."""
+"""The input of the analysis of a drop: scenario, engine report, and samples."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from drop_physics.trace.history import PIECE, Seen
 from drop_physics.trace.states import BODY
 
 TOUCHING_M = 5e-10
-"""A body this close to the floor touches it. The engine's distances are accurate to this: for 136
-bodies drawn as in `tests/test_truth.py` a bisection with the engine's own collision detection found
-the rest height to 5e-15 m, that of a mesh to 1e-10 m."""
+"""Distance from the floor below which a body counts as touching it [m]: the accuracy of the
+engine's distances. For 136 bodies drawn as in `tests/test_truth.py`, a bisection with the engine's
+own collision detection found the rest height to 5e-15 m, for a mesh to 1e-10 m."""
 FLOOR_REACH_M = 100.0
-"""plane.urdf ends this far from the origin, in x and in y."""
+"""Distance of the floor's edge from the origin in x and in y [m], in plane.urdf."""
 
 
 @dataclass(frozen=True)
 class DropCase:
-    """One drop: what was dropped, how, and the recorded samples."""
+    """One drop: scenario, engine report, and recorded samples."""
 
     scenario: Scenario
     engine: EngineReport
@@ -85,7 +85,7 @@ class DropCase:
 
     @property
     def released(self) -> bool:
-        """True if the first sample is the requested release state, as the engine rounds it."""
+        """True if the first sample equals the requested release state, rounded as by the engine."""
         scenario, mine = self.scenario, self.start
         asked = (
             self.fall.position_m,
@@ -132,7 +132,7 @@ class DropCase:
     def floor_height_m(self) -> float | None:
         """Height of the centre at which the body as released touches the floor [m]; None if never.
 
-        Theory ends there in tables, curves and plots.
+        In tables, curves and plots, the theory ends at this height.
         """
         return self.engine.rest_height_m if self.scenario.floor else None
 
@@ -159,7 +159,7 @@ class DropCase:
 
     @property
     def is_bullet(self) -> bool:
-        """True if PyBullet dropped the body, whose calls and contact law are implemented here."""
+        """True if PyBullet dropped the body: calls and contact law are implemented only for it."""
         return self.scenario.engine == "bullet"
 
     @property
@@ -179,7 +179,7 @@ class DropCase:
 
     @property
     def is_ball(self) -> bool:
-        """True if the body is a sphere centred on its mass, so that orientation never matters."""
+        """True if the body is a sphere with a central centre of mass, unaffected by rotation."""
         centred = self.engine.shape_position_m == (0.0, 0.0, 0.0)
         return self.is_rigid and self.engine.shape == "sphere" and centred
 

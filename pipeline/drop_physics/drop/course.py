@@ -24,16 +24,18 @@ class Course:
     def __init__(self, case: DropCase) -> None:
         self.case, self.air, self.touchdowns = case, Air(case), Touchdowns(case)
         self.lowest: tuple[Motion, int] | None = None
-        """The first of the samples at which the centre is lowest, and its number."""
+        """The sample with the lowest centre, and its index; the first, if there are several."""
         self.tumbled_step: int | None = None
-        """The first sample that touches the floor tilted; None where none does."""
+        """The first sample in which the body touches the floor tilted; None without one."""
         self.through: tuple[Motion, int] | None = None
-        """The sample before the first at which the whole body is below the floor, untouched, and
-        that one's number."""
+        """The last sample before the whole body was below the floor without contact, and the index
+        of the sample after it.
+        """
         self.overlapped = case.floor_height_m is None
-        """Whether a step before that began inside the floor, or none can meet it."""
+        """Whether the body was inside the floor before it was below, or never meets the floor."""
         self.altered: list[int] = []
-        """The first sample that is not the release, and how many there are."""
+        """Index of the first sample that differs from the release, and the number of such samples.
+        """
         self._settling = Settling(case)
         self._last: Motion | None = None
         self.arriving: Motion = case.start
@@ -56,7 +58,7 @@ class Course:
 
         Returns
         -------
-        The sample before each, and the samples at which the phase may change.
+        The previous sample of each, and the samples at which the phase may change.
         """
         before = part.before()
         if self._last is not None:
@@ -73,19 +75,19 @@ class Course:
         return before, [step for step in steps if step is not None]
 
     def phases(self) -> Phases:
-        """Return when the body fell, touched the floor and rested, after the last sample."""
+        """Return when the body fell, touched the floor and came to rest, after the last sample."""
         return self._settling.phases(self.air.contact_step)
 
     @property
     def tumbles(self) -> bool:
-        """True if a body that touches the floor tilted keeps turning from then on."""
+        """True if a body that touches the floor tilted continues to turn."""
         low, high = self._tilts
         return high - low > FLAT_RAD
 
     def through_step(self) -> int | None:
         """Return the first sample at which the body is entirely below the floor.
 
-        None where contact brought it back, and beside the floor.
+        None if contact pushed the body back, or if the body fell beside the floor.
         """
         case = self.case
         returned = self.air.contact_step is not None and not _below(case, case.end)[0]
@@ -156,7 +158,7 @@ class Course:
     def _tilt(self, part: DropSamples) -> None:
         """Note the first tilted touch of the floor, and how far the body turns after it.
 
-        If not every touch is reported, all samples from the first touch on count as touching.
+        If contacts may be unreported, all samples from the first contact on count as touching.
         """
         if not self.case.is_rigid:
             return
@@ -207,7 +209,7 @@ def _below(case: DropCase, part: DropSamples) -> Flags:
 
 
 def crossing(above_m: Float64, below_m: Float64, floor_height_m: float) -> int | None:
-    """Return the first row in which a centre comes down through a height; None if none does.
+    """Return the first row in which a centre falls through a height; None if none does.
 
     Between two samples Bullet moves the body with one velocity, so the straight line between them
     is the simulation's own path, not an interpolation.

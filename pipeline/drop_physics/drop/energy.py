@@ -5,9 +5,9 @@ by exactly
 
     dE = J·(v + v')/2  +  m dt d·(v + v')/2  -  m dt g·(v' - v)/2
 
-for contact, the drag d, and the integrator, which moves the body with the end-of-step velocity,
-while gravity acts along the mean of both. Derivation: insert both lines into m v'²/2 - m g·x' minus
-the same before the step.
+The three terms are the contact's, the drag d's, and the integrator's, which moves the body with the
+velocity at the end of the step, while gravity does work along the mean velocity. Derivation: insert
+both equations into m v'²/2 - m g·x', and subtract the same expression before the step.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ class Energies:
         self._before_j: float | None = None
         """The energy before the first contact."""
         self._start_m_s = np.zeros(3)
-        """The velocity then."""
+        """The velocity before the first contact [m/s]."""
         self._taken_j = 0.0
-        """Loss to drag from then on."""
+        """Energy lost to drag since the first contact [J]."""
 
     def add(self, part: DropSamples, before: Motion, energies: Mechanics, airborne: int) -> None:
         """Add samples, of which `airborne` are known to precede the first contact."""
@@ -64,9 +64,9 @@ class Energies:
         return Conservation(self._energy.start, self._energy.relative, self._momentum.relative)
 
     def contact_j(self) -> float | None:
-        """Return the energy that contact gave to the body [J], minus spin losses in the steps.
+        """Return the energy that contact gave to the body [J], minus losses of spin within steps.
 
-        None if no law of the body is known, or a sample has several steps.
+        None for a body with joints, or if a timestep has several substeps.
         """
         case = self._case
         if not self._known:

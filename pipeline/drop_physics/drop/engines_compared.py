@@ -22,7 +22,7 @@ LEAST_M = 5e-8
 REPLAYED = 100_000
 """Largest number of steps for which an integration rule is replayed step by step."""
 REPLAYED_M = 1e-12
-"""Largest distance [m] between a replayed body and its engine's; measured over 1 s: 1e-15."""
+"""Largest distance between the path by a law and the engine's [m]; measured over 1 s: 1e-15."""
 NAMES = {
     "timestep": Message("timestep"),
     "damping": Message("damping"),
@@ -42,7 +42,7 @@ class Flight:
 
 
 def flight_of(case: DropCase) -> Flight:
-    """Return the flight of a drop; samples after it are not read."""
+    """Return the flight of a drop, without reading samples after it."""
     parts: list[Motion] = []
     for part in case.parts():
         near = np.flatnonzero(part.contact_points)
@@ -60,7 +60,7 @@ def apart(run: Flight, golden: Flight, *, parts_at: int | None) -> Message:
     run, golden
         The two drops, with the same timestep and number of samples.
     parts_at
-        The first sample that differs; None where none does.
+        The first sample that differs; None if none does.
     """
     names = {
         name: ENGINES[flight.case.scenario.engine]
@@ -127,7 +127,7 @@ def _distance(run: Flight, golden: Flight, last: int) -> Message:
 
 
 def _undamped(flight: Flight, other: Flight, last: int) -> Message | None:
-    """Say that Bullet without damping would agree with the other engine, if it would."""
+    """Describe that Bullet without damping would agree with the other engine; None if not."""
     law = flight.case.law
     if not isinstance(law, BulletLaw) or not (law.linear_damping or law.angular_damping):
         return None
@@ -156,7 +156,7 @@ def _undamped(flight: Flight, other: Flight, last: int) -> Message | None:
 
 
 def _path(law: Law, motion: Motion, last: int) -> Motion:
-    """Return the motion by an integration rule from the release on, step by step; last + 1 rows."""
+    """Return the motion by an integration rule, step by step from the release; last + 1 rows."""
     motions = [motion.at(slice(0, 1))]
     for _ in range(last):
         motions.append(law.step(motions[-1]))
@@ -164,7 +164,7 @@ def _path(law: Law, motion: Motion, last: int) -> Motion:
 
 
 def _off(path: Motion, law: Law, other: Flight) -> tuple[float, bool]:
-    """Return a path's largest distance from another engine's [m], and whether it is bitwise equal.
+    """Return a path's largest distance from another engine's [m], and whether the bits agree.
 
     An orientation counts as the displacement of the body's surface.
     """

@@ -1,9 +1,9 @@
 """Findings: the common mistakes and surprises that a drop reveals.
 
-A finding states the observation with its number, the reason, and, if it is certain, the call or
-option that changes it. They are rules like those of any recording, but about the fall as a whole in
-place of a table, since they need its theory: an error against free fall, the height at which the
-body touches the floor, a scenario with something left out.
+A finding states an observation with its number, the reason, and, if it is certain, the call or
+option that changes it. The rules are similar to those for scripts, but apply to a fall as a whole
+instead of a table, since they need the theory of the fall: the error against free fall, the height
+at which the body touches the floor, the options of the scenario.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ Says = Callable[[Fall], Iterator[Said]]
 DEEP_PENETRATION = 0.1
 """Share of the body's height from which a penetration of the floor is reported."""
 REST_BELOW_M = 1e-6
-"""Distance below its rest height from which a body's rest is reported."""
+"""Smallest distance of a body below its expected rest height that is reported [m]."""
 SOLVER_M = 1e-8
-"""Rest-height error from the solver's early stop from which it is reported."""
+"""Smallest rest-height error due to the solver's early stop that is reported [m]."""
 INFLATED = 0.01
-"""Relative excess of a rebound over the requested restitution from which it is reported."""
+"""Smallest relative excess of a rebound over the requested restitution that is reported."""
 SWALLOWED_M_S = 0.01
-"""A missing rebound that would be slower than this is not reported."""
+"""Smallest speed of a missing rebound that is reported [m/s]."""
 NEEDS_LAW = "not-stepped", "no-floor", "still-airborne"
 """Codes that are not reported if a drop's samples do not follow from one another."""
 RULES: list[Rule] = []

@@ -1,6 +1,7 @@
 """Contact, bounces and rest: the recording compared with Bullet's contact law.
 
-Any body is measured; causes are given only where the contact law covers it: see `covers`.
+Contact is measured for any body; causes are given only if the contact law covers the drop (see
+`covers`).
 """
 
 from __future__ import annotations
@@ -33,10 +34,10 @@ as explained: ten times the largest measured effect of the solver's early stop."
 ROUNDED = 1e-9
 """Share of the approach speed by which two ways to compute a rebound may differ."""
 AT_REST_M_S, LAST = 1e-4, 10
-"""A predicted path has come to rest if it is slower than this speed in this many last samples."""
+"""Largest speed [m/s], in this many last samples, at which a predicted path counts as at rest."""
 SUNK_M = 1e-9
-"""Largest deviation of a resting body from the closed form of its contact at which that still
-explains it."""
+"""Largest deviation [m] between a resting body and the closed form of its contact, up to which the
+closed form explains the rest height."""
 
 
 # -- when it lands --------------------------------------------------------------------------------
@@ -45,7 +46,7 @@ explains it."""
 def find_landing(case: DropCase) -> Landing | None:
     """Return the theoretical landing; None if the body never reaches the floor.
 
-    Only for a body that meets the floor as it was released: one without spin, or a ball.
+    This is computed only for a body that reaches the floor as released: without spin, or a ball.
     """
     floor_m, fall = case.floor_height_m, case.fall
     turns = any(case.scenario.spin_rad_s) and not case.is_ball
@@ -71,8 +72,8 @@ def find_landing(case: DropCase) -> Landing | None:
 def covers(case: DropCase) -> bool:
     """Return whether the contact law covers this drop: one box that lands and stays flat.
 
-    It is released flat, above the floor, without spin or sideways velocity, with its centre of mass
-    above its base, and contact is not a spring.
+    The box must be released flat, above the floor, without spin or sideways velocity, with the
+    centre of mass above its base, and contact must not be a spring.
     """
     sideways = any((*case.scenario.velocity_m_s[:2], *case.scenario.spin_rad_s))
     floor_m = case.floor_height_m
@@ -154,12 +155,12 @@ class ContactLaw:
 
     @property
     def end(self) -> tuple[float, float]:
-        """The predicted height at the last sample [m], and the largest of the last speeds [m/s]."""
+        """Predicted height at the last sample [m], and largest speed in the last samples [m/s]."""
         return float(self._tail[-1, 0]), float(np.abs(self._tail[:, 1]).max())
 
 
 def _deepest_m(case: DropCase) -> float:
-    """Return the lowest valid height of the centre [m]: below its middle, the floor pushes down."""
+    """Return the lowest valid height of the centre [m]: deeper, the floor would push down."""
     return (case.floor_height_m or 0.0) - bullet_contact.FLOOR_HALF_THICKNESS_M
 
 
@@ -169,7 +170,7 @@ def _contact_erp(case: DropCase) -> float:
 
 
 def restitution_threshold_m_s(case: DropCase) -> float:
-    """Return the approach speed below which nothing bounces [m/s]."""
+    """Return the approach speed below which restitution has no effect [m/s]."""
     asked = case.scenario.restitution_threshold_m_s
     return RESTITUTION_THRESHOLD_M_S if asked is None else asked
 
@@ -180,7 +181,7 @@ def restitution_threshold_m_s(case: DropCase) -> float:
 def find_bounces(
     case: DropCase, touchdowns: list[Touchdown], tumbled_step: int | None
 ) -> list[Bounce]:
-    """Return the rebounds that leave the floor, with those that restitution alone predicts."""
+    """Return the rebounds from the floor, with the predictions from restitution alone."""
     floor_m = case.floor_height_m
     if not case.is_rigid or floor_m is None or case.fall.gravity_m_s2 >= 0:
         return []
@@ -243,9 +244,9 @@ def _uncorrected_m(case: DropCase, floor_m: float) -> list[float]:
 
 
 def _apexes(heights_m: Iterable[float], floor_m: float) -> Iterator[float]:
-    """Yield the highest point above the floor after each time that a path leaves it [m].
+    """Yield the apex above the floor each time that a path leaves it [m].
 
-    A path that ends on its way up has none.
+    A path that ends on its way up has no apex.
     """
     was_below, top_m, rises = False, None, False
     for height_m in heights_m:
@@ -263,10 +264,10 @@ def _apexes(heights_m: Iterable[float], floor_m: float) -> Iterator[float]:
 def _correction_m_s(case: DropCase, touchdown: Touchdown) -> float | None:
     """Return the speed that position correction adds to restitution × approach [m/s].
 
-    By the contact law, started from the recorded sample before the touchdown. None where contact
-    pushes for more than one step, the law does not reproduce the recorded rebound, or without a
-    position correction its rebound is not restitution × approach: a body that is not yet in the
-    floor by the slop is slowed by the rest of the slop.
+    The speed is computed by the contact law from the recorded sample before the touchdown. None if
+    contact pushes for more than one step, if the law does not reproduce the recorded rebound, or if
+    its rebound without position correction is not restitution × approach: a body that is less deep
+    in the floor than the slop is slowed by the rest of the slop.
     """
     height_m = float(touchdown.before.position_m[0, 2])
     if not covers(case) or height_m <= _deepest_m(case) or touchdown.pushed != touchdown.first:
@@ -298,7 +299,7 @@ def _correction_m_s(case: DropCase, touchdown: Touchdown) -> float | None:
 def find_rest(
     case: DropCase, phases: Phases, tumbled_step: int | None, law: ContactLaw
 ) -> Rest | None:
-    """Return where the body comes to rest, and the terms by which it misses the rest height."""
+    """Return the rest position, and the terms of its deviation from the expected height."""
     if not phases.lies:
         return None
     last_m, expected_m = float(case.end.height_m[0]), flat_height_m(case)
@@ -342,9 +343,10 @@ def _sinks_m(case: DropCase, error_m: float) -> float | None:
 
 
 def _bounces_on(case: DropCase) -> bool:
-    """Return whether restitution acts even on the speed that gravity adds to a resting body.
+    """Return whether restitution acts even on the speed that gravity adds in one step.
 
-    Then it comes to rest above the slop, where each bounce just makes up for the step.
+    The body then comes to rest above the slop, where each bounce just compensates a step of
+    gravity.
     """
     assert isinstance(case.law, BulletLaw)
     falls_m_s = bullet_contact.free_velocity(case.law, (0.0, 0.0, 0.0))

@@ -13,7 +13,7 @@ from drop_physics.physics.base import Motion
 from drop_physics.physics.rotations import rotate, rotate_inverse
 
 ROUNDING = 1e-13
-"""Share of the summands that rounding may leave in a sum that is exactly 0."""
+"""Share of the summands that may remain, by rounding, in a sum that is exactly 0."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class Mechanics:
 def mechanics(engine: EngineReport, samples: DropSamples) -> Mechanics:
     """Return energies and angular momentum of a body in uniform gravity, summed over its links.
 
-    Source: E = m v²/2 + ω·Iω/2 - m g_z z and L = I ω with I = R diag(I₁, I₂, I₃) Rᵀ; any text on
-    classical mechanics, for instance Goldstein, chapter 5.
+    The formulas are E = m v²/2 + ω·Iω/2 - m g_z z and L = I ω with I = R diag(I₁, I₂, I₃) Rᵀ.
+    Source: Goldstein, *Classical Mechanics*, chapter 5.
     """
     gravity_m_s2 = engine.gravity_m_s2[2]
     inertias_kg_m2 = np.reshape(engine.link_inertias_kg_m2, (-1, 3))

@@ -1,6 +1,7 @@
 """Computes the error terms of one sample in flight from the samples up to it, for sweeps.
 
-The result is to the bit that of `Story` for the same sample of the whole recording, or None.
+The result equals, to the bit, the result of `Story` for the same sample of the whole recording; or
+it is None.
 """
 
 from __future__ import annotations
@@ -29,21 +30,21 @@ def moment_in_the_air(
     *,
     touched: bool,
 ) -> Moment | None:
-    """Break the last sample's error into terms; None if the samples do not suffice.
+    """Break the last sample's error into terms; None if the samples up to it do not suffice.
 
-    The samples until then suffice where one rigid body falls straight down without spin, has
-    touched nothing yet, and follows Bullet's law to the last bit.
+    They suffice if a single rigid body falls straight down without spin, has touched nothing yet,
+    and follows Bullet's law to the last bit.
 
     Parameters
     ----------
     scenario
-        What was dropped, and how.
+        The scenario of the drop.
     engine
-        What the engine reported about the body: mass and joints.
+        The engine's report on the body: mass and joints.
     position_m, velocity_m_s
         Samples from the release on [m], [m/s], shape (n, 3).
     touched
-        Whether there was a contact in them.
+        Whether there was a contact in these samples.
     """
     sideways = any((*scenario.velocity_m_s[:2], *scenario.spin_rad_s))
     if sideways or scenario.orientation_xyzw != UPRIGHT or (scenario.substeps or 1) > 1:
@@ -72,7 +73,7 @@ def moment_in_the_air(
 
 
 def moment_of(law: Law, fall: TheoreticalFall, position_m: Float64, step: int) -> Moment:
-    """Break the error of a sample in free flight into terms; its position has shape (1, 3)."""
+    """Break the error of a sample in free flight into terms; `position_m` has shape (1, 3)."""
     parts = decompose(law, fall, position_m, first=step)
     return Moment(
         time_s=step * law.timestep_s,

@@ -17,17 +17,20 @@ from drop_physics.physics.vectors import largest
 Phase = Literal["falling", "contact", "rest"]
 
 SETTLED_M = 1e-5
-"""A body has settled if it is within this distance of its last position along each axis: Bullet's
-contact slop."""
+"""Distance from its last position along each axis within which a body counts as settled [m]:
+Bullet's contact slop."""
 SETTLED_RAD = 1e-3
-"""The same for the orientation: half of it moves the surface of a 5 cm box by the slop."""
+"""Difference of orientation within which a body counts as settled [rad]: half of it moves the
+surface of a 5 cm box by the slop."""
 REST_S, REST_SAMPLES = 0.1, 10
-"""A body lies still if it stays settled for at least this long, up to the end of the recording."""
+"""Smallest duration [s], and number of samples, for which a body must be settled at the end of the
+recording to count as lying still."""
 CREEP = 0.25
-"""A body rests if, in the second half of that time, it moves by at most this share of what counts
-as settled. A body that creeps or spins at a constant rate moves by half of it, however slowly, and
-seems to settle wherever the recording ends. Of 140 bodies that lay still, drawn as in
-`tests/test_truth.py`, most moved by 0.00 or by 0.50, none by 0.22 to 0.30."""
+"""Share of the tolerances of settling by which a body at rest may move in the second half of the
+time in which it lies still. A body that creeps or spins at a constant rate moves by half of them,
+however slow it is, and seems to settle wherever the recording ends. Of 140 bodies that lay still,
+drawn as in `tests/test_truth.py`, most moved by a share of 0.00 or 0.50, and none by 0.22 to 0.30.
+"""
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,7 @@ class Phases:
 
     samples: int
     contact_step: int | None
-    """First sample that touches the floor."""
+    """First sample in which the body touches the floor."""
     rest_step: int | None
     """First sample from which on the body lies still; None if it keeps creeping."""
     lies: bool
@@ -55,14 +58,14 @@ class Phases:
 
 
 class Settling:
-    """Finds the sample from which on a body stays where it ends; samples are added in order."""
+    """Finds the sample from which a body stays at its final place; samples are added in order."""
 
     def __init__(self, case: DropCase) -> None:
         self._case = case
         self._touched: int | None = None
-        """The first sample that touches."""
+        """The first sample in which the body touches the floor."""
         self._settled = 0
-        """The sample after the last that lies elsewhere."""
+        """The first sample after the body was last elsewhere."""
 
     def add(self, part: DropSamples) -> int | None:
         """Add samples; return the first from which on the body seems to lie still."""
@@ -90,7 +93,7 @@ class Settling:
 def _moving(part: Motion, end: Motion, share: float = 1.0) -> Flags:
     """Flag the samples that differ from the last in position or orientation, shape (samples,).
 
-    The difference exceeds this share of the tolerances of settling.
+    The difference counts if it exceeds `share` times the tolerances of settling.
     """
     way_m = largest(part.position_m - end.position_m[0])
     # |q·q'| of two orientations a turn by θ apart is cos(θ/2).

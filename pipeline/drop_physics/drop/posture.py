@@ -13,11 +13,11 @@ from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.physics.vectors import cross, lengths, sums
 
 FLAT_RAD = 5e-3
-"""Tilt up to which a body counts as flat. With all four corners in contact, the contact law
-reproduced 500 rebounds to 1.2e-4 of the approach speed up to this tilt; beyond it corners land one
-by one (`tests/test_contact_law.py`)."""
+"""Largest tilt at which a body counts as flat [rad]. With all four corners in contact, the contact
+law reproduced 500 rebounds to 1.2e-4 of the approach speed up to this tilt; beyond it, corners land
+one by one (`tests/test_contact_law.py`)."""
 SMALL_RAD = 1e-4
-"""Tilt that moves the centre of a small body by no more than the contact slop."""
+"""Tilt [rad] that moves the centre of a small body by at most the contact slop."""
 _UP = np.array([[0.0, 0.0, 1.0]])
 
 
@@ -29,7 +29,7 @@ def up_in_body(turned: Float64) -> Float64:
 def turned_rad(case: DropCase, turned: Float64) -> Float64:
     """Return the tilt of a body relative to its release [rad], shape (n,).
 
-    Turning about the vertical is not a tilt. A ball is never tilted.
+    A rotation about the vertical is not a tilt, and a ball is never tilted.
     """
     if case.is_ball:
         return np.zeros(len(turned))
@@ -39,7 +39,7 @@ def turned_rad(case: DropCase, turned: Float64) -> Float64:
 def tilt_rad(case: DropCase, turned: Float64) -> Float64:
     """Return the tilt of a body relative to the posture that the contact law assumes [rad], (n,).
 
-    A box is flat on any of its faces, any other body as it was released.
+    A box is untilted on any of its faces, any other body in its orientation at release.
     """
     return _from_a_face(_up_in_box(case, turned)) if case.is_box else turned_rad(case, turned)
 
@@ -56,7 +56,7 @@ def _from_a_face(up: Float64) -> Float64:
 def flat_height_m(case: DropCase) -> float | None:
     """Return the centre's height for a body lying in its final posture [m].
 
-    None where the body is tilted, or the height is unknown.
+    None if the body is tilted, or the height is unknown.
     """
     turned = case.end.orientation
     if tilt_rad(case, turned)[0] > SMALL_RAD:
@@ -91,7 +91,7 @@ def extent_m(case: DropCase) -> float | None:
 
 
 def _has_sharp_faces(case: DropCase) -> bool:
-    """Return whether a box touches with its faces; in Bullet, a tiny box does not."""
+    """Return whether a box has exact faces for contact; in Bullet, a tiny box does not."""
     if case.engine.rest_height_m is None or case.engine.shape_position_m is None:
         return False
     turned = case.start.orientation

@@ -28,7 +28,7 @@ class Terms:
 
 @dataclass(frozen=True)
 class Moment:
-    """One sample and its error; without terms where the free-flight formula does not cover it."""
+    """One sample and its error, with the error's terms if the free-flight formula covers it."""
 
     time_s: float
     """Time of the sample."""
@@ -43,15 +43,15 @@ class Moment:
     error_m: float
     """Simulated minus theoretical height."""
     terms_m: Terms | None
-    """Terms of the error; None where the free-flight formula does not cover it."""
+    """Terms of the error; None if the free-flight formula does not cover the sample."""
 
 
 @dataclass(frozen=True)
 class Airborne:
-    """The error over all samples that the free-flight formula covers; None if it covers none."""
+    """The error over all samples that the free-flight formula covers; None without any."""
 
     samples: int
-    """Number of these samples."""
+    """Number of covered samples."""
     max_abs_error_m: float | None
     """Largest absolute error."""
     rms_error_m: float | None
@@ -62,7 +62,7 @@ class Airborne:
 
 @dataclass(frozen=True)
 class Coverage:
-    """How many samples the free-flight formula covers, and why it covers no more."""
+    """Number of samples that the free-flight formula covers, and the reason why it ends."""
 
     samples: int
     """Number of covered samples, from the first on."""
@@ -79,15 +79,15 @@ class Landing:
     time_free_fall_s: float
     """Theoretical landing time without air."""
     time_damped_s: float | None
-    """Theoretical landing time with Bullet's damping; None if that stops the body first."""
+    """Theoretical landing time with Bullet's damping; None if the damping stops the body first."""
 
 
 @dataclass(frozen=True)
 class Impact:
     """The impact on the floor, in theory and in the simulation.
 
-    The times are those at which the centre reaches the rest height; None where the body may have
-    turned by then, so that it touches earlier.
+    Times are those at which the centre reaches the rest height; None if the body may have turned
+    before that, and so may touch earlier.
     """
 
     time_free_fall_s: float | None
@@ -105,9 +105,9 @@ class Impact:
     lowest_step: int
     """The sample at which the centre is lowest."""
     penetration_m: float | None
-    """Penetration depth into the floor. None if the body has turned, or an edge was deeper, so that
-    the centre's height does not show the depth; and with `--substeps`, within which it may have
-    been deeper."""
+    """Penetration depth into the floor [m]. None if the body has turned, or an edge was deeper, so
+    that the centre's height does not show the depth; or with `--substeps`, as the body may have
+    been deeper within a step."""
 
 
 @dataclass(frozen=True)
@@ -117,26 +117,26 @@ class Contact:
     max_deviation_m: float
     """Largest difference between recorded and predicted heights while the body is flat."""
     deviation_step: int
-    """The sample with that difference."""
+    """The sample with the largest difference."""
 
 
 @dataclass(frozen=True)
 class Bounce:
-    """One rebound: measured, and predicted while the body lands flat."""
+    """One rebound, as measured and, as long as the body lands flat, as predicted."""
 
     step: int
     """The last sample in free flight before the bounce."""
     approach_m_s: float
-    """Downward speed at the contact: the speed after that step if there were no contact."""
+    """Downward speed at the contact: the speed that the step would lead to without a contact."""
     rebound_m_s: float
     """Upward speed after the last step in which contact pushed."""
     effective_restitution: float | None
-    """Rebound speed over approach speed; None once the body tumbles."""
+    """Ratio of rebound speed to approach speed; None once the body tumbles."""
     apex_m: float
     """Highest point above the rest height before the next contact, or the recording's end."""
     predicted_apex_m: float | None
-    """Theoretical apex: restitution to the power of twice the bounce's number, times the fall; None
-    once the body tumbles, or if the recording ends on the way up."""
+    """Theoretical apex of the n-th bounce: restitution to the power of 2n, times the height of the
+    fall; None once the body tumbles, or if the recording ends on the way up."""
     uncorrected_apex_m: float | None
     """Apex by the contact law without position correction, i.e. with `--contact-erp 0`."""
     correction_m_s: float | None
@@ -153,7 +153,8 @@ class RestTerms:
     solver: float
     """Error from the solver's early stop: recorded height minus the contact law's."""
     settling: float
-    """Remaining motion of the contact law's own prediction, which has not settled completely."""
+    """Remaining motion of the path predicted by the contact law, which has not come to rest
+    completely."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +173,7 @@ class Rest:
     """Terms of the error; None if the contact law does not cover the landing."""
     sinks_m: float | None = None
     """Depth to which the body's weight presses it into MuJoCo's soft contact, in closed form; None
-    if it rests elsewhere, and in other engines."""
+    if the body rests at another height, and in other engines."""
 
 
 @dataclass(frozen=True)
@@ -182,14 +183,16 @@ class Conservation:
     energy_initial_j: float
     """Kinetic and potential energy of the first sample."""
     energy_max_rel_drift: float | None
-    """Largest change of the energy, relative to its initial value; None if that is 0."""
+    """Largest change of the energy, relative to the initial energy; None if the initial energy is
+    0."""
     angular_momentum_max_rel_drift: float | None
-    """The same for the angular momentum about the centre of mass."""
+    """Largest change of the angular momentum about the centre of mass, relative to its initial
+    value; None if that is 0."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FallAnalysis:
-    """What a scenario adds to an analysis: comparison with theory, landing and rest."""
+    """Results of a drop that need its scenario: comparison with theory, landing and rest."""
 
     scenario: dict[str, Any]
     """The scenario's options, by field."""
@@ -202,27 +205,29 @@ class FallAnalysis:
     airborne: Airborne
     """The error over all covered samples."""
     landing: Landing | None
-    """Theoretical landing; None if the body does not reach the floor, or it is unknown."""
+    """Theoretical landing; None if the body does not reach the floor, or the landing is unknown."""
     impact: Impact | None
     """Impact on the floor; None if there is none, or it is unknown: with several substeps PyBullet
-    reports only the contacts of the last, and there is no formula for joints."""
+    reports only the contacts of the last one, and there is no formula for joints."""
     tumbled_step: int | None
     """First sample that touches the floor tilted by more than 0.29° (a box relative to its faces,
-    others relative to their release): from there on bounces, contact and rest are measured, not
-    predicted."""
+    other bodies relative to the release). From this sample on, bounces, contact and rest are
+    measured, not predicted."""
     tumbles: bool
-    """Whether the tilt changes by as much again after that sample."""
+    """Whether the tilt changes by more than 0.29° again after the tilted touch."""
     contact: Contact | None
-    """Comparison of the contact with Bullet's contact law; None if that does not cover it."""
+    """Comparison of the contact with Bullet's contact law; None if the law does not cover the drop.
+    """
     bounces: list[Bounce]
     """The rebounds of a rigid body, in order; none with `--substeps`, since PyBullet reports only
     the contacts of the last substep."""
     rest: Rest | None
-    """Resting position of the body; None if it does not come to rest."""
+    """Rest position of the body; None if the body does not come to rest."""
     conservation: Conservation
     """Conservation before the first contact."""
     contact_j: float | None
-    """Energy that contact gave to the body; None if no formula applies. Not in the JSON."""
+    """Energy that contact gave to the body [J]; None if no formula applies. Not part of the JSON.
+    """
     table: pl.DataFrame
     """One row per sample: step, time, phase, heights, error and terms, energies; for a long
     recording only the rows that are shown, unless all were requested."""
@@ -235,4 +240,4 @@ class DropAnalysis(FallAnalysis, Analysis, reported_by=REPORT):
     segments: dict[str, int]
     """Number of samples of each kind, as in `bodies`."""
     flights: list[BodyFlight]
-    """Flights as drops of their own: the fall, and one after each bounce; as in `bodies`."""
+    """Flights, each as a drop of its own: the fall, and one after each bounce; as in `bodies`."""

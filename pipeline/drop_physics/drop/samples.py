@@ -17,7 +17,7 @@ from drop_physics.trace.states import BASE, BODY, FLOOR, MOTION, STATE, Rows
 
 @dataclass(frozen=True, eq=False)
 class DropSamples(Motion):
-    """Consecutive samples: the motion of the body, or of its base, and its floor contact."""
+    """Consecutive samples: the motion of the body or, with joints, of its base; and its contact."""
 
     first: int
     """Index of the first sample."""
@@ -35,7 +35,7 @@ class DropSamples(Motion):
 
     @property
     def end(self) -> int:
-        """Index one past the last sample."""
+        """Index after the last sample."""
         return self.first + len(self)
 
     @property
@@ -91,7 +91,7 @@ def samples_seen(seen: Seen, piece: Piece) -> DropSamples:
 
 
 def _contact(contacts: Rows, first: int, samples: int) -> tuple[NDArray[np.int16], Float64, Flags]:
-    """Return the number of floor contact points, their least distance [m], whether one pushed."""
+    """Return the number of floor contacts, their smallest distance [m], and whether any pushed."""
     a, b = contacts["body_a"], contacts["body_b"]
     touching = contacts[np.isin(a, (BODY, FLOOR)) & np.isin(b, (BODY, FLOOR)) & (a != b)]
     points, distance_m = np.zeros(samples, np.int16), np.full(samples, np.nan)

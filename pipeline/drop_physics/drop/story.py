@@ -42,16 +42,16 @@ def drop_analysis_of(
     Parameters
     ----------
     scenario
-        What was dropped, and how.
+        The scenario of the drop.
     engine
-        What the engine reported about the body and the floor.
+        The engine's report on the body and the floor.
     seen
-        What was recorded.
+        The recorded data.
     at_s
-        Times at which to break down the error, and to report steps as sums [s]; without any, the
-        error at 0.3 s where that is in free flight.
+        Times at which the error is broken down, and steps are reported as sums [s]; if empty, only
+        the error at 0.3 s, if that is in free flight.
     whole
-        Whether the table has all samples, also of a long recording.
+        Whether the table has all samples, even of a long recording.
 
     Raises
     ------
@@ -97,7 +97,10 @@ def _mismatch_step(fall: Fall, body: BodyAnalysis) -> int | None:
 
 
 def _checked(whole: Analysis, fall: Fall) -> Analysis:
-    """Return the analysis, with initial samples that no step produced compared with the release."""
+    """Return the analysis, with a check of samples before any step against the release.
+
+    A sample that differs from the release counts as unexplained.
+    """
     (body,) = (each for each in whole.bodies if each.id == BODY)
     segments, left = dict(body.segments), {each.reason: each for each in body.unexplained}
     case, first, altered = fall.case, 0, int(not fall.case.released)

@@ -18,7 +18,7 @@ CORNERS = 4
 
 @dataclass
 class Touchdown:
-    """A floor contact that begins after flight, up to the last of its samples so far."""
+    """A floor contact after a flight, up to its latest sample so far."""
 
     first: int
     before: Motion
@@ -29,15 +29,15 @@ class Touchdown:
     """Whether all corners of a box touch in the first sample."""
     last: int = 0
     stays_flat: bool = True
-    """Whether all corners touch in all of its samples."""
+    """Whether all corners touch in all samples of the contact."""
     pushed: int | None = None
-    """The last sample at which contact pushed; None if it never does."""
+    """The last sample at which contact pushed; None if it has not pushed yet."""
     pushed_m_s: float = 0.0
-    """The upward velocity at that sample."""
+    """The upward velocity at the last sample at which contact pushed [m/s]."""
     last_m_s: float = 0.0
     """The upward velocity at the last sample."""
     highest_m: float = -np.inf
-    """The greatest height between the last sample and the next contact."""
+    """The greatest height of the centre between the last sample and the next contact [m]."""
     left: bool = False
     """Whether a later sample is without contact."""
     returned: bool = False
@@ -52,21 +52,21 @@ class Touchdown:
 class Touchdowns:
     """The touchdowns of a drop, in order, as samples are added.
 
-    None with substeps, of which PyBullet reports only the last one's contacts.
+    There are none with substeps, since PyBullet reports only the contacts of the last substep.
     """
 
     def __init__(self, case: DropCase) -> None:
         self._case = case
         self._found: list[Touchdown] = []
         self._open: Touchdown | None = None
-        """The run at whose samples the last ended, if it counts or not."""
+        """The latest floor contact, even if it does not count as a touchdown."""
 
     def found(self) -> list[Touchdown]:
         """Return the touchdowns in which contact pushed, once all samples are added."""
         return [each for each in self._found if each.pushed is not None]
 
     def add(self, part: DropSamples, before: Motion) -> None:
-        """Add samples; `before` holds the sample before each (for the very first, itself)."""
+        """Add samples; `before` is the previous sample of each (of the very first, itself)."""
         if self._case.hides_contacts:
             return
         touching = part.touching
@@ -111,7 +111,7 @@ class Touchdowns:
 def _approach_m_s(case: DropCase, before: Motion) -> float:
     """Return the downward speed at the contact that follows a sample [m/s].
 
-    Restitution acts on the velocity that the step would lead to without a contact.
+    Restitution acts on the velocity that the next step would lead to without a contact.
     """
     if isinstance(case.law, BulletLaw):
         return -bullet_contact.free_velocity(case.law, before.velocity_m_s[0])

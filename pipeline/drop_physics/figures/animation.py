@@ -1,4 +1,4 @@
-"""Writes images as an animation, in the format that the file's suffix names."""
+"""Writes images as an animation, in the format given by the file's suffix."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from drop_physics.figures.gif import MIN_FPS as GIF_MIN_FPS
 from drop_physics.figures.gif import write_gif
 
 MAX_FPS = {".gif": GIF_MAX_FPS, ".webp": 1000.0, ".apng": 1000.0, ".mp4": 240.0}
-"""Most frames per second of each format; delays in WebP and APNG are whole milliseconds."""
+"""Largest number of frames per second of each format; delays in WebP and APNG are whole
+milliseconds."""
 MIN_FPS = 1e-4
 """Least frames per second: nobody waits three hours for a frame."""
 
@@ -32,7 +33,7 @@ def check_animation(path: Path, fps: float | None) -> None:
     Raises
     ------
     ScenarioError
-        If the suffix names no format that can be written, or the format cannot show `fps`.
+        If the suffix is that of no supported format, or the format does not support `fps`.
     DropError
         If the format needs a library that is not installed.
     """
@@ -70,12 +71,12 @@ def check_animation(path: Path, fps: float | None) -> None:
 
 
 def decoded(pngs: Iterable[bytes]) -> Iterator[Image.Image]:
-    """Decode PNGs to RGB images; a PNG equal to the one before gives the same object again.
+    """Decode PNGs to RGB images; consecutive equal PNGs give the same object.
 
     Raises
     ------
     ValueError
-        If one is not a PNG.
+        If the data of an image are not a PNG.
     """
     before, image = b"", None
     for number, png in enumerate(pngs):
@@ -108,25 +109,26 @@ def write_animation(
 ) -> int:
     """Write RGB images of one size as an animation, which loops except as .mp4.
 
-    A .gif and an .mp4 are written picture by picture; for .webp and .apng Pillow holds all of them.
+    A .gif or .mp4 is written image by image; for .webp and .apng, Pillow keeps all images in
+    memory.
 
     Parameters
     ----------
     images
-        At least one.
+        The images, at least one.
     stream
-        Where to write; seekable.
+        A seekable stream to write to.
     suffix, fps
-        The format and the frame rate, as `check_animation` lets them pass.
+        The format and the frame rate, accepted by `check_animation`.
 
     Returns
     -------
-    How many pictures there were.
+    The number of images.
 
     Raises
     ------
     ValueError
-        If there is no picture, or one has another size.
+        If there is no image, or an image has another size.
     """
     if suffix == ".gif":
         return write_gif(images, stream, fps=fps)

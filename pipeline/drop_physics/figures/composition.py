@@ -16,22 +16,22 @@ from drop_physics.figures.theme import DARK, LIGHT
 GREYS = 8
 """Grey levels for smooth edges in a caption: with few colours, a gif stays exact."""
 ASPECT = 4 / 3
-"""Least ratio of a plot's width to its height."""
+"""Smallest ratio of a plot's width to its height."""
 
 
 class Composition:
-    """Adds to images a caption below, and beside them a plot that grows.
+    """Adds a caption below images, and a growing plot beside them.
 
     Parameters
     ----------
     size_px
-        Width and height of the pictures [px].
+        Width and height of the images [px].
     plot
-        What grows beside them; None for no plot.
+        The plot beside the images; None for no plot.
     captions
-        Of each moment, given its time [s]; None for none.
+        A function that returns the caption for a time [s]; None for no captions.
     dark
-        Whether it is for a dark page.
+        Whether colours suit a dark page.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Captions:
     ----------
     table
         One row per sample, at least one: `time_s`, `simulated_m`, and `error_m`, which is null
-        where no law explains it.
+        where no law explains the error.
     """
 
     def __init__(self, table: pl.DataFrame) -> None:
@@ -98,9 +98,9 @@ class Captions:
 
 
 def caption(time_s: float, height_m: float, error_m: float, *, ended: bool = False) -> str:
-    """Return the caption of a moment; digits line up in all captions of a drop.
+    """Return the caption for a time; digits are at the same place in all captions of a drop.
 
-    `ended` if the error is the last that the plot explains.
+    `ended` means that this is the last error that the plot explains.
     """
     height = f"{round(height_m, 4) + 0.0:.4f}"
     error = f"{round(error_m * 1e3, 3) + 0.0:+.3f}"

@@ -1,9 +1,9 @@
 """Writes gifs frame by frame, with up to 256 exact colours each, in constant memory.
 
 Pillow's own writer merges frames that do not differ, holds all of them at once, and picks new
-palettes for colours that it could keep. So the container is written here, one block per frame as
-it comes, and Pillow does what takes time: decode, compare, compress. Each frame holds only the
-rectangle that differs from the frame before.
+palettes for colours that it could keep. Therefore this module writes the container, one block per
+frame as it arrives, and Pillow only decodes, compares and compresses. Each frame contains only the
+rectangle that differs from the previous frame.
 
 Layout: CompuServe, "Graphics Interchange Format, Version 89a" (1990), the sections named below.
 """
@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageChops
 
 MADE_BY_DROP = b"made by drop"
-"""Comment in every gif that we write; only files with it are replaced under the default name."""
+"""Comment in every gif that drop writes; only files with this comment are replaced under a default
+name."""
 
 Box = tuple[int, int, int, int]
 """A box in an image: left, top, right (exclusive), bottom (exclusive) [px]."""
@@ -42,7 +43,7 @@ def delay_cs(frame: int, *, fps: float) -> int:
     Parameters
     ----------
     frame
-        Number of the frame, from 0.
+        The index of the frame, from 0.
     fps
         Frames per second.
     """
@@ -55,20 +56,20 @@ def write_gif(images: Iterable[Image.Image], stream: BinaryIO, *, fps: float) ->
     Parameters
     ----------
     images
-        RGB pictures of one size, at least one.
+        RGB images of the same size, at least one.
     stream
-        Where to write; nothing is written before the first picture has been read.
+        The stream to write to; nothing is written before the first image was read.
     fps
         Frames per second, from `MIN_FPS` to `MAX_FPS`.
 
     Returns
     -------
-    How many frames were written.
+    The number of frames written.
 
     Raises
     ------
     ValueError
-        If there is no picture, one has another size, or is too large for a gif.
+        If there is no image, or an image has another size or is too large for a gif.
     """
     shared: Colours | None = None
     frames = 0
@@ -98,8 +99,8 @@ def write_gif(images: Iterable[Image.Image], stream: BinaryIO, *, fps: float) ->
 def _changes(images: Iterable[Image.Image]) -> Iterator[tuple[Image.Image, Box]]:
     """Yield images with the smallest box in which each differs from the one before.
 
-    The first differs everywhere; one that does not differ at all gives its first pixel, because a
-    frame must have one.
+    For the first image the box is the whole image. For an equal image it is the first pixel, since
+    a frame must not be empty.
     """
     shown: Image.Image | None = None
     for number, image in enumerate(images):
@@ -125,7 +126,7 @@ def _changes(images: Iterable[Image.Image]) -> Iterator[tuple[Image.Image, Box]]
 
 
 def _colours(patch: Image.Image) -> Colours | None:
-    """Return an image region's colours; None if they are too many for a colour table."""
+    """Return an image region's colours; None if there are too many for a colour table."""
     found = patch.getcolors(MOST_COLOURS)
     if found is None:
         return None

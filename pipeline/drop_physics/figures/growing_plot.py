@@ -1,7 +1,7 @@
 """A plot that grows with time, shown beside a video.
 
-The plot is drawn twice, with and without its data; a moment shows the first up to now, then the
-second.
+The plot is drawn twice, with and without curves. An image shows the first drawing up to the current
+time, and the second one after it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from drop_physics.figures.theme import DARK, LIGHT
 COLOURS = 128
 """Number of colours of the plot, which leaves as many for the camera's image in a gif."""
 HEIGHT_IN = 3.3
-"""Height of the figure, which sets the relative size of its text [inch]."""
+"""Height of the figure [inch], which determines the relative size of its text."""
 
 
 class GrowingPlot:
@@ -28,11 +28,11 @@ class GrowingPlot:
     Parameters
     ----------
     plot
-        With a panel at least.
+        The plot, with at least one panel.
     size_px
         Width and height [px].
     dark
-        Whether it is for a dark page.
+        Whether colours suit a dark page.
     """
 
     def __init__(self, plot: Plot, size_px: tuple[int, int], *, dark: bool) -> None:

@@ -1,4 +1,4 @@
-"""Draws over images: the time, a ruler, names; and places images side by side."""
+"""Draws marks over images: the time, a ruler, names; and places images side by side."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Mark:
     line: tuple[Point, ...]
     text: str = ""
     anchor: str = "rm"
-    """The part of the text that is at the line's end, as Pillow's anchors name it."""
+    """Anchor of the text at the line's end, in Pillow's notation."""
 
 
 def draw_clock(picture: Image.Image, time_s: float, theme: Theme) -> None:

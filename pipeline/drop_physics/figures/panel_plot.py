@@ -1,4 +1,4 @@
-"""Draws the plot of a run: a title, its meaning, and panels on a common time axis."""
+"""Draws the plot of a run: a title, lines that explain it, and panels on a common time axis."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ WIDTHS = {"line": 1.8, "broad": 3.6, "wide": 6.0, "dashed": 1.5}
 INSET, INSET_TALLER = (0.62, 0.36, 0.36, 0.5), 1.5
 """Position of an inset, as shares of its panel, and the factor by which that panel is taller."""
 USUAL, TALLER = 98.0, 3.0
-"""Peaks are cut off if they exceed `TALLER` times this percentile of a panel."""
+"""A percentile of a panel's values, and the multiple of it above which peaks are cut off."""
 LEAST_SPAN = {"rad": 1e-3} | {unit.name: 1e-4 * unit.per_si for unit in style.METRES}
 """Least range of an axis of positions, by unit: less than 1 mrad or 0.1 mm counts as no motion."""
 SCALED = tuple({unit.name: unit for unit in units} for units in (style.METRES, style.JOULES))
-"""Units that may be replaced by larger or smaller ones of the same quantity."""
+"""Units that may be replaced by a larger or smaller unit of the same quantity."""
 LEAST_SHARE = 1e-5
 """Least range of an axis, as a share of the largest value: tick labels have at most seven
 digits."""
@@ -204,7 +204,7 @@ def _colour(curve: Curve, theme: Theme) -> str:
 
 
 def _limit(axes: Axes, panel: Panel, theme: Theme) -> None:
-    """Fit the axis to its curves; far higher peaks are cut off, with a note in the panel."""
+    """Fit the axis to its curves; cut off far higher peaks, with a note in the panel."""
     stacked = [edges[-1] for edges in _edges(panel.curves[1:])] if panel.stacked else []
     values = np.concatenate([*(curve.values for curve in panel.curves), *stacked])
     values = values[np.isfinite(values)]

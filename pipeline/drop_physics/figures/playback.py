@@ -1,4 +1,4 @@
-"""Playback of an animation: which frames are shown when, and what is added to them."""
+"""Playback of an animation: which frames are shown when, and what is added to the images."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Playback:
 
 
 MOST_PICTURES = 100_000
-"""Most frames of an animation that repeats frames: over an hour's worth."""
+"""Largest number of frames of an animation that repeats frames: over an hour."""
 
 
 def playback(animation: Animation, count: int, interval_s: float, *, most_fps: float) -> Playback:
@@ -63,18 +63,18 @@ def playback(animation: Animation, count: int, interval_s: float, *, most_fps: f
     Parameters
     ----------
     animation
-        What is wanted.
+        The playback options.
     count
-        How many frames were recorded, at least one.
+        The number of recorded frames, at least one.
     interval_s
-        Simulated time from one to the next [s].
+        Simulated time between consecutive frames [s].
     most_fps
-        Most pictures per second that the format can show.
+        Largest number of frames per second that the format supports.
 
     Raises
     ------
     ScenarioError
-        If that would be more than `MOST_PICTURES`.
+        If the animation would have more than `MOST_PICTURES` frames.
     """
     fps, speed = animation.fps, animation.speed
     if speed is None:

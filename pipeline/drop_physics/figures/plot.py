@@ -40,7 +40,7 @@ class Inset:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Curves with a common unit, and the finding that they illustrate."""
+    """Curves with a common unit, and the number of the finding that they illustrate."""
 
     title: str
     unit: str
@@ -54,7 +54,7 @@ class Panel:
     zero: bool = False
     """Whether the axis starts at zero."""
     stacked: bool = False
-    """Whether the curves after the first add up to it, and are drawn as stacked areas."""
+    """Whether the first curve is the sum of the others, which are drawn as stacked areas."""
     log: bool = False
     """Whether the axis is logarithmic."""
     inset: Inset | None = None
@@ -62,7 +62,7 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """A title, its meaning, and panels of curves."""
+    """A title, lines that explain it, and panels of curves."""
 
     title: str
     lines: Sequence[str]

@@ -1,6 +1,6 @@
 """Styles plots for light and dark pages, and chooses readable units.
 
-The user's own matplotlib settings have no effect: the same table gives the same bytes.
+The user's matplotlib settings have no effect: the same data always give the same bytes.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ WIDTH_IN = 8.0
 EDGE_IN = 0.16
 """Margin around a plot [inch]."""
 TITLE, LINE = 68, 110
-"""Characters that fit in a line of the title, and in a line below it."""
+"""Number of characters that fit in a line of the title, and in a line below the title."""
 MOST_TITLE, MOST_LINES = 2, 5
-"""Most lines of the title, and most lines below it."""
+"""Largest number of lines of the title, and of lines below it."""
 TITLE_IN, LINE_IN = 0.29, 0.19
 """Height of a title line, and of a line below it [inch]."""
 MOST_NAME = 42
 """Most characters shown of a curve's name."""
 LEGEND = 0.6
-"""Most height of a legend, as a share of its panel's part of the figure."""
+"""Largest height of a legend, as a share of its panel's part of the figure."""
 DASHED = (0, (4, 3))
 Build = Callable[[Theme], Figure]
 
@@ -67,7 +67,7 @@ def _first_japanese(fonts: Iterable[font_manager.FontEntry]) -> str | None:
 
 
 def _installed_since(manager: font_manager.FontManager) -> list[font_manager.FontEntry]:
-    """Add fonts to matplotlib's list that were installed after it was made, and return them."""
+    """Return fonts that were installed after matplotlib made its list, and add them to it."""
     known = {font.fname for font in manager.ttflist}
     for path in font_manager.findSystemFonts():
         if path not in known:
@@ -77,7 +77,7 @@ def _installed_since(manager: font_manager.FontManager) -> list[font_manager.Fon
 
 
 def label(template: str, /, **values: object) -> str:
-    """Translate a message or template for the user, if there is a font for the language."""
+    """Translate a message or template for the user, if a font for the language is installed."""
     message = template if isinstance(template, Message) else Message(template, **values)
     shown = translated(message)
     # A name may hold what no XML may, and so no SVG: control characters.
@@ -96,7 +96,7 @@ def lines_of(texts: Sequence[str], columns: int, most: int) -> str:
 
 
 def families() -> list[str]:
-    """Return the font names of a plot, which are searched in this order for each character."""
+    """Return the font names of a plot, in the order in which they are searched for a character."""
     # The first choice of sans-serif, DejaVu Sans, comes with matplotlib: alike on every machine.
     font = japanese_font() if label("time [{unit}]", unit="s") != "time [s]" else None
     return ["sans-serif"] if font is None else ["sans-serif", font]
@@ -143,7 +143,7 @@ def themed(theme: Theme) -> Iterator[None]:
 def figure_of(title: str, lines: Sequence[str], height_in: float, theme: Theme) -> Figure:
     """Return a figure with a title and lines below it; `height_in` is the panels' height [inch].
 
-    Contents below are laid out by matplotlib, so that every label has its room.
+    matplotlib lays out the panels below, so that no label is cut off.
     """
     titled, said = lines_of([title], TITLE, MOST_TITLE), lines_of(lines, LINE, MOST_LINES)
     below_in = EDGE_IN + TITLE_IN * (1 + titled.count("\n"))
@@ -173,13 +173,13 @@ def name_curves(
     Parameters
     ----------
     axes
-        The panel.
+        The axes of the panel.
     curves
-        Name, last value and colour of each.
+        Name, last value and colour of each curve.
     columns
-        Characters in a line of a name.
+        Number of characters in a line of a name.
     size
-        Of the letters [points].
+        Font size [points].
     """
     named = sorted(curves, key=lambda curve: -curve[1])
     labels = [lines_of([name], columns, MOST_NAME // columns) for name, _, _ in named]
@@ -202,7 +202,7 @@ def name_curves(
 
 
 SMALLEST_FONT_PX = 2.0
-"""Least font size of a text that is shrunk to fit [px]."""
+"""Smallest font size of a text that is shrunk to fit [px]."""
 
 
 def laid_out(figure: Figure) -> Figure:
@@ -245,16 +245,17 @@ SECONDS = (Unit("s", 1.0), Unit("ms", 1e3), Unit("µs", 1e6))
 def unit_for(largest: float, units: tuple[Unit, ...], *, usual: str) -> Unit:
     """Return the unit in which the largest of the values is most readable.
 
-    The usual unit is kept from 0.01 to 9999 of it; else it is the largest that gives at least 1.
+    The usual unit is kept if the largest value is 0.01 to 9999 of it; otherwise the largest unit is
+    chosen in which the value is at least 1.
 
     Parameters
     ----------
     largest
-        Largest size of the values, in SI.
+        Largest magnitude of the values, in SI units.
     units
         Units to choose from, largest first.
     usual
-        Name of the unit to keep where it will do; also the unit where all values are zero.
+        Name of the usual unit, which is also used if all values are zero.
     """
     keep = next(unit for unit in units if unit.name == usual)
     if largest == 0 or not math.isfinite(largest) or 0.01 <= largest * keep.per_si < 1e4:

@@ -1,7 +1,7 @@
 """Write MCAP files, for Foxglove and PlotJuggler: JSON messages, with a schema per topic.
 
-Poses and joints have the schemas that Foxglove knows by name (docs.foxglove.dev, "Message
-schemas"): frame transforms and joint states.
+Poses and joints use schemas that Foxglove defines (docs.foxglove.dev, "Message schemas"): frame
+transforms and joint states.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def written_mcap(path: Path, *, force: bool) -> Iterator[Write]:
     DropError
         If the package mcap is not installed.
     OutputError
-        As for `written_whole`.
+        For the reasons of `written_whole`.
     """
     try:
         writer_of = importlib.import_module("mcap.writer").Writer

@@ -1,8 +1,8 @@
 """Choose output paths, and check them before any work is done.
 
-An output is never an input, is never written through a link, and replaces only what it may. The
-same holds for its temporary name: a file that already has that name is kept, and the next free name
-is used.
+An output is never an input, is never written through a link, and replaces only files that may be
+replaced. The temporary name follows the same rules: an existing file of that name is kept, and the
+next free name is used.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from drop_physics.errors import OutputError, check_suffix
 from drop_physics.messages import Message
 
 MOST_PARTS = 9
-"""Most unfinished files with one name, which limits what killed runs leave behind."""
+"""Largest number of unfinished files with the same name, which limits what killed runs leave
+behind."""
 
 
 def part_of(path: Path) -> Path:
@@ -56,7 +57,7 @@ def sealed_of(part: Path) -> Path:
 
 
 def is_part(path: Path) -> bool:
-    """Return whether a file is named like an unfinished one."""
+    """Return whether a file name is that of an unfinished file."""
     return path.name.endswith(".part")
 
 
@@ -66,8 +67,8 @@ def check_target(path: Path, *, force: bool) -> None:
     Raises
     ------
     OutputError
-        If it exists and `force` is not given, is not a regular file, or its folder cannot be
-        created or written to.
+        If the file exists and `force` is not given, if it is not a regular file, or if its folder
+        cannot be created or written to.
     """
     folder = path.parent
     try:
@@ -119,7 +120,7 @@ def check_apart(outputs: Sequence[Path], *, inputs: Sequence[Path]) -> None:
     Raises
     ------
     OutputError
-        If writing one would replace what the same command reads or writes.
+        If writing an output would replace a file that the same command reads or writes.
     """
     written: list[Path] = []
     for output in outputs:
@@ -152,16 +153,16 @@ def _is_same(path: Path, other: Path) -> bool:
 
 
 HEAD_BYTES = 4096
-"""Number of bytes at the start of an image that contain our mark."""
+"""Number of bytes at the start of an image in which drop's mark is searched."""
 
 
 def check_kind(path: Path, beginning: bytes, mark: bytes) -> None:
-    """Check that an output with a default name replaces only a file that has our mark.
+    """Check that an output with a default name replaces only a file that has drop's mark.
 
     Raises
     ------
     OutputError
-        If another file has its name.
+        If another file has the output's name.
     """
     with output_errors(path), contextlib.suppress(FileNotFoundError), path.open("rb") as file:
         head = file.read(HEAD_BYTES)
@@ -189,8 +190,8 @@ def numbered(folder: Path, stem: str) -> Iterator[Path]:
 def reserved(folder: Path, stem: str, *, also: Sequence[str] = ()) -> Iterator[Path]:
     """Yield the first unused name of STEM.rrd, STEM-2.rrd, …, reserved for this process.
 
-    An empty `.part` file, which only one process can create, reserves it. `also` are the endings of
-    the files that will be written beside it.
+    An empty `.part` file, which only one process can create, reserves the name. `also` are the
+    endings of further files that will be written with the same stem.
 
     Raises
     ------
@@ -221,7 +222,7 @@ def make_folder(path: Path) -> None:
     Raises
     ------
     OutputError
-        If it cannot be created.
+        If the folder cannot be created.
     """
     _check_home(path)
     try:
@@ -241,7 +242,7 @@ def _check_home(folder: Path) -> None:
     Raises
     ------
     OutputError
-        If the folder is in a home directory, and no folder here has that name.
+        If the folder would be in a home directory, and no folder of that name exists.
     """
     home = os.path.expanduser(folder)  # noqa: PTH111 - unlike pathlib's, it never fails
     if home != str(folder) and not Path(folder.parts[0]).exists():
@@ -258,7 +259,7 @@ def check_regular(path: Path) -> None:
     Raises
     ------
     OutputError
-        If anything but a regular file has its name.
+        If the name belongs to anything other than a regular file.
     """
     if os.path.lexists(path) and not stat.S_ISREG(path.lstat().st_mode):
         raise OutputError("{path} is in the way and is not a regular file; remove it", path=path)
@@ -270,7 +271,7 @@ def check_room(path: Path, needed_bytes: int) -> None:
     Raises
     ------
     OutputError
-        If there is not.
+        If the disk has too little free space.
     """
     free = shutil.disk_usage(path.parent).free
     if needed_bytes > free:
@@ -300,7 +301,7 @@ def unwritable(path: Path | str, reason: str) -> OutputError:
 
 @contextlib.contextmanager
 def output_errors(path: Path) -> Iterator[None]:
-    """Convert write errors of the system and of Rerun to our one-line error."""
+    """Convert write errors of the system and of Rerun to drop's one-line error."""
     try:
         yield
     except OSError as error:

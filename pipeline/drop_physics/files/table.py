@@ -1,4 +1,4 @@
-"""Write the analysis table for other tools, as Parquet or CSV, by polars."""
+"""Write the analysis table for other tools, as Parquet or CSV, with polars."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Write files completely or not at all: they grow as `.part`, and are renamed when finished.
+"""Write files completely or not at all: they are written as `.part`, and renamed when finished.
 
-A `.part` that was there before is kept: the next name is used, `NAME.2.part`.
+An existing `.part` file is kept, and the next name is used: `NAME.2.part`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def written_whole(path: Path, *, force: bool, ours: bool = False) -> Iterator[Bi
     Raises
     ------
     OutputError
-        As for `replaced`; what was there before is untouched.
+        For the reasons of `replaced`; an existing file is then unchanged.
     """
     with replaced(path, force=force, ours=ours) as part, part.open("w+b") as handle:
         yield handle
@@ -49,15 +49,15 @@ def replaced(path: Path, *, force: bool, ours: bool = False) -> Iterator[Path]:
     path
         The file to write.
     force
-        Whether an existing file may be replaced, and an existing `.part`.
+        Whether an existing file, or an existing `.part` file, may be replaced.
     ours
-        Whether an existing file is known to be ours, and may be replaced without `force`.
+        Whether an existing file is known to be drop's own, and may be replaced without `force`.
 
     Raises
     ------
     OutputError
-        As `check_target`; if another process is writing the same file; if there are too many
-        unfinished ones; if the disk is full.
+        For the reasons of `check_target`; or if another process is writing the same file, there are
+        too many unfinished files, or the disk is full.
     """
     check_target(path, force=force or ours)
     with output_errors(path), growing(path, force=force) as part:
@@ -76,7 +76,7 @@ def onto_disk(paths: Iterable[Path]) -> None:
     Raises
     ------
     OutputError
-        If a file cannot be written there.
+        If a file cannot be written to the disk.
     """
     for path in paths:
         with output_errors(path), path.open("rb+") as handle:
@@ -110,10 +110,10 @@ def renamed(part: Path, path: Path, *, force: bool) -> None:
 
 @contextlib.contextmanager
 def growing(path: Path, *, force: bool) -> Iterator[Path]:
-    """Yield a new empty file of this process to write to.
+    """Yield a new empty file that only this process writes to.
 
-    The process that writes a file locks the first of its `.part` names, whatever it contains, and
-    writes to the first that is free. An empty one counts as free: `reserved` creates those.
+    The process locks the first `.part` name, whatever that file contains, and writes to the first
+    free name. An empty file counts as free, since `reserved` creates such files.
     """
     first = part_of(path)
     while True:
@@ -143,12 +143,12 @@ def growing(path: Path, *, force: bool) -> Iterator[Path]:
 
 
 def opened(path: Path) -> BinaryIO:
-    """Open a file of ours for appending, creating it if needed; links are not followed.
+    """Open a file for appending, creating it if needed; links are not followed.
 
     Raises
     ------
     OutputError
-        If anything but a regular file has its name.
+        If the name belongs to anything other than a regular file.
     """
     check_regular(path)
     # If a link or a pipe appears there just now, opening fails: it is not followed or waited for.

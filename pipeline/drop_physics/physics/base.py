@@ -18,14 +18,15 @@ from drop_physics.physics.rowed import Rowed
 EXACT_MACHINES = ("x86_64", "AMD64")
 """Machines on which each floating-point operation is rounded once."""
 FUSED = 1e-12
-"""Relative difference allowed on other machines, whose compilers may fuse multiply and add."""
+"""Relative difference that is allowed on other machines, whose compilers may fuse a multiplication
+and an addition."""
 
 
 ROUNDING = 2.0**-52
 """Relative rounding unit of the engines' numbers."""
 ORIENTED = 18 * ROUNDING
-"""Allowed deviation of the components of an orientation after a step: it is read back through a
-matrix, and our sin and cos differ from the engine's. Measured: 3 rounding units."""
+"""Allowed deviation of an orientation's components after a step: the orientation is read back
+through a matrix, and numpy's sin and cos differ from the engine's. Measured: 3 rounding units."""
 
 
 class Drag(NamedTuple):
@@ -53,7 +54,7 @@ class Motion(Rowed):
         return Motion(*(getattr(self, field.name)[samples] for field in fields(Motion)))
 
     def before(self) -> Motion:
-        """Return each sample's predecessor; the first sample is its own."""
+        """Return the previous sample of each sample; for the first sample, the sample itself."""
         return self.at(np.maximum(np.arange(len(self)) - 1, 0))
 
 
@@ -75,7 +76,7 @@ class ExactPath(NamedTuple):
 def exactly(path: Iterator[Sequence[Decimal]], samples: int, start_m: Vector) -> ExactPath:
     """Return the next positions on a path (`Law.exact_path`), computed with 40 digits.
 
-    A vertical path leaves out x and y, which stay those of its start.
+    A vertical path has no x and y, which remain those of the start.
     """
     nearest = np.tile(np.array(start_m, np.float64), (samples, 1))
     left_out = np.zeros((samples, 3))
@@ -110,7 +111,7 @@ class FreeBody:
 class Law(FreeBody, ABC):
     """An engine's integration rule for one rigid body in the air; arrays have one row per sample.
 
-    Its defaults are those of an engine without a limit of velocities.
+    The default methods are for an engine without a velocity limit.
     """
 
     @property
@@ -122,7 +123,8 @@ class Law(FreeBody, ABC):
     def semi_implicit(self) -> bool:
         """True if the body moves with the velocity at the end of the step (semi-implicit Euler).
 
-        Else along the mean of both, which is exact where only gravity acts.
+        Otherwise it moves with the mean of the velocities before and after the step, which is exact
+        if only gravity acts.
         """
         return True
 
@@ -162,7 +164,8 @@ class Law(FreeBody, ABC):
     def terms(self, before: Motion) -> tuple[Float64, Float64]:
         """Return the magnitude of the summands of velocity and spin in a timestep, shape (n,).
 
-        [m/s] and [rad/s]; summands that cancel count, since their rounding does not cancel.
+        Units are [m/s] and [rad/s]. Summands that cancel are included, since their rounding does
+        not cancel.
         """
 
     def limited(self, before: Motion) -> Flags:
@@ -173,7 +176,8 @@ class Law(FreeBody, ABC):
     def free_velocities(self, velocity_m_s: Float64) -> Float64:
         """Return velocities after a step of the integrator [m/s], before `held`, shape (n, 3).
 
-        In textbook order of operations, so not to the last bit.
+        Operations are in textbook order, so the result may differ from the engine's in the last
+        bits.
         """
 
     def held(self, velocity_m_s: Float64) -> Float64:

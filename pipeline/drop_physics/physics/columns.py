@@ -1,7 +1,7 @@
 """Arithmetic on vectors and matrices for many steps; steps last: shapes (3, n) and (3, 3, n).
 
-Each component is one contiguous run of numbers, which numpy works through several times as fast as
-through rows of three.
+The values of each component are contiguous in memory, which numpy processes several times as fast
+as rows of three.
 """
 
 from __future__ import annotations

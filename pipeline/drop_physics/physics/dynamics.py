@@ -98,7 +98,7 @@ def _fill_row(
     momentum: Float64,
     angular: Float64,
 ) -> None:
-    """Fill the mass matrix's row for one rate, up to the base, from its branch's momentum."""
+    """Fill one rate's row of the mass matrix, up to the base, from the momentum of its branch."""
     tree = kin.tree
     for joint in tree.branch(link):
         if not RATES[tree.joints[joint]]:
@@ -180,7 +180,7 @@ def angular_momenta(kin: Kinematics, moved: LinkVelocities) -> dict[int, Float64
 def lifted_j(kin: Kinematics, gravity_m_s2: Float64) -> Float64:
     """Return the change of potential energy from each state to the next [J], shape (n - 1,).
 
-    It is -Σ m g·(c' - c), with the gravity of each step, shape (n - 1, 3).
+    The change is -Σ m g·(c' - c), with the gravity g of each step, shape (n - 1, 3).
     """
     tree, pull = kin.tree, gravity_m_s2.T
     out = np.zeros(len(kin) - 1)

@@ -2,8 +2,8 @@
 
     M (u' - u) = the sum of all terms + remainder
 
-with M and all that depends on the pose taken before the step. What an engine adds to its step, and
-what it reports of it, is in that engine's law (`step_law`, `laws`).
+where M and everything else that depends on the pose is taken before the step. The terms that an
+engine adds, and the forces that it reports, are defined by the engine's law (`step_law`, `laws`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from drop_physics.physics.tree import RATES, Tree
 from drop_physics.physics.vectors import largest, lengths, summed
 
 MOVED = "bias"
-"""Term that is counted with the integrator in the changes of energy and momentum."""
+"""Name of a term (Coriolis and gyroscopic forces) that counts as part of the integrator in changes
+of energy and momentum."""
 SOLVED = "integrator"
 """Term for the difference between an engine's integrator and the forces at the start of a step."""
 PULLED = "gravity"
@@ -69,7 +70,7 @@ class Forces(Rowed):
 def impulses_of(kin: Kinematics, forces: Forces, timestep_s: Float64) -> Float64:
     """Return the generalised impulse of each row [N s, N m s], shape (k, size).
 
-    `timestep_s` is that of each step, shape (n,).
+    `timestep_s` is the timestep of each step [s], shape (n,).
     """
     acting = generalised_at_points(
         kin, forces.step, forces.link, forces.force_n, forces.point_m, forces.torque_n_m
@@ -119,7 +120,8 @@ class Summed:
     unexplained: Float64
     """Ratio of the largest entry of the remainder to `largest`, shape (n,)."""
     allowed: Float64
-    """Maximum ratio that counts as rounding, or as the error that substeps leave, shape (n,)."""
+    """Maximum value of `unexplained` that counts as rounding, or as the possible error by substeps,
+    shape (n,)."""
     energy_j: Mapping[str, Float64]
     """Changes of kinetic and potential energy by cause, shape (n,) each."""
     changed_j: Float64
@@ -131,8 +133,8 @@ class Summed:
 
 
 ROUNDED = 1e-6
-"""Share of the momentum that counts as a term: rounding error is 1e-15 of it, and 1e-9 of this
-share."""
+"""Share of the momentum that counts as a term: the rounding error is 1e-15 of the momentum, and
+thus 1e-9 of this share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,8 +163,8 @@ class Sum:
     def largest(self) -> Float64:
         """The largest impulse in each step, shape (n,), as the scale of rounding errors.
 
-        The scale of the numbers that were added. Terms alone do not show it: a force may pass
-        through all axes, or be balanced by another. Where next to nothing acts, a share of the
+        The terms alone do not show the scale of the added numbers: a force may pass through all
+        joint axes, or be balanced by another force. If hardly anything acts, a share of the
         momentum counts, since the momentum itself is rounded.
         """
         momentum = ROUNDED * largest(_applied(self.matrices[1:], self.velocity[1:]))
@@ -171,9 +173,9 @@ class Sum:
 
     @cached_property
     def unexplained(self) -> Float64:
-        """Ratio of the largest entry of the remainder to that of any term, shape (n,).
+        """Ratio of the remainder's largest entry to the largest impulse of the step, shape (n,).
 
-        0 where there is neither; not finite where a state is not.
+        It is 0 if both are 0, and not finite if a state is not finite.
         """
         left, most = largest(self.remainder), self.largest
         return np.asarray(
@@ -198,9 +200,9 @@ class Sum:
     def energy_j(self) -> dict[str, Float64]:
         """Return the change of kinetic and potential energy by cause [J], shape (n,) each.
 
-        An impulse P changes kinetic energy by ½ (u' + u)·P at one pose; moving to the next pose
-        changes it by ½ u'·(M' - M) u'. Of the latter, the bias and gravity, what remains is the
-        integrator's: 0 for an exact one.
+        An impulse P changes the kinetic energy by ½ (u' + u)·P at the same pose; the motion to the
+        next pose changes it by ½ u'·(M' - M) u'. The sum of this change, the bias and gravity is
+        the integrator's energy error, 0 for an exact integrator.
         """
         mean = 0.5 * (self.velocity[1:] + self.velocity[:-1])
         worked = {name: _rowwise(mean, term) for name, term in self.terms.items()}
@@ -219,7 +221,8 @@ class Sum:
     def momentum_kg_m_s(self) -> dict[str, Float64]:
         """Return the change of the tree's linear momentum by cause, shape (n, 3) each.
 
-        The rows of the base's velocity in M u; only of a tree whose base moves.
+        The momentum is in those rows of M u that belong to the base's velocity; the base must be
+        able to move.
         """
         changes = {name: term[:, 3:6] for name, term in self.terms.items()}
         changes["remainder"] = self.remainder[:, 3:6]

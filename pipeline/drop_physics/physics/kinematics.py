@@ -28,7 +28,7 @@ from drop_physics.physics.tree import BASE, RATES, States, Tree
 
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """Poses of all links; lists have one entry per link, but `rotations` also the base first."""
+    """Poses of all links. Lists have one entry per link; `rotations` has the base first."""
 
     tree: Tree
     rotations: list[Float64]
@@ -135,7 +135,10 @@ def motion(kin: Kinematics, velocity: Float64) -> LinkVelocities:
 
 
 def across(kin: Kinematics, u: Float64, link: int) -> tuple[Float64 | None, Float64 | None]:
-    """Return a link's spin and velocity relative to its parent, at the joint; u: (size, n)."""
+    """Return a link's spin and velocity relative to its parent, at the joint.
+
+    `u` has the shape (size, n).
+    """
     rates = u[kin.tree.rates[link]]
     if not len(rates):
         return None, None
@@ -149,8 +152,8 @@ def generalised(
 ) -> Float64:
     """Return the generalised force of forces at centres of mass and torques, shape (n, size).
 
-    Jᵀ f of each link, summed from the outermost links to the base (Featherstone, table 5.1). Both
-    map links to vectors of shape (3, n); missing links have none.
+    Jᵀ f of each link is summed from the outermost links to the base (Featherstone, table 5.1).
+    `forces` and `torques` map links to vectors of shape (3, n); links without an entry have none.
     """
     tree, n = kin.tree, len(kin)
     out = np.zeros((tree.size, n))
@@ -184,8 +187,8 @@ def generalised_at_points(
 ) -> Float64:
     """Return the generalised force of each of k forces, shape (k, size).
 
-    Jᵀ f at the points where they act, and Jᵀ τ. Row i acts in the state `step[i]` on `link[i]`;
-    force, point and torque, in world axes, have the shape (k, 3).
+    It is Jᵀ f, with J at the points where the forces act, plus Jᵀ τ. Row i acts in the state
+    `step[i]` on `link[i]`; force, point and torque are in world axes, shape (k, 3).
     """
     tree = kin.tree
     out = np.zeros((len(step), tree.size))
@@ -216,7 +219,7 @@ def link_numbers(links: Int64) -> list[int]:
 def spin_jacobian(kin: Kinematics, link: int, rows: Int64 | None = None) -> Float64:
     """Return the matrices that map u to the spin of a link, shape (n, 3, size).
 
-    They are given for all states, or for those in `rows`.
+    The matrices are those of all states, or of the states in `rows`.
     """
     tree = kin.tree
     rows = np.arange(len(kin)) if rows is None else rows

@@ -12,8 +12,8 @@ from drop_physics.physics.rotations import products, same_way
 from drop_physics.physics.tree import RATES, States, Tree
 
 ROUNDED = 1e-13
-"""Maximum relative difference between equal numbers, as a share of the number and its change;
-measured: 4e-16."""
+"""Maximum difference between equal numbers, as a share of the number and its change; measured:
+4e-16."""
 TURNED = 1e-12
 """Maximum difference of quaternions that counts as rounding; measured: 2e-15 [1]."""
 
@@ -46,7 +46,8 @@ def moved_on(
 ) -> Flags:
     """Flag the steps whose final velocities integrate to their final pose, shape (n,).
 
-    Turns end at `most_rad`; spherical joints are ignored. False where a state is not finite.
+    Rotations are limited to `most_rad` [rad]; spherical joints are ignored. A step with a state
+    that is not finite is not flagged.
     """
     reached = moved(tree, before, after.velocity, timestep_s, most_rad)
     held = np.ones(len(before), np.bool_)
@@ -86,7 +87,8 @@ def _near(before: Float64, reached: Float64, after: Float64) -> Flags:
 def _turn(vectors: Float64, most_rad: float) -> Float64:
     """Return the quaternions x, y, z, w of rotations by these vectors [rad], shape (n, 4).
 
-    Beyond the limit, the sine of half the angle is that of the limit; the axis is not shortened.
+    For angles beyond `most_rad`, the sine of half the angle is that of half the limit; the axis is
+    not shortened.
     """
     angle = np.linalg.norm(vectors, axis=1, keepdims=True)
     held = np.minimum(angle, most_rad)

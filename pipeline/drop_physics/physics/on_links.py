@@ -24,7 +24,7 @@ def contact_forces(
     """Return contact points as forces on links of one of the two touching bodies.
 
     A body that touches itself has two rows per point. `point_m` lies on the body; `force_n` is the
-    force on a, (k, 3). `rolling`: whether either link has a coefficient of rolling or spinning
+    force on side a, (k, 3); `rolling` flags points at which either link has rolling or spinning
     friction.
     """
     return Forces(
@@ -42,8 +42,8 @@ def points_force_n(
 ) -> Float64:
     """Return the forces on body a at contact points, shape (k, 3).
 
-    `normal` points from b to a, (k, 3); `friction_n` has both lateral frictions, (k, 2), and
-    `directions` those of each, (k, 3).
+    `normal` points from b to a, (k, 3); `friction_n` are both lateral friction forces, (k, 2), and
+    `directions` the directions of the first and of the second, (k, 3) each.
     """
     first, second = (friction_n[:, d, None] * directions[d] for d in range(2))
     return np.asarray(normal * normal_force_n[:, None] + (first + second))
@@ -62,8 +62,9 @@ def pushes(
 ) -> Forces:
     """Return external forces and torques as forces on links, k rows.
 
-    `pose` has the state whose pose of the link counts: the force acts at the centre of mass where
-    the link is, but its frame and its moment are those of that pose.
+    `pose` is the index of the state at whose link pose the engine applies the force: the force acts
+    at the link's current centre of mass, but its direction and its moment are computed at that
+    pose.
     """
     force, point, torque = force_n.copy(), point_m.copy(), torque_n_m.copy()
     centre, arm = np.empty_like(force), np.empty_like(force)

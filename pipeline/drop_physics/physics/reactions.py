@@ -1,7 +1,7 @@
-"""Computes joint reaction forces and torques of a tree from the motion of the links beyond.
+"""Computes the reaction forces and torques at a tree's joints from the motion of its links.
 
-By Newton's and Euler's laws for a joint's link and all links beyond it, with momenta p and L about
-the centres c, in a step of duration h:
+Newton's and Euler's laws for a joint's link and all its descendants, with momenta p and angular
+momenta L about the centres c, in a step of duration h:
 
     F = Σ Δp / h - Σ m g - Σ f
     T = Σ ΔL / h + Σ (c - o) × (Δp / h - m g) - Σ (x - o) × f - Σ τ
@@ -27,11 +27,11 @@ from drop_physics.physics.tree import BASE, States, Tree
 
 @dataclass(frozen=True, eq=False)
 class Reactions:
-    """What each link's parent exerts on it across their joint, in world axes, shape (links, 3)."""
+    """Forces and torques by parents on links, at the joints, in world axes, (links, 3) each."""
 
     force_n: Float64
     torque_n_m: Float64
-    """Torque about the joint; of its motor, too."""
+    """Torque about a point on the joint's axis, including the torque of the joint's motor."""
 
 
 def reactions(
@@ -45,7 +45,7 @@ def reactions(
 ) -> Reactions:
     """Return the reactions in one step, given the state before and after it.
 
-    `gravity_m_s2` has the shape (3,); `forces` are all others on single links in that step.
+    `gravity_m_s2` has the shape (3,); `forces` are all other forces on single links in the step.
     """
     here, there = kinematics(tree, before), kinematics(tree, after)
     motions = motion(here, before.velocity), motion(there, after.velocity)

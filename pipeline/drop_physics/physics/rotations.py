@@ -44,7 +44,7 @@ def rotation_vectors(before: Float64, after: Float64) -> Float64:
 
 
 def same_way(orientation: Float64, reference: Float64) -> Float64:
-    """Return quaternions, (n, 4), with signs chosen to match others: q and -q are equal."""
+    """Return quaternions, (n, 4), with the signs nearest to others: q and -q are equal."""
     agree = sums(orientation * reference)[:, None]
     return np.where(agree < 0, -orientation, orientation)
 

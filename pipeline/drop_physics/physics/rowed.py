@@ -1,4 +1,4 @@
-"""Equal-length arrays that belong together: row i of each describes item i."""
+"""Arrays of equal length that belong together: row i of each array describes item i."""
 
 from __future__ import annotations
 

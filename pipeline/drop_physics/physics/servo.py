@@ -1,22 +1,23 @@
 """Growth and decay of spring-damper systems under an integrator's step.
 
-With a mass matrix M, stiffness k, damping d taken at the end of a step and e at its beginning, all
-diagonal, a timestep h makes of position x and rate v, by semi-implicit Euler with its dampers on
-the left (MuJoCo's `mj_EulerSkip` and `mj_implicitSkip`):
+Let M be the mass matrix, k the stiffness, d the damping evaluated at the end of a step, and e the
+damping evaluated at its beginning, all diagonal. Semi-implicit Euler with implicit damping
+(MuJoCo's `mj_EulerSkip` and `mj_implicitSkip`) then maps position x and rate v, in a timestep h,
+to:
 
     v' = v - h (M + h d)⁻¹ (k x + (d + e) v)        x' = x + h v'
 
-It grows where an eigenvalue of this step is beyond 1: of one degree of freedom of inertia I where
-b > 2 or a > 2 (2 - b), with
+The motion grows if an eigenvalue of this step is above 1 in magnitude. For one degree of freedom of
+inertia I, this is the case if b > 2 or a > 2 (2 - b), with
 
     a = k h² / (I + h d)        b = h (d + e) / (I + h d)
 
-without dampers where k h² / I > 4. Runge and Kutta's step takes everything at its beginning: an
-eigenvalue z / h of the motion becomes
+or, without dampers, if k h² / I > 4. The fourth-order Runge-Kutta step evaluates all forces
+explicitly: an eigenvalue z / h of the motion becomes
 
     1 + z + z²/2 + z³/6 + z⁴/24
 
-Source: both are the schemes applied to M x" = -k x - (d + e) x', in closed form.
+Source: both results are the schemes applied to M x" = -k x - (d + e) x', in closed form.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ Float64 = NDArray[np.float64]
 HALVINGS = 30
 """Number of bisections for a limit, of which two digits are reported."""
 RANGE = 1e12
-"""A limit is searched for between the current value divided by this factor and multiplied by it."""
+"""Search range of a limit: from the current value divided by this factor to the value multiplied by
+it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +74,7 @@ class Servos:
         return self.growth > 1 + 1e-7
 
     def alone(self, place: int) -> Servos:
-        """Return a single degree of freedom, without springs and dampers on the others."""
+        """Return one degree of freedom alone, without springs and dampers on the others."""
         inertia = 1 / np.linalg.inv(self.inertia)[place, place]
         return replace(
             self,
@@ -95,7 +97,7 @@ class Servos:
         return replace(self, **changed)
 
     def limit(self, name: str, place: int) -> float | None:
-        """Return the smallest factor for `calmed` that makes them stable; None if there is none."""
+        """Return the smallest factor for `calmed` that makes the servos stable, or None."""
         return _first(lambda factor: not self.calmed(name, place, factor).grows)
 
 
@@ -110,7 +112,7 @@ def pd_effort(
 ) -> Float64:
     """Return the effort of a servo that acts at the start of a step, shape (n,).
 
-    clip(kp (q* - q) + kd (q̇* - q̇), ± force); `gains` are kp and kd.
+    The effort is kp (q* - q) + kd (q̇* - q̇), clipped to ± `limit`; `gains` are kp and kd.
     """
     kp, kd = gains
     wanted = kp * (target - position) + kd * (target_velocity - velocity)

@@ -20,7 +20,8 @@ class DampedTree:
     joint_damping: Float64
     """Damping of each joint rate, shape (joint_rates,) [N s/m or N m s/rad]."""
     lower: Float64
-    """Lower limit of each joint's position, shape (joint_rates,); no limits where lower > upper."""
+    """Lower limit of each joint's position, shape (joint_rates,); there are no limits if lower >
+    upper."""
     upper: Float64
     linear_damping: float
     """Coefficients of the engine's own damping of links."""
@@ -31,7 +32,7 @@ class DampedTree:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reported:
-    """What an engine reports about n steps, besides the states."""
+    """Forces and settings that an engine reports for n steps, in addition to the states."""
 
     timestep_s: Float64
     """Timestep of each step, shape (n,)."""
@@ -52,8 +53,8 @@ class Reported:
     geared: Float64 | None = None
     """Impulses of gears [N m s], shape (n, joint_rates); None if there are no gears."""
     damped: Float64 | None = None
-    """Rates on which joint damping acts, shape (n, joint_rates); None for the rates before each
-    step."""
+    """Joint rates from which joint damping is computed, shape (n, joint_rates); None for the rates
+    before each step."""
 
     def at(self, rows: slice) -> Reported:
         """Return a slice of consecutive steps."""
@@ -78,12 +79,12 @@ Reason = Literal[
     "constraint",
     "rolling unreported",
 ]
-"""Reason why a law has no sum for a step, or may not have one."""
+"""Reason why a law has no sum for a step, or why the sum may be wrong."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StepConditions:
-    """What decides whether a step can be written as a sum: engine and body settings."""
+    """Engine and body settings that determine whether a step can be written as a sum."""
 
     other_engine: bool = False
     """Whether another engine, with its own law, steps the body."""
@@ -110,16 +111,18 @@ class StepLaw:
     most_turn_rad: float
     """Maximum rotation of a link in a step."""
     not_covered: Callable[[StepConditions, Tree | None], tuple[Reason, ...]]
-    """Returns the reasons why a body's steps may not equal the sum."""
+    """Function that returns the reasons why a body's steps may not equal the sum."""
     sum_of: Callable[
         [DampedTree, States, Reported, int, Callable[[States], Float64]], tuple[Summed, Float64]
     ]
-    """Returns n steps of the given number of substeps as sums, from the n + 1 states around them,
-    and the efforts of servos in the last substep; the last argument is a function that returns
-    these efforts in given states."""
+    """Function that returns n steps of the given number of substeps as sums, from the n + 1 states
+    around them, and the efforts of servos in the last substep. Its last argument is a function that
+    returns these efforts in given states."""
     flight: Callable[..., Law | None]
-    """Returns the law of a body without links in free flight, if there is one."""
+    """Function that returns the law of a body without links in free flight, or None."""
     constraint_forces: Callable[..., Forces]
-    """Returns the forces of a constraint on one of its two bodies, from the engine's report."""
+    """Function that returns the forces of a constraint on one of its two bodies, from the engine's
+    report."""
     gear_impulses: Callable[..., Float64]
-    """Returns the impulses of a gear on one of its two joints, from the engine's report."""
+    """Function that returns the impulses of a gear on one of its two joints, from the engine's
+    report."""

@@ -2,15 +2,16 @@
 
     v' = g - a v - b |v| v
 
-is the equation. For a body that moves along a line, with velocity v along it and b given the sign
-of v, it reads v' = g - a v - b v².
+is the equation of motion. For a body that moves along a line with velocity v, and with b given the
+sign of v, it is v' = g - a v - b v².
 
-With x = ln(ψ)/b this Riccati equation becomes ψ'' + a ψ' = b g ψ, a linear one, with the solution
-ψ = e^(-at/2) [cosh ωt + (a/2 + b v0) sinh(ωt)/ω], where ω² = a²/4 + b g. All closed forms below are
-this one; ω is imaginary while a body rises through light drag, and cosh then reads cos.
+With x = ln(ψ)/b this Riccati equation becomes ψ'' + a ψ' = b g ψ, a linear one, with the solution ψ
+= e^(-at/2) [cosh ωt + (a/2 + b v0) sinh(ωt)/ω], where ω² = a²/4 + b g. All closed forms below are
+special cases of this one. ω is imaginary while a body rises with little drag; cosh then becomes
+cos.
 
-A small drag moves a body by far less than it falls. That displacement is not computed as the
-difference of two large ones: it has a Taylor series, used while the effect of the drag is small.
+A small drag displaces a body by far less than it falls. This displacement is not computed as the
+difference of two large ones, but by a Taylor series, as long as the effect of the drag is small.
 """
 
 from __future__ import annotations
@@ -74,8 +75,8 @@ def free_fall_velocity(fall: TheoreticalFall, time_s: Float64) -> Float64:
 def timestep_displacement(fall: TheoreticalFall, time_s: Float64, timestep_s: float) -> Float64:
     """Return g t dt/2 [m], the error of semi-implicit Euler in free fall, shape (n, 3).
 
-    It is exact, not a leading term: after step i the velocity is v0 + i g dt, and n of these add up
-    to v0 t + g dt² n (n + 1)/2 = v0 t + g t²/2 + g t dt/2.
+    The expression is exact, not only the leading term of the error: after step i the velocity is v0
+    + i g dt, and the sum of n such steps is v0 t + g dt² n (n + 1)/2 = v0 t + g t²/2 + g t dt/2.
     """
     return np.multiply.outer(time_s, (0.0, 0.0, fall.gravity_m_s2 * timestep_s / 2))
 
@@ -83,8 +84,8 @@ def timestep_displacement(fall: TheoreticalFall, time_s: Float64, timestep_s: fl
 def impact_time_free(fall: TheoreticalFall, floor_height_m: float) -> float | None:
     """Return when free fall reaches `floor_height_m` from above [s]; None if never.
 
-    The first root of d + v0 t + g t²/2 = 0, in the form without cancellation. It is 0 for a body
-    that starts lower.
+    This is the first root of d + v0 t + g t²/2 = 0, computed without cancellation; 0 for a body
+    that starts below the floor height.
     """
     d, v0, g = fall.height_m - floor_height_m, fall.velocity_m_s[2], fall.gravity_m_s2
     if d < 0 or (d == 0 and v0 <= 0):
@@ -99,8 +100,8 @@ def impact_time_free(fall: TheoreticalFall, floor_height_m: float) -> float | No
 def stopped_by_floor(heights_m: Float64, floor_height_m: float | None) -> Float64:
     """Return heights of the body's centre [m], limited by the floor.
 
-    `floor_height_m` is that of the centre where the body touches it, None without a floor. Theory
-    ends there in tables, curves and plots.
+    `floor_height_m` is the height of the centre at which the body touches the floor, None without a
+    floor. In tables, curves and plots, the theory ends at this height.
     """
     return heights_m if floor_height_m is None else np.maximum(heights_m, floor_height_m)
 
@@ -149,7 +150,8 @@ def impact_time_damped(fall: TheoreticalFall, floor_height_m: float) -> float | 
 def _time_of_quadratic_drag(b: float, fall: TheoreticalFall, floor_height_m: float) -> float:
     """Return the arrival time of a body without gravity [s], from its path ln(1 + b v t)/b.
 
-    The path is along its velocity, whose vertical share brings it down.
+    The body moves along its velocity, whose vertical component determines when it reaches the
+    floor.
     """
     speed = math.hypot(*fall.velocity_m_s)
     way_m = (fall.height_m - floor_height_m) * speed / -fall.velocity_m_s[2]
@@ -219,7 +221,8 @@ class _Leg(NamedTuple):
 def _there_and_back(drag: Drag, v0: float, g: float, time: Float64) -> _Motion:
     """Return a vertical motion: up to its apex, if it has one, and down.
 
-    At the apex free fall still moves: from there on its velocity, the slip, adds to the change.
+    The undamped body has another apex: its velocity at the damped body's apex, the slip, adds to
+    the change from then on.
     """
     sign = math.copysign(1.0, v0 or g)
     a, b = drag
@@ -321,7 +324,8 @@ def _turning_time(leg: _Leg) -> float:
 
 
 STRAIGHT = 1e-9
-"""Sideways share of a speed below which the drag does not depend on it: its square is rounding."""
+"""Share of the sideways velocity in the speed, below which the drag does not depend on it: its
+square is rounding."""
 
 
 def _oblique(fall: TheoreticalFall, time: Float64) -> _Motion:

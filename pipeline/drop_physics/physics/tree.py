@@ -55,8 +55,9 @@ class Tree:
     axes: Float64 = field(default_factory=lambda: np.empty((0, 3)))
     """Axis along or about which a joint moves, in the link's axes, shape (links, 3).
 
-    One that is no unit vector scales how far the link slides and how fast it turns per unit of the
-    joint's rate, but not by which angle: so does Bullet (`btMultiBodyLink`, `m_axes`).
+    The length of an axis that is not a unit vector scales the displacement of a sliding link, and
+    the angular velocity of a rotating link per unit of the joint's rate, but not its angle, as in
+    Bullet (`btMultiBodyLink`, `m_axes`).
     """
     positions_m: Float64 = field(default_factory=lambda: np.empty((0, 3)))
     """Position of the joint relative to the parent's centre of mass, in the parent's axes, shape
@@ -71,8 +72,8 @@ class Tree:
     """Additional inertia of the rates of base and links, as of rotors behind gears, shape (links +
     1,) [kg or kg m²]; None without any."""
     coupled: Float64 | None = None
-    """Inertias coupled to several rates, as of a tendon: each row is an inertia and its speed per
-    unit of each rate, shape (k, 1 + size); None without any."""
+    """Inertias coupled to several rates, such as a tendon's. A row is an inertia, followed by its
+    speed per unit of each rate, shape (k, 1 + size); None without any."""
 
     def __post_init__(self) -> None:
         links = len(self.parents)

@@ -1,9 +1,10 @@
 """Divides the remainder of a step among causes whose impulses the engine does not report.
 
-Such a cause can act only in some directions: a stop on its joint, inwards; a clamp on one entry of
-u; rolling and spinning friction as torques on the links that touch. What of the remainder lies in
-these directions is theirs, and what lies outside of them stays the remainder. Of a tree with few
-degrees of freedom they may span everything: then they explain everything, and prove nothing.
+Such a cause can act only in certain directions: a stop pushes its joint inwards; a clamp acts on
+one entry of u; rolling and spinning friction are torques on touching links. The part of the
+remainder in these directions is attributed to these causes; the rest stays the remainder. In a tree
+with few degrees of freedom, the directions may span the whole space: the causes then explain any
+remainder, which proves nothing.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ def shared_out(left: Float64, matrices: Float64, kin: Kinematics, may: Unreporte
 
 
 def _outwards(pushed: Float64, stops: Int64) -> Flags:
-    """Flag the impulses that push a joint towards its stop, as no stop does, shape (n, size)."""
+    """Flag impulses that push a joint towards its stop, which no stop can do, shape (n, size)."""
     up, down = stops & Unreported.UP != 0, stops & Unreported.DOWN != 0
     return np.asarray(((pushed > 0) & ~up) | ((pushed < 0) & ~down))
 
@@ -84,9 +85,9 @@ def _touching(may: Unreported, steps: int, links: int) -> Flags:
 def _fit(
     left: Float64, matrices: Float64, kin: Kinematics, keys: Flags, steps: Int64, shared: Shared
 ) -> None:
-    """Fit the remainders of steps by the possible directions; equal sets of directions together.
+    """Fit the remainders of steps in the possible directions, for equal sets of directions at once.
 
-    `keys` tells the directions of each step: links that touch, stops and clamped entries.
+    `keys` flags the directions of each step: touching links, stops and clamped entries.
     """
     size, links = left.shape[1], kin.tree.links
     firsts, which = distinct_bytes(keys[steps])
@@ -107,8 +108,9 @@ def _fit(
 def _parts(left: Float64, parts: tuple[Float64, ...]) -> list[Float64]:
     """Return the least-squares contribution of each group of directions, shape (k, size) each.
 
-    Directions that nearly depend on each other have large coefficients, whose rounding would end in
-    the remainder; the projection on all of them together has none, so the first group takes it.
+    Directions that are nearly dependent have large coefficients, whose rounding would add to the
+    remainder. The projection on all directions together has no such error: the first group gets the
+    difference.
     """
     directions = np.concatenate(parts, axis=2)
     sizes = np.linalg.norm(directions, axis=1, keepdims=True)

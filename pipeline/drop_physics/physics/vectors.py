@@ -64,10 +64,10 @@ def distinct(numbers: Int64) -> tuple[Int64, Int64]:
 def distinct_rows(numbers: Int64) -> tuple[Int64, Int64, Int64]:
     """Return the distinct rows of integers, sorted, and each row's index among them.
 
-    `numbers` has the shape (n, k). Beside the distinct rows, shape (d, k), the index of the first
-    equal row of `numbers`, shape (d,), and the distinct row of every row, shape (n,). NumPy's
-    `unique` of rows compares them as records, which takes ten times as long. Raises `ValueError` if
-    the columns' ranges have a product beyond 2⁶³.
+    `numbers` has the shape (n, k). Returns the distinct rows, shape (d, k); the index of the first
+    equal row of `numbers`, shape (d,); and the index of the distinct row for every row, shape (n,).
+    NumPy's `unique` compares rows as records, which takes ten times as long. Raises `ValueError` if
+    the product of the columns' ranges exceeds 2⁶³.
     """
     least = numbers.min(axis=0, initial=0)
     ranges = tuple((numbers.max(axis=0, initial=0) - least + 1).tolist())
@@ -79,9 +79,10 @@ def distinct_rows(numbers: Int64) -> tuple[Int64, Int64, Int64]:
 
 
 def distinct_bytes(rows: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the first of each set of equal rows, sorted by bytes, and each row's index.
+    """Return the index of the first of each set of equal rows, and each row's set.
 
-    `rows` has the shape (n, k). The shapes of the result are (d,) and (n,).
+    `rows` has the shape (n, k). The d sets are sorted by bytes; the results have the shapes (d,)
+    and (n,).
     """
     size = rows.shape[1] * rows.itemsize
     if not size:

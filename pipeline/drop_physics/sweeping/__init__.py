@@ -1,1 +1,1 @@
-"""Sweeps over many scenarios: plans the runs, makes them, and stores their results."""
+"""Sweeps over many scenarios: plans the runs, executes them, and stores their results."""

@@ -1,7 +1,8 @@
-"""Makes many runs at once: in threads, worker processes, or on a Ray cluster.
+"""Executes many runs at once: in threads, worker processes, or on a Ray cluster.
 
-The functions here take a function of a run's number, request runs only as they have room, and yield
-results as they arrive, in any order. If a worker dies nothing is lost: its run is repeated.
+The functions take a function that executes a run, given its number. They request a run only when a
+thread or process is free, and yield results as they arrive, in any order. If a worker dies, its run
+is repeated.
 """
 
 from __future__ import annotations
@@ -23,19 +24,19 @@ from drop_physics.workers import Worker, WorkerDiedError
 R = TypeVar("R")
 T = TypeVar("T")
 Answering = tuple[Callable[[int], T], Callable[[], None], int]
-"""Function that makes a run, function that stops all runs in progress, and the number of concurrent
-runs."""
+"""Function that executes a run, function that stops all runs in progress, and the number of
+concurrent runs."""
 
 QUEUED = 2
-"""Number of runs submitted per processor of a cluster: one in progress, one waiting."""
+"""Number of runs submitted per processor of a cluster: one that runs, and one that waits."""
 HEARTBEAT_S = 0.2
-"""Interval at which waiting is interrupted [s], because a signal to another thread does not
-interrupt it."""
+"""Interval at which waiting is interrupted [s], since a signal to another thread does not interrupt
+it."""
 MOST_DEATHS = 10
-"""Number of workers that die on a run before the run is considered the cause."""
+"""Number of workers that have to die on the same run before the run counts as the cause."""
 
 HOME = Path(__file__).parents[2]
-"""Folder of this package, which is put on the module path of every machine."""
+"""Folder that contains this package, which is added to the module path of every machine."""
 ANSWERS_WITHIN_S = 5.0
 """Time within which a cluster must respond to count as running [s]."""
 HTTP2_SETTINGS = b"\x04"
@@ -52,13 +53,15 @@ def in_threads(
     Parameters
     ----------
     work
-        Function of a run's number, or of whatever tells it from others.
+        Function that executes a run, given its number or another identifier.
     runs
-        Their numbers; an iterator may have more after it had none, while runs are under way.
+        The identifiers of the runs; the iterator is asked again after its end, as long as runs are
+        in progress.
     jobs
-        How many threads.
+        The number of threads.
     stop
-        Called when nobody wants the results that are left, to end what is at work.
+        A function that ends the runs in progress; called if the caller stops before the last
+        result.
     """
     todo, under_way = iter(runs), dict[Future[T], R]()
     with ThreadPoolExecutor(jobs) as threads:
@@ -82,19 +85,19 @@ def in_workers(work: Callable[[int], T], *, jobs: int) -> Iterator[Answering[T]]
     Parameters
     ----------
     work
-        Function of a run's number; picklable, and so are its results.
+        Picklable function that executes a run, given its number, and returns a picklable result.
     jobs
-        How many processes.
+        The number of processes.
 
     Raises
     ------
     DropError
-        If workers cannot be started, or die repeatedly on one run.
+        If workers cannot be started, or die repeatedly on the same run.
     """
     stopped = threading.Event()
 
     def answer(run: int) -> T:
-        """Return the result of a run from a worker, or from another one if it dies."""
+        """Return the result of a run from a worker, or from another worker if that one dies."""
         for _ in range(MOST_DEATHS):
             worker = free.pop()
             try:
@@ -134,17 +137,18 @@ def on_ray(
 ) -> Generator[tuple[int, T]]:
     """Execute runs on a Ray cluster, whose nodes must share a file system.
 
-    Ray reruns a task whose worker or node died. If this process is already connected to a cluster,
-    that one is used, and the connection is kept.
+    Ray repeats a task whose worker or node dies. If this process is already connected to a cluster,
+    this cluster is used, and the connection is kept.
 
     Parameters
     ----------
     work
-        As for `in_workers`.
+        The same as in `in_workers`.
     runs
-        Their numbers.
+        The numbers of the runs.
     address
-        Of the cluster; `auto` for the one that this machine belongs to, or `local` for a new one.
+        The address of the cluster; `auto` for the cluster of this machine, or `local` for a new
+        one.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""Plans a sweep: derives each run from value lists, random samples and its number.
+"""Plans a sweep: derives each run from its number, by value lists and random samples.
 
 The runs are the product of all lists, in the order of `drop simulate --help`: the last option that
-has a list changes fastest, and the samples of a scenario are adjacent. Nothing is computed in
-advance: run 999,999,999 is as cheap as run 0.
+has a list changes fastest, and the samples of a scenario are adjacent. No run is computed in
+advance: run 999,999,999 takes no longer to derive than run 0.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from drop_physics.scenario import Engine, Scenario
 from drop_physics.sweeping.sampling import RandomField, drawn, variations_of
 
 MOST_RUNS = 100_000
-"""Most runs of a sweep, as each has a row in memory."""
+"""Largest number of runs in a sweep, since each has a row in memory."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Plan:
     """The runs of a sweep of scenarios, numbered from 0."""
 
     lists: tuple[tuple[str, tuple[Any, ...]], ...] = ()
-    """Values of each field, in the order of the scenario's options."""
+    """Values of each field that has a list, in the order of the scenario's options."""
     variations: tuple[RandomField, ...] = ()
     samples: int | None = None
     """Number of sampled runs per scenario; None for one run each, with no random values."""
@@ -95,14 +95,14 @@ def plan_of(
         The values of each field of `Scenario` that is not at its default: a list, a single value,
         or text as on the command line.
     samples, seed
-        How many runs each scenario gets, and the seed of their random values.
+        The number of runs for each scenario, and the seed of their random values.
     vary
-        What is drawn, such as `height=uniform:0.5:2`.
+        The fields to draw at random, such as `height=uniform:0.5:2`.
 
     Raises
     ------
     ScenarioError
-        If a value cannot be read or is outside its domain, or the options contradict each other.
+        If a value is unreadable or outside its domain, or if options contradict each other.
     """
     lists = _lists_of(given)
     variations = variations_of(vary)
@@ -166,7 +166,7 @@ def _check_sampling(samples: int | None, seed: int, variations: Sequence[RandomF
 def _check_variations(
     lists: Mapping[str, tuple[Any, ...]], variations: Sequence[RandomField]
 ) -> None:
-    """Check that no field is both listed and random, and that angles are given as angles."""
+    """Check that no field is both listed and random, and no quaternion has random angles."""
     for variation in variations:
         if variation.axis is None and variation.field in lists:
             option = Scenario.options()[variation.field].name
@@ -206,7 +206,7 @@ def replay_command(values: Mapping[str, Any], *, out: str) -> str:
     values
         The fields of the run that are not at their defaults.
     out
-        Name of the command's recording.
+        Name of the recording that the command writes.
     """
     words = ["drop", "simulate", "--out", out, "--no-camera"]
     for name, value in values.items():

@@ -1,4 +1,4 @@
-"""Stores the rows of a sweep one by one, so that an interrupted sweep can resume."""
+"""Stores the rows of a sweep one by one, so that an interrupted sweep can be resumed."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ SCHEMA: dict[str, Any] = {
     "command": pl.String,
     "error": pl.String,
 }
-"""Columns of the results of a sweep of scenarios. `step` to `rounding_m` are those of the sample
-nearest to `--at`, `end_m` is the height in the last sample; `command` repeats the run; `error` says
-why it failed."""
+"""Columns of a sweep's results. `step` to `rounding_m` describe the sample nearest to `--at`,
+`end_m` is the height in the last sample; `command` repeats the run; `error` gives the reason why it
+failed."""
 
 TERMS = ("error_m", "timestep_m", "damping_m", "interaction_m", "rounding_m")
 
@@ -58,7 +58,7 @@ TERMS = ("error_m", "timestep_m", "damping_m", "interaction_m", "rounding_m")
 def kept_rows(path: Path, sweep_id: str) -> Iterator[tuple[dict[int, Row], Callable[[Row], None]]]:
     """Yield the rows left by an interrupted sweep, by run, and a function that stores a row.
 
-    Rows of another sweep, and a row that was cut off, are dropped.
+    Rows of other sweeps, and incomplete rows, are dropped.
     """
     rows = _left(path, sweep_id)
     with written_whole(path, force=True, ours=True) as file:

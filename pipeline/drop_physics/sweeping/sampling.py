@@ -32,7 +32,7 @@ class Distribution:
 
 
 def _truncated(stream: Stream, given: Numbers) -> float:
-    """Draw by inversion: one random number per sample, however narrow the range."""
+    """Draw by inversion: one random number per sample, even for a narrow range."""
     mean, spread, low, high = given
     normal = NormalDist(mean, spread)
     share = stream.uniform(normal.cdf(low), normal.cdf(high))
@@ -94,7 +94,7 @@ FORMS = ", ".join(
 
 @dataclass(frozen=True)
 class RandomField:
-    """A field, or one component of a vector, and the distribution that it is drawn from."""
+    """A field, or one component of a vector, and the distribution from which it is drawn."""
 
     field: str
     axis: int | None
@@ -102,7 +102,7 @@ class RandomField:
     field."""
     kind: str
     values: tuple[Any, ...]
-    """Parameters of the distribution, or the values that `choice` chooses from."""
+    """Parameters of the distribution; for `choice`, the possible values."""
 
     def draw(self, stream: Stream) -> Any:  # noqa: ANN401
         """Draw one value."""
@@ -127,11 +127,11 @@ def drawn(
     Parameters
     ----------
     variations
-        What to draw, in the order of drawing.
+        The fields to draw, in this order.
     given
-        The fields before drawing; the other components of a vector are kept.
+        The fields with fixed values; of a vector, components that are not drawn are kept.
     seed, sample
-        Which sample.
+        The seed of the sweep, and the index of the sample.
     """
     stream, values = stream_of(seed, sample), dict(given)
     for variation in variations:
@@ -157,7 +157,7 @@ def variations_of(texts: Sequence[str]) -> tuple[RandomField, ...]:
     Raises
     ------
     ScenarioError
-        If one cannot be read, or two vary the same field.
+        If an option cannot be read, or two options vary the same field.
     """
     order = list(Scenario.options())
     variations = sorted(

@@ -1,1 +1,1 @@
-"""What is recorded of simulations, for any engine: events, states, contacts, calls."""
+"""The recorded data of simulations, for any engine: events, states, contacts, calls."""

@@ -1,7 +1,7 @@
 """Translates engine functions into acts, such as "apply a force", for rules of any engine.
 
-Rules and laws ask for acts, and never for a function: only here, and in the engine's own room, is
-its name known.
+Rules and laws use acts, never names of functions: those occur only here and in the engine's own
+room.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ PICTURE = "Renderer.render"
 class Act(Enum):
     """An act, such as applying a force; the value lists PyBullet's functions for it.
 
-    For an engine whose memory scripts write, a field's name stands for a function.
+    If scripts write to an engine's memory, the name of the written field is listed instead of a
+    function.
     """
 
     LOAD = ("loadURDF", "loadSDF", "loadMJCF", "loadBullet", "loadSoftBody")
@@ -90,7 +91,7 @@ class Act(Enum):
 
     @property
     def function(self) -> str:
-        """The engine function with this meaning, as messages name it."""
+        """The first engine function of the act, which messages name."""
         functions: tuple[str, ...] = self.value
         return functions[0]
 
@@ -107,5 +108,5 @@ SETS_TIMESTEP = Act.SET_TIMESTEP, Act.SET_ENGINE
 
 
 def act_of(function: str) -> Act:
-    """Return what the calls of a function do."""
+    """Return the act of a function's calls."""
     return ACTS.get(function, Act.OTHER)

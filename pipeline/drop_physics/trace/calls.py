@@ -1,7 +1,7 @@
 """Calls of a script to its engine, with the forces and properties that they set.
 
-A recording holds a call as its site and its numbers. Here, in `log` and in `motors`, they get their
-meaning, by the names of PyBullet's functions and arguments; another engine's would stand beside.
+A recording stores a call as a call site and numbers. This module, `log` and `motors` interpret them
+by the names of PyBullet's functions and arguments; those of another engine would be added here.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from drop_physics.trace.acts import Act
 from drop_physics.trace.events import At, Body, Site
 
 TIMESTEPS = {Act.SET_TIMESTEP: "timeStep", Act.SET_ENGINE: "fixedTimeStep"}
-"""The argument that sets the timestep."""
+"""The argument that sets the timestep, by act."""
 WORLD_FRAME = 2
 """The flag of `applyExternalForce` for vectors in world axes."""
 BODY_NAMES = ("bodyUniqueId", "objectUniqueId", "bodyIndex")
@@ -33,14 +33,14 @@ class Call:
     at: At
     """Time of the call."""
     client: int
-    """Id of the client on which it was made."""
+    """Id of the client on which the call was made."""
     site: Site
     numbers: tuple[float, ...]
-    """All numbers in its arguments, in order."""
+    """All numbers in the call's arguments, in order."""
     result: float = math.nan
-    """The returned number; nan if it returned none."""
+    """The returned number; nan if the call returned none."""
     raised: str = ""
-    """The exception that it raised; empty if it raised none."""
+    """The exception that the call raised; empty if it raised none."""
 
     @property
     def function(self) -> str:
@@ -49,12 +49,12 @@ class Call:
 
     @property
     def act(self) -> Act:
-        """What the call does."""
+        """The act of the call."""
         return self.site.act
 
     @property
     def timestep_s(self) -> float | None:
-        """The timestep that the call sets [s]; None if it sets none."""
+        """The timestep that the call sets [s]; None if it does not set it."""
         numbers = self.values.get(TIMESTEPS.get(self.act, ""), ())
         return numbers[0] if numbers else None
 

@@ -1,7 +1,7 @@
 """Suggested changes as data, for any engine, and the run in which one is tried.
 
-The table of interventions (`engines/…/interventions`) has the call that makes a cure, and the run
-in which it is made; `engines.cures` finds it by the name of the engine.
+The table of interventions (`engines/…/interventions`) defines the code of each change, and the run
+in which the change is made; `engines.cures` finds the table of an engine.
 """
 
 from __future__ import annotations
@@ -70,12 +70,12 @@ class ChangedRun:
     operations: list[dict[str, Any]] = field(default_factory=list)
     """The operations, as passed to the engine's hooks."""
     below: dict[str, Any] = field(default_factory=dict)
-    """Changes inside the engine that the script cannot see: arguments of a `Variation`, and
+    """Changes within the engine that the script cannot notice: arguments of a `Variation`, and
     `draws`, a seed that replaces the script's own."""
     edits: list[Any] = field(default_factory=list)
     """Replaced parts of the user's texts, in the format of `watching.edits`."""
     longer: float = 1.0
-    """Number of times as many steps that the run may make."""
+    """Factor on the number of steps that the run may make."""
 
     @property
     def finer(self) -> int:
@@ -83,7 +83,7 @@ class ChangedRun:
         return int(self.below.get("finer", 1))
 
     def __add__(self, other: ChangedRun) -> ChangedRun:
-        """Return a run with the changes of both."""
+        """Return a run with the changes of both runs."""
         below = {**self.below, **other.below}
         if self.finer > 1 and other.finer > 1:
             below["finer"] = self.finer * other.finer

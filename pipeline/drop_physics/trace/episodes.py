@@ -16,14 +16,15 @@ from drop_physics.trace.history import Seen
 from drop_physics.trace.states import by_body, motion_of
 
 OFTEN = 0.2
-"""Share of a simulation's steps. A script that moves bodies by calls before more of them drives the
-motion, and its moves start no episode."""
+"""Share of a simulation's steps. A script that moves bodies by calls before more steps than this
+drives the motion by calls: its moves do not start episodes."""
 MOVED = 1e-9
 """A state write that changes positions by less than this [m, rad] counts as changing velocities
 only."""
 
 MOST_LOOKED = 64
-"""Number of episode starts of a simulation that are examined; the rest are assumed to be alike."""
+"""Number of episode starts of a simulation that are examined; further ones are assumed to be
+similar."""
 
 
 @dataclass(frozen=True)
@@ -38,19 +39,19 @@ class Episode:
     last: int
     """The last sample."""
     ended: str
-    """How it ended: `terminated` or `truncated`, as the environment reported; `reset`; or `run`,
-    with the run."""
+    """How the episode ended: `terminated` or `truncated`, as the environment reported; `reset`; or
+    `run`, with the end of the run."""
     told: EpisodeEnd | None = None
     """The environment's report, if there was one."""
 
     @property
     def kept(self) -> bool:
-        """True if its steps are recorded; otherwise only its end is known."""
+        """True if the episode's steps are recorded; otherwise only its end is known."""
         return self.last > self.first
 
     @property
     def failed(self) -> bool:
-        """True if it ended without reaching its goal, according to the environment."""
+        """True if the episode ended without reaching its goal, as the environment reported."""
         return self.told is not None and self.told.failed
 
 
@@ -71,7 +72,7 @@ def looked_at(episodes: Sequence[Episode], number: int | None) -> Episode | None
     Raises
     ------
     ScenarioError
-        If there is no such episode, or its steps were not kept.
+        If there is no such episode, or its steps were not recorded.
     """
     if number is None:
         return next((each for each in reversed(episodes) if each.failed and each.kept), None)
@@ -93,9 +94,9 @@ def looked_at(episodes: Sequence[Episode], number: int | None) -> Episode | None
 def episodes_of(seen: Seen) -> list[Episode]:
     """Return the episodes of all simulations in the order in which they end.
 
-    These are the episodes reported by environments, if there are any. Otherwise an episode begins
-    where everything was removed, or where all movable bodies of a simulation were moved at once,
-    and not all the time.
+    If environments reported episodes, these are returned. Otherwise an episode begins when
+    everything is removed, or when calls move all movable bodies of a simulation at once, unless
+    they do so in many steps.
     """
     told: dict[int, list[EpisodeEnd]] = {}
     for each in seen.episode_ends:
@@ -149,7 +150,7 @@ def _starts(seen: Seen, client: int, end: int) -> list[At]:
 
 
 def _is_reset(seen: Seen, client: int, step: int) -> bool:
-    """Return whether a call before a step resets the whole state, even of unmoved bodies."""
+    """Return whether a call before a step resets the whole state, even if no body moves."""
     calls = seen.sampled.piece(step, step + 1).calls.of(Act.RESET_STATE, Act.RESTORE)
     return any((each.client, each.at.step) == (client, step) for each in calls)
 

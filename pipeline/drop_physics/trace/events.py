@@ -27,7 +27,7 @@ class At:
     step: int
     """Number of steps of the simulation before the event."""
     time_s: float
-    """Simulated time: the sum of these steps' timesteps."""
+    """Simulated time [s]: the sum of the timesteps of these steps."""
     call: int
     """Number of calls of the script before the event."""
 
@@ -49,7 +49,7 @@ class Shape:
     """Full edge lengths of a box or an ellipsoid; radius of a sphere; length and radius; scale of a
     mesh; the two sides of a plane of which only a part is drawn."""
     file: str
-    """File of a mesh; empty if it has none."""
+    """File of the mesh; empty for other shapes."""
     position_m: tuple[float, ...]
     """Position of its centre from the link's centre of mass, in the axes of the link's inertia."""
     orientation: tuple[float, ...]
@@ -92,12 +92,12 @@ class Joint:
     limits: tuple[float, float] = (0.0, -1.0)
     """Lowest and highest position [rad] or [m]; without limits, the highest is below the lowest."""
     axis: tuple[float, ...] = (0.0, 0.0, 0.0)
-    """Axis of rotation or translation, in the axes of its link's inertia."""
+    """Axis of rotation or translation, in the inertial axes of the joint's link."""
     parent_position_m: tuple[float, ...] = (0.0, 0.0, 0.0)
     """Position of the joint from the parent's centre of mass, in the axes of the parent's
     inertia."""
     parent_orientation: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
-    """Rotation from the axes of the parent's inertia to those of its link's, at position 0."""
+    """Rotation from the parent's inertial axes to those of the joint's link, at position 0."""
     damping: float = 0.0
     """Joint damping [N m s/rad] or [N s/m]."""
     friction: float = 0.0
@@ -113,7 +113,7 @@ class Collision:
 
     link: int
     kind: str
-    """One of the kinds of a `Shape`."""
+    """Kind of shape, as in `Shape`."""
     size_m: tuple[float, ...]
     """Size as the engine reports it: whole lengths of a box; length and radius; scale of a mesh."""
     file: str
@@ -122,8 +122,8 @@ class Collision:
     """Position of its centre from the link's centre of mass, in the axes of the link's inertia."""
     orientation: tuple[float, ...]
     hull_m: tuple[float, ...] = ()
-    """Vertices of the convex hull that the engine uses in place of a mesh, three numbers each, from
-    the link's centre of mass, in the axes of the link's inertia."""
+    """Vertices of the convex hull that the engine uses in place of a mesh, three coordinates each
+    [m], relative to the link's centre of mass, in the link's inertial axes."""
     bits: tuple[int, int] | None = None
     """Collision group and mask: two shapes may collide if one's group and the other's mask share a
     bit. None if the engine has no such filter."""
@@ -190,9 +190,9 @@ class Actuator:
     """Name of the joint, tendon, site or body on which it acts."""
     gear: float
     kp: float
-    """Gain of its control; for a position servo, its stiffness."""
+    """Gain of the control; for a position servo, the stiffness."""
     kv: float
-    """Damping gain, if its force has a damping term."""
+    """Damping gain, if the actuator's force has a damping term."""
     ctrl_range: tuple[float, float] | None
     """The range to which the control is clamped; None if it is not clamped."""
     force_range: tuple[float, float] | None
@@ -215,7 +215,7 @@ class Body:
     """A body, as it was when it was added to the simulation."""
 
     number: int
-    """Id in the recording: the engine's own id, unless an earlier body had it."""
+    """Id in the recording: the engine's own id, unless an earlier body had the same one."""
     label: str
     """Name and id, as a part of an entity's path."""
     name: str
@@ -229,9 +229,9 @@ class Body:
     soft: bool
     shapes: tuple[Shape, ...]
     can_sleep: bool = False
-    """Whether it was loaded with sleeping enabled."""
+    """Whether the body was loaded with sleeping enabled."""
     hides_links: bool = False
-    """Whether it has links that the engine does not report, as a btRigidBody does."""
+    """Whether the body has links that the engine does not report, as a btRigidBody may."""
     bounds_m: tuple[float, ...] = ()
     """Axis-aligned boxes around base and links when it was added: low and high corners, six numbers
     each."""
@@ -240,18 +240,18 @@ class Body:
     flags: int = 0
     """The load flags; 0 if they are unknown."""
     before: bool = False
-    """Whether it existed before the recording began; earlier calls that set its properties are then
-    unknown."""
+    """Whether the body existed before the recording began; earlier calls that set its properties
+    are then unknown."""
     actuators: tuple[Actuator, ...] = ()
     keyframes: tuple[Keyframe, ...] = ()
     apart: tuple[tuple[int, int, int], ...] = ()
-    """The contacts that its model excludes: own link, id of the other body, and the other's
+    """Contacts excluded by the body's model: own link, id of the other body, and the other body's
     link."""
     node_of: str = ""
-    """The flexible body of which it is a node; empty if it is none."""
+    """Name of the flexible body of which this body is a node; empty if it is no node."""
     elastic: tuple[float, ...] = ()
-    """The largest natural frequency of that flexible body [rad/s], empty if unknown; and its
-    damping [s], where steps are explicit in its forces."""
+    """Largest natural frequency of the flexible body [rad/s], then its damping [s] if steps are
+    explicit in elastic forces; empty if unknown."""
 
     @cached_property
     def coordinates(self) -> tuple[slice, ...]:
@@ -266,7 +266,7 @@ class Body:
     def rate_of(self, actuator: Actuator) -> int | None:
         """Return the velocity index of the joint that an actuator drives.
 
-        None where it drives something else, or a joint that has several.
+        None if the actuator drives something else, or a joint with several velocities.
         """
         return self._rates_by_joint.get(actuator.target) if actuator.acts_on == "joint" else None
 
@@ -280,7 +280,7 @@ class Body:
 
     @property
     def base_moves(self) -> bool:
-        """True if its base can move in a step, so that its state is sampled."""
+        """True if the base can move in a step, so that its state is sampled."""
         return -1 in self.moving
 
 
@@ -292,14 +292,14 @@ class Appearance:
     body: Body
     there: bool
     came: bool = False
-    """Whether the body was added: it is new, even if it has the id of an earlier one."""
+    """Whether the body was added, as a new body even if an earlier one had the same id."""
     sampled: bool = False
-    """Whether this step of its simulation had already been sampled when the body was added."""
+    """Whether the simulation's sample of this step had been taken before the body was added."""
 
 
 GIVEN = {"linear_damping": "linearDamping", "angular_damping": "angularDamping"}
-"""Properties in the Dynamics of a dropped body that drop itself set, and that no engine reports,
-with the argument that sets each."""
+"""Properties of a dropped body in `Dynamics` that drop itself set and no engine reports, with the
+argument that sets each."""
 
 
 @dataclass(frozen=True)
@@ -359,11 +359,11 @@ class Site:
     names: tuple[str, ...]
     """The argument to which each number belongs; the components of a vector share a name."""
     whole: tuple[bool, ...]
-    """Whether each number was an integer in the first call."""
+    """Whether each number was an integer in the site's first call."""
 
     @property
     def act(self) -> Act:
-        """What the calls do."""
+        """The act of the calls."""
         return act_of(self.function)
 
     @property
@@ -396,7 +396,7 @@ class Calls:
     numbers: Float64
     """The numbers in the arguments of all calls, one call after the other."""
     results: Float64
-    """The numbers that the calls returned; nan where a call returned none."""
+    """The numbers that the calls returned; nan if a call returned none."""
 
 
 def widths_of(seen: Calls, sites: Mapping[int, Site]) -> Int64:
@@ -424,10 +424,10 @@ class SolverStop:
     iterations: int
     """The iteration limit."""
     looked: int
-    """Number of steps with that limit whose solver was checked: every eighth."""
+    """Number of steps with this iteration limit whose solver was checked: every eighth."""
     steps: int
-    """Number of checked steps that used all iterations, with a velocity change of over 0.01 in the
-    last."""
+    """Number of checked steps that used all iterations, and whose last iteration changed a velocity
+    by more than 0.01 [m/s or rad/s]."""
     first_step: int
     last_change: float
     """The largest velocity change in a last iteration [m/s or rad/s]."""
@@ -459,7 +459,7 @@ class Image:
     at: At
     client: int
     camera: str
-    """File and line of the call, and the size: images with the same camera form a sequence."""
+    """File and line of the call, and the image size: images with the same text form a sequence."""
     rgba: NDArray[np.uint8]
     """Pixels, shape (height, width, 4)."""
     view: tuple[float, ...]
@@ -491,21 +491,22 @@ class Samples:
 
 @dataclass(frozen=True)
 class ImpulseCause:
-    """A cause of impulses on a body, as its engine names it."""
+    """A cause of impulses on a body, named as the engine names it."""
 
     at: At
     number: int
     """Index in the recording."""
     client: int
     body: int
-    """Id of the body on which it acts."""
+    """Id of the body on which the cause acts."""
     kind: str
     """`gravity`, `bias`, `spring`, `actuator`, `contact` …"""
     name: str
     """Name of the actuator, tendon, joint or equality constraint; for a contact, the label of the
     other body."""
     places: tuple[int, ...]
-    """The degrees of freedom on which it acts, as indices into the body's generalised velocity."""
+    """The degrees of freedom on which the cause acts, as indices into the body's generalised
+    velocity."""
 
 
 @dataclass(frozen=True)
@@ -577,9 +578,9 @@ REPLAYS = (
     *("plastic", "sleep", "delay", "auto-reset", "stale", "unknown", "not replayed", "not asked"),
     "another engine",
 )
-"""The outcomes of replaying a step: its causes add up, or the reason why they do not. `not
-replayed` means that the replay led to another state, `not asked` that it has not been replayed yet,
-`another engine` that the states were imported, and this engine's step leads to another state."""
+"""Outcomes of replaying a step: `explained`, if its causes add up, or the reason why they do not.
+`not replayed`: the replay led to another state. `not asked`: the step has not been replayed yet.
+`another engine`: the states were imported, and this engine's step leads to another state."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -598,7 +599,7 @@ class Controls:
 
 @dataclass(frozen=True, eq=False)
 class ContactRows:
-    """Contact points for samples that were sent before."""
+    """Contact points of samples that are recorded already."""
 
     client: int
     steps: Int64
@@ -625,8 +626,8 @@ class EngineWarning:
     """The number of steps with a warning."""
     last_step: int
     info: int
-    """The number that the engine gave with the first warning: of a degree of freedom, of contacts
-    …"""
+    """Number given by the engine with the first warning, such as the index of a degree of freedom,
+    or a count of contacts."""
 
 
 @dataclass(frozen=True)
@@ -637,8 +638,9 @@ class Equality:
     client: int
     name: str
     kind: str
-    """`connect` or `weld`; `joint` for two joints (those before the links), or for one joint that
-    is locked, which is then both sides; `tendon` for two tendons, or one, likewise."""
+    """`connect` or `weld`; `joint` for two joints, each before one of the links, or for one joint
+    with a fixed position, given as both; `tendon` for two tendons, or one with a fixed length,
+    given as both."""
     body_a: int
     link_a: int
     body_b: int
@@ -649,25 +651,25 @@ class Equality:
     active: bool = True
     """Whether the constraint is active at the start of the run."""
     anchors_m: tuple[tuple[float, ...], ...] = ()
-    """The two anchor points that the constraint brings together, each from its link's centre of
-    mass in the axes of the link's inertia; in world axes for a link of the world."""
+    """The two anchor points that the constraint brings together [m], each relative to its link's
+    centre of mass in the link's inertial axes; in world axes for the world."""
     of_world: tuple[bool, bool] = (False, False)
     """Whether each side belongs to the world."""
     orientations: tuple[tuple[float, ...], ...] = ()
     """The two orientations that a weld brings together, quaternions x, y, z, w in the same axes as
-    the anchors; empty where the links may turn."""
+    the anchors; empty if the links can rotate."""
     coefficients: tuple[float, ...] = ()
     """Coefficients of the polynomial by which the first joint or tendon follows the second:
     c0 + c1 x + …, relative to their reference positions or lengths."""
     rest: tuple[float, ...] = ()
     """The reference positions of both joints [rad] or [m], or lengths of both tendons."""
     tendons: tuple[str, ...] = ()
-    """The names of both tendons; the links are those at which these begin."""
+    """The names of both tendons; the links are those at which the tendons begin."""
 
 
 TENDON, LENGTH, FORCE = "tendon", "actuator length", "actuator force"
-"""Sensor kinds for the length of a tendon, and for the length of an actuator's transmission, which
-its gear scales, and its force."""
+"""Sensor kinds: length of a tendon; length of an actuator's transmission, before the gear ratio;
+and force of an actuator."""
 
 
 @dataclass(frozen=True)
@@ -681,10 +683,10 @@ class Sensor:
     """`touch`, `force`, `torque`, `accelerometer`, `velocimeter`, `gyro`, `magnetometer`,
     `rangefinder`; TENDON, LENGTH, FORCE for tendons and actuators; empty for any other."""
     body: int
-    """Id of the body to which it is attached; -1 if there is none, or it is unknown."""
+    """Id of the body to which the sensor is attached; -1 if there is none, or it is unknown."""
     link: int
     answers: tuple[Answer, ...]
-    """Readings after the steps, one entry for each component."""
+    """Readings after all steps, summarised for each component."""
     place: Collision | None = None
     """The sensor's site, as a shape on its link."""
 
@@ -711,14 +713,15 @@ class EpisodeEnd:
 
     @property
     def failed(self) -> bool:
-        """True if it ended without reaching its goal, according to the environment."""
+        """True if the episode ended without reaching its goal, as the environment reported."""
         return has_failed(self.how, self.success)
 
 
 def has_failed(how: str, success: bool | None) -> bool:
     """Return whether an episode that an environment reported ended without reaching its goal.
 
-    One that says whether its goal is reached says so as it ends; of others being terminated fails.
+    If the environment reports whether its goal was reached, that decides. Otherwise a terminated
+    episode has failed.
     """
     if success is None:
         return how == "terminated"

@@ -1,8 +1,8 @@
-"""What an engine needs to replay recorded steps: the model, and a frame per step.
+"""The data with which an engine can replay recorded steps: the model, and a frame per step.
 
 A frame is the full state before a step, including hidden parts such as a solver's warm start, and
-the inputs from outside. Names are the engine's own, values its numbers to the bit; nothing here
-knows their meaning.
+the external inputs. Names are the engine's own, and values are exact to the bit; this module does
+not interpret them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class ModelPart:
     number: int
     """Index of the model in the recording."""
     engine: str
-    """The engine and its version, which alone can load the model."""
+    """Name and version of the engine, which alone can load the model."""
     sha256: str
     """The digest of the whole model."""
     size: int
@@ -51,7 +51,7 @@ class ModelEdit(NamedTuple):
     """A script's edit of model elements during the run."""
 
     step: int
-    """The first step that uses the new values, counted from the first of the chunk."""
+    """The first step that uses the new values, counted from the chunk's first step."""
     name: str
     """The field, as the engine names it."""
     indices: Int64
@@ -61,12 +61,12 @@ class ModelEdit(NamedTuple):
 
 
 class SharedColumns(NamedTuple):
-    """Columns of a state array that equal columns of the samples, and are stored once."""
+    """Columns of a state array that equal joint samples, so that they are stored only once."""
 
     body: int
-    """Id of the body whose joints they describe."""
+    """Id of the body whose joints the columns describe."""
     of: str
-    """The joint series that they equal: `position` or `velocity`."""
+    """The joint series whose values the columns equal: `position` or `velocity`."""
     columns: Int64
     """Column indices in the part, shape (k,)."""
     places: Int64
@@ -81,21 +81,24 @@ class Frames:
     model: int
     """Index of the model."""
     first: int
-    """The sample from which the first of these steps starts."""
+    """The sample from which the first step starts."""
     timestep_s: float
     clock_s: Float64
-    """The engine's own clock after each step [s], shape (n,): most often a timestep later."""
+    """The engine's own clock after each step [s], shape (n,); usually it advances by one timestep
+    per step."""
     functions: Int64
     """The function that made each step, by the engine watch's index, shape (n,)."""
     after: Mapping[str, Float64]
     """The parts of the state after each step, shape (n, width) each."""
     before: Mapping[str, FrameColumn]
-    """The state before a step, with its `clock_s`: for the first step, and where it differs from
-    what the previous step left."""
+    """The state before a step, with its `clock_s`: given for the first step, and wherever it
+    differs from the state after the previous step."""
     inputs: Mapping[str, FrameColumn]
-    """External inputs, each row from its step on until the next row; the first is at step 0."""
+    """External inputs; a row is in effect from its step until the next row; the first is at step 0.
+    """
     posed: Mapping[str, FrameColumn] = field(default_factory=dict)
-    """The parts of another state from which the engine had computed positions before a step."""
+    """The state arrays from which the engine had computed positions before a step, if these were of
+    another state."""
     edits: Sequence[ModelEdit] = ()
     answers: Sequence[tuple[int, bytes]] = ()
     """Effects of the script's callbacks within a step, as the engine's watch sent them, by step."""

@@ -1,4 +1,4 @@
-"""Everything recorded of a run, in order, as the analysis reads it."""
+"""All recorded data of a run, in order, as the analysis reads them."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ PIECE, LEAST, NUMBERS = 1 << 13, 1 << 5, 1 << 18
 """Largest and smallest number of steps in a chunk, and most numbers (degrees of freedom of all
 bodies times steps)."""
 DEFAULT_ENGINE = "PyBullet"
-"""The engine of a recording that does not name one."""
+"""The engine of a recording in which none is named."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +59,9 @@ class Piece:
     """A chunk of consecutive steps of all simulations: samples, and the calls between them."""
 
     first: int
-    """The first of these steps."""
+    """Index of the chunk's first step."""
     end: int
-    """One past the last of these steps."""
+    """Index after the chunk's last step."""
     bases: Rows
     """States of bases, of dtype `BASE_STATE`: one row per step and movable base, in step order."""
     joints: Mapping[int, Joints]
@@ -94,7 +94,7 @@ class Sampled(Protocol):
 
 @dataclass(frozen=True)
 class HeldSamples:
-    """Samples in memory, where there is no recording."""
+    """Samples in memory, for a simulation without a recording."""
 
     bases: Rows
     """States of dtype `BASE_STATE`, in step order."""
@@ -162,7 +162,7 @@ class Seen:
     """Whether the script requested real-time simulation, and was stepped by a virtual clock
     instead."""
     unseeded: tuple[str, ...]
-    """The lines that drew unseeded random numbers."""
+    """The script lines that drew random numbers without a seed."""
     machine: str
     """Kind of processor; empty if unknown."""
     causes: Mapping[int, ImpulseCause] = field(default_factory=dict)
@@ -170,14 +170,14 @@ class Seen:
     frictions: Mapping[tuple[int, int, int, int], float] = field(default_factory=dict)
     """Coefficients of friction by pair of bodies and links, if the engine has one for each pair."""
     softness: Mapping[tuple[int, int, int, int], Softness] = field(default_factory=dict)
-    """`solref` and `solimp` of each such pair."""
+    """`solref` and `solimp` by pair of bodies and links, as in `frictions`."""
     condims: Mapping[tuple[int, int, int, int], tuple[int, float]] = field(default_factory=dict)
-    """`condim` and `rolling` of each such pair."""
+    """`condim` and rolling friction by pair of bodies and links, as in `frictions`."""
     can_replay: bool = False
-    """Whether the recording holds what its engine needs to replay the steps."""
+    """Whether the recording contains the data with which the engine can replay the steps."""
     windows: Sequence[tuple[int, int, int]] = ()
-    """Client, first and end of each range of steps explained after the recording, by start sample;
-    empty if all steps were explained at once."""
+    """Ranges of steps that were explained after the recording: client, first and end (exclusive),
+    by start sample; empty if all steps were explained at once."""
     warnings: Sequence[EngineWarning] = ()
     equalities: Sequence[Equality] = ()
     episode_ends: Sequence[EpisodeEnd] = ()
@@ -210,7 +210,7 @@ class Seen:
         return self.softness.get((a, i, b, k), self.softness.get((b, k, a, i)))
 
     def measured(self, kind: str, client: int) -> dict[str, Answer]:
-        """Return the first number of each of a simulation's sensors of a kind, by their names."""
+        """Return the first component of a simulation's sensors of one kind, by sensor name."""
         return {
             sensor.name: sensor.answers[0]
             for sensor in self.sensors
@@ -366,12 +366,12 @@ def names_of_body(body: Body) -> Iterator[str]:
 
 
 def body_named(bodies: Iterable[Body], which: str) -> Body:
-    """Return the one body with an id, label or name, with or without the suffix of its file.
+    """Return the body with an id, label or name; a file's suffix may be omitted from the name.
 
     Raises
     ------
     ScenarioError
-        If there is none, or several have the name.
+        If no body, or several bodies, match.
     """
     candidates = list(bodies)
     matches = [

@@ -1,4 +1,4 @@
-"""The calls of a script in a range of steps, with the bodies that they concern."""
+"""The calls of a script in a range of steps, with the bodies that each call concerns."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ PAIR = ("bodyUniqueIdA", "bodyUniqueIdB", "bodyUniqueId")
 
 
 class Log:
-    """The calls in a range of steps, with the bodies that they are about.
+    """The calls in a range of steps, with the bodies that each call concerns.
 
     Parameters
     ----------
     rows
-        The calls.
+        The recorded calls.
     sites
-        The places that they name, by number.
+        The call sites, by number.
     raised
-        What calls raised.
+        The errors that calls raised.
     appearances
-        Of the bodies that the simulations had.
+        The appearances of all bodies.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Log:
         self._known: dict[frozenset[int], list[Call]] = {}
         self._errors = {each.at.call: each.error for each in raised}
         self._came: dict[tuple[int, int], list[Appearance]] = {}
-        """The bodies that had an id, by client and the engine's id."""
+        """Appearances of the bodies that had an id, by client and the engine's id."""
         for appearance in appearances:
             if appearance.came:
                 key = appearance.body.client, appearance.body.engine_id
@@ -69,7 +69,7 @@ class Log:
         yield from self._made({*self.sites})
 
     def of(self, *acts: Act) -> list[Call]:
-        """Return the successful calls with any of the given meanings; without any, all of them."""
+        """Return the successful calls with any of the given acts; without any act, all of them."""
         sites = {n for n, site in self.sites.items() if not acts or site.act in acts}
         return [call for call in self._made(sites) if not call.raised]
 
@@ -129,9 +129,10 @@ class Log:
     # -- the bodies that they are about -----------------------------------------------------------
 
     def of_bodies(self, *acts: Act) -> Iterator[tuple[Call, At, Appearance]]:
-        """Yield the calls with any of the given meanings, and the bodies that they are about.
+        """Yield the calls with any of the given acts, each with its moment and its body.
 
-        A body is listed with the next step: earlier calls about it are dated to that moment.
+        A new body is recorded before the next step: calls before that are dated to the body's
+        appearance.
         """
         for call in self.of(*acts):
             place = next((at for name in BODY_NAMES if (at := call.site.places.get(name))), None)
@@ -147,9 +148,10 @@ class Log:
     def bodies_at(
         self, client: int, engine_id: int, calls: Int64
     ) -> tuple[Sequence[Appearance], Int64]:
-        """Return the bodies that had an engine id, and the index of its owner at each call.
+        """Return the bodies that ever had an engine id, and which of them had it at each call.
 
-        -1 stands for none; shape (n,). `calls` are their numbers.
+        The second array contains indices into the first, or -1 for no body, shape (n,). `calls` are
+        the numbers of the calls.
         """
         key = client, engine_id
         came = self._came.get(key, [])
@@ -187,9 +189,9 @@ class Log:
     # -- what they asked for ----------------------------------------------------------------------
 
     def filters(self) -> Iterator[tuple[Call, tuple[int, ...]]]:
-        """Yield the calls that may disable contacts between two bodies, or of one with all others.
+        """Yield calls that may disable contacts, between two bodies or of one body with all others.
 
-        They come with the bodies' numbers.
+        Each call is yielded with the ids of its bodies.
         """
         for call in self.of(*FILTERS):
             named = call.values

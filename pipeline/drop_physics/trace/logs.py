@@ -11,7 +11,7 @@ from drop_physics.messages import Message
 from drop_physics.trace.frames import ModelEdit
 
 Sets = Literal["setting", "state", "input", "model"]
-"""What a call sets: an engine option; positions and velocities; external inputs; or body
+"""Target of a call: an engine option; positions and velocities; external inputs; or body
 properties."""
 Made = tuple[str, int]
 """An object that a call creates: its kind, and an index that means the same in both logs."""
@@ -36,8 +36,8 @@ class LoggedCall:
     content: bytes | None = None
     """Bytes of the file that the call names."""
     key: object = None
-    """A key that is equal for calls with the same effect, whatever the names of the files that they
-    load."""
+    """A key that is equal for calls with the same effect, whatever the names of the loaded files.
+    """
 
 
 # -- files that calls name ------------------------------------------------------------------------
@@ -46,8 +46,8 @@ class LoggedCall:
 def attributes_apart(a: bytes, b: bytes) -> Iterator[tuple[str, str | None, str | None]]:
     """Yield the attributes that differ between two XML files with the same elements.
 
-    An attribute is named by its element and the named element around it, such as `mass value of
-    arm`. Nothing is yielded if the elements differ, or a file is no XML.
+    An attribute is described by its element and the enclosing element with a name, such as `mass
+    value of arm`. Nothing is yielded if the elements differ, or a file is not XML.
     """
     try:
         both = [[*_elements(Xml.fromstring(each), "")] for each in (a, b)]
@@ -78,11 +78,11 @@ class KnownDifference:
 
     name: Message
     is_setting: bool = False
-    """Whether it is an engine option rather than a property of the model."""
+    """Whether the difference is in an engine option, not in a property of the model."""
     calls: Sequence[LoggedCall] = ()
-    """The calls that remove it in the one engine."""
+    """Calls that remove the difference in one engine."""
     edits: Sequence[ModelEdit] = ()
-    """Model edits that remove it in the other engine."""
+    """Model edits that remove the difference in the other engine."""
     value: float | None = None
     """Value in the engine whose calls remove the difference, if it is a number."""
     other: float | None = None

@@ -19,7 +19,7 @@ VELOCITY, TORQUE, POSITION, PD = 0, 1, 2, 3
 FORCE = 100000.0
 """PyBullet's default force limit of a motor [N m] or [N]."""
 DEFAULTS_TO_FORCE = ("setJointMotorControl2", "setJointMotorControlArray")
-"""Functions whose TORQUE_CONTROL applies a torque of FORCE if none is given."""
+"""Functions whose TORQUE_CONTROL uses `FORCE` as the torque if no force is given."""
 DEFAULTS = {
     "targetPosition": 0.0,
     "targetVelocity": 0.0,
@@ -37,7 +37,7 @@ ARGUMENTS = {
     "velocityGain": "velocityGains",
     "maxVelocity": "maxVelocities",
 }
-"""The arguments of a call for one joint, and their names in the call for several joints."""
+"""Names of arguments in a call for one joint, and in a call for several joints."""
 
 
 class Command(NamedTuple):
@@ -58,7 +58,7 @@ class Command(NamedTuple):
     def given(self, name: str, width: int = 1) -> Float64:
         """Return the numbers of an argument, shape (n, width) or, with one number each, (n, 1).
 
-        Its default is returned if the call has too few.
+        The argument's default is returned if the call has too few numbers.
         """
         numbers = self.values.get(name)
         if numbers is not None and numbers.shape[1] in (1, width):
@@ -91,7 +91,7 @@ class Command(NamedTuple):
 def commands_of(seen: Calls, sites: Mapping[int, Site], widths: Int64) -> Iterator[Command]:
     """Yield the motor commands in calls, one for each site and joint.
 
-    `widths` has the number of numbers of each call.
+    `widths` contains how many numbers each call has.
     """
     starts = np.cumsum(widths) - widths
     for number in np.unique(seen.sites).tolist():
@@ -125,11 +125,11 @@ def of_joint(values: Mapping[str, Sequence[T]], number: int, joints: int) -> dic
     Parameters
     ----------
     values
-        What belongs to each argument: numbers, or their places in a row.
+        For each argument, its numbers or their indices in a row.
     number
-        Which joint, among those of the call.
+        The index of the joint among the joints of the call.
     joints
-        How many the call has.
+        The number of joints in the call.
     """
     found: dict[str, Sequence[T]] = {}
     for name, plural in ARGUMENTS.items():

@@ -19,18 +19,18 @@ KINDS: Mapping[str, Kind] = {
     "prismatic": "prismatic",
     "spherical": "spherical",
 }
-"""Joint types that the kinematics covers; any other is drawn as fixed."""
+"""Joint types that the kinematics supports; joints of other types are drawn as fixed."""
 
 
 def tree_of(joints: Sequence[Joint], frames: Float64) -> Tree:
-    """Build a body's kinematic tree with a moving base, without masses: enough to compute poses.
+    """Build a body's kinematic tree without masses, with a moving base, to compute poses.
 
     Parameters
     ----------
     joints
-        What connects each link to its parent.
+        The joint between each link and its parent.
     frames
-        Where the inertia of base and links is in their own frames: poses, shape (links + 1, 7).
+        Inertial frames of base and links as poses in their own frames, shape (links + 1, 7).
     """
     links = len(joints)
     orientations = np.reshape([joint.parent_orientation for joint in joints], (-1, 4))
@@ -60,11 +60,11 @@ def links_of(tree: Tree, base: Float64, joints: Joints | None) -> Float64:
     Parameters
     ----------
     tree
-        The body.
+        The kinematic tree of the body.
     base
-        Of its base, shape (n, 13).
+        The states of the base, shape (n, 13).
     joints
-        Of its joints, n samples; None if none moves.
+        The n states of the joints; None if no joint moves.
     """
     motions = np.empty((len(base), tree.links + 1, 13))
     motions[:, 0] = base

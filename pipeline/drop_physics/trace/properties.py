@@ -1,8 +1,8 @@
-"""Tells which link PyBullet's `changeDynamics` really changes: the named one, or the base.
+"""Determines which link PyBullet's `changeDynamics` really changes: the named one, or the base.
 
-PyBullet sends one link with all properties of a call, and each of its setters writes which one it
-is: most write the link that the call names, some the base. So the last setter decides for all of
-them (bullet3 #3314, #4133; `pybullet_changeDynamicsInfo` in `pybullet.c` for the order,
+PyBullet sends one link index with all properties of a call, and each of the setters overwrites it:
+most with the named link, some with the base. So the last setter decides for all properties (bullet3
+#3314, #4133; `pybullet_changeDynamicsInfo` in `pybullet.c` for the order,
 `b3ChangeDynamicsInfoSet…` in `PhysicsClientC_API.cpp` for the link). Measured with PyBullet 3.2.7
 (`tests/test_bullet_calls.py`).
 """
@@ -37,19 +37,19 @@ ORDER: Mapping[str, bool] = {
     "maxJointVelocity": TO_BASE,
     "collisionMargin": TO_BASE,
 }
-"""The setters in PyBullet's order, by their argument, and whether each writes the named link.
-`sleepThreshold` writes none.
+"""The setters in PyBullet's order, by argument, and whether each writes the index of the named
+link.
 
-`sleepThreshold` writes none.
+The setter of `sleepThreshold` writes no index.
 """
 PROPERTIES = ORDER.keys() | {"jointUpperLimit", "contactDamping", "sleepThreshold"}
 """All properties that a call of `changeDynamics` can set."""
 OF_BODIES = frozenset(
     ("linearDamping", "angularDamping", "maxJointVelocity", "activationState", "sleepThreshold")
 )
-"""Properties that a btMultiBody has only once: they take effect whichever link is named."""
+"""Properties that a btMultiBody has only once: they are set whichever link a call names."""
 OF_JOINTS = frozenset(("jointDamping", "jointLowerLimit", "jointUpperLimit", "jointLimitForce"))
-"""Properties that a base does not have: they are lost if the call reaches the base."""
+"""Properties that a base does not have: they are lost if a call reaches the base."""
 REPORTED: Mapping[str, str] = {
     "mass": "mass_kg",
     "lateralFriction": "lateral_friction",
@@ -61,12 +61,10 @@ REPORTED: Mapping[str, str] = {
     "contactStiffness": "contact_stiffness",
     "collisionMargin": "collision_margin_m",
 }
-"""Arguments whose value in the engine `getDynamicsInfo` reports, and how each is recorded.
-`getJointInfo` and `getConstraintInfo` report values cached in the client, not the engine's: limits
-and damping of a joint stay those of its file.
+"""Arguments whose value `getDynamicsInfo` reports, with the property's name in a recording.
 
-`getJointInfo` and `getConstraintInfo` answer from what the client has been told, not from the
-engine: limits and damping of a joint stay those of its file.
+`getJointInfo` and `getConstraintInfo` are not used: they return values cached in the client, so
+limits and damping of a joint stay those of its file.
 """
 REPORTED_SETTINGS: Mapping[str, str] = {
     "timeStep": "fixedTimeStep",
@@ -75,17 +73,18 @@ REPORTED_SETTINGS: Mapping[str, str] = {
     "gravZ": "gravityAccelerationZ",
     "enableRealTimeSimulation": "useRealTimeSimulation",
 }
-"""Names that `getPhysicsEngineParameters` uses for arguments, where they differ."""
+"""Names in `getPhysicsEngineParameters` of arguments that have another name there."""
 SETTERS = Act.SET_GRAVITY, Act.SET_TIMESTEP, Act.SET_REAL_TIME, Act.SET_ENGINE
-"""Meanings of the calls that have such arguments."""
+"""Acts of the calls that set these engine settings."""
 VECTORS = frozenset(("anisotropicFriction", "localInertiaDiagonal"))
-"""Arguments whose setter is called whatever their values are."""
+"""Arguments that PyBullet passes on whatever their values are."""
 
 
 def takes(name: str, values: Mapping[str, Sequence[float]]) -> bool:
     """Return whether PyBullet passes the given value of an argument on to the engine.
 
-    Negative numbers stand for none; so does a lower limit without an upper one that is as high.
+    PyBullet treats negative numbers as not given, and so a lower limit without an upper limit at
+    least as high.
     """
     if name not in values:
         return False
@@ -98,7 +97,7 @@ def takes(name: str, values: Mapping[str, Sequence[float]]) -> bool:
 def link_reached(values: Mapping[str, Sequence[float]]) -> int:
     """Return the link whose properties a call really changes, from its numeric arguments.
 
-    -1 is the base. If no argument has a setter, it is the named link.
+    The base is -1. If no argument has a setter, the named link is returned.
     """
     named = int(first) if math.isfinite(first := values.get("linkIndex", (BASE,))[0]) else BASE
     setters = [to_named for name, to_named in ORDER.items() if takes(name, values)]

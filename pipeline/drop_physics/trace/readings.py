@@ -1,7 +1,7 @@
-"""What a script read from its simulation: line, function, subject, how often and when.
+"""The values that a script read from its simulation: line, function, subject, how often and when.
 
-They include the first and the last, the least and the greatest answer of a line; other values can
-be computed from states and contacts.
+For each line, the first, last, least and greatest value are recorded; other values can be computed
+from states and contacts.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from drop_physics.trace.acts import Act, act_of
 
 @dataclass(frozen=True)
 class Subject:
-    """What a reading is about: a body, a link, or a contact between two."""
+    """Subject of a reading: a body, a link, or a contact between two bodies."""
 
     body: int
     """Body id in the recording."""
@@ -40,16 +40,16 @@ class Answer:
     """One number that a script line reads: first, last, least and greatest value."""
 
     name: str
-    """Name: `points`, `force of all`, `reaction fx`, `x` …; its index in the return value if it has
-    no name."""
+    """Name of the number: `points`, `force of all`, `reaction fx`, `x` …; for a number without a
+    name, the index in the return value."""
     first: float
-    """Its value in the first reading."""
+    """Value in the first reading."""
     last: float
-    """Its value in the last reading."""
+    """Value in the last reading."""
     least: float
-    """Its smallest value."""
+    """Smallest value."""
     greatest: float
-    """Its largest value."""
+    """Largest value."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,9 @@ class Lens:
     def near_far_m(self) -> tuple[float, float] | None:
         """Near and far clipping distances [m]; None for other kinds of projection.
 
-        From the third row of OpenGL's matrices: of a perspective z = -(f + n)/(f - n) and
-        -2 f n/(f - n), of a parallel projection -2/(f - n) and -(f + n)/(f - n).
+        The distances n and f follow from the third row of OpenGL's matrix, which contains -(f +
+        n)/(f - n) and -2 f n/(f - n) for a perspective, -2/(f - n) and -(f + n)/(f - n) for a
+        parallel projection.
         """
         if len(self.projection) != 16:
             return None
@@ -92,9 +93,9 @@ class Reading:
     number: int
     """Index in the recording, in the order of the first readings."""
     client: int
-    """Id of the simulation that it reads."""
+    """Id of the simulation that the line reads."""
     function: str
-    """The function that it calls."""
+    """The engine function that the line calls."""
     file: str
     """File of the call, without this machine's folders."""
     line: int
@@ -102,28 +103,30 @@ class Reading:
     arguments: tuple[str, ...]
     """Names of the given arguments, except the client."""
     flags: dict[str, int | None]
-    """Values of the arguments that change what is read; None for one that is not an integer."""
+    """Values of arguments that change which values are read; None for one that is not an integer.
+    """
     first_step: int
     """Number of the simulation's steps before the first reading."""
     last_step: int
     """Number of steps before the last observed reading."""
     count: int
-    """Number of readings; an estimate unless it is `exact`."""
+    """Number of readings; an estimate unless `exact`."""
     exact: bool
     """Whether every reading was observed; after 256 steps, frequent ones may be sampled in every
     61st step."""
     targets: tuple[Subject, ...]
-    """Subjects of the readings, each once; empty if it reads all bodies, or none."""
+    """Distinct subjects of the readings; empty if the line reads all bodies, or none."""
     constraints: tuple[int, ...]
-    """The constraints that it reads, by the engine's id."""
+    """The constraints that the line reads, by the engine's id."""
     complete: bool
     """Whether `targets` lists all subjects; at most 1024 are kept."""
     camera: Lens | None = None
-    """The camera of its first image."""
+    """The camera of the line's first image."""
     answers: tuple[Answer, ...] = ()
-    """Return values, one entry for each number; for several bodies or links those of all."""
+    """Summary of the return values, one entry for each number, over all bodies and links that the
+    line reads."""
 
     @property
     def act(self) -> Act:
-        """What its function does."""
+        """The act of the line's function."""
         return act_of(self.function)

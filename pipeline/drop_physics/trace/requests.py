@@ -1,7 +1,8 @@
 """Compares properties that calls requested with those that the engine then reported.
 
-The recorder reads a body again, once, before the step that follows a call about it, and the
-engine's settings likewise; changed values are written. So both are in any recording.
+Before the step after a call that changes a body or the engine's settings, the recorder reads their
+properties again, and writes changed values. A recording therefore contains both requested and
+reported values.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ class Request:
     """Name of the argument."""
     asked: Numbers
     body: Body | None = None
-    """The body; None for a setting of the engine."""
+    """The body on which the property was set; None for a setting of the engine."""
     link: int = BASE
     """The link that the call names."""
     reached: int = BASE
@@ -54,12 +55,12 @@ class Request:
     ignored: bool = False
     """Whether the engine ignores this value."""
     before: Numbers | None
-    """The value reported for the named link before the call; None if there is none, or the body was
-    not listed yet."""
+    """The value reported for the named link before the call; None if none was reported, or the body
+    was not recorded yet."""
     got: Numbers | None
     """The value reported for the named link before the next step."""
     elsewhere: Numbers | None = None
-    """The value reported for the link that the call affected, if that is another link."""
+    """The value reported for the link that the call affected, if this is not the named link."""
 
     @property
     def taken(self) -> bool:
@@ -78,8 +79,8 @@ def requests(
 ) -> list[Request]:
     """Return the values that calls requested, for bodies and then for the engine, in order.
 
-    A request that another call replaced before the next step is left out: nothing was read in
-    between.
+    A request that another call replaced before the next step is left out, since no value was read
+    in between.
     """
     of_body: defaultdict[int, list[Dynamics]] = defaultdict(list)
     of_client: defaultdict[int, list[Settings]] = defaultdict(list)
@@ -132,7 +133,7 @@ def _around(
 
 
 def _of_link(row: Dynamics | None, name: str, link: int) -> Numbers | None:
-    """Return the reported property of a link; None if the engine does not report that property."""
+    """Return the reported property of a link; None if the engine does not report it."""
     values = None if row is None else row.reported.get(REPORTED.get(name, ""))
     if values is None or not BASE <= link < len(values) - 1:
         return None

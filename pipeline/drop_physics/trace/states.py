@@ -1,6 +1,7 @@
-"""What an engine reports for each step: the states of movable bodies, and the contact points.
+"""Types of the data that an engine reports for each step: states of movable bodies, contact points.
 
-Rows of named numbers. A *part* is a body's link; link -1 is its base. World axes throughout.
+Both are rows of named numbers. A *part* is a link of a body; link -1 is the base. All vectors are
+in world axes.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ STATE = np.dtype(
         ("spin_rad_s", "<f8", (3,)),
     ]
 )
-"""One part before a step: position of its centre of mass, and orientation of its axes as a
-quaternion x, y, z, w. The parts of a step are ordered by body and link."""
+"""State of one part at a sample: position of its centre of mass [m], and orientation of its axes as
+a quaternion x, y, z, w. The parts of a step are ordered by body and link."""
 
 BASE_STATE = np.dtype([(name, STATE[name]) for name in STATE.names or () if name != "link"])
 """The state of a base: that of a part without the link index."""
@@ -73,9 +74,9 @@ CONTACT = np.dtype(
         ("friction_2_direction", "<f8", (3,)),
     ]
 )
-"""One contact point of the step that led to sample `step`: two parts, the point on each, the normal
-from b to a, the distance (negative: penetration), and the forces on a. The points of a step are in
-the engine's order."""
+"""A contact point of the step before sample `step`: two parts, the point on each [m], the normal
+from b to a, the distance [m] (negative: penetration), and the forces on a [N]. The points of a step
+are in the engine's order."""
 
 CONTACT_COLUMNS = {
     "position_a_m": ("ax_m", "ay_m", "az_m"),

@@ -20,12 +20,12 @@ Window = tuple[int, int, int]
 
 
 class EventPlace(NamedTuple):
-    """Where in a file an event is stored, and the samples that it covers."""
+    """Position of an event in a file, and the samples that it covers."""
 
     first: int
-    """The first of its samples."""
+    """Index of the first sample."""
     end: int
-    """One past the last of its samples."""
+    """Index after the last sample."""
     at: int
     """Byte offset in the file."""
 
@@ -38,7 +38,7 @@ class LaterSums:
         weakref.finalize(self, self._file.close)
         self._places: list[EventPlace] = []
         self.windows: list[Window] = []
-        """The steps that are explained."""
+        """The ranges of explained steps."""
         self.causes: dict[int, ImpulseCause] = {}
         self.pairs: list[PairFriction] = []
 

@@ -1,6 +1,6 @@
 """Interface to compare two runs: their common columns, and steps with swapped values.
 
-An engine delivers both: here is the form that it gives them, without a word of its own.
+Each engine implements this interface; it contains no term that only one engine uses.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import Literal, NamedTuple, Protocol
 from drop_physics.arrays import Flags, Float64, Int64
 
 Kind = Literal["motion", "hidden", "input", "edit"]
-"""What a number is: a position or velocity; other state; an external input; or a model field
-written during the run."""
+"""Kind of a compared number: a position or velocity; another part of the state; an external input;
+or a model field written during the run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +21,7 @@ class Paired:
     """One quantity in both runs: n steps in k corresponding columns."""
 
     name: str
-    """The name that the engine uses."""
+    """The engine's name for the quantity."""
     kind: Kind
     elements: Sequence[str]
     """The model element to which each column belongs."""
@@ -29,12 +29,13 @@ class Paired:
     """First run's values before each step, shape (n, k)."""
     before_b: Float64
     after_a: Float64 | None = None
-    """First run's values after each step, shape (n, k); None for what no step changes."""
+    """First run's values after each step, shape (n, k); None for quantities that no step changes.
+    """
     after_b: Float64 | None = None
     units: Sequence[str] = ()
     """Units of the columns whose differences are reported: `m`, `rad`, `m/s`, `rad/s`."""
     is_setting: bool = False
-    """Whether it is an engine option that is written during the run."""
+    """Whether the quantity is an engine option that is written during the run."""
 
 
 class FieldApart(NamedTuple):
@@ -44,13 +45,13 @@ class FieldApart(NamedTuple):
     element: str
     """Name of the element; empty for a field without elements."""
     of: str
-    """Owner, such as the body of a shape; empty if it adds no information."""
+    """Owner of the element, such as the body of a shape; empty if it adds no information."""
     a: tuple[float, ...]
     b: tuple[float, ...]
     is_derived: bool = False
-    """Whether the engine computes it from other fields."""
+    """Whether the engine computes the field from other fields."""
     is_setting: bool = False
-    """Whether it is an engine option rather than a property of the model."""
+    """Whether the field is an engine option, not a property of the model."""
     is_structure: bool = False
     """Whether the field describes how elements are connected: such differences are swapped
     together."""
@@ -66,9 +67,9 @@ class StageApart(NamedTuple):
     """The largest difference, as a share of the largest number; infinite if the counts differ."""
     what: str
     pair: tuple[str, str] | None = None
-    """The shapes that touch."""
+    """Names of the two shapes that touch."""
     bodies: tuple[str, ...] = ()
-    """The movable bodies to which these shapes belong."""
+    """The movable bodies to which the two shapes belong."""
 
 
 @dataclass(frozen=True)
@@ -77,12 +78,12 @@ class TermPut:
 
     name: str
     left: float
-    """The remaining velocity difference, each in its own unit."""
+    """The largest remaining velocity difference, each velocity in its own unit."""
 
 
 @dataclass(frozen=True, eq=False)
 class EndApart:
-    """How far two runs are apart at the end, and in which coordinate."""
+    """Distance between the final states of two runs, and the coordinate in which it occurs."""
 
     value: float
     unit: str
@@ -91,7 +92,7 @@ class EndApart:
 
 @dataclass(frozen=True, eq=False)
 class Common:
-    """What two compared runs have in common, and how their models differ."""
+    """Common steps and columns of two compared runs, and the differences between their models."""
 
     engines: tuple[str, str]
     """Engine names and versions."""
@@ -101,18 +102,18 @@ class Common:
     """The engine's clock after each step [s]."""
     columns: Sequence[Paired]
     fields: Sequence[FieldApart] = ()
-    """The compiled elements that differ and whose values can be swapped."""
+    """The fields of compiled elements that differ and whose values can be swapped."""
     other_fields: Sequence[str] = ()
     """Names of fields whose structure differs, so that they cannot be swapped."""
     only: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    """Elements that only one run has, `a` and `b`."""
+    """Elements that only one run has, by run: `a` and `b`."""
     is_reordered: bool = False
     """Whether elements with the same names have another order."""
     is_same_model: bool = False
-    """Whether the compiled models are the same in all that a step reads."""
+    """Whether the compiled models are equal in all fields that a step uses."""
 
     moves_alone: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    """Those of the unmatched elements that move, or whose joints move: `a` and `b`."""
+    """Elements that only one run has and that move, or whose joints move, by run: `a` and `b`."""
     numbers: Int64 | None = None
     """The first run's index of each compared step; None if all steps are compared, in order."""
     count: int = -1
@@ -152,13 +153,13 @@ class OneStep(Protocol):
         Parameters
         ----------
         steps
-            Which.
+            The indices of the steps.
         swapped
-            The fields, by number in `common.fields`, that have the first run's values.
+            The fields, by index in `common.fields`, that get the first run's values.
         kept
             Columns of states and inputs, by name, that keep the second run's values.
         whole
-            Whether hidden parts of the state count, too.
+            Whether hidden parts of the state must agree, too.
         """
 
     def sizes(self, steps: Int64, swapped: Sequence[int]) -> Float64:
@@ -172,7 +173,7 @@ class OneStep(Protocol):
         Raises
         ------
         DropError
-            If a process ends before it is through.
+            If an engine's process ends early.
         """
 
     def features(self, step: int, swapped: Sequence[int]) -> list[str]:
@@ -184,8 +185,8 @@ class OneStep(Protocol):
     def nudged(self, step: int, size: float, count: int) -> tuple[bool, list[float]]:
         """Repeat the first run from a step on with slightly changed velocities.
 
-        Returns whether the unnudged run equals the first run to the bit, and the final distances of
-        the nudged ones, ascending.
+        Returns whether the repetition without a change equals the first run to the bit, and the
+        final distances of the changed repetitions, ascending.
         """
 
     def apart(self, step: int) -> EndApart:

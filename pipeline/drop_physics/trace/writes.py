@@ -1,7 +1,7 @@
 """A script's writes into engine memory: which elements of a field, and their new values.
 
-A recording holds a write as a call by the name of the field (`trace.acts`), whose arguments are the
-elements: all of them, or `[index]=value` for some; for a model's field, with the former values.
+A recording stores a write as a call with the name of the field (`trace.acts`). The arguments are
+all elements, or `[index]=value` for some; a write to a model also has the previous values.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class WrittenElements(NamedTuple):
 
 
 def written_by(call: Call) -> WrittenElements:
-    """Return the elements that a recorded write changed; such a call is named after the field."""
+    """Return the elements that a recorded write changed; its call is named after the field."""
     names, numbers = np.array(call.site.names), np.array(call.numbers)
     values = numbers[names == call.function]
     indices = numbers[names == INDEX].astype(np.int64)

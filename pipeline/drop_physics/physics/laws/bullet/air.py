@@ -1,9 +1,9 @@
 """Bullet's velocity update in the air, and the path in exact arithmetic.
 
 The float version keeps the engine's order of operations. On x86-64, where each operation rounds
-once, it equals PyBullet 3.2.7 in every bit, for a body that neither spins nor is turned (for others
-see `laws/bullet/spin`). The exact version is the same law with 40 digits. File names and line
-numbers are bullet3's.
+once, it equals PyBullet 3.2.7 in every bit, for a body that neither spins nor is rotated
+(otherwise, see `laws/bullet/spin`). The exact version is the same law with 40 digits. File names
+and line numbers refer to bullet3.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ EPSILON = 2.220446049250313e-16
 
 
 def effective_damping(damping: float | None, coordinates: Coordinates) -> float:
-    """Return the linear or angular coefficient that the engine uses when set to `damping`.
+    """Return the coefficient that the engine uses if the linear or angular one is set to `damping`.
 
-    None and negative values leave the default: PyBullet passes on only 0 and more. `btRigidBody`
-    clamps to 1 (`setDamping`), `btMultiBody` accepts any value.
+    None and negative values leave the default, since PyBullet passes only values of 0 and above.
+    `btRigidBody` clamps the coefficient to 1 (`setDamping`), `btMultiBody` accepts any value.
     """
     if damping is None or damping < 0:
         return DEFAULT_DAMPING[coordinates]
@@ -66,13 +66,13 @@ def velocity_law(
 ) -> tuple[VelocityLaw[Number], tuple[Number, Number, Number]]:
     """Return the velocity update of a step for one number type, and the body's weight [N].
 
-    Reduced: v' = f/m - k v (1 + |v|), `btMultiBody.cpp` 842-843, divided by the mass in its
-    `solveImatrix`, added and limited in `applyDeltaVeeMultiDof`.
+    Reduced coordinates: v' = f/m - k v (1 + |v|), `btMultiBody.cpp` 842-843, divided by the mass in
+    its `solveImatrix`, added and limited in `applyDeltaVeeMultiDof`.
 
-    Maximal: damped by v *= (1 - k)^dt in `btRigidBody::applyDamping`, then pulled in
-    `btSequentialImpulseConstraintSolver.cpp` 477. That power is the double that the engine's pow
-    returns, in exact arithmetic too: rounded once, it acts alike in every step, as a slightly
-    different damping, not as rounding that averages out.
+    Maximal coordinates: damped by v *= (1 - k)^dt in `btRigidBody::applyDamping`, then accelerated
+    by gravity in `btSequentialImpulseConstraintSolver.cpp` 477. The power is the double that the
+    engine's `pow` returns, even in exact arithmetic: its rounding is the same in every step, so it
+    acts as a slightly different damping, and does not average out.
     """
     dt, mass = number(body.step_s), number(body.mass_kg)
     gx, gy, gz = map(number, body.gravity_m_s2)
@@ -111,8 +111,8 @@ def exact_path(
 ) -> Iterator[Sequence[Decimal]]:
     """Yield the positions before each step: z alone for a vertical flight, otherwise x, y, z.
 
-    The doubles of timestep, gravity, damping and start are taken as exact; so is the timestep
-    divided by the substeps. The mass cancels.
+    Timestep, gravity, damping and start state count as exact numbers, and so does the timestep
+    divided by the number of substeps. The mass cancels.
     """
     body = replace(body, mass_kg=1.0)
     vertical = not any((*velocity_m_s[:2], *body.gravity_m_s2[:2]))

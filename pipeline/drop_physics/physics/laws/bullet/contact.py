@@ -1,11 +1,11 @@
 """Bullet's contact model for a body that lands flat: impact, settling, rest, bounces.
 
-Contact acts only once the body is inside the floor, and within single steps: it gives the body at
-least the velocity that restitution asks for, and corrects a share of the penetration per step. This
-is the law of a converged solver: `solverResidualThreshold=0`, and enough iterations. By default the
-solver stops micrometres earlier. Bodies that do not stay flat, or are thrown sideways, are not
-covered. The floor is a btMultiBody, so one solver serves both kinds of body. File names and line
-numbers are bullet3's.
+Contact acts only in steps in which the body is inside the floor: it gives the body at least the
+velocity that restitution requires, and corrects a share of the penetration per step. This is the
+law of a converged solver (`solverResidualThreshold=0`, and enough iterations); with default
+settings, the body rests micrometres away from it. Bodies that do not stay flat, or are thrown
+sideways, are not covered. The floor is a btMultiBody, so the same solver is used for both kinds of
+body. File names and line numbers refer to bullet3.
 """
 
 from __future__ import annotations
@@ -22,11 +22,13 @@ from drop_physics.physics.laws.bullet.air import BulletBody, velocity_law, verti
 CONTACT_SLOP_M = 1e-5
 """Penetration that is not corrected: PhysicsServerCommandProcessor.cpp 2803, `m_linearSlop`."""
 CONTACT_ERP = 0.08
-"""Share of the penetration corrected per step: the same file, 2800, `m_erp2`."""
+"""Share of the penetration that is corrected per step: `m_erp2`, PhysicsServerCommandProcessor.cpp
+2800."""
 RESTITUTION_THRESHOLD_M_S = float(np.float32(0.2))
 """Minimum approach speed of a bounce: `btContactSolverInfo.h`, `m_restitutionVelocityThreshold`."""
 FLOOR_HALF_THICKNESS_M = 5.0
-"""plane.urdf is a box 10 m thick; distances are rounded relative to its centre, to 8.9e-16 m."""
+"""Half thickness of the floor [m]: plane.urdf is a box 10 m thick. Distances are rounded relative
+to the box's centre, to 8.9e-16 m."""
 
 
 LONGEST_CYCLE = 1 << 12
@@ -45,10 +47,10 @@ def flat_drop(
 ) -> Iterator[tuple[float, float]]:
     """Yield height [m] and vertical velocity [m/s] of each sample, indefinitely.
 
-    From an initial height and vertical velocity. `rest_height_m` is that of the body's centre where
-    it just touches the floor, `restitution` that of the pair: body's times floor's
-    (`btManifoldResult.cpp` 68-71). With d the distance to the floor and v' the velocity after a
-    step in the air, contact gives (`btMultiBodyConstraintSolver.cpp` 723-836):
+    The drop starts at `height_m` with `velocity_m_s`. `rest_height_m` is the height of the body's
+    centre at which the body just touches the floor, `restitution` the product of the body's and the
+    floor's coefficients (`btManifoldResult.cpp` 68-71). With d the distance to the floor and v' the
+    velocity after a step in the air, contact gives (`btMultiBodyConstraintSolver.cpp` 723-836):
 
         gap = d + slop;  v' = max(v', rebound - gap erp/dt)  or, where gap > 0, rebound - gap/dt
     """
@@ -85,7 +87,8 @@ def rebound_speed(
 ) -> float:
     """Return the rebound speed [m/s] of a body moving down at -`approach_m_s`.
 
-    `btSequentialImpulseConstraintSolver.cpp` 494-502, `restitutionCurve`: none below the threshold.
+    The rebound speed is 0 below the threshold (`btSequentialImpulseConstraintSolver.cpp` 494-502,
+    `restitutionCurve`).
     """
     return restitution * -approach_m_s if approach_m_s <= -threshold_m_s else 0.0
 
@@ -93,7 +96,8 @@ def rebound_speed(
 def free_velocity(body: BulletBody, velocity_m_s: Sequence[float]) -> float:
     """Return the vertical velocity after a step without contact [m/s].
 
-    `velocity_m_s` is the velocity before it, x, y, z, since the drag depends on the speed.
+    `velocity_m_s` is the velocity before the step, with x and y because the drag depends on the
+    speed.
     """
     after, (_, _, weight) = velocity_law(body, float)
     return after(float(velocity_m_s[2]), math.hypot(*velocity_m_s), weight)
@@ -102,6 +106,7 @@ def free_velocity(body: BulletBody, velocity_m_s: Sequence[float]) -> float:
 def rebound_heights(drop_height_m: float, restitution: float, bounces: int) -> Float64:
     """Return e^2 h, e^4 h, ...: the apexes above the floor of a perfect bounce [m], (bounces,).
 
-    Each bounce leaves e of the speed, so e² of the height, in free fall and continuous time.
+    Each bounce keeps the share e of the speed, and thus e² of the height, in free fall and
+    continuous time.
     """
     return drop_height_m * np.float64(restitution) ** (2 * np.arange(1, bounces + 1))

@@ -41,11 +41,11 @@ def drag_of(k: float, coordinates: Coordinates) -> Drag:
 class BulletLaw(BulletBody, Law):
     """The step of PyBullet 3.2.7, vectorised over samples.
 
-    On x86-64 the velocities of a btRigidBody are the engine's to the last bit, and so are those of
-    a btMultiBody that neither spins nor is turned. Otherwise the engine turns them into the body's
-    frame and back, by an orientation that is recorded only after a conversion through a matrix:
-    then they are within 8 units of 2^-52 of the step's summands (`terms`;
-    `tests/test_segments.py`). A position is the engine's where the velocity is.
+    On x86-64, velocities equal the engine's to the last bit for a btRigidBody, and for a
+    btMultiBody that neither spins nor is rotated. Otherwise the engine rotates velocities into the
+    body's frame and back, by an orientation that is recorded only after a conversion through a
+    matrix: then they are within 8 units of 2^-52 of the step's summands (`terms`;
+    `tests/test_segments.py`). Where the velocity equals the engine's, so does the position.
     """
 
     @property
@@ -72,7 +72,8 @@ class BulletLaw(BulletBody, Law):
     def bits(self, before: Motion) -> Flags:
         """Flag the samples from which `step` gives the engine's velocities bit for bit, (n,).
 
-        On x86-64. All substeps but the first begin with an orientation computed here.
+        This is possible only on x86-64. All substeps except the first begin with an orientation
+        computed here, not the engine's.
         """
         if self.coordinates == "maximal" and self.substeps == 1:
             return np.ones(len(before), dtype=bool)
@@ -112,8 +113,8 @@ class BulletLaw(BulletBody, Law):
     def turned_by(self, angular_impulse_n_m_s: Float64, before: Motion) -> Float64:  # noqa: ARG002
         """Return the change of spin due to angular impulses [rad/s], in body axes, (n, 3).
 
-        Without inertia about an axis, a btRigidBody is not turned about it, and a btMultiBody about
-        no axis (`btMultiBody::solveImatrix`).
+        If the inertia about an axis is 0, a btRigidBody does not rotate about this axis, and a
+        btMultiBody about no axis at all (`btMultiBody::solveImatrix`).
         """
         inertia = np.array(self.inertia_kg_m2)
         if self.coordinates == "reduced" and inertia.min() < EPSILON:
@@ -132,7 +133,8 @@ class BulletLaw(BulletBody, Law):
     def free_velocities(self, velocity_m_s: Float64) -> Float64:
         """Return velocities after a step of the integrator [m/s], before `held`.
 
-        In textbook order of operations, so not to the last bit; shape (n, 3).
+        Operations are in textbook order, so the result may differ from the engine's in the last
+        bits; shape (n, 3).
         """
         pull = np.array(self.gravity_m_s2) * self.step_s
         if self.coordinates == "maximal":
@@ -152,7 +154,8 @@ class BulletLaw(BulletBody, Law):
     ) -> Iterator[Sequence[Decimal]]:
         """Yield the positions of a flight, starting at sample `first`, for `exactly`.
 
-        For a vertical flight, only z. Spin is left out: it changes a flight only by rounding.
+        For a vertical flight, only z is yielded. Spin is ignored: it changes a flight only by
+        rounding.
         """
         path = bullet_air.exact_path(self, position_m, velocity_m_s)
         return itertools.islice(path, first * self.substeps, None, self.substeps)

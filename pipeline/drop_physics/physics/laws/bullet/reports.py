@@ -1,7 +1,7 @@
 """Converts PyBullet's constraint reports to forces on links and efforts on joints.
 
-Axes, points of action and signs follow its sources, with file names and line numbers of bullet3,
-and were measured with PyBullet 3.2.7 (`docs/validation.md`).
+Axes, points of action and signs follow PyBullet's sources (file names and line numbers refer to
+bullet3), and were measured with PyBullet 3.2.7 (`docs/validation.md`).
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ def constraint_forces(
 ) -> Forces:
     """Return the forces exerted by a `createConstraint` constraint on one of its bodies, n rows.
 
-    `pivot_m` is this body's, in its link's axes; `axes` the parent's frame in the world, shape
-    (n, 3, 3); `reported` the numbers of `getConstraintState` after each step, (n, 6) or (n, 3):
-    forces along the world's axes, then torques about the parent frame's
-    (`btMultiBodyFixedConstraint.cpp` 150-183, `btMultiBodyPoint2Point.cpp` 120: its axes are
-    negative).
+    `pivot_m` is the pivot point on this body, in the link's axes; `axes` the rotation from the
+    parent's frame to the world, shape (n, 3, 3); `reported` the numbers of `getConstraintState`
+    after each step, (n, 6) or (n, 3): forces along the world's axes, then torques about the axes of
+    the parent's frame (`btMultiBodyFixedConstraint.cpp` 150-183, `btMultiBodyPoint2Point.cpp` 120,
+    where the axes are negative).
     """
     sign = 1.0 if as_parent == (kind == "fixed") else -1.0
     steps = np.arange(len(reported))
@@ -53,10 +53,10 @@ def constraint_forces(
 def gear_impulses(
     tree: Tree, *, as_parent: bool, link: int, ratio: float, reported: Float64, timestep_s: Float64
 ) -> Float64:
-    """Return the impulses exerted by a JOINT_GEAR on one of its joints, shape (n, joint_rates).
+    """Return the impulses of a JOINT_GEAR constraint on one of its joints, shape (n, joint_rates).
 
     `reported` is the one number of `getConstraintState` after each step, shape (n,): the effort on
-    the parent's joint, and times the gear ratio that on the child's
+    the parent's joint or, multiplied by the gear ratio, on the child's joint
     (`btMultiBodyGearConstraint.cpp` 98-106).
     """
     impulses = np.zeros((len(reported), tree.joint_rates))

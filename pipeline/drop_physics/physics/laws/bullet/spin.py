@@ -1,9 +1,9 @@
-"""Bullet's step of a body that falls and spins, in the engine's order of operations.
+"""Bullet's step of a falling and spinning body, in the engine's order of operations.
 
-One step from each of many samples: vectors have the shape (3, n), quaternions x, y, z, w (4, n).
-With the C library's sin and cos it equals PyBullet bit for bit over any number of steps from the
-release; numpy's may differ in the last bit, and only the orientation depends on them. File names
-are bullet3's.
+Functions make one step from each of n samples: vectors have the shape (3, n), quaternions x, y, z,
+w (4, n). With sin and cos of the C library the result equals PyBullet's bit for bit over any number
+of steps from the release. Those of numpy may differ in the last bit, which affects only the
+orientation. File names refer to bullet3.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ MAX_TURN_RAD = 0.5 * (math.pi * 0.5)
 
 
 def velocities(body: BulletBody, v: Float64, w: Float64, q: Float64) -> tuple[Float64, Float64]:
-    """Return velocity [m/s] and spin [rad/s] after a step, given both and the prior orientation."""
+    """Return velocity [m/s] and spin [rad/s] after a step from state v, w and q."""
     return (_maximal if body.coordinates == "maximal" else _reduced)(body, v, w, q)
 
 
 def _reduced(body: BulletBody, v: Float64, w: Float64, q: Float64) -> tuple[Float64, Float64]:
     """Return the step of `btMultiBody.cpp` 754-774: explicit Euler for spin, in the body's frame.
 
-    ω' = I⁻¹ [-ω × Iω - I ω k (1 + |ω|)]. The terms m ω × v of that frame cancel except for
-    rounding.
+    ω' = I⁻¹ [-ω × Iω - I ω k (1 + |ω|)]. In the body's frame there are also terms m ω × v, which
+    cancel except for rounding.
     """
     k, damping, mass = body.linear_damping, body.angular_damping, body.mass_kg
     inertia, weight = _fixed(body.inertia_kg_m2), _fixed(body.gravity_m_s2) * mass
@@ -53,8 +53,9 @@ def _reduced(body: BulletBody, v: Float64, w: Float64, q: Float64) -> tuple[Floa
 def _maximal(body: BulletBody, v: Float64, w: Float64, q: Float64) -> tuple[Float64, Float64]:
     """Return the step of `btRigidBody.cpp`: one Newton iteration of implicit Euler for the spin.
 
-    `computeGyroscopicImpulseImplicit_Body`. Its `solve33` does not divide by a determinant up to
-    EPSILON: a body with inertias below some 6e-6 kg m² feels almost none of that torque.
+    The iteration is `computeGyroscopicImpulseImplicit_Body`. Its function `solve33` does not divide
+    by a determinant up to EPSILON: a body with inertias below about 6e-6 kg m² is hardly affected
+    by the gyroscopic torque.
     """
     dt, inverse = body.step_s, 1.0 / body.mass_kg
     pull = _fixed(body.gravity_m_s2) * (1.0 / inverse) * inverse * dt
@@ -93,7 +94,7 @@ def turned(
 ) -> Float64:
     """Return the engine's orientation after a step that ends with the given spin [rad/s].
 
-    The exponential map of `btTransformUtil::integrateTransform`.
+    The rotation is the exponential map in `btTransformUtil::integrateTransform`.
     """
     dt, reduced = body.step_s, body.coordinates == "reduced"
     rate = np.sqrt(dot(w, w)) if reduced else _safe_length(w)

@@ -31,9 +31,9 @@ def steps_of(
     substeps: int,
     servos: Callable[[States], Float64],
 ) -> tuple[Summed, Float64]:
-    """Return n steps as sums of impulses, and PD_CONTROL's efforts in the last substep of each.
+    """Return n steps as sums of impulses, and the efforts of PD_CONTROL in their last substeps.
 
-    `servos` returns these in some states, shape (n, joint_rates) each.
+    `servos` returns the efforts of PD_CONTROL in given states, shape (n, joint_rates).
     """
     if substeps > 1:
         return sum_of_substeps(body, states, reported, substeps, servos)
@@ -51,7 +51,7 @@ def flight(
 ) -> BulletLaw | None:
     """Return the law of free flight for a body without links; None if the engine cannot step it.
 
-    `damping` is what calls set, linear and angular; `gravity_m_s2` has the shape (3,).
+    `damping` is the linear and angular damping set by calls; `gravity_m_s2` has the shape (3,).
     """
     if not EPSILON <= timestep_s < np.inf:
         return None

@@ -3,17 +3,17 @@
     each substep     M (u' - u) = dt/N (gravity + bias + damping + joint damping + applied)
                                   + motors + contacts + constraints        q' = q + dt/N q̇'
 
-Held over all substeps are gravity, the forces and torques of calls, in the world's axes, and the
-force of joint damping, which PyBullet takes once, from the rates before the step. PD_CONTROL is
-added in each substep and taken away after the last, so that the k-th substep has k of them. A
-motor may give force × the whole timestep in each. Sources: `PhysicsServerCommandProcessor.cpp`
-10565-10592, `btDiscreteDynamicsWorld::stepSimulation`, `pdControlPlugin.cpp`; measured with
-PyBullet 3.2.7 (`docs/validation.md`).
+Constant over all substeps are gravity, the forces and torques of calls, in world axes, and the
+force of joint damping, which PyBullet computes once, from the rates before the step. The effort of
+PD_CONTROL is added in each substep and removed only after the last, so that k efforts act in the
+k-th substep. In each substep, a motor may exert its force limit times the whole timestep. Sources:
+`PhysicsServerCommandProcessor.cpp` 10565-10592, `btDiscreteDynamicsWorld::stepSimulation`,
+`pdControlPlugin.cpp`; measured with PyBullet 3.2.7 (`docs/validation.md`).
 
-Motors, contacts and constraints are reported as they were in the last substep. So the others are
-known where nothing of these acts; and where they give the same impulse in each: a motor that holds
-a pose or is at its limit, what rests on a floor. That they did is seen at the end of the step:
-velocity and pose are those that the substeps lead to.
+Motors, contacts and constraints are reported for the last substep only. The other substeps are
+known if none of these act, or if each exerts the same impulse in every substep: a motor that holds
+a pose or is at its limit, a body at rest on a floor. This assumption is checked at the end of the
+step: the substeps must lead to the recorded velocity and pose.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ from drop_physics.physics.tree import States
 
 HELD = 1e-6
 """Maximum difference, as a share of the largest term, between impulses that are assumed equal in
-all substeps: the solver stops before they are equal. Measured: 2e-8 for a resting body."""
+all substeps; they are not exactly equal, since the solver stops earlier. Measured: 2e-8 for a
+resting body."""
 
 
 def sum_of_substeps(
@@ -49,10 +50,10 @@ def sum_of_substeps(
 ) -> tuple[Summed, Float64]:
     """Return n steps, each of `substeps` substeps, as sums, from the n + 1 states around them.
 
-    Also returns PD_CONTROL's efforts in the last substep of each, shape (n, joint_rates).
+    Also returns the efforts of PD_CONTROL in the last substep of each step, shape (n, joint_rates).
 
-    `reported` has the forces that motors and contacts had in the last substep; `servos` returns
-    PD_CONTROL's efforts in some states, shape (n, joint_rates).
+    `reported` contains the forces of motors and contacts in the last substep; `servos` returns the
+    efforts of PD_CONTROL in given states, shape (n, joint_rates).
 
     Raises
     ------
@@ -75,7 +76,7 @@ def _substeps(
     substeps: int,
     servos: Callable[[States], Float64],
 ) -> tuple[list[States], list[Reported]]:
-    """Return the states before each step's substeps, and the known facts of the substeps."""
+    """Return the states before all substeps, and the forces known for each substep."""
     tree = body.tree
     one = replace(
         reported,
@@ -106,7 +107,7 @@ def _next(body: DampedTree, kin: Kinematics, now: States, reported: Reported) ->
 
 
 def _carried(forces: Forces, first: Kinematics, now: Kinematics) -> Forces:
-    """Shift forces at the centres of links that have moved since."""
+    """Move forces along with the centres of their links since the start of the step."""
     if not len(forces):
         return forces
     points = forces.point_m.copy()
@@ -127,7 +128,7 @@ def _in_turn(begins: Sequence[States]) -> States:
 
 
 def _reports_in_turn(given: Sequence[Reported]) -> Reported:
-    """Interleave the known facts of all substeps in chronological order."""
+    """Interleave the known forces of all substeps in chronological order."""
     joined: dict[str, Any] = {}
     for name in [column.name for column in fields(Reported)]:
         columns = [getattr(each, name) for each in given]

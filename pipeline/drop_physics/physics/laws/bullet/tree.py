@@ -1,10 +1,11 @@
-"""Bullet's step of a btMultiBody: the terms it adds to a tree's dynamics, and its reports.
+"""Bullet's step of a btMultiBody: the engine's own terms, and the forces that it reports.
 
-Of what is `Reported`, motors are `appliedJointMotorTorque` after each step, `commanded` the sum of
-TORQUE_CONTROL's efforts, `pd` PD_CONTROL's, which `getJointState` reports as 0; contacts are those
-of `getContactPoints`, constraints those of `getConstraintState`, after each step.
+In `Reported`, `motors` are `appliedJointMotorTorque` after each step, `commanded` the sum of
+efforts by TORQUE_CONTROL, `pd` the efforts of PD_CONTROL, which `getJointState` reports as 0.
+Contacts are those of `getContactPoints`, constraints those of `getConstraintState`, after each
+step.
 
-Measured with PyBullet 3.2.7 (`docs/validation.md`). File names and line numbers are bullet3's.
+Measured with PyBullet 3.2.7 (`docs/validation.md`). File names and line numbers refer to bullet3.
 """
 
 from __future__ import annotations
@@ -45,8 +46,8 @@ DAMPING = DEFAULT_DAMPING["reduced"]
 def sum_of(body: DampedTree, states: States, reported: Reported) -> Sum:
     """Return n steps as a sum of impulses, from the n + 1 states around them.
 
-    Memory grows with n: feed long recordings in chunks, each from the last state of the one before.
-    Where a state is not finite, the remainder is not either.
+    Memory grows with n: divide long recordings into chunks, each beginning with the last state of
+    the previous one. If a state is not finite, the remainder is not finite either.
 
     Raises
     ------
@@ -112,7 +113,8 @@ def _free_terms(
 def damping(body: DampedTree, kin: Kinematics, moved: LinkVelocities) -> Float64:
     """Return the generalised force due to Bullet's damping, shape (n, size).
 
-    -m v (k + k |v|) and -I ω (k' + k' |ω|) on each link (`btMultiBody.cpp` 754-758, 841-843).
+    The force on each link is -m v (k + k |v|), the torque -I ω (k' + k' |ω|) (`btMultiBody.cpp`
+    754-758, 841-843).
     """
     tree, k, turning = kin.tree, body.linear_damping, body.angular_damping
     forces = (
@@ -144,7 +146,8 @@ def _clamped(
 ) -> Float64:
     """Return the impulse of the velocity clamp before the solver: M (clip(free) - free), (n, size).
 
-    `btMultiBody.h` 483-487: each entry of u after the forces, before motors and contacts.
+    Bullet clamps each entry of u after forces were added, before motors and contacts
+    (`btMultiBody.h` 483-487).
     """
     force = sum(terms.values()) + pd
     free = velocity + np.linalg.solve(matrices, force[:, :, None])[:, :, 0]
@@ -217,7 +220,7 @@ def not_covered(settings: StepConditions, tree: Tree | None = None) -> tuple[Rea
 def massless(tree: Tree) -> bool:
     """Return whether a movable link has neither mass nor, where it rotates, inertia.
 
-    The joints are at 0. Bullet takes an inertia below EPSILON for none
+    This is evaluated with all joints at 0. For Bullet, an inertia below EPSILON is 0
     (`btMultiBody::solveImatrix`).
     """
     q = np.zeros((1, tree.joint_coordinates))

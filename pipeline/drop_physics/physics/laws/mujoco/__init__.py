@@ -1,6 +1,6 @@
 """MuJoCo's step of one free body, and its resting depth, for the theory of a drop.
 
-A recording of a drop holds states and contact points, no terms of its steps: an error's terms, and
-that a sample follows from the one before to the last bit, come from this law. Steps of scripts are
-replayed instead, and need none of it.
+The recording of a drop contains states and contact points, but no terms of its steps. This law
+provides the terms of an error, and shows that each sample follows from the previous one to the last
+bit. Steps of scripts are replayed instead, without this law.
 """

@@ -1,12 +1,12 @@
 """The depth at which a body rests in the floor in MuJoCo, whose contacts act as springs.
 
 A contact point of depth p supports the body with the acceleration d k p / (1 - d), where the
-impedance d grows with p, and k follows from `solref` (documentation, "Solver parameters"). At rest
-n points carry g together:
+impedance d grows with p, and k follows from `solref` (documentation, "Solver parameters"). At rest,
+n points together balance g:
 
     p = g (1 - d) / (d k n)      d = d0 + (dw - d0) y(p / width)      k = d / (dw² τ² ζ²)
 
-Mass and size cancel. The source of d's form: `engine_core_constraint.c`, `getimpedance`.
+Mass and size cancel. Source of d: `engine_core_constraint.c`, `getimpedance`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def rest_depth_m(
 ) -> float | None:
     """Return the depth [m] at which this many contact points carry a body.
 
-    None if `solref` has the form of two negative numbers, stiffness and damping.
+    None if `solref` consists of two negative numbers, which mean stiffness and damping.
     """
     from scipy.optimize import brentq  # slow to import, and needed here only
 

@@ -3,12 +3,12 @@
     v' = v + dt g            x' = x + dt v'                  semi-implicit Euler
     v' = v + dt g            x' = x + dt (v + v')/2          rk4: exact where only gravity acts
 
-A body that falls or rises straight, without spin or turn, follows it to the last bit: its
-acceleration is (g m)(1/m), force times the inverse of the mass, or (g m)/m in the implicit ones. A
-sideways velocity gives it a torque v × m v, which is 0 except for rounding
-(`engine_core_smooth.c`, `mj_rne`): then velocities are within a few units of 2^-52 of the step's
-summands, and positions are still exact. The integrators are those of `engine_forward.c`
-(`mj_EulerSkip`, `mj_implicitSkip`, `mj_RungeKutta`); `mju_quatIntegrate` turns the body. Checked
+A body that falls or rises vertically, without spin or rotation, follows this law to the last bit:
+its acceleration is (g m)(1/m), force times the inverse of the mass, or (g m)/m with implicit
+integrators. With a sideways velocity, MuJoCo adds a torque v × m v, which is 0 except for rounding
+(`engine_core_smooth.c`, `mj_rne`): velocities are then within a few units of 2^-52 of the step's
+summands, and positions still exact. The integrators are those of `engine_forward.c`
+(`mj_EulerSkip`, `mj_implicitSkip`, `mj_RungeKutta`); `mju_quatIntegrate` rotates the body. Checked
 against MuJoCo 4.0 in `tests/test_mujoco.py`.
 """
 
@@ -28,7 +28,8 @@ from drop_physics.scenario import EXACT_INTEGRATORS, Integrator
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 SLOW_RAD_S = 1e-15
-"""A spin slower than this rotates a body about its x axis (`mju_normalize3`, `mjMINVAL`)."""
+"""Spin [rad/s] below which MuJoCo rotates a body about its x axis (`mju_normalize3`, `mjMINVAL`).
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,8 +154,8 @@ class MujocoLaw(Law):
     def terms(self, before: Motion) -> tuple[Float64, Float64]:
         """Return the magnitude of the summands of velocity and spin in a timestep, shape (n,).
 
-        Forces are moved to the centre of mass from a point that is off by the rounding of x;
-        v × m v is then a torque, which cancels except for rounding.
+        MuJoCo shifts forces to the centre of mass from a point whose position has the rounding
+        error of x. The torque v × m v also cancels except for rounding.
         """
         dt, inertia = self.timestep_s, self.inertia_kg_m2
         x, v, w = (
@@ -176,7 +177,7 @@ class MujocoLaw(Law):
     ) -> Iterator[Sequence[Decimal]]:
         """Yield the positions of a flight, starting at sample `first`, for `exactly`.
 
-        x0 + n dt v0 + dt² g n (n + 1)/2, or n² for n (n + 1) where the step is exact.
+        The position is x0 + n dt v0 + dt² g n (n + 1)/2; for an exact step, n² replaces n (n + 1).
         """
         dt, more = Decimal(self.timestep_s), int(self.semi_implicit)
         axes = [
