@@ -28,6 +28,8 @@ SCRIPTS = (
     "growth",
     "trust",
     "answers",
+    "training",
+    "robots",
 )
 
 
@@ -41,7 +43,9 @@ def main() -> None:
         choices=SCRIPTS,
         help=f"one of {', '.join(SCRIPTS)}; repeatable",
     )
-    parser.add_argument("--quick", action="store_true", help="a tenth of the work, as a smoke test")
+    parser.add_argument(
+        "--quick", action="store_true", help="each kind of measurement once, as a smoke test"
+    )
     options = parser.parse_args()
     # An installed package comes with its bytecode; compile a checkout too, whatever
     # PYTHONDONTWRITEBYTECODE says.

@@ -42,7 +42,7 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     for name, force in (("slips", 2.0), ("holds", 6.0)):
         text = SCENE.replace("FORCE", str(force))
         (folder / f"{name}.py").write_text(text, encoding="utf-8")
-    budget_s = 5 if quick else 4 * MOST_S
+    budget_s = 2 if quick else 4 * MOST_S
     asked = (*DROP, "why", "--expect", EXPECTED, "--jobs", "2", "--budget", str(budget_s))
     ran = process(*asked, "--force", "--out", "why", "slips.py", folder=folder, expected=3)
     runs = json.loads((folder / "why/slips.why/why.json").read_text(encoding="utf-8"))["runs"]

@@ -95,7 +95,7 @@ assert abs(mass_and_bias(q[-1:], 0 * u[-1:])[1][0] - its).max() < 1e-9, "not the
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Compare whole processes."""
-    steps = 10_000 if quick else 100_000
+    steps = 1_000 if quick else 100_000
     (folder / "arm.py").write_text(SCENE, encoding="utf-8")
     process(
         *DROP, "record", "--duration", "1e9", "--out", "run.rrd", "arm.py", steps, folder=folder
@@ -110,7 +110,7 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     ratios, detail = worked(
         lambda: process(*DROP, "analyze", "--force", "run.rrd", folder=folder),
         lambda: process(*PYTHON, NUMPY, folder=folder),
-        pairs=3 if quick else 5,
+        pairs=1 if quick else 5,
     )
     yield Measured(
         f"`drop analyze`, a kuka, {steps:.0e} steps: processor time",

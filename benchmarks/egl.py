@@ -14,7 +14,7 @@ from benchmarks.harness import Measured, done, paired, slow_fall
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
     """Render the same frames with both renderers, in one worker each, start-up time excluded."""
-    count = 50 if quick else 200
+    count = 10 if quick else 200
     scenario, poses = slow_fall(count)
     with Photographer(scenario, Camera(renderer="egl"), frames=1) as egl:
         if egl.camera.renderer != "egl":
@@ -23,7 +23,8 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
             ratios, detail = paired(
                 lambda: done(lambda: _draw(egl, poses)),
                 lambda: done(lambda: _draw(tiny, poses)),
-                pairs=3,
+                pairs=1 if quick else 3,
+                warm=not quick,
             )
     yield Measured(
         f"{count} frames by EGL ({egl.gl_renderer})", "TinyRenderer", ratios, detail=detail

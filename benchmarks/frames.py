@@ -17,13 +17,14 @@ from benchmarks.harness import Measured, done, paired, slow_fall
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
     """Render the frames of a slow fall."""
-    count = 200 if quick else 1000
+    count = 50 if quick else 1000
     camera = Camera()
     scenario, poses = slow_fall(count)
     ratios, detail = paired(
         lambda: done(lambda: _draw(scenario, camera, poses, workers=False)),
         lambda: done(lambda: _draw(scenario, camera, poses, workers=True)),
-        pairs=3 if quick else 7,
+        pairs=1 if quick else 7,
+        warm=not quick,
     )
     yield Measured(
         f"{count} frames by 2 workers: times faster",
@@ -37,7 +38,8 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:  # noqa: ARG001
     ratios, detail = paired(
         lambda: done(lambda: _draw(scenario, camera, few, workers=False)),
         lambda: done(lambda: _draw_whole(scenario, camera, few)),
-        pairs=3 if quick else 7,
+        pairs=1 if quick else 7,
+        warm=not quick,
     )
     yield Measured(f"{len(few)} frames, floor drawn once", "each whole", ratios, detail=detail)
 

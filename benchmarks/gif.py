@@ -33,7 +33,7 @@ images[0].save("theirs.gif", save_all=True, append_images=images[1:], duration=2
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Compare whole processes that read the same PNGs."""
-    few, many = (50, 200) if quick else (200, 1000)
+    few, many = (5, 20) if quick else (200, 1000)
     _draw(folder / "pngs", many)
 
     def ours(count: int) -> Ran:
@@ -42,7 +42,8 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     ratios, detail = paired(
         lambda: ours(many),
         lambda: process(*PYTHON, PILLOW.format(count=many), folder=folder),
-        pairs=3,
+        pairs=1 if quick else 3,
+        warm=not quick,
     )
     yield Measured(f"gif of {many} frames", "Pillow's save_all", ratios, 0.5, detail=detail)
     yield Measured(

@@ -49,32 +49,33 @@ def test_{number}(golden_recording):
         pick({number} / 10)
 """
 MORE = 4
-"""Number of tests in addition to the first one."""
+"""Number of tests in addition to the first one; one in a smoke test."""
 
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Compare whole processes."""
-    for name, scene, goal_s in (("a Panda", SCENE, 3.0), ("a box in MuJoCo", MUJOCO, 1.0)):
+    goals = (("a Panda", SCENE, 3.0), ("a box in MuJoCo", MUJOCO, 1.0))
+    for name, scene, goal_s in goals[1 if quick else 0 :]:
         its = folder / name.replace(" ", "_")
         its.mkdir()
-        yield from _measured(its, name, scene, goal_s, pairs=3 if quick else 9)
+        yield from _measured(its, name, scene, goal_s, *((1, 1) if quick else (MORE, 9)))
 
 
 def _measured(
-    folder: Path, name: str, scene: str, goal_s: float, *, pairs: int
+    folder: Path, name: str, scene: str, goal_s: float, more: int, pairs: int
 ) -> Iterator[Measured]:
     (folder / "scene.py").write_text(scene, encoding="utf-8")
     for kind, test in (("bare", BARE), ("golden", GOLDEN)):
-        for count in (1, 1 + MORE):
+        for count in (1, 1 + more):
             tests = [test.format(number=number) for number in range(count)]
             text = "\n".join(["from scene import pick", *tests])
             (folder / f"test_{kind}_{count}.py").write_text(text, encoding="utf-8")
-    _cpu_s(folder, "golden", 1 + MORE, "--update-golden")
+    _cpu_s(folder, "golden", 1 + more, "--update-golden")
     first, further, detail = [], [], (0.0, 0.0, 0.0, 0.0)
     for _ in range(pairs):
-        one, many = (_cpu_s(folder, "golden", count) for count in (1, 1 + MORE))
-        bare, bare_many = (_cpu_s(folder, "bare", count) for count in (1, 1 + MORE))
-        detail = one, bare, (many - one) / MORE, (bare_many - bare) / MORE
+        one, many = (_cpu_s(folder, "golden", count) for count in (1, 1 + more))
+        bare, bare_many = (_cpu_s(folder, "bare", count) for count in (1, 1 + more))
+        detail = one, bare, (many - one) / more, (bare_many - bare) / more
         first.append(one - bare)
         further.append(detail[2] - 1.5 * detail[3])
     yield Measured(

@@ -32,12 +32,13 @@ for _ in range(int(sys.argv[1])):
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Measure the processor time of whole processes."""
-    script, steps = folder / "hulls.py", 500 if quick else 5_000
+    script, steps = folder / "hulls.py", 50 if quick else 5_000
     script.write_text(SCENE, encoding="utf-8")
     process(*DROP, "record", "--out", "hulls.rrd", script, steps, folder=folder)
     analyze = (*DROP, "analyze", "--force", "hulls.rrd")
-    taken_s = [process(*analyze, folder=folder).cpu_s for _ in range(3)]
-    bare_s = min(process(sys.executable, script, steps, folder=folder).cpu_s for _ in range(3))
+    runs = range(1 if quick else 3)
+    taken_s = [process(*analyze, folder=folder).cpu_s for _ in runs]
+    bare_s = min(process(sys.executable, script, steps, folder=folder).cpu_s for _ in runs)
     yield Measured(
         f"`drop analyze`, six mesh hulls of 1,500 corners, {steps:,} steps: processor time",
         "",

@@ -10,8 +10,9 @@ from benchmarks.harness import DROP, PYTHON, Measured, paired, process
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Compare whole processes."""
-    pairs = 5 if quick else 15
-    process(*DROP, "run", "--out-dir", ".", folder=folder)
+    pairs = 1 if quick else 15
+    frames = ("--no-camera",) if quick else ()
+    process(*DROP, "run", *frames, "--out-dir", ".", folder=folder)
     for question, command, imports in (
         ("`drop analyze`, standard recording", ("analyze", "run.rrd"), "rerun, polars, numpy"),
         ("`drop --help`", ("--help",), "typer"),
@@ -20,5 +21,6 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
             lambda command=command: process(*DROP, *command, folder=folder),  # type: ignore[misc]
             lambda imports=imports: process(*PYTHON, f"import {imports}", folder=folder),  # type: ignore[misc]
             pairs=pairs,
+            warm=not quick,
         )
         yield Measured(question, f"import {imports}", ratios, 1.5, detail=detail)

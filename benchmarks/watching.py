@@ -135,10 +135,12 @@ CALLS = {
 
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Compare watched and bare steps within a process."""
-    pairs, share = (3, 10) if quick else (5, 1)
-    for name, scene in SCENES.items():
-        steps = scene.steps // share
-        ours, theirs, logged, read = _runs(folder, scene.load, scene.call, steps, pairs)
+    pairs, share = (1, 100) if quick else (5, 1)
+    for name, scene in [*SCENES.items()][: 2 if quick else None]:
+        path = _written(folder, scene.load, scene.call, scene.steps // share)
+        ways = (_watched, _bare, _logged, _reading)
+        runs = [[way(path) for way in ways] for _ in range(pairs)]
+        ours, theirs, logged, read = ([*times] for times in zip(*runs, strict=True))
         detail = f"{_over(ours, theirs)}; only reading the same: {_over(read, theirs)}"
         if name == "one box":
             more = [mine - other for mine, other in zip(ours, theirs, strict=True)]
@@ -164,16 +166,15 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
                 scene.goal_logged,
                 detail=_over(ours, logged),
             )
-    for name, scene in SCENES.items():
-        if scene.both is None:
-            continue
+    recorded = [(name, scene) for name, scene in SCENES.items() if scene.both is not None]
+    for name, scene in recorded[: 1 if quick else None]:
         path = _written(folder, scene.load, scene.call, 5 * scene.steps // share)
         ratios, detail = worked(
             lambda path=path: process(
                 *DROP, "record", "--force", "--out", "a.rrd", path, folder=folder
             ),  # type: ignore[misc]
             lambda path=path: process(sys.executable, path, "read", folder=folder),  # type: ignore[misc]
-            pairs=3,
+            pairs=1 if quick else 3,
         )
         yield Measured(
             f"`drop record`, {name}: processor time of both processes",
@@ -182,7 +183,7 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
             scene.both,
             detail=detail,
         )
-    for name, (load, call) in CALLS.items():
+    for name, (load, call) in [*CALLS.items()][: 1 if quick else None]:
         calls = [_of_call(folder, load, call, 20_000 // share) for _ in range(pairs)]
         yield Measured(
             f"watching {name} every step: more per call",
@@ -203,18 +204,10 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
 
 def _of_call(folder: Path, load: str, call: str, steps: int) -> tuple[float, float]:
     """Return the time that calls add to a step [µs], watched and bare."""
-    (with_call,), (bare_with,), *_ = _runs(folder, load, call, steps, 1)
-    (without,), (bare_without,), *_ = _runs(folder, load, "pass", steps, 1)
-    return with_call - without, bare_with - bare_without
-
-
-def _runs(folder: Path, load: str, call: str, steps: int, runs: int) -> list[list[float]]:
-    """Return each run's time per step [µs]: watched, bare, logged by hand, and with reads only."""
-    path = _written(folder, load, call, steps)
-    each = [
-        (_watched(path), _bare(path), _bare(path, "log"), _bare(path, "read")) for _ in range(runs)
-    ]
-    return [[*times] for times in zip(*each, strict=True)]
+    with_call = _written(folder, load, call, steps)
+    watched_us, bare_us = _watched(with_call), _bare(with_call)
+    without = _written(folder, load, "pass", steps)
+    return watched_us - _watched(without), bare_us - _bare(without)
 
 
 def _written(folder: Path, load: str, call: str, steps: int) -> Path:
@@ -227,6 +220,16 @@ def _written(folder: Path, load: str, call: str, steps: int) -> Path:
 def _over(ours: list[float], theirs: list[float]) -> str:
     ours_us, theirs_us = statistics.median(ours), statistics.median(theirs)
     return f"{ours_us:.3g} over {theirs_us:.3g} µs ({ours_us / theirs_us:.3g} ×)"
+
+
+def _logged(path: Path) -> float:
+    """Return the time per step [µs] of a script that logs by hand."""
+    return _bare(path, "log")
+
+
+def _reading(path: Path) -> float:
+    """Return the time per step [µs] of a script that reads as much, and keeps nothing."""
+    return _bare(path, "read")
 
 
 def _bare(path: Path, *words: str) -> float:
