@@ -508,6 +508,35 @@ def test_a_force_sensor_is_told_with_the_weight_of_what_hangs_on_it(told: Told) 
     )
 
 
+@pytest.mark.parametrize(("into_m", "is_told"), [(0.005, False), (0.04, True)])
+def test_a_small_overlap_of_a_parent_and_its_child_is_how_a_robot_is_made(
+    told: Told, into_m: float, *, is_told: bool
+) -> None:
+    """A ball on an arm of 0.3 m turns into its parent, with which it makes no contact."""
+    world = f"""<body name="torso" pos="0 0 1"><freejoint/><geom type="box" size="0.1 0.1 0.1"/>
+    <body name="arm" pos="{0.45 - into_m} 0 0"><joint axis="0 1 0"/>
+    <geom pos="0 0 0.3" size="0.05"/></body></body>"""
+    before = f"data.qpos[7] = {-math.pi / 2} * (step > 0)"
+    rows = told(world, "<option gravity='0 0 0'/>", before, steps=20)
+    deep = [row for row in rows if row.kind == "idle" and row.unit == "m"]
+    assert len(deep) == is_told
+    for row in deep:
+        assert row.got == pytest.approx(into_m, rel=1e-6)
+        assert row.told.endswith("one is the parent of the other")
+
+
+def test_without_gravity_nothing_weighs(told: Told) -> None:
+    world = """<body name="arm"><joint name="hinge" axis="0 1 0"/><site name="s"/>
+    <geom size="0.05" mass="3" pos="0.5 0 0"/></body>"""
+    more = "<option gravity='0 0 0'/><sensor><force name='f' site='s'/></sensor>"
+    rows = told(world, more, "data.qvel[0] = 2")
+    row = the(rows, "held", "hinge")
+    assert row.got == pytest.approx(3 * 2**2 * 0.5, rel=1e-3)  # centripetal
+    assert row.asked == 0
+    assert row.told.endswith("the links beyond it weigh 0 N")
+    assert the(rows, "reads", "f").told.endswith("has 3 kg and weighs 0 N")
+
+
 def test_what_no_force_brakes_goes_on(told: Told) -> None:
     world = "<body name='puck' pos='0 0 1'>{joint}<geom size='0.1' mass='2'/></body>"
     free = "<option gravity='0 0 0'/>"

@@ -8,6 +8,7 @@ from typing import Any
 
 import pybullet as p
 import pytest
+from asked import found
 from clients import release_clients
 from conftest import some
 from drop_physics.account.joints import JointRow
@@ -220,6 +221,24 @@ p.setJointMotorControl2(k, 6, p.TORQUE_CONTROL, force=0.1)
 )
 def test_a_motor_keeps_an_impulse(calls: str, limit: float, tmp_path: Path) -> None:
     assert row_of(calls, tmp_path).force_limit == pytest.approx(limit, rel=1e-5)
+
+
+def test_what_is_sent_on_with_every_step_follows_behind(tmp_path: Path) -> None:
+    """A gain k leaves 1 - k of a gap, so targets δ apart are followed (1 - k) δ / k behind."""
+    scene = """
+    box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.1])
+    arm = p.createMultiBody(0, -1, -1, linkMasses=[1], linkCollisionShapeIndices=[box],
+        linkVisualShapeIndices=[-1], linkPositions=[[0, 0, 0]], linkOrientations=[[0, 0, 0, 1]],
+        linkInertialFramePositions=[[0.3, 0, 0]], linkInertialFrameOrientations=[[0, 0, 0, 1]],
+        linkParentIndices=[0], linkJointTypes=[p.JOINT_REVOLUTE], linkJointAxis=[[0, 0, 1]])
+    for k in range(240):
+        p.setJointMotorControl2(arm, 0, p.POSITION_CONTROL, 0.01 * k, force=1e4, positionGain=0.2)
+        p.stepSimulation()
+    """
+    (one,) = found(scene, tmp_path, "off-target")
+    assert one.effect is not None
+    assert one.effect.value == pytest.approx(0.8 * 0.01 / 0.2, rel=0.03)  # less in the first steps
+    assert "they change with every step, and 0.8 of each change remains" in one.message
 
 
 def test_stops_are_counted(tmp_path: Path) -> None:

@@ -415,11 +415,15 @@ def numbers(text: str) -> list[float]:
                 r"given 0 in 250 steps after a reset, .*was 0\.4.*after each",
             ),
             ("overwritten", "paddle", r"paddle is set by qpos in .* and gets \d+\.?\d* mm into"),
-            ("slides", "frictionless", r"slides 0\.0\d+ m on .* have condim 1.*condim=\"3\""),
+            (
+                "slides",
+                "frictionless",
+                r"slides 0\.0\d+ m on .* in \d+ steps without .* have condim 1.*condim=\"3\"",
+            ),
             (
                 "not-taken",
                 "ball",
-                r"rolls 0\.39\d m on .* of 0\.002 acts with condim 6, and theirs is 3",
+                r"rolls 0\.39\d m on .* in \d+ steps, .* acts with condim 6, and theirs is 3",
             ),
             ("not-taken", "rock", r"given xfrc_applied\[1\], and has no joint: .*<freejoint/>"),
             ("collides-as-hull", "", r"stone touches .* mm off .*MuJoCo collides the convex hull"),

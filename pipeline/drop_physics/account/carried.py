@@ -99,7 +99,7 @@ class Carried:
         if line is not None:
             told = told + Message(" since {line}", line=line)
         told = told + Message(
-            " and carries {base}; what moves of it weighs {weight}",
+            " and carries {base} on average; what moves of it weighs {weight}",
             base=quantity(base_n, "N"),
             weight=quantity(weight_n, "N"),
         )
@@ -128,14 +128,14 @@ def across_joints(
     `of_base` says whether a row of the base tells what the joints on it carry.
     """
     body, ledger = subject.body, subject.ledger
-    pull = subject.weight_n / subject.mass_kg if subject.mass_kg else 0.0
     sizes_n = np.linalg.norm(across.force_n, axis=1)
     for joint, place in zip(body.joints, body.rates, strict=True):
         if place.start == place.stop or not np.isfinite(sizes_n[joint.link]):
             continue
         if of_base and joint.parent == BASE:
             continue
-        force_n, weight_n = float(sizes_n[joint.link]), mass_beyond_kg(subject, {joint.link}) * pull
+        force_n = float(sizes_n[joint.link])
+        weight_n = mass_beyond_kg(subject, {joint.link}) * subject.pull_m_s2
         torque_n_m = float(np.linalg.norm(across.torque_n_m[joint.link]))
         turns = torque_n_m > ROUNDED * force_n * subject.size_m
         yield AccountRow(

@@ -279,11 +279,10 @@ def _balance(reading: Reading, subject: MeasuredBody, words: RowWords) -> Messag
 def _beyond(subject: MeasuredBody, link: int) -> Message:
     """Describe the mass that a joint carries."""
     mass_kg = mass_beyond_kg(subject, {link})
-    pull = subject.weight_n / subject.mass_kg if subject.mass_kg else 0.0
     return Message(
         "; what hangs on it has {mass} and weighs {weight}",
         mass=quantity(mass_kg, "kg"),
-        weight=quantity(mass_kg * pull, "N"),
+        weight=quantity(mass_kg * subject.pull_m_s2, "N"),
     )
 
 

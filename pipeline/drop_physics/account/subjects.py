@@ -47,6 +47,11 @@ class MeasuredBody:
         return len(self.body.links), round(self.mass_kg, 9), round(self.size_m, 9)
 
     @property
+    def pull_m_s2(self) -> float:
+        """Gravity as it acts on the body [m/s²]; 0 without."""
+        return 0.0 if self.is_weightless else self.weight_n / (self.mass_kg or np.inf)
+
+    @property
     def tree(self) -> Tree:
         """The body as a tree of links."""
         return self.ledger.tree

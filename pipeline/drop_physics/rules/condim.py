@@ -52,8 +52,8 @@ without_friction.rows(
     SayingRow(
         when=lambda seen, bodies, links: seen.condim(bodies, links)[0] <= 1,
         says=Message(
-            "{body} slides {slid:.3g} m on {other} without friction: their contacts have condim 1, "
-            "whatever friction= gives"
+            "{body} slides {slid:.3g} m on {other} in {steps} without friction: their contacts "
+            "have condim 1, whatever friction= gives"
         ),
         cure=Remedy("friction", "body", 3.0, form="condim"),
         effect="slid",

@@ -89,8 +89,9 @@ def _(
 slides_off.rows(
     SayingRow(
         says=Message(
-            "{body} slides {went:.3g} m on {other}: friction there gives at most {available:.3g} N "
-            "(coefficient {given:.3g}), and its weight takes {needed:.3g} N of it ({wanted:.3g})"
+            "{body} slides {went:.3g} m on {other} in {steps}: friction there gives at most "
+            "{available:.3g} N (coefficient {given:.3g}), and its weight takes {needed:.3g} N of "
+            "it ({wanted:.3g})"
         ),
         advice=Message(
             "a friction well above {wanted:.2g} where they touch (that of a <pair> counts, else of "

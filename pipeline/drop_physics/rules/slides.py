@@ -115,7 +115,7 @@ def _(
 
 SLIDES_ON = SayingRow(
     says=Message(
-        "{body} slides {slid:.3g} m on {other}: friction there gives at most "
+        "{body} slides {slid:.3g} m on {other} in {steps}: friction there gives at most "
         "{available:.3g} N (coefficient {given:.3g}), staying takes {needed:.3g} N "
         "({wanted:.3g})"
     )
@@ -124,8 +124,8 @@ slides.rows(
     SayingRow(
         when=lambda until_against, until_available: until_against <= until_available,
         says=Message(
-            "{body} turns in the grip of {other}, {slid:.3g} m at the contact: friction there "
-            "gives at most {held:.3g} N m about it, and its weight beside it takes "
+            "{body} turns in the grip of {other}, {slid:.3g} m at the contact in {steps}: friction "
+            "there gives at most {held:.3g} N m about it, and its weight beside it takes "
             "{turning:.3g} N m"
         ),
         advice=Message("grip it at its centre of mass, or with more force or friction"),
