@@ -6,17 +6,17 @@
         ...  # whatever steps a simulation
     analyze("run.rrd")
 
-`record` records what a block of Python does with PyBullet or MuJoCo, `record_script` what a script
-does, and `import_states` what another program has left on disk; `analyze` explains every step as a
-sum of named impulses, and says what went wrong, the worst first, with the call that changes it.
-`why` runs a script again with one thing changed at a time, `trust` with variations that should not
-matter. `check` compares a recording with a golden one, `render` draws it, `export` writes it for
-other tools, and `info` describes it.
+`record` records a block of Python that uses PyBullet or MuJoCo, `record_script` a script, and
+`import_states` the states that another program has saved; `analyze` explains every step as a sum of
+named impulses, and says what went wrong, the worst first, with the call that changes it. `why` runs
+a script again with one thing changed at a time, `trust` with variations that should not matter.
+`check` compares a recording with a golden one, `render` draws it, `export` writes it for other
+tools, and `info` describes it.
 
-`simulate` drops a box, a `Scenario`, in one of both engines; `run` also analyzes and renders it,
-`sweep` does many drops.
+`simulate` drops a box, as described by a `Scenario`, in either engine; `run` also analyzes and
+renders the drop, and `sweep` makes many drops.
 
-A result prints as the terminal shows it; in a notebook it comes with its plot.
+Printing a result shows the same text as on the terminal; in a notebook, its plot is shown, too.
 
 The names here are loaded on first use, so that importing the package is quick.
 """

@@ -157,8 +157,8 @@ def _analyzer(
 ) -> Callable[[Path, Path | None], tuple[Any, int]]:
     """Return a function that analyzes a script's recording and prints the result, unless as JSON.
 
-    All outputs are checked before any work; `read` is the file that is read, and `instead` replaces
-    values that were not typed.
+    All outputs are checked before any work. `read` is the file that will be read; `instead`
+    replaces values that were not typed.
     """
     choice = _choice(given["select"], given["ignore"], given["fail_on"])
     from drop_physics.files.outputs import check_table
@@ -400,7 +400,7 @@ def script(given: TypedLine) -> None:
 
 
 def _note_ours(given: TypedLine) -> None:
-    """Note that options after the script belong to the script, if `drop` has them, too."""
+    """Print a note if `drop` also has an option that stands after the script."""
     ours = {name for param in given.context.command.params for name in param.opts}
     names = dict.fromkeys(argument.partition("=")[0] for argument in given["arguments"])
     both = [name for name in names if name.startswith("-") and name in ours]
@@ -416,7 +416,7 @@ def _note_ours(given: TypedLine) -> None:
 
 
 def _again(given: TypedLine) -> Callable[[str], str]:
-    """Return a function that writes this command line with another command of drop."""
+    """Return a function that returns this command line with another command of drop."""
     from drop_physics.stages.program import command_of
 
     options = {name: given[name] for name in ("steps", "python")}
@@ -427,7 +427,7 @@ def _again(given: TypedLine) -> Callable[[str], str]:
 
 
 def _recorded(given: TypedLine, *, to_stderr: bool) -> Recorded:
-    """Record a script; its standard output is passed on to ours, or to standard error."""
+    """Record a script; its standard output goes to drop's own, or to standard error."""
     from drop_physics.stages.program import digest_of_script
 
     digest_of_script(given["target"], is_module=given["is_module"])  # before what takes a second

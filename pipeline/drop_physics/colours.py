@@ -1,6 +1,6 @@
-"""Colours: each quantity has the same one in plots and in the viewer.
+"""Colours: each quantity has the same colour in plots and in the viewer.
 
-Okabe and Ito's palette, which colour-blind readers can tell apart.
+The palette is that of Okabe and Ito, which colour-blind readers can distinguish.
 """
 
 SIMULATED = "#0072b2"
@@ -23,7 +23,7 @@ TERMS = {
 }
 """The error's terms with their colours, in the order used everywhere."""
 ENGINES = {"bullet": SIMULATED, "mujoco": "#ee6677"}
-"""Colours of the engines, from Paul Tol's bright palette; no term uses them."""
+"""Colours of the engines, from Paul Tol's bright palette; no error term has one of these."""
 KINETIC = "#d55e00"
 ROTATION = "#cc79a7"
 POTENTIAL = "#56b4e9"
@@ -38,7 +38,7 @@ SEGMENTS = {
     "still": "#4b5563",
     "unexplained": "#d55e00",
 }
-"""Colours of the classes of a body's samples, such as flight and contact."""
+"""Colours of the segments of a body's samples, such as flight and contact."""
 CAUSES = {
     "motors": "#cc79a7",
     "contacts": "#e69f00",

@@ -1,11 +1,11 @@
-"""What an engine reports about itself and the bodies of a drop, after set-up.
+"""The values that an engine reports about itself and the bodies of a drop, after set-up.
 
 Values that an engine does not report are None. Damping, contact ERP and the solver's residual are
-missing: PyBullet has no call that returns them. For a btRigidBody, `getDynamicsInfo` fills in mass,
-inertia, frictions and margin, and leaves restitution, inertial frame and contact stiffness
-uninitialised (`processGetDynamicsInfoCommand` of `PhysicsServerCommandProcessor.cpp`). These are
-taken from the same URDF in reduced coordinates, and so are mass and inertia: a btRigidBody keeps
-their inverses, and 1 / (1 / m) is not always m.
+missing, since PyBullet has no call that returns them. For a btRigidBody, `getDynamicsInfo` returns
+mass, inertia, frictions and margin, and leaves restitution, inertial frame and contact stiffness
+uninitialised (`processGetDynamicsInfoCommand` of `PhysicsServerCommandProcessor.cpp`). The latter
+are read from the same URDF loaded in reduced coordinates, and so are mass and inertia: a
+btRigidBody stores their inverses, and 1 / (1 / m) does not always equal m.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Errors that `drop` raises on purpose, each one line: the rule, the value, and what to do next."""
+"""Errors that `drop` raises on purpose, in one line: the rule, the value, and what to do next."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ PARAMETERS = {
     "no-camera": "camera=None", "no-record": "record=False", "force": "force=True",
     "with-plot": "with_plot=True", "caption": "caption=True", "dark": "dark=True",
 }  # fmt: skip
-"""Options whose Python parameter has a name of its own, rather than the option's with
-underscores."""
+"""Parameter names in Python of options whose name differs in more than underscores."""
 _OPTION = re.compile(
     r"""(?P<kept>(?<!\w)'[^']*'              # a quoted value
                |\bdrop\ (?:simulate|analyze|render|run|check|sweep|record|view|info)\ [^;]*
@@ -64,8 +63,8 @@ NO_MEMORY = Message("there is not enough memory; free some, or see: ulimit -v")
 class DropError(Exception):
     """An expected failure, whose message states the reason and what to do next.
 
-    The message is a template with values. It names options, as the command line prints it; `str`
-    returns it in English, with the names of Python's parameters instead.
+    The message is a template with values. It names command-line options; `str` returns it in
+    English, with the names of Python's parameters instead.
     """
 
     exit_code = 1
@@ -104,7 +103,7 @@ def check_suffix(option: str, path: Path, suffixes: Iterable[str]) -> None:
     Raises
     ------
     ScenarioError
-        If it does not.
+        If the suffix is not among the given ones.
     """
     *others, last = suffixes
     if path.suffix in (*others, last):

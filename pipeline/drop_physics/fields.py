@@ -20,7 +20,7 @@ from drop_physics.option_types import TEXT, OptionType
 
 
 def fraction(value: float) -> str:
-    """Format 1/240 as a fraction if the value equals that float, else as a number."""
+    """Format a value as a fraction such as 1/240 if it equals that float, otherwise as a number."""
     if not math.isfinite(value):
         return str(value)
     exact = Fraction(value).limit_denominator(1_000_000)
@@ -48,14 +48,14 @@ def all_of(texts: Iterable[str]) -> str:
 
 
 LARGE = 1e6
-"""Numbers from this size on are written in powers of ten."""
+"""Smallest number that is written in powers of ten."""
 
 
 def decimals(value: float, places: int, sign: str = "") -> str:
     """Write a number with a given number of decimals; a large one as 9.81e9 or -12.5e6.
 
-    `sign` is that of Python's formats: `+` signs every number. A number that rounds to zero has no
-    minus.
+    `sign` is as in Python's format strings: `+` gives every number a sign. A number that rounds to
+    zero has no minus sign.
     """
     if abs(value) >= LARGE:
         return engineering(value, sign)
@@ -72,7 +72,7 @@ def engineering(value: float, sign: str = "") -> str:
 
 
 def exact(value: object) -> str:
-    """Write a value so that parsing it gives the same value to the last bit."""
+    """Write a value so that parsing the text gives the same value to the last bit."""
     return ",".join(map(repr, value)) if isinstance(value, tuple) else str(value)
 
 
@@ -94,7 +94,7 @@ class Option:
     above: bool = False
     """Whether the value must be above `low`, which is then excluded."""
     left_to: str = "the engine's own"
-    """Where the value comes from if the default is `default`: the engine or the URDF."""
+    """Source of the value if the default is `default`: the engine or the URDF."""
     choices: tuple[str, ...] = ()
     """The only allowed texts; empty if any text is allowed, or there are too many to list."""
 
@@ -105,11 +105,11 @@ class Option:
 
     @property
     def is_flag(self) -> bool:
-        """True if the option takes no value: giving it switches the field off."""
+        """True if the option takes no value: giving the option switches the field off."""
         return self.name.startswith("--no-")
 
     def read(self, raw: str) -> Any:  # noqa: ANN401
-        """Parse one value; `default` becomes None where the engine has a value of its own.
+        """Parse one value; `default` becomes None if the engine has a value of its own.
 
         Raises
         ------
@@ -144,7 +144,7 @@ class Option:
         Raises
         ------
         ScenarioError
-            If one of them cannot be read, or is outside the domain.
+            If a value cannot be parsed, or is outside the domain.
         """
         by_semicolon = bool(self.kind.components) or ";" in raw
         parts = raw.split(";" if by_semicolon else ",")
@@ -177,7 +177,7 @@ class Option:
         Raises
         ------
         ScenarioError
-            If one is outside it.
+            If a number is outside the domain.
         """
         for part in value if isinstance(value, tuple) else (value,):
             is_number = isinstance(part, int | float) and not isinstance(part, bool)
@@ -190,7 +190,7 @@ class Option:
         Raises
         ------
         ScenarioError
-            If it is of another type, or outside its domain.
+            If the value has another type, or is outside its domain.
         """
         if value is None and self.is_left:
             return None
@@ -250,7 +250,7 @@ def option(
 
 
 class Optioned:
-    """Base of dataclasses with such fields: checks their values, and parses them from text."""
+    """Base of dataclasses whose fields are options: checks and parses their values."""
 
     __slots__ = ()
 
@@ -282,7 +282,7 @@ class Optioned:
         Raises
         ------
         ScenarioError
-            If one of them is invalid.
+            If a value is invalid.
         """
         option = cls.options()[name]
         if isinstance(given, str):
@@ -296,7 +296,7 @@ class Optioned:
         Raises
         ------
         ScenarioError
-            If one is of another type, or outside its domain.
+            If a value has another type, or is outside its domain.
         """
         for name, option in self.options().items():  # the dataclass is frozen
             object.__setattr__(self, name, option.accepted(getattr(self, name)))

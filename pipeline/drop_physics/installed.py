@@ -1,6 +1,7 @@
-"""The engines installed beside `drop`, and how to install PyBullet where it is missing.
+"""The engines installed together with `drop`, and how to install PyBullet if it is missing.
 
-PyBullet 3.2.7 has wheels for CPython up to 3.11 on Linux (x86-64); elsewhere pip would compile it.
+PyBullet 3.2.7 has wheels for CPython up to 3.11 on Linux (x86-64); on other systems, pip has to
+compile it.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from drop_physics.errors import ScenarioError
 from drop_physics.messages import Message
 
 PYBULLET, VERSION = "pybullet", "3.2.7"
-"""PyBullet's package name, and the version that made the golden values."""
+"""PyBullet's package name, and the version for which the golden values were made."""
 LAST_PYTHON = (3, 11)
 """The newest Python version for which PyBullet has a wheel."""
 
@@ -54,7 +55,7 @@ def why_missing() -> Message:
 
 
 def needs_pybullet(what: str) -> ScenarioError:
-    """Return the error for a request that needs PyBullet, if PyBullet is not installed."""
+    """Return the error for a request that needs PyBullet while it is not installed."""
     return ScenarioError(
         "{what} cannot be used: {why}; {next}", what=what, why=why_missing(), next=next_step()
     )

@@ -1,9 +1,10 @@
-"""Lazy imports of libraries in our own processes, which halve the start-up time.
+"""Lazy imports of libraries in drop's own processes, which halve the start-up time.
 
-A package's `__init__` loads all modules that it takes names from, and a command needs some of them:
-of Rerun 80 of 500, of SciPy's 180 for a convex hull 15. Here such a package gets a name from its
-module when the name is first asked for. A dataclass's methods are compiled when they are first
-called. Other programs, such as a notebook or a recorded script, import whole packages.
+A package's `__init__` loads all modules from which it imports names, although a command needs only
+some: 80 of Rerun's 500 modules, and for a convex hull 15 of SciPy's 180. Here, such a package
+imports a name from its module when the name is first used, and a dataclass's methods are compiled
+when they are first called. Other programs, such as a notebook or a recorded script, import whole
+packages as usual.
 """
 
 from __future__ import annotations
@@ -30,10 +31,11 @@ LAZY: Mapping[str, Mapping[str, str]] = {
     "scipy.spatial": {"ConvexHull": "._qhull", "QhullError": "._qhull"},
     "scipy.linalg": {},
 }
-"""Packages that are loaded lazily, and their modules whose names `__init__` imports with a star."""
+"""Packages that are loaded lazily, with those modules from which `__init__` imports all names
+(`*`)."""
 POLARS_BYTES = 1 << 30
-"""Address space that must be free before Polars is loaded [bytes]: it reserves 1.6 GB with its
-first tables on two processors, and aborts if it gets none."""
+"""Address space that must be free before Polars is loaded [bytes]. With its first tables on two
+processors, Polars reserves 1.6 GB, and aborts if it gets none."""
 
 
 class LazyLoader(SourceFileLoader):
@@ -70,9 +72,10 @@ class LazyLoader(SourceFileLoader):
 
 
 class LazyFinder:
-    """Finder for `sys.meta_path` that loads these packages lazily, and hides pandas.
+    """Finder for `sys.meta_path` that loads the packages in `LAZY` lazily, and hides pandas.
 
-    MemoryError is raised where there is no room for a library that would end the process.
+    It raises MemoryError if there is too little memory for a library that would then abort the
+    process.
     """
 
     def find_spec(self, name: str, path: Sequence[str] | None = None, *_: object) -> Any:  # noqa: ANN401
@@ -88,9 +91,10 @@ class LazyFinder:
 
 
 def load_less() -> None:
-    """Make libraries load only what is used, in this process, which must be our own.
+    """Make libraries load only the modules that are used, in a process of drop's own.
 
-    Nothing here needs pandas, which pyarrow else imports for its first list, if it is installed.
+    pandas is hidden, since pyarrow would otherwise import it with its first list, and drop does not
+    need it.
     """
     finders: list[Any] = sys.meta_path
     finders.insert(0, LazyFinder())

@@ -1,7 +1,7 @@
 """Messages to the user: English text that keeps its template, so that it can be translated.
 
-JSON and recordings hold the English text, whatever the reader's language; terminals show the result
-of `translated`.
+JSON and recordings contain the English text, whatever the reader's language; terminals show the
+result of `translated`.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ _NOTHING = ""  # not written below, where it would be taken for a message
 class Message(str):
     """English text, made from a template and named values, as by `str.format`.
 
-    Without values a template is the text itself, braces and all. Values may be messages too. Text
-    added before or after a message makes a longer message.
+    A template without values is the text itself, including braces. Values may be messages, too.
+    Adding text before or after a message gives a longer message.
     """
 
     __slots__ = ("template", "values")
@@ -68,7 +68,7 @@ def joined(separator: str, parts: Iterable[str]) -> Message:
 
 
 def translated(text: str) -> str:
-    """Translate a message into the user's language; it stays English without a translation."""
+    """Translate a message into the user's language; without a translation it stays English."""
     catalog = _catalog(*map(os.environ.get, VARIABLES))
     if not isinstance(text, Message) or type(catalog) is gettext.NullTranslations:
         return text
@@ -136,8 +136,8 @@ def wrapped(words: str, columns: int, indent: str = "") -> list[str]:
 def harmless(text: str) -> str:
     """Escape, as in JSON, the characters that a terminal would interpret or hide.
 
-    Names and texts may come from someone else's recording: control characters, escape sequences,
-    marks that reverse the reading direction.
+    Names and texts may come from someone else's recording, and contain control characters, escape
+    sequences, or marks that reverse the reading direction.
     """
     if text.isprintable():
         return text
@@ -155,9 +155,9 @@ def _units(character: str) -> str:
 def shell_command(*words: str | Path) -> str:
     """Quote a command so that it can be pasted into a shell, bash or zsh.
 
-    A file whose name begins with a dash is given as `./-NAME`, so that it is no option. Characters
-    that a line of ours does not keep, such as a newline or two spaces, are written in the escapes
-    of `$'…'`.
+    A file whose name begins with a dash is given as `./-NAME`, so that it does not look like an
+    option. Characters that a printed line would not preserve, such as a newline or two spaces, are
+    written as escapes in `$'…'`.
     """
     texts = [
         f"./{word}" if isinstance(word, Path) and str(word).startswith("-") else str(word)

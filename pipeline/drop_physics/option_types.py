@@ -1,6 +1,6 @@
 """Types of option values: the parser of each type, and its components.
 
-Text is only ever parsed, never evaluated.
+Texts are parsed, never evaluated as code.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def _digits(text: str) -> str:
     Raises
     ------
     ValueError
-        If only Python would.
+        If the text has a form that only Python accepts.
     """
     if "_" in text or not text.isascii():
         raise ValueError
@@ -80,7 +80,7 @@ def times(texts: Sequence[str]) -> list[float]:
     Raises
     ------
     ScenarioError
-        If one of them is not a number.
+        If a text is not a number.
     """
     try:
         return [number(text) for text in texts]
@@ -98,7 +98,7 @@ class OptionType:
     """A type of option value: its parser and the text form."""
 
     read: Callable[[str], Any]
-    """The parser of a text; its ScenarioError says what is expected."""
+    """Parser of a text; its ScenarioError states the expected form."""
     metavar: str
     """Placeholder in `--help`."""
     of: type[float | int | str]
@@ -125,7 +125,7 @@ def checked_windows(given: Iterable[str]) -> list[tuple[int, int]]:
     Raises
     ------
     ScenarioError
-        If one is anything else.
+        If a text has another form.
     """
     windows = []
     for text in given:
@@ -148,7 +148,7 @@ def checked_episodes(
     Raises
     ------
     ScenarioError
-        If it is anything else.
+        If the value is anything else.
     """
     if not given and given != 0:
         return None

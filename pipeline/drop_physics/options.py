@@ -22,7 +22,8 @@ Texts = dict[str, str | bool | None]
 Typed = Mapping[str, Any]
 """Values given on the command line, by parameter name."""
 LONGEST = 40
-"""Longest list of an option's choices in its help [characters], for a terminal of 50 columns."""
+"""Largest length of an option's list of choices in its help [characters], for a terminal of 50
+columns."""
 
 
 def a_number(given: Any) -> Any:  # noqa: ANN401
@@ -41,7 +42,7 @@ class TypedLine:
     Parameters
     ----------
     context
-        The command's.
+        The context of the command.
     values
         The values of all parameters, by name.
     """
@@ -61,7 +62,8 @@ class TypedLine:
 def command_of(do: Callable[[TypedLine], None], *verbs: type) -> Callable[..., None]:
     """Make a command of the command line from the dataclasses of its arguments.
 
-    If names are equal, the last verb's counts; the arguments are those of the last verb.
+    If options of several verbs have the same name, the last verb's is used; positional arguments
+    are those of the last verb.
     """
     taken = [parameters_of(verb) for verb in verbs]
     *_, last = taken
@@ -130,7 +132,7 @@ def _read(each: VerbParameter, given: Any) -> Any:  # noqa: ANN401
 
 
 def _of_scenario(given: Typed) -> Typed:
-    """Build the scenario and the camera from the given options."""
+    """Build the scenario and the camera from the given texts of their options."""
     scenario = Scenario.from_text(_dropped_here(_texts(Scenario.options(), given)))
     camera = Camera.from_text(_texts(Camera.options(), given))
     return {"scenario": scenario, "camera": None if given["no_camera"] else camera}
@@ -197,7 +199,7 @@ def _dropped_here(texts: Texts) -> Texts:
 
 
 def _texts(options: Mapping[str, Option], given: Typed) -> Texts:
-    """Return the given texts of these options; a `--no-` flag switches its field off."""
+    """Return the given texts of scenario options; a `--no-` flag switches its field off."""
     return {
         name: not given[name] if spec.is_flag else given[name] for name, spec in options.items()
     }
@@ -220,4 +222,4 @@ PARTS: dict[str, tuple[list[inspect.Parameter], Callable[[Typed], Typed]]] = {
         _of_lists,
     ),
 }
-"""Parameters made of many options, with the function that builds the value from them."""
+"""Parameters that consist of several options, with the function that builds their value."""

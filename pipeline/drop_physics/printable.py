@@ -1,6 +1,7 @@
-"""Results that print as on the terminal, and in notebooks as HTML with a plot.
+"""Results that print the same text as on the terminal, and in notebooks as HTML with a plot.
 
-A result names the module that builds its report: in a room above, so loaded on demand.
+A result names the module that builds its report. That module belongs to a higher room, so it is
+imported only on demand.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ PLAIN = "drop_physics.explain.jsonable"
 
 
 class Printable:
-    """A result that Python prints as the command does."""
+    """A result of a command; printing it in Python shows the same text as the command."""
 
     __slots__ = ()
     reported_by: ClassVar[str]
@@ -28,7 +29,7 @@ class Printable:
         return importlib.import_module(self.reported_by).report_of(self, **how)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the JSON object that `--json` prints: the fields, or the report module's own."""
+        """Return the JSON object of `--json`: all fields, or an object from the report module."""
         plain = importlib.import_module(PLAIN).jsonable
         return dict(getattr(importlib.import_module(self.reported_by), "json_of", plain)(self))
 
@@ -49,8 +50,8 @@ class Printable:
     def view(self, *, height_px: int = 700, at_s: float | None = None) -> Any:  # noqa: ANN401 - a widget of Rerun's
         """Return a notebook widget of Rerun's viewer, with the result's recording and its analysis.
 
-        With `at_s` it opens at this simulated time [s].
-        It needs `rerun-notebook`, which `pip install '.[notebook]'` brings, and a page in which
-        widgets live. Elsewhere a film of the recording stands in for it.
+        With `at_s`, the viewer opens at this simulated time [s]. It needs `rerun-notebook`, which
+        `pip install '.[notebook]'` installs, and a notebook that supports widgets; otherwise, a
+        video of the recording is returned instead.
         """
         return importlib.import_module(NOTEBOOK).Viewed(self, height_px, at_s)

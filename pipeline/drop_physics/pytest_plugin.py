@@ -4,8 +4,9 @@
         with golden_recording("pick"):
             run_my_simulation()
 
-pytest loads this file in every project where `drop` is installed, so it imports nothing heavy. All
-that does is imported by a process that records and compares, one for the whole run of pytest.
+pytest loads this file in every environment in which `drop` is installed, so it imports no large
+library. Those are imported by a separate process, which records and compares for the whole pytest
+run.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
 
 GoldenRecording = Callable[..., AbstractContextManager[None]]
 WRITERS: pytest.StashKey[list[BlockWriter]] = pytest.StashKey()
-"""Key in pytest's configuration for its recording processes: one, or more for nested blocks."""
+"""Key under which pytest's configuration stores the recording processes: one, or more for nested
+blocks."""
 JUDGE = "drop_physics.report.golden:failure"
 
 
@@ -41,10 +43,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def golden_recording(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[GoldenRecording]:
     """Record a block, and compare it with `golden/NAME.rrd` beside the test's file.
 
-    `golden_recording(name, tolerance="1e-9")` passes differences in motion of up to that many
-    metres; the default is `tolerance` in `[tool.drop]` of pyproject.toml, else 0, bit for bit.
-    `pytest --update-golden` writes the golden recordings. What is done with PyBullet from here to
-    the first block, as by fixtures after this one, belongs to its recording.
+    `golden_recording(name, tolerance="1e-9")` accepts differences in motion of up to so many
+    metres; the default is `tolerance` in `[tool.drop]` of pyproject.toml, otherwise 0, which
+    requires equal bits. `pytest --update-golden` writes the golden recordings. Calls of PyBullet
+    between this fixture and the first block, such as those of later fixtures, are included in the
+    first recording.
     """
     from drop_physics.errors import DropError
     from drop_physics.stages.block import Block, BlockWriter, record

@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable, Mapping
 
 SMALL_M = 0.1
-"""Lengths [m] and speeds [m/s] below this are written in millimetres."""
+"""Length [m] or speed [m/s] below which millimetres are used."""
 LARGE, HUGE = 1e3, 1e7
 """Numbers have no decimals from LARGE on, and are written in powers of ten from HUGE on."""
 
 
 DIGITS = 3
-"""Number of digits of a number, if nothing else is asked."""
+"""Default number of significant digits."""
 
 
 def quantity(value: float, unit: str = "", sign: str = "", digits: int = DIGITS) -> str:
@@ -64,7 +64,7 @@ KINDS: Mapping[str, Callable[[float, str, str], str]] = {
 
 
 class Written(str):
-    """A number already formatted as text, which ignores the format that a template requests."""
+    """A number that is already text, and ignores the format that a template requests."""
 
     __slots__ = ()
 

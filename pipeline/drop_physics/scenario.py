@@ -1,8 +1,8 @@
 """The body and conditions of a drop: the two inputs of every run, validated, in SI units.
 
 Each field of `Scenario` and `Camera` carries its command-line option, help and parser, so that the
-command line, the recording and sweeps agree. This is the bottom room: it imports only how a field
-is declared.
+command line, the recording and sweeps agree. This is the lowest room: it imports only the
+declaration of fields.
 """
 
 from __future__ import annotations
@@ -54,14 +54,14 @@ ENGINES_WITH: dict[str, tuple[Engine, ...]] = {
 }
 """Engines that support a field's option; options not listed here are supported by all engines."""
 WITHOUT = {"linear_damping": 0.0, "angular_damping": 0.0, "substeps": 1}
-"""Value of an option by which another engine, which lacks the option, is described."""
+"""Equivalent values of options for engines that lack the option."""
 
 GRAVITY_PRESETS_M_S2 = {"earth": -9.81, "moon": -1.62, "mars": -3.71, "zero": 0.0}
 BYTES_PER_SAMPLE = 480
-"""Size of a sample in a recording without frames [bytes], for a box resting on its four corners,
-which creep. In flight it is half of that."""
+"""Size of a sample in a recording without frames [bytes], for a box that rests on four corners and
+creeps; in flight, it is half as large."""
 MAX_STEPS = 1_000_000_000
-"""Most steps of a recording: beyond this, it would take over 500 GB."""
+"""Largest number of steps in a recording, which then takes over 500 GB."""
 
 
 def gravity(text: str) -> float:
@@ -83,7 +83,7 @@ GRAVITY = OptionType(gravity, "NUMBER|NAME", float)
 class Scenario(Optioned):
     """One drop: the body, its world, and how the engine steps it.
 
-    `None` leaves the engine's own value. World axes are x, y, z with z up; the floor is z = 0.
+    `None` means the engine's own value. World axes are x, y, z with z up; the floor is z = 0.
 
     Raises
     ------
@@ -353,7 +353,7 @@ class Scenario(Optioned):
 
     @property
     def orientation_xyzw(self) -> Quaternion:
-        """The orientation at release as a unit quaternion; angles are about world x, then y, z."""
+        """The orientation at release as a unit quaternion; angles turn about world x, y, then z."""
         if len(self.orientation) == 4:
             return self.orientation
         half = [math.radians(angle) / 2 for angle in self.orientation]
@@ -372,7 +372,7 @@ class Scenario(Optioned):
 
 
 def _unit(quaternion: Quaternion) -> Quaternion:
-    """Normalize a quaternion; one of length 1 within rounding is kept, so that it reads back."""
+    """Normalize a quaternion, unless its length is 1 within rounding."""
     length = math.hypot(*quaternion)
     if not length > 0:
         raise ScenarioError("--orientation must not be the quaternion 0,0,0,0; try 0,0,0,1")
@@ -399,10 +399,10 @@ def _substeps_taken(timestep_s: float, substeps: int) -> set[int]:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Camera(Optioned):
-    """The camera that takes frames: aimed at a point, z axis up; by default the experiment's.
+    """The camera of a drop, aimed at a point, with z up; by default as in the original experiment.
 
-    A view other than the standard one is aimed once the body is known, see
-    `drop_physics.engines.pybullet.visible_world.framed`.
+    A view other than the standard one is aimed when the body is known (see
+    `drop_physics.engines.pybullet.visible_world.framed`).
     """
 
     view: View = option(

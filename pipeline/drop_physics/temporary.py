@@ -1,8 +1,9 @@
 """Temporary folders of `drop`; those left by killed processes are removed by the next process.
 
-A folder's name has the process that made it: its number, and when it started. As long as that
-process lives it also holds a lock on the folder, which another machine or container sees, too.
-A signal may come before whoever asked for a folder has it: what is left is removed at the end.
+A folder's name contains the id and the start time of the process that created it. As long as that
+process lives, it also holds a lock on the folder, which is visible to other machines and
+containers. If a signal interrupts the creation of a folder, the folder is removed when the process
+ends.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class TemporaryFolder:
     Raises
     ------
     OSError
-        If it cannot be made.
+        If the folder cannot be created.
     """
 
     def __init__(self) -> None:
@@ -77,7 +78,7 @@ def is_temporary(path: Path) -> bool:
 
 
 def remove_leftovers() -> None:
-    """Delete the temporary folders of our killed processes, on Linux, where `/proc` exists."""
+    """Delete the temporary folders of killed processes of drop, on Linux, where `/proc` exists."""
     if _started(os.getpid()) is None:
         return
     with contextlib.suppress(OSError), os.scandir(tempfile.gettempdir()) as entries:

@@ -1,8 +1,9 @@
-"""Worker processes that call our functions: send a request, and take the result when needed.
+"""Worker processes that call functions of drop on request, and return the results later.
 
-PyBullet and matplotlib hold Python's lock while they draw, so threads gain nothing. These are plain
-subprocesses fed through pipes: unlike `multiprocessing`, they do not import the caller's main
-module, leave nothing in shared memory, and end at once when their parent is gone.
+PyBullet and matplotlib hold Python's global lock while they draw, so threads would not be faster.
+Workers are plain subprocesses that communicate through pipes: unlike those of `multiprocessing`,
+they do not import the caller's main module, leave nothing in shared memory, and end as soon as
+their parent does.
 """
 
 from __future__ import annotations
@@ -28,14 +29,14 @@ from drop_physics.loading import load_less
 from drop_physics.messages import Message
 
 SAFE = {"PYTHONSAFEPATH": "1", "MUJOCO_GL": "disable"}
-"""Environment variables of our own processes: libraries import nothing from the working directory,
-and MuJoCo does not load a window library from there."""
+"""Environment variables of drop's own processes: libraries import nothing from the working
+directory, and MuJoCo does not load a window library from there."""
 
 LOUD = ("RUST_LOG", "MALLOC_CONF", "_RJEM_MALLOC_CONF", "POLARS_VERBOSE", "POLARS_PANIC_ON_ERR")
-"""Variables set for other programs that would make our libraries print."""
+"""Variables, set for other programs, that would make drop's libraries print."""
 
 LEAST_FILES = 64
-"""Least limit of open files that we need: twice what a sweep on four cores uses."""
+"""Smallest acceptable limit of open files: twice as many as a sweep on four cores uses."""
 FINISHES = "finishes"
 """Command-line argument of a worker that finishes queued requests after its parent has ended."""
 
@@ -50,7 +51,8 @@ given: dict[str, str] = {}
 
 
 _changed: dict[str, tuple[str | None, str | None]] = {}
-"""Environment variables that our imports have changed in a user's process: old and new values."""
+"""Environment variables that drop's imports have changed in a user's process: old and new values.
+"""
 
 
 def note_changes(before: Mapping[str, str]) -> None:
@@ -60,7 +62,7 @@ def note_changes(before: Mapping[str, str]) -> None:
 
 
 def users_environment() -> dict[str, str]:
-    """Return the environment for the user's programs, without settings by `drop` or libraries."""
+    """Return the environment for the user's programs, without variables that drop has set."""
     if given:
         return given
     theirs = dict(os.environ)
@@ -77,7 +79,7 @@ def check_limits() -> None:
     Raises
     ------
     DropError
-        If this process may have too few open files.
+        If the limit of open files of this process is too low.
     """
     try:
         import resource
@@ -105,7 +107,7 @@ def silence() -> None:
 
 
 def our_environment() -> dict[str, str]:
-    """Return the environment for our own processes: quiet, and importing only our modules."""
+    """Return the environment for drop's own processes: quiet, and importing only drop's modules."""
     ours = {name: value for name, value in os.environ.items() if name not in LOUD}
     return {**ours, **SAFE, "PYTHONPATH": os.pathsep.join(module_path())}
 
@@ -127,15 +129,16 @@ def under_load(seconds: float) -> float:
 class Worker:
     """A worker process; use it in a `with` statement.
 
-    It starts at once, and imports a function's module when it is first asked for. Questions are
-    answered in order. Take all answers before asking another large question.
+    The process starts at once, and imports a function's module before the first call. Requests are
+    answered in order. Read all answers before sending another large request.
 
     Parameters
     ----------
     finishes
-        Whether it answers what it was asked even if we close it or are gone; else it ends at once.
+        Whether the process completes pending requests even after it was closed or its parent has
+        ended; otherwise it ends at once.
     pass_fds
-        File descriptors that it has, too, under the same numbers.
+        File descriptors that the process inherits, with the same numbers.
 
     Raises
     ------
@@ -169,7 +172,7 @@ class Worker:
 
     @property
     def idle(self) -> bool:
-        """True if it runs and has no pending result, for functions that return one result."""
+        """True if the process runs and has no pending result (for single-result functions)."""
         return self._answered and self._process.poll() is None
 
     def close(self) -> None:
@@ -250,9 +253,10 @@ def how_it_ended(exit_code: int) -> Message:
 def module_path() -> list[str]:
     """Return the module search path, without the working directory.
 
-    That directory holds data: a `random.py` in it must not be run. It is kept only if this package
-    itself is in it, as in a checkout. A folder of somebody's own modules, such as that of the tests
-    under pytest, comes last: a `random.py` in it is not the one that our libraries mean.
+    The working directory contains data: a file `random.py` in it must not be executed. It is kept
+    only if this package itself is in it, as in a checkout. Other folders with modules, such as that
+    of the tests under pytest, come last, so that a `random.py` in them does not replace Python's
+    own.
     """
     home, library = Path(__file__).parents[1], Path(os.__file__).parent
     ranked = []

@@ -1,6 +1,6 @@
 """The channel from a watched process to its listener: a pipe, and shared memory for unsent bytes.
 
-It imports little, because a watched block of somebody else's Python needs it, too.
+This module imports little, since a user's process with a watched block loads it, too.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from drop_physics.errors import OutputError
 from drop_physics.messages import Message
 
 WATCHING = Path(__file__).with_name("watching")
-"""The folder of our code that runs in a script's interpreter."""
+"""The folder of drop's code that runs in a script's interpreter."""
 
 
 def shared_block() -> IO[bytes]:
@@ -28,7 +28,7 @@ def shared_block() -> IO[bytes]:
     Raises
     ------
     OutputError
-        If there is no room for it.
+        If there is too little disk space or memory for the file.
     """
     try:
         block = tempfile.TemporaryFile()  # noqa: SIM115 - the caller closes it

@@ -1,4 +1,4 @@
-"""Finds an engine's table of changes: how a suggested fix is written, and how it is tried."""
+"""Finds an engine's table of changes, which defines how each change is written and tried."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ TABLES = {PYBULLET: BULLET, "MuJoCo": MUJOCO}
 ROWS: dict[str, ChangeRow] = {
     name: row for table in TABLES.values() for name, row in table.rows.items() if ":" not in name
 }
-"""The rows of all engines by name, as `--try` and `--vary` take them."""
+"""The rows of all engines, by the name that `--try` and `--vary` accept."""
 FACTORS = {
     key.partition(":")[0]
     for table in TABLES.values()
     for key in table.rows
     if key.endswith(f":{FACTOR}")
 }
-"""Names of the rows whose number is a factor, or a size, if applied to the whole run."""
+"""Names of rows whose number is a factor or a magnitude if the change applies to the whole run."""
 RUN = "run"
 """The operator of a change that is an intervention; its operand is the changed run."""
 PARAMETERS = BULLET.parameters | MUJOCO.parameters
@@ -62,7 +62,7 @@ def words_of(change: Change) -> str:
 def written_as(change: Change) -> tuple[str, str] | None:
     """Return the XML attribute that a change edits, and a pattern of the tags that have it.
 
-    None of a change that is of none.
+    None if the change does not edit an XML attribute.
     """
     table = TABLES.get(change.engine)
     return None if table is None else table.written_as(change)
@@ -75,6 +75,6 @@ def follows(change: Change) -> str:
 
 
 def call_of(engine: str) -> Callable[[Cure], str]:
-    """Return the function that writes a suggested fix as code for an engine."""
+    """Return a function that writes suggested changes as code for an engine."""
     cures = TABLES.get(engine.partition(" ")[0])
     return (lambda cure: cure.call) if cures is None else cures.call_of  # of a drop elsewhere

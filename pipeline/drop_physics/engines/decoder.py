@@ -1,7 +1,7 @@
 """Decodes the byte stream of a watched script into events, for any engine.
 
-The other end of `watching`; the stream is described in its `pipe`. Frames of an engine go to the
-decoder in its folder.
+`watching` sends the stream, and `watching.pipe` describes its format. Frames of an engine are
+passed to the decoder in the engine's folder.
 """
 
 from __future__ import annotations
@@ -31,26 +31,27 @@ MUJOCO = "MuJoCo"
 class Decoder:
     """Decodes a stream of frames into events, in order.
 
-    A script may step PyBullet and MuJoCo, but a recording has one engine: the first that steps. The
-    frames of the other are kept for a decoder of its own (`other`), and until one steps all are.
+    A script may step both PyBullet and MuJoCo, but a recording has one engine: the first that makes
+    a step. Frames of the other engine are stored for a second decoder (`other`); until the first
+    step, the frames of both are stored.
 
     Parameters
     ----------
     finer
-        Steps of the engine for each of the script's.
+        Number of engine steps per step of the script.
     episodes
-        Which episodes of MuJoCo's environments are kept step by step.
+        The episodes of MuJoCo environments that are recorded step by step.
     """
 
     def __init__(self, finer: int = 1, episodes: Episodes = "all") -> None:
         self._finer = finer
         self.whole = WholeEpisodes(episodes)
         self.engine = ""
-        """The engine whose frames become events: the first that steps; empty until then."""
+        """The engine whose frames become events: the first that makes a step; empty until then."""
         self._kept: IO[bytes] | None = None
-        """The frames that are kept for a second engine; None while there are none."""
+        """The stored frames of a second engine; None without any."""
         self.also_steps = ""
-        """The other engine, if it steps, too; else empty."""
+        """The other engine, if it also makes steps; otherwise empty."""
         self.python: dict[str, Any] = {}
         self.main_sha256: str | None = None
         """Digest of the file that runs as `__main__`, from its first call on."""
@@ -58,35 +59,36 @@ class Decoder:
         self.ended: dict[str, Any] | None = None
         self.faults: list[str] = []
         self.cut_off = False
-        """Whether the script closed the pipe or wrote into it: the end is missing."""
+        """Whether the end of the stream is missing, since the script closed the pipe or wrote into
+        it."""
         self.waits = False
-        """Whether the script asks its user, and waits."""
+        """Whether the script is waiting for user input."""
         self.unseeded: list[str] = []
         self.outside: list[tuple[str, str]] = []
-        """Actions of the script outside its simulation, in the words of `watching.outside`, with
-        names."""
+        """Actions of the script outside its simulation, as named by `watching.outside`, with file
+        or other names."""
         self.processor_s = 0.0
         """Processor time of the script [s]."""
         self.intervened: set[int] = set()
-        """Numbers of the interventions that have changed something."""
+        """Numbers of the interventions that have had an effect."""
         self.serving: str | None = None
-        """Reason that forbids to fork the run, empty without one, once it stops where trials part.
+        """Reason that forbids forks, or an empty text, once the run pauses for trials; None before
+        that.
         """
         self.forked: dict[int, tuple[int, int]] = {}
-        """Process of each trial that was asked for, 0 if it was not forked, and the bytes of the
-        stream before it."""
+        """For each requested trial, its process id, 0 if it was not forked, and the number of bytes
+        of the stream before the fork."""
         self.statuses: dict[int, int] = {}
         """Exit status of each trial that has ended, as `os.wait` returns it."""
         self.answer: tuple[Any, str] | None = None
-        """Evaluation made in the run, or the reason why it could not be."""
+        """Result of the evaluator in the run, and an error text if it could not be evaluated."""
         self.timing = ""
-        """File and line that first read a time after a step."""
+        """File and line that first read the clock after a step."""
         self.bullet = BulletDecoder(finer, self.faults)
         self.mujoco = MujocoDecoder(self.whole)
         self._frames = FrameStream()
         self.counters: Sequence[int] = ()
-        """The number of readings of each place, as counted in the memory shared with the
-        process."""
+        """Number of readings of each script line, in the memory shared with the process."""
 
     @property
     def steps(self) -> int:
@@ -113,7 +115,7 @@ class Decoder:
     def other(self) -> tuple[Decoder, Iterator[Event]] | None:
         """Return the decoder of the other engine that was stepped, with its events.
 
-        None if only one engine was stepped.
+        None if only one engine made steps.
         """
         if not self.also_steps:
             return None
@@ -130,7 +132,7 @@ class Decoder:
         return other, events()
 
     def _begin(self, engine: str) -> Iterator[Event]:
-        """Yield the events kept for an engine, and from now on keep only the other engine's."""
+        """Yield the events stored for an engine; from then on, store only the other's frames."""
         self.engine = engine
         kept, self._kept = self._kept, None
         for kind, payload in _frames_in(kept):
@@ -237,7 +239,7 @@ class Decoder:
         self.waits = begins
 
     def _on_again(self) -> None:
-        """Forget a program that made no step, as another one replaced it (`exec`)."""
+        """Discard a program without steps, since another program replaced it (`exec`)."""
         if self._kept is not None:
             self._kept.close()
         self.mujoco.close()

@@ -19,15 +19,15 @@ def drop_samples(
     Parameters
     ----------
     steps
-        Their numbers, shape (n,).
+        Step numbers of the samples, shape (n,).
     timestep_s
-        Time between two of them.
+        Time between two steps [s].
     base
-        States of the body's base, as `MOTION` places them, shape (n, 13).
+        States of the body's base, in the layout of `MOTION`, shape (n, 13).
     contacts
         The contact points, of dtype `CONTACT`.
     joints
-        The joints of the body; None if none moves.
+        The joints of the body; None if no joint moves.
 
     Raises
     ------

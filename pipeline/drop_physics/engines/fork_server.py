@@ -31,11 +31,11 @@ class Fork(Listener):
     Parameters
     ----------
     server
-        What stands at the run, and is open as long.
+        The server that controls the paused run; it must stay open.
     number, trial
-        Its number and its program.
+        The number and the program of the trial.
     printed
-        The descriptor of what it prints into; it is not closed.
+        The descriptor to which the trial prints; it is not closed.
     """
 
     def __init__(self, server: ForkServer, number: int, trial: Program, printed: int) -> None:
@@ -47,7 +47,7 @@ class Fork(Listener):
         self.explains_with = trial.python if trial.explain else None
         self._printed, self._process, self._why, self._before = printed, 0, "", b""
         self.tell: Callable[[], None] = lambda: None
-        """Called now and then while the trial runs."""
+        """Function that is called regularly while the trial runs."""
 
     def __enter__(self) -> Fork:
         return self
@@ -111,14 +111,14 @@ class Fork(Listener):
 
 
 class ForkServer:
-    """Pauses a script before an engine call, and forks trial runs there; use it with `with`.
+    """Pauses a script before an engine call, and forks trial runs there; use it in `with`.
 
     Parameters
     ----------
     program
-        The script, as it is run again.
+        The script, with its arguments, to run again.
     at
-        After how many steps it stops, or `FIRST_USE`.
+        The number of steps after which the script pauses, or `FIRST_USE`.
     """
 
     def __init__(self, program: Program, *, at: int = FIRST_USE) -> None:
@@ -147,7 +147,7 @@ class ForkServer:
         Parameters
         ----------
         patience_s
-            How long to wait for it [s].
+            How long to wait for the pause [s].
         """
         until = time.monotonic() + patience_s
         while self._script.decoder.serving is None and self._reader.is_alive():

@@ -15,15 +15,15 @@ class StreamError(DropError):
 
 
 class FrameStream:
-    """The frames of a stream that may arrive in any chunks, and end anywhere."""
+    """The frames of a stream that may arrive in pieces of any size, and end at any byte."""
 
     def __init__(self) -> None:
         self._pieces: list[bytes] = []
-        """The part of an incomplete frame that has arrived."""
+        """The parts of an incomplete frame that have arrived."""
         self._held, self._wanted = 0, len(pipe.MAGIC)
         self._begun = False
         self.broken = False
-        """Whether somebody else has written into the stream: what follows cannot be read."""
+        """Whether something else was written into the stream, so that the rest cannot be read."""
 
     @property
     def is_cut(self) -> bool:
@@ -36,7 +36,7 @@ class FrameStream:
         Raises
         ------
         StreamError
-            If the stream does not begin like ours.
+            If the stream does not begin as drop's streams do.
         """
         if self.broken or not data:
             return

@@ -1,6 +1,7 @@
 """The table of changes that can be suggested and tried: one row for each kind of change.
 
-The rows of an engine are in its own folder (`interventions`); those of all engines are here.
+An engine's rows are in the module `interventions` of its folder; rows that all engines have are
+here.
 """
 
 from __future__ import annotations
@@ -20,14 +21,14 @@ Operation = dict[str, Any]
 How = Sequence[Any]
 """An operator from `watching.operators` and its operand: `("*", 10)`."""
 Becomes = Callable[[float | None], How]
-"""Function from a fix's number, or None, to the operation on a value."""
+"""Function from the number of a suggested change, or None, to the operation on a value."""
 NOT_SAID = "…"
 MORE = 10.0
-"""Default factor by which a value is raised, if the fix gives no number."""
+"""Default factor by which a value is raised, for a suggested change without a number."""
 AWAY = 1.001
 """Factor for the distance by which a body is moved away from another."""
 FACTOR = "factor"
-"""Variant of a fix that changes a factor for the whole run: of all friction or masses, or the
+"""Variant of a change that applies a factor to the whole run: to all friction or masses, or to the
 magnitude of gravity [m/s²]."""
 
 
@@ -63,38 +64,39 @@ class ChangeRow:
     """A kind of change: its name, the code that a user would write, and how a run makes it."""
 
     name: str
-    """The name, as `--try` takes it; after a colon its variant, if there are several. Empty if only
-    the causal search uses the row."""
+    """Name for `--try`, followed by a colon and a variant, if there are several. Empty if only the
+    search for causes uses the row."""
     sets: Mapping[str, Becomes] = field(default_factory=dict)
     """New values, by name of the argument or field."""
     _: KW_ONLY
     words: str = ""
-    """The code that a user would write, with `{value}`; the name if empty."""
+    """Code that a user would write, with `{value}`; empty if the name is the code."""
     unsaid: Mapping[str, str] = field(default_factory=dict)
-    """Value shown in the code if a fix is tried by its name alone."""
+    """Values shown in the code if a change is tried by its name alone."""
     usual: float | None = None
-    """The value used for a fix without a number."""
+    """Value for a suggested change without a number."""
     share: float = 1.0
-    """Factor applied to a fix's number if that is a limit, to stay below or above it."""
+    """Factor on the number of a suggested change, to stay below or above a limit."""
     decides: bool = False
     """Whether the intervention removes its cause entirely, so that a trial without effect refutes
     the cause."""
     whole_run: bool = False
-    """Whether it applies to the whole run, not to a body or joint."""
+    """Whether the change applies to the whole run, not to a body or joint."""
     needs: str = ""
-    """Values that only the finding knows, by their names in `Cure.given`."""
+    """Values that the change needs from a finding, by name in `Cure.given`."""
     below: str = ""
-    """The argument of a `Variation` that receives its value, invisible to the script."""
+    """Argument of a `Variation` that gets the number, so that the script cannot notice the change.
+    """
     tries: str = ""
-    """The operators that the causal search tries, in the format of `watching.single_changes`."""
+    """Operators that the search for causes tries, in the format of `watching.single_changes`."""
     breaks: str = ""
-    """The operators in `tries` that remove a part of the scene or of the command."""
+    """Those operators in `tries` that remove a part of the scene or of the command."""
     default: object = 0.0
     """The engine's default value, for the operator `=default`."""
     change: str = ""
     """Target of the search's change, if it is not the first one in `sets`."""
     is_geometry: bool = False
-    """Whether it changes positions or sizes, which users seldom get wrong."""
+    """Whether the change concerns positions or sizes, which users seldom get wrong."""
 
     @property
     def tried(self) -> dict[str, Any]:
@@ -135,7 +137,7 @@ class ChangeRow:
         return {**self.unsaid, **given, "value": number, "mm": 1e3 * number}
 
     def operations(self, cure: Cure, scope: Scope) -> Iterable[Operation]:
-        """Return the operations that the engine's hooks carry out to make a change."""
+        """Return the operations by which the script's process makes a change."""
         del cure, scope
         return ()
 
@@ -168,11 +170,11 @@ OPERATORS = {
     "+M0": Message("raised by the joint's own inertia"),
     "+10M0": Message("raised by 10/s × the joint's own inertia"),
 }
-"""Descriptions of the causal search's operators."""
+"""Descriptions of the operators of the search for causes."""
 
 
 def done(op: str) -> str:
-    """Describe what an operator does to a value, such as ×10."""
+    """Describe the effect of an operator on a value, such as ×10."""
     if op in OPERATORS or op[0] == "^":
         return OPERATORS.get(op, OPERATORS["^"])
     signs = {"*": "×", "/": "÷", "=": "= "}
@@ -199,26 +201,28 @@ class Interventions:
     Parameters
     ----------
     rows
-        Its rows.
+        The rows of the table.
     parameters
-        What `parameter` sets, by name; if it is a choice, the names by their numbers.
+        The parameters that `parameter` can set, by name; for a choice, the names by number.
     set_parameter
-        Returns a run with a parameter of some name and value.
+        A function that returns a run with a parameter set, given its name and value.
     sees
-        The operations of a run that is seen by the causal search.
+        The operations with which a run reports the calls or inputs that the search for causes could
+        change.
     trial_of
-        Returns what differs in a run with a single change: its `interventions` and its `variation`.
+        A function that returns the `interventions` and the `variation` of a run with a single
+        change.
     words_of
-        Returns a single change in words.
+        A function that describes a single change in words.
     played
-        Returns the operations that replace the commands between two samples of a simulation by the
-        recorded ones.
+        A function that returns the operations that replace a simulation's commands between two
+        samples by recorded ones.
     written_as
-        Returns the attribute that a single change is of, and a pattern of the tags that have it;
-        None if it is of none.
+        A function that returns the XML attribute edited by a single change, and a pattern of the
+        tags that have it; None if no attribute is edited.
     follows
-        Returns the call that a user has to add where a single change is made between two steps;
-        empty if there is none.
+        A function that returns the call that a user has to add after a single change between two
+        steps; empty without one.
     """
 
     def __init__(
@@ -236,19 +240,19 @@ class Interventions:
         every = (*rows, *OF_ANY)
         self.rows = {row.name: row for row in every if row.name}
         self.tried = [row.tried for row in every if row.tries or not row.name]
-        """The rows that the causal search tries."""
+        """The rows that the search for causes tries."""
         self.trial_of, self.words_of, self.written_as = trial_of, words_of, written_as
         self.played = played
         self.follows = follows
         self.sees = sees
-        """The operations of a run in which it is seen what they would change."""
+        """The operations with which a run reports the calls or inputs that changes could affect."""
         self.parameters = parameters
         self._set_parameter = set_parameter
 
     def row_of(self, cure: Cure) -> ChangeRow | None:
         """Return the row for a suggested change; None if the engine has none.
 
-        A row of the form `given` takes numbers of cures without a form.
+        For a cure with a number but no variant, the variant `given` is used, if there is one.
         """
         form = cure.form or ("given" if cure.value is not None else "")
         return self.rows.get(f"{cure.name}:{form}") or self.rows.get(cure.name)

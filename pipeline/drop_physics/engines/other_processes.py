@@ -1,4 +1,4 @@
-"""Finds engines loaded by processes that a script started, whose steps are not recorded."""
+"""Finds engines loaded by a script's child processes, whose steps are not recorded."""
 
 from __future__ import annotations
 
@@ -8,21 +8,22 @@ from contextlib import suppress
 from pathlib import Path
 
 ENGINE = re.compile(rb"^(\S+) .*/(?:pybullet|libmujoco)[^/]*\.so[^/]*$", re.MULTILINE)
-"""Pattern of a process's memory mapping that is an engine's library, with its address."""
+"""Pattern of an engine's library in the list of a process's memory mappings, with its address."""
 LOOKS_S = 0.1, 1.0
-"""Time [s] after which a new process is first examined; the interval then doubles, up to the second
-number."""
+"""Time [s] after which a new process is first examined, and the longest interval between
+examinations, up to which the interval doubles."""
 
 
 class OtherProcesses:
     """Checks periodically whether a child process of the script has loaded an engine itself.
 
-    One that was forked has the script's, at the same addresses, and tells itself that it steps.
+    A forked child has the script's engine at the same addresses; it is ignored here, since it
+    reports its steps itself.
 
     Parameters
     ----------
     script
-        The number of the script's own process.
+        The id of the script's process.
     """
 
     def __init__(self, script: int) -> None:
@@ -33,7 +34,7 @@ class OtherProcesses:
         """Next time to examine each process, and the interval before [s]."""
 
     def look(self) -> None:
-        """Check the processes whose turn it is: new ones often, old ones rarely."""
+        """Check the processes that are due: new ones often, old ones rarely."""
         now, (first, last) = time.monotonic(), LOOKS_S
         if self.found or now < self._due:
             return

@@ -45,7 +45,7 @@ class OtherWorld:
     Parameters
     ----------
     scenario
-        What to drop, and how.
+        The body, and how it is dropped.
 
     Raises
     ------
@@ -68,10 +68,11 @@ class OtherWorld:
     joints: tuple[Joint, ...] = ()
     """The joints of the body: none."""
     inertial_frames = np.array([[0.0] * 6 + [1.0]])
-    """The inertial frame in the body's own frame: identical, as a pose of shape (1, 7)."""
+    """The inertial frame in the body's own frame, which is the identity, as a pose of shape (1, 7).
+    """
 
     def dynamics(self, _: int = BODY) -> dict[str, Float64]:
-        """Return what the engine reports beyond mass and inertia: nothing."""
+        """Return properties that the engine reports besides mass and inertia: none."""
         return {}
 
     def __enter__(self) -> Self:
@@ -95,7 +96,7 @@ class OtherWorld:
     def notes(self) -> Iterator[str]:
         """Yield the parts of the URDF that the engine ignores, as sentences.
 
-        PyBullet's values are those of the URDF's `<contact>`, or its own defaults.
+        The ignored values are those in the URDF's `<contact>`, or PyBullet's defaults.
         """
         theirs, name = self.report(), ENGINES[self.scenario.engine]
         bullets, value = self._read.lateral_friction, theirs.lateral_friction
@@ -125,7 +126,7 @@ class OtherWorld:
                 )
 
     def _step(self) -> None:
-        """Make a step; MuJoCo raises where PyBullet continues with nan."""
+        """Make a step; MuJoCo raises an error if a state becomes non-finite."""
         self._steps += 1
         try:
             self._session.step()
@@ -143,7 +144,7 @@ class OtherWorld:
         Parameters
         ----------
         batch
-            Most samples in one batch.
+            The largest number of samples in a batch.
 
         Raises
         ------
@@ -217,7 +218,7 @@ def rigid_body(world: World, report: EngineReport) -> RigidBody:
     Raises
     ------
     ScenarioError
-        If it has joints, or a shape of another kind.
+        If the body has joints, or a shape of an unsupported kind.
     """
     body, shapes = world.scenario.body, world.shapes()
     if report.joints:

@@ -1,4 +1,4 @@
-"""Notes which files, devices and networks a script's run used, besides its simulation."""
+"""Notes which files, devices and networks a script's run used, apart from its simulation."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 MOST_ENTRIES = 5000
 """Largest number of files and folders of a working directory that is scanned for changes."""
 LEFT_OUT = (".git", "recordings", "__pycache__")
-"""Folders that no script writes to on purpose."""
+"""Names of folders that are not scanned, since no script writes to them on purpose."""
 KEEPS, THERE = "keeps", "keeps there"
 """Codes for a file that the script writes in its working directory: by a relative path, or by any
 other path."""
@@ -23,14 +23,14 @@ class Reached:
     """The files, devices and networks that a script's run used."""
 
     noted: tuple[tuple[str, str], ...] = ()
-    """The run's reports: `connects`, `starts`, `opens`, `writes`, `removes`, `keeps` or `keeps
-    there`, and a name."""
+    """The run's reports, each a code (`connects`, `starts`, `opens`, `writes`, `removes`, `keeps`,
+    `keeps there`) and a name."""
     made: tuple[str, ...] = ()
     """Paths of files and folders that the run created."""
     changed: tuple[str, ...] = ()
     """Paths in the working directory that the run changed or removed."""
     is_known: bool = True
-    """Whether the working directory is small enough to have been scanned for changes."""
+    """Whether the working directory was scanned for changes, which a large one is not."""
     processor_s: float = 0.0
     """Processor time of the run [s]."""
 
@@ -74,7 +74,7 @@ def reached_of(
     after: State | None,
     processor_s: float,
 ) -> Reached:
-    """Return what a run accessed, from its reports and its folder before and after."""
+    """Return the resources that a run used, from its reports and its folder before and after."""
     told = [*noted]
     made = [name for kind, name in told if kind == MAKES]
     changed: list[str] = []

@@ -28,7 +28,7 @@ class PrimitiveShape:
     """Orientation in the body's axes: quaternion x, y, z, w."""
 
     def depth_m(self, body: Quaternion) -> float:
-        """Return how far the shape reaches below the centre of mass, with the body turned."""
+        """Return how far the shape reaches below the centre of mass in an orientation [m]."""
         up_in_body = matrix(body)[2]
         x, y, z = np.abs(up_in_body @ matrix(self.orientation))
         a, b, c = self.size_m
@@ -43,7 +43,7 @@ class PrimitiveShape:
 
 @dataclass(frozen=True)
 class RigidBody:
-    """A body of one link; its axes are the principal ones, from the centre of mass."""
+    """A body of one link; its axes are the principal axes of inertia, from the centre of mass."""
 
     name: str
     mass_kg: float

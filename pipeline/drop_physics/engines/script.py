@@ -34,19 +34,19 @@ from drop_physics.trace.events import Ending, Event, located
 from drop_physics.workers import CPU_USED_UP, how_it_ended, under_load, users_environment
 
 MODULE = "watching.running"
-"""The command that runs a script in its interpreter."""
+"""The module that runs a script in its interpreter."""
 
 PERTURB = "85"
-"""Fill value for newly allocated memory (`MALLOC_PERTURB_`): PyBullet reads some memory
-uninitialised."""
+"""Fill value for newly allocated memory (`MALLOC_PERTURB_`), since PyBullet reads some
+uninitialised memory."""
 OTHER_PERTURB = "170"
 """Fill value for a second run: a state that differs then depends on uninitialised memory."""
 
 STOPS_WITHIN_S = 6.0
 """Time that a script may take to clean up after being stopped [s], on an idle machine."""
 INTERRUPT_AGAIN_S = 2.0
-"""Time [s] after which a script that still runs is sent another Ctrl-C; a terminal sends the
-first."""
+"""Time [s] after which a script that still runs gets a second Ctrl-C; the terminal sends the first.
+"""
 TICK_S = 0.1
 TOO_LONG = CPU_USED_UP
 """The signal that ends a run at its processor-time limit; None on Windows."""
@@ -55,12 +55,12 @@ ELSEWHERE = Message(
     "let the script step in its own process (with gymnasium: SyncVectorEnv)"
 )
 _EXIT_CODE = re.compile(r"sys\.exit\((-?\d+|True)\)")
-"""Exit reasons that Python does not print; an exception leaves a traceback, and `sys.exit(text)`
-the text."""
+"""Pattern of exit reasons that Python does not print; for an exception it prints a traceback, for
+`sys.exit(text)` the text."""
 
 
 TRIES = ("steps", "variation", "interventions", "edits", "streams", "evaluator", "limits")
-"""Program fields that may differ between trials forked from one run."""
+"""Fields of `Program` that may differ between trials forked from the same run."""
 TOLD = (
     "is_module",
     "duration_s",
@@ -73,7 +73,7 @@ TOLD = (
     "scratch",
     "private",
 )
-"""Further fields that are passed to its process."""
+"""Further fields of `Program` that are passed to the script's process."""
 
 
 @dataclass(frozen=True)
@@ -85,9 +85,9 @@ class Program:
     target
         The script's path, or a module's name.
     arguments
-        Its own arguments.
+        The arguments of the script.
     python
-        The interpreter.
+        The path of the interpreter.
     """
 
     target: str
@@ -95,13 +95,13 @@ class Program:
     python: str
     is_module: bool = False
     steps: int | None = None
-    """Number of steps after which it is stopped; with `of_first`, only steps of the first engine
-    stepped count."""
+    """Number of steps after which the script is stopped; with `of_first`, only steps of the engine
+    that steps first count."""
     duration_s: float | None = None
     keep_sleeping: bool = False
     seed: int | None = None
     begins_s: float | None = None
-    """Initial time of its clock [s], if that is virtual."""
+    """Initial time of the script's clock [s], if that is virtual."""
     perturb: str = PERTURB
     of_first: bool = False
     explain: bool = False
@@ -109,28 +109,29 @@ class Program:
     variation: Mapping[str, Any] | None = None
     """The arguments of a `watching.varied.Variation`, or None."""
     listens: bool = False
-    """Whether to observe what it accesses outside its simulation, which slows it down."""
+    """Whether to observe which files and networks the script uses, which slows it down."""
     keeps_files: bool = False
-    """Whether it sends the contents of files that its engine loads."""
+    """Whether the contents of files that the engine loads are sent."""
     interventions: Sequence[Mapping[str, Any]] = ()
-    """Changes to its engine calls, as made by `interventions`."""
+    """Changes to engine calls, as made by `interventions`."""
     edits: Sequence[Edit] = ()
     """Replaced parts of the script's text."""
     scratch: str | None = None
-    """A copy of the working directory in which it runs."""
+    """A copy of the working directory in which the script runs; None for the directory itself."""
     private: Mapping[str, Any] | None = None
     """Arguments of `watching.private.Private`, the view of the file system in which it runs; None
     for the real file system."""
     limits: Mapping[str, Any] | None = None
     """Arguments of `watching.limits.keep`; None without limits, as in the first run."""
     streams: bool = True
-    """Whether it sends its events; otherwise only how it ends, and the evaluator's result."""
+    """Whether events are sent; otherwise only the script's end and the evaluator's result are."""
     environment: Mapping[str, str] | None = None
     """Environment variables in addition to the user's."""
     evaluator: Mapping[str, Any] | None = None
-    """Evaluator that runs in its process: `file` and `name` of a class, and its `arguments`."""
+    """Evaluator that runs in the script's process: `file` and `name` of a class, and its
+    `arguments`."""
     episodes: Episodes = "all"
-    """The episodes of its environments that are recorded step by step."""
+    """The episodes of the script's environments that are recorded step by step."""
 
     def changed_by(self, run: ChangedRun) -> Program:
         """Return the program of a changed run."""
@@ -149,7 +150,10 @@ class Program:
 
 
 def _seeded(seed: int | None) -> dict[str, str]:
-    """Return the environment variable that seeds the order of sets, unless the user has set it."""
+    """Return the environment variable that sets the hash seed, unless the user has set it.
+
+    The hash seed determines the order of sets.
+    """
     if seed is None or os.environ.get("PYTHONHASHSEED", "random") != "random":
         return {}
     return {"PYTHONHASHSEED": str(seed % 2**32)}
@@ -174,12 +178,12 @@ class Listener(ABC):
     target = ""
     """Path of the script; empty for a block."""
     python = sys.executable
-    """The interpreter that runs it."""
+    """The interpreter that runs the script."""
     explains_with: str | None = None
     """The interpreter that replays and explains MuJoCo's steps; None if they are not replayed."""
 
     _others: OtherProcesses | None = None
-    """Finds other processes with an engine; None if such processes need not belong to the
+    """Finder of other processes with an engine; None if such processes need not belong to the
     script."""
 
     def __init__(self, reading: int, block: int) -> None:
@@ -189,9 +193,9 @@ class Listener(ABC):
         self.kept: bytearray | None = None
         """All bytes received, if other listeners need them."""
         self._closed = False
-        """Whether no process has the sending end of the pipe any more."""
+        """Whether all processes have closed the sending end of the pipe."""
         self._left = False
-        """Whether nothing more is read."""
+        """Whether reading has ended."""
 
     def events(self) -> Iterator[Event]:
         """Yield the events until the process has ended."""
@@ -288,9 +292,9 @@ class OtherEngine(Listener):
     Parameters
     ----------
     listener
-        What has read it all.
+        The listener that has read the whole stream.
     decoder, kept
-        What decodes the other engine, and its events.
+        The decoder of the second engine, and that engine's events.
     """
 
     def __init__(self, listener: Listener, decoder: Decoder, kept: Iterator[Event]) -> None:
@@ -315,7 +319,7 @@ class OtherEngine(Listener):
 
 
 def end_group(leader: int) -> None:
-    """End all processes of a group that we started, given its leader's id."""
+    """End all processes of a group that drop started, given its leader's id."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(leader, signal.SIGKILL)
 
@@ -326,7 +330,7 @@ class BlockListener(Listener):
     Parameters
     ----------
     process
-        The number of that process.
+        The id of the block's process.
     """
 
     def __init__(self, reading: int, block: int, *, process: int) -> None:
@@ -356,14 +360,15 @@ class Script(Listener):
     Parameters
     ----------
     program
-        What to run.
+        The script or module to run.
     stdout, stderr
-        File descriptors of its streams; None for ours.
+        File descriptors for the script's output; None for those of this process.
     progress
-        Called with the simulated time [s] and the number of steps, every `TICK_S`.
+        A function that is called every `TICK_S` with the simulated time [s] and the number of
+        steps.
     asks
-        A socket's descriptor through which trials are asked for that part from it, and after how
-        many steps it stops for them, as `watching.forks` has it; None where none do.
+        The descriptor of a socket through which trials are requested, and the number of steps after
+        which the script pauses for them (see `watching.forks`); None without trials.
 
     Raises
     ------
@@ -395,7 +400,7 @@ class Script(Listener):
         self._stopped_at = self._told_at = 0.0
         self._progress = progress
         self.tell: Callable[[], None] = lambda: None
-        """Called now and then while it runs."""
+        """Function that is called regularly while the script runs."""
         options = {
             "pipe": writing,
             "block": self._block.fileno(),
@@ -431,7 +436,7 @@ class Script(Listener):
         self._others = OtherProcesses(self._process.pid)
 
     def reached(self) -> Reached:
-        """Return what the script accessed outside its simulation, once ended, if observed."""
+        """Return the resources that the script used, after its end, if they were observed."""
         after = None if self._before is None else state_of(Path.cwd())
         return reached_of(self.decoder.outside, self._before, after, self.decoder.processor_s)
 
@@ -452,7 +457,7 @@ class Script(Listener):
         self.decoder.close()
 
     def interrupt(self) -> None:
-        """Note that the script got a Ctrl-C from the terminal, too."""
+        """Note that the script also received a Ctrl-C, from the terminal."""
         self._interrupts += 1
         if self._interrupted_at is None:
             self._interrupted_at = time.monotonic()
@@ -475,7 +480,7 @@ class Script(Listener):
         Raises
         ------
         DropError
-            If it ended before it came to the script.
+            If the process ended before the script began.
         """
         yield from super().events()
         began = self.decoder.python or self.decoder.cut_off

@@ -1,10 +1,9 @@
 """Finds single edits of the user's files to try: numbers, attributes, statements.
 
-The texts are the script, its own modules, and the models that these name. Edits are what their user
-would make: each number, also in the attributes of models that stand in the
-text, each of these attributes, and each statement that sets something. What only says what is
-measured is none of them: bounds of the outermost loops, indices, what is printed, asserted, or
-compared with.
+The files are the script, its own modules, and the models that these name. Candidates are edits that
+a user would make: to each number, to each attribute of a model (also of models inside a script),
+and to each statement that sets a value. Code that only determines what is measured is not edited:
+bounds of outermost loops, indices, and values that are printed, asserted, or compared.
 """
 
 from __future__ import annotations
@@ -30,18 +29,18 @@ SIZES, PLACES = ("*2", "*0.5"), ("*2", "*0.5", "*-1")
 COUNTS = ("*10", "*0.1")
 LEFT_OUT = "left-out"
 NUMBER, COUNT, INDEX = "number", "range", "index"
-"""Names for a number that is not assigned to anything, for that of an inner loop, and for the index
-of an element that is set."""
+"""Names for a number that is not assigned to anything, for the count of an inner loop, and for the
+index of an element that is set."""
 NEXT = ("+1", "-1")
 DEGREES = 0.017453292519943295
 """Factor that converts degrees to radians [rad/degree]."""
 LARGEST_RAD, LARGEST_DEGREES = 6.3, 720.0
-"""A number between these may be an angle in degrees."""
+"""Range of numbers that may be angles in degrees."""
 ANGLES = re.compile(r"^(joint\.(range|ref)|limit\.(lower|upper))$")
-"""Attributes that may have the wrong unit of angles."""
+"""Attributes that may have been given in the wrong unit of angle."""
 TIMESTEP = "option.timestep"
 PACED = 10.0
-"""Number of times as many steps that a run may make if a change sets how long a step is."""
+"""Factor on the number of steps that a run may make if a change sets the length of a step."""
 MEASURES = re.compile(
     r"^(print|round|range|enumerate|sleep|append|extend|add_argument|format|isclose|allclose|exit|"
     r"savetxt|plot|show|join|disconnect|connect|stepSimulation|mj_step\d?|mj_forward|reset|step|"
@@ -52,7 +51,8 @@ MEASURES = re.compile(
 ENGINES = re.compile(r"^(set|change|create|load|reset|apply|calculate|enable)[A-Z]\w*$")
 """Functions of PyBullet, whose arguments are changed by interventions instead."""
 COLLECTS = re.compile(r"^(join|zip|map|dict|tuple|list|array|asarray|deg2rad|radians)$")
-"""Functions whose arguments are names or outputs where they are called, and so not edited."""
+"""Functions whose arguments are not edited, since they are names, or outputs, at the place of the
+call."""
 FIELDS = re.compile(
     r"^(friction|mass|damping|stiffness|armature|frictionloss|gravcomp|kp|kv|gear|solref|solimp|"
     r"condim|integrator|cone|iterations|limited|\w+limited|density|impratio|gravity|"
@@ -63,8 +63,8 @@ SPARED = re.compile(
     r"^(print|round|range|enumerate|sleep|format|isclose|allclose|approx|savetxt|plot|exit|seed|"
     r"default_rng|RandomState|linspace|getenv|get|reshape|astype|zeros|ones|eye|percentile)$"
 )
-"""Functions whose numbers set how much is measured, shown or created, or that draw random
-numbers."""
+"""Functions whose numbers are not edited: they set how much is measured, shown or created, or draw
+random numbers."""
 PURE = re.compile(r"^(np|numpy|math|abs|min|max|sum|float|int|list|tuple|len|norm|sorted|array)\b")
 """Functions without side effects."""
 ARGUMENTS = ("argv", "environ", "__name__")
@@ -82,7 +82,7 @@ REFERS = re.compile(
     r"version|model|angle|geom\w*|tendon|target|material|texture|hfield|type|root|xmlns\S*|"
     r"mimic|builtin|rgb\d|group|dclass|compiler|coordinate|eulerseq|\w*dir|texrepeat|reflectance)$"
 )
-"""Attributes that name something, or set how the model is written or looks."""
+"""Attributes that name an element, or set how the model is written or looks."""
 SHOWS = re.compile(
     r"^(visual|material|texture|camera|light|map|headlight|global|quality|scale|rgba|key|statistic|"
     r"color|sensor|limit_display|size|compiler|asset|mujoco|robot|xml)$"
@@ -99,12 +99,13 @@ POSITIVE = re.compile(
 )
 """Attributes and arguments whose sign has no meaning."""
 NEEDED = re.compile(r"^(size|fromto|radius|length|height|axis)$")
-"""Attributes and arguments that cannot, or seldom can, be removed."""
+"""Attributes and arguments that can never, or seldom, be removed."""
 BEGINS = re.compile(
     r"(^body\.(pos|quat|euler)|basePosition|baseOrientation|posObj|ornObj|\.qpos\b|"
     r"^data\.qpos|resetBasePosition\w*|resetJointState\w*\.?|\.qpos0)"
 )
-"""Changes of initial positions, which are seldom the mistake, and may be what is expected."""
+"""Changes of initial positions, which are seldom the mistake, and may be what an expectation is
+about."""
 
 
 @dataclass(frozen=True)
@@ -112,22 +113,22 @@ class TextPart:
     """A piece of a source file that an edit may replace."""
 
     name: str
-    """The variable, argument or attribute whose value it is: `KP`,
+    """The variable, argument or attribute to which the piece gives a value: `KP`,
     `changeDynamics.lateralFriction`, `geom.friction`."""
     of: str
-    """Its owner, or else the number itself."""
+    """The piece's owner, such as a body; without one, the number itself."""
     line: int
     start: int
     end: int
     tries: tuple[str, ...]
     without: str = ""
-    """The text that replaces it if it is removed."""
+    """The text that replaces the piece if it is removed."""
     again: bool = False
-    """Whether it is inside a loop."""
+    """Whether the piece is inside a loop."""
     in_markup: bool = False
-    """Whether it is an attribute in a model's XML."""
+    """Whether the piece is an attribute in a model's XML."""
     is_count: bool = False
-    """Whether it says how often a loop is repeated, so that it stays a whole number."""
+    """Whether the piece is the count of a loop, which must stay a whole number."""
     paces: bool = False
     """Whether the number of the script's steps depends on it."""
 
@@ -151,7 +152,7 @@ class PlacedText(NamedTuple):
     end: int
     was: str
     without: str
-    """The text that replaces it if it is removed."""
+    """The text that replaces the piece if it is removed."""
     where: str
     """File and line."""
     is_count: bool
@@ -161,18 +162,18 @@ class PlacedText(NamedTuple):
 def changes_of(text: bytes, file: str, expected: str, path: str = "") -> list[Change]:
     """Return the edits that may be tried in a file; none if it is invalid Python.
 
-    Attributes that many elements of a model have are changed of all of them at once.
+    An attribute that many elements of a model have is changed for all of them at once.
 
     Parameters
     ----------
     text
-        A script, a module, or a model in XML, in UTF-8.
+        The UTF-8 text of a script, a module, or a model in XML.
     file
-        Its name, as it is shown.
+        The displayed name of the file.
     expected
-        What is expected of the script: what that compares with is not changed.
+        The expectation about the script; values with which it compares are not changed.
     path
-        The file; empty for the script.
+        The path of the file; empty for the script.
     """
     is_model = MODEL.search(path) is not None
     try:
@@ -246,9 +247,9 @@ def edits_of(change: Change) -> list[list[Any]]:
 
 
 def repeats(change: Change) -> float:
-    """Return by what factor a change may lengthen a run, as by repeating an inner loop.
+    """Return the factor by which a change may lengthen a run, such as by repeating a loop.
 
-    1 of other changes.
+    The factor is 1 for changes of anything but a loop's count.
     """
     if paces(change):
         return PACED
@@ -256,7 +257,7 @@ def repeats(change: Change) -> float:
 
 
 def paces(change: Change) -> bool:
-    """Return whether a change sets how long a step is, and so perhaps how many there are."""
+    """Return whether a change sets the length of a step, and so perhaps the number of steps."""
     return change.engine == SOURCE and any(each.paces for each in change.ids)
 
 
@@ -294,7 +295,7 @@ def _in_a_line(text: str) -> str:
 
 
 def _numbers(text: str) -> list[float] | None:
-    """Return the numbers in a text; None if there is something else."""
+    """Return the numbers in a text; None if it contains anything else."""
     try:
         return [float(each) for each in text.replace("_", "").split()]
     except ValueError:
@@ -336,7 +337,7 @@ def _becomes(change: Change, place: PlacedText) -> str:
 def _feeding(tree: ast.AST, expected: str) -> set[str]:
     """Return the names of the script's constants that an expectation refers to.
 
-    They come from numbers by arithmetic alone.
+    A constant is computed from numbers by arithmetic alone.
     """
     try:
         asked = ast.parse(expected.strip(), mode="eval")
@@ -405,7 +406,7 @@ class _TextParts:
         self._tree, self._text, self._feeding = tree, text, feeding
         self._lines = [0, *accumulate(len(each) + 1 for each in text.split(b"\n"))]
         self._loops = 0
-        """Number of loops around the part that is looked at."""
+        """Number of loops around the current part."""
         self._repeated = {*_called_in_loops(tree)}
         self._counts = {*_counting(tree)}
         self._paces = {*_pacing(tree)}
@@ -422,8 +423,8 @@ class _TextParts:
     def _of_loop(self, node: ast.For | ast.While) -> Iterator[TextPart]:
         """Yield the pieces of a loop, without the numbers that it iterates over.
 
-        How often an inner loop is repeated is a part, since what is around goes on after it: the
-        steps for each command.
+        The count of an inner loop is one of the pieces, since the outer loop continues after it: it
+        may be the number of steps per command.
         """
         if isinstance(node, ast.For) and not _are_whole(node.iter):
             yield from self._of(node.iter, "", "")
@@ -524,7 +525,7 @@ class _TextParts:
             yield from self._of(node.value, name, function)
 
     def _of_index(self, target: ast.expr) -> Iterator[TextPart]:
-        """Yield the whole numbers that say which element of an array is set."""
+        """Yield the integers that select the element of an array to set."""
         if not isinstance(target, ast.Subscript):
             return
         of = ast.unparse(target).replace(" ", "")
@@ -552,7 +553,7 @@ class _TextParts:
             yield replace(part, is_count=is_count, paces=name in self._paces)
 
     def _of_markup(self, start: int, end: int) -> Iterator[TextPart]:
-        """Yield attributes of a model's XML in the text, and its elements without children."""
+        """Yield attributes of model XML within the text, and elements without children."""
         text = self._text[start:end].decode("latin-1")  # a character for each byte
         text = COMMENT.sub(lambda found: " " * len(found[0]), text)
         near = ""

@@ -15,22 +15,22 @@ from drop_physics.trace.events import At, Body, Collision, Surface
 MOST_BYTES = 1 << 24
 """Largest mesh file that is read [bytes]."""
 MOST_TRIANGLES = 1 << 16
-"""Most triangles of a mesh that are kept."""
+"""Largest number of triangles of a mesh that is kept."""
 HOLLOW_M = 2e-3
-"""A surface that is nowhere deeper below its hull than this counts as convex."""
+"""Depth below its hull [m] up to which a surface counts as convex."""
 OPEN = 0.98
-"""A surface with less than this share of its hull's area is open: the hull closes the opening."""
+"""Share of its hull's area below which a surface counts as open: the hull closes the opening."""
 ALIKE = 1e-2
-"""Largest deviation between hull vertices and those of the file, as a share of the size."""
+"""Largest deviation of hull vertices from the file's vertices, as a share of the mesh's size."""
 FEW = 64
-"""Number of triangles that are examined first, before all of them are."""
+"""Number of triangles that are examined first, before the others."""
 STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 def surfaces_of(at: At, body: Body, folder: Path | None = None) -> Iterator[Surface]:
     """Yield the surfaces of a body's hollow meshes, in the axes of their links.
 
-    `folder`: of the files, where each mesh is one hull.
+    `folder` is given if the mesh files are in this folder, and each mesh is a single hull.
     """
     for number, shape in enumerate(body.collisions):
         if shape.kind != "mesh" or not shape.hull_m:
@@ -100,7 +100,7 @@ def _is_hollow(corners_m: Float64, triangles: Int64, hull_m: Float64) -> bool:
 def _mesh(file: str) -> tuple[Float64, Int64] | None:
     """Return the vertices of a mesh file, shape (n, 3), and the vertex indices of each triangle.
 
-    None if it cannot be read, or has too many.
+    None if the file cannot be read, or has too many triangles.
     """
     try:
         status = Path(file).stat()

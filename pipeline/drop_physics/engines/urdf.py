@@ -1,8 +1,8 @@
 """Reads a URDF without PyBullet: one link made of boxes, spheres and cylinders.
 
-As PyBullet does by default, the moments of inertia are those of the collision shapes with the
-link's mass, not the file's: here of uniform density, and for several shapes shared by volume. Axes
-are those of the link's frame of inertia, as PyBullet's are.
+As in PyBullet by default, moments of inertia are computed from the collision shapes and the link's
+mass, and those in the file are ignored. Density is uniform: several shapes share the mass by
+volume. Axes are those of the link's inertial frame, as in PyBullet.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from drop_physics.option_types import Quaternion, Vector
 from drop_physics.physics.rotations import matrix, quaternions
 
 STANDARD = Path(__file__).with_name("cube_small.urdf")
-"""The default body, equal to that of `pybullet_data` in all that matters here."""
+"""The default body, a copy of `pybullet_data`'s without irrelevant parts."""
 
 DECLARED = re.compile(rb"^\s*<\?xml.*?\?>")
 """XML declaration of a file; many files of Bullet name an XML version that does not exist."""
@@ -38,9 +38,9 @@ class UrdfBody:
     sha256: str
     """Digest of the file."""
     half_size_m: Float64
-    """Half of its extents along its own axes, shape (3,)."""
+    """Half of the body's extents along its own axes, shape (3,)."""
     reach_m: float
-    """Distance of the bounding box's corners from the centre of mass."""
+    """Distance of the bounding box's farthest corner from the centre of mass."""
 
     def rest_height_m(self, orientation: Quaternion) -> float | None:
         """Return the centre's height at which the turned body touches the floor [m]."""
@@ -49,7 +49,7 @@ class UrdfBody:
 
 
 def find_urdf(body: str) -> Path:
-    """Return the file of a body; for the default body, our own copy.
+    """Return the file of a body; for the default body, drop's own copy.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def read_urdf(path: Path, mass_kg: float | None = None) -> UrdfBody:
     Raises
     ------
     ScenarioError
-        If it is no URDF, has joints or no mass, or is made of other shapes.
+        If the file is not a URDF, or the body has joints, no mass, or unsupported shapes.
     """
     content = path.read_bytes()
     try:

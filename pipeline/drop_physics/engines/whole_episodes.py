@@ -7,16 +7,19 @@ from typing import Any, Literal
 from drop_physics.trace.events import has_failed
 
 Episodes = Literal["failing", "all"] | int | None
-"""The episodes that are recorded step by step: those that failed, all, or the one with a number;
-None for all until their steps take `MANY_BYTES`, and from then on the last that failed."""
+"""The episodes that are recorded step by step: failed ones, all, or the one with the given number.
+None records all until their steps take `MANY_BYTES`; from then on, only the latest failed episode
+is kept."""
 Decision = Literal["whole", "latest", "line"]
-"""What happens to an episode; `latest` means kept until a later one replaces it."""
+"""The decision about an episode: record its steps, keep them until a later episode replaces them
+(`latest`), or record only a summary line."""
 
 MANY_BYTES = 1 << 27
-"""Size of the recorded steps in the stream from which on only the latest failure is kept; the
+"""Size of the recorded steps in the stream [bytes] above which only the latest failure is kept; the
 recording is one and a half times as large."""
 LONGEST_BYTES = 1 << 26
-"""A longer episode is recorded anyway, since nobody knows when it will end."""
+"""Size [bytes] above which an episode is recorded before it ends, since its end cannot be foreseen.
+"""
 
 
 class WholeEpisodes:
@@ -25,15 +28,15 @@ class WholeEpisodes:
     Parameters
     ----------
     which
-        Those that are.
+        The episodes whose steps are recorded.
     """
 
     def __init__(self, which: Episodes = "all") -> None:
         self._which = which
         self.ended = self.left_out = 0
-        """Number of episodes that have ended, and of those without their steps."""
+        """Number of episodes that have ended, and number of those whose steps are not recorded."""
         self.kept_bytes = 0
-        """Bytes of the steps that are kept."""
+        """Size of the steps that are kept [bytes]."""
 
     @property
     def leaves_out(self) -> bool:

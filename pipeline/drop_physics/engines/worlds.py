@@ -21,7 +21,7 @@ Verdicts = Mapping[Path, Any]
 
 
 def world_of(scenario: Scenario) -> World | OtherWorld:
-    """Return the world of a scenario, at the moment of release; use it in `with`.
+    """Return the world of a scenario at the moment of release; use it in `with`.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def find_body(body: str) -> Path:
     Raises
     ------
     ScenarioError
-        If there is none, or PyBullet cannot load it.
+        If there is no such file, or PyBullet cannot load it.
     """
     if not is_installed(PYBULLET):
         return find_urdf(body)

@@ -37,10 +37,10 @@ from drop_physics.stages.verbs.taken import takes_those_of
 Image = tuple[int, int, int]
 """An image's step, camera, and its index among the camera's images in that step."""
 WRITTEN = "Written by drop with this golden recording: what it holds."
-"""A marker line by which we recognize our own descriptions of golden recordings."""
+"""A line that marks drop's own descriptions of golden recordings."""
 NEITHER = Message("neither has images")
 DIGEST = b"digest "
-"""First bytes of an image's placeholder, where only a digest of the image is kept."""
+"""First bytes of an image's placeholder, if only a digest of the image is recorded."""
 
 
 @dataclass(frozen=True)
@@ -52,14 +52,14 @@ class FrameComparison:
     differing: int
     """Number of compared images that differ, or that only one recording has."""
     first_step: int | None
-    """Step of the first image that differs; None if none do, or if images do not count."""
+    """Step of the first image that differs; None if none differs, or if images are not compared."""
     why: str | None
-    """Reason why no further images were compared; None if all were."""
+    """Reason why no further images were compared; None if all images were compared."""
 
 
 @dataclass(frozen=True)
 class Check(Printable, reported_by="drop_physics.report.check"):
-    """Result of comparing a recording with a golden one: same or not, and the differences."""
+    """Result of comparing a recording with a golden one: the verdict, and the differences."""
 
     recording: Path
     """The checked recording."""
@@ -72,13 +72,14 @@ class Check(Printable, reported_by="drop_physics.report.check"):
     frames: FrameComparison | None
     """Comparison of the images; None if there was no golden recording before."""
     engines: str | None = None
-    """Where and why the engines differ, if the two drops differ in nothing else."""
+    """The place and the cause of the difference, if two drops differ only in the engine."""
     updated: bool = False
     """Whether the checked recording has become the golden one."""
     why: Printable | None = None
-    """A `Diff` that explains why they differ; None if the cause is unknown, or for a drop."""
+    """A `Diff` that explains the difference; None if the cause is unknown, or for a drop."""
     lacks: tuple[str, ...] = ()
-    """Contents that one of them lacks because of its earlier schema, and so were not compared."""
+    """Contents that were not compared, since one of the recordings lacks them because of an older
+    schema."""
 
     @property
     def first(self) -> Difference | None:
@@ -107,13 +108,14 @@ def check(asked: verbs.CheckArguments) -> Check:
     Raises
     ------
     RecordingError
-        If one of them is missing, damaged or unfinished, or they are of different kinds.
+        If a recording is missing, damaged or unfinished, or one is of a drop and the other of a
+        script.
     ScenarioError
-        If the tolerance is not a length, or with `update` if the golden recording's name does not
-        end in .rrd.
+        If the tolerance is not a length; with `update`, if the golden recording's name does not end
+        in .rrd.
     OutputError
-        With `update`, if the golden recording cannot be written, is the recording itself, or is a
-        file that is not a recording of the same kind.
+        With `update`, if the golden recording cannot be written, is the same file as the recording,
+        or is a file of another kind.
     """
     path, golden = Path(asked.recording), Path(asked.against)
     if not (math.isfinite(asked.tolerance_m) and asked.tolerance_m >= 0):
@@ -234,7 +236,7 @@ def _check_replaceable(golden: Path, run: Recording) -> None:
 
 
 def _make_golden(run: Recording, golden: Path) -> None:
-    """Save a recording as the golden one; a drop's is compacted, and read back to check it."""
+    """Save a recording as the golden one; a drop's is compacted, then read back as a check."""
     with replaced(golden, force=False, ours=True) as part:
         if run.drop is None:
             shutil.copyfile(run.path, part)
@@ -253,7 +255,7 @@ def _make_golden(run: Recording, golden: Path) -> None:
 def _describe(golden: Path) -> None:
     """Write a short Markdown summary next to a golden recording, so that reviews show changes.
 
-    It shows a reviewer the changes of a golden recording. Another file of that name is left alone.
+    A file of the same name that drop did not write is not replaced.
     """
     from drop_physics.stages.analyze import analysis_of  # loads every rule
     from drop_physics.stages.info import engine_of
@@ -273,7 +275,7 @@ def _describe(golden: Path) -> None:
 
 
 def _compare_frames(run: Recording, golden: Recording, *, until: int | None) -> FrameComparison:
-    """Compare the images taken before a state differs; later images show other poses."""
+    """Compare images taken before any state differs; later images show other poses."""
     mine, theirs = _images(run), _images(golden)  # raises an error if damaged
     if (why := _incomparable(run, golden)) is not None:
         return FrameComparison(0, 0, None, why)
@@ -319,7 +321,7 @@ def _images(recording: Recording) -> dict[Image, bytes]:
 def _digests(recording: Recording) -> dict[Image, bytes]:
     """Return digests of the images that a script's engine drew; the images are not recorded.
 
-    The simulation stands in the place of a camera.
+    The id of the simulation is used in place of a camera's.
     """
     images: dict[Image, bytes] = {}
     before: Counter[tuple[int, int]] = Counter()

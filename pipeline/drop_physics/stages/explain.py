@@ -1,4 +1,4 @@
-"""The command `explain`: says what the codes of findings mean."""
+"""The command `explain`: describes the meaning of finding codes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drop_physics.stages.verbs.taken import takes_those_of
 
 @dataclass(frozen=True)
 class CodeManual(Printable, reported_by="drop_physics.report.explain"):
-    """What codes and reasons of findings mean."""
+    """The meaning of codes and reasons of findings."""
 
     codes: list[CodeReference]
     """The requested code, or all codes."""
@@ -28,7 +28,7 @@ def explain(asked: verbs.ExplainArguments) -> CodeManual:
     Raises
     ------
     ScenarioError
-        If there is no such code, or neither or both are asked for.
+        If there is no such code, or neither or both of code and reason are given.
     """
     if (asked.code is None) is not asked.every:
         raise ScenarioError("give one code of a finding, such as off-target, or --list")
@@ -46,7 +46,7 @@ def _with_calls(code: CodeReference) -> CodeReference:
 
 
 def _blanked(call: str) -> str:
-    """Replace those arguments of a call by `…` that depend on the script."""
+    """Replace arguments of a call that depend on the script by `…`."""
     if not isinstance(call, Message):
         return call.replace("nan", "…")
     blanks = {name: Blank("…") if each != each else each for name, each in call.values.items()}

@@ -52,9 +52,9 @@ def export(asked: verbs.ExportArguments) -> Export:
     Raises
     ------
     RecordingError
-        If the recording is missing, damaged or not one of ours.
+        If the recording is missing, damaged, or was not written by drop.
     ScenarioError
-        If a file has another suffix.
+        If a file's suffix is not supported.
     OutputError
         If a file cannot be written.
     DropError
@@ -232,7 +232,7 @@ def _transforms(piece: Piece, seen: Seen, times: TimesOf) -> Iterator[Timed]:
 
 
 def _joint_states(piece: Piece, seen: Seen, times: TimesOf) -> Iterator[Timed]:
-    """Yield the states of single-coordinate joints at each time; with several robots, by label."""
+    """Yield the states of single-coordinate joints at each time, per robot if there are several."""
     at: dict[float, list[Any]] = defaultdict(list)
     several = len(seen.joints) > 1
     for body, joints in _driven(seen.bodies, piece.joints):

@@ -1,4 +1,4 @@
-"""Finds the recording that a command is about: a named one, or the newest of a script or of all."""
+"""Finds the recording that a command refers to: a named one, or the newest of a script."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NAMED_WITHOUT = (SCRIPT_SUFFIX, ".npz", ".hdf5", ".h5")
 _GOLDEN = re.compile(r"(?<![^\W_])golden(?![^\W_])", re.IGNORECASE)
 
 Origin = dict[str, Any]
-"""Properties of the script that a recording was made from; empty for a drop."""
+"""Properties of the recorded script; empty for a drop."""
 
 
 def recording_of(given: Path | None, note: Callable[[str], None] = lambda _: None) -> Path:
@@ -30,14 +30,14 @@ def recording_of(given: Path | None, note: Callable[[str], None] = lambda _: Non
     Parameters
     ----------
     given
-        A recording; a script, for the newest recording of it; None for the newest of all.
+        A recording; a script, for its newest recording; None for the newest recording of all.
     note
-        Called with a sentence that names the recording, if it was not named.
+        A function that is called with a sentence that names the recording, unless `given` does.
 
     Raises
     ------
     RecordingError
-        If there is none, or the file is not a recording.
+        If there is no recording, or the file is not a recording.
     """
     if given is None:
         found = next((path for path, _ in _recordings()), None)
@@ -84,7 +84,7 @@ def _of_script(script: Path, note: Callable[[str], None]) -> Path:
 def is_of(origin: Origin, target: str, *, is_module: bool, where_unknown: bool = False) -> bool:
     """Return whether a recording is of the given script (by resolved path) or module (by name).
 
-    `where_unknown` is returned if the recording does not hold the script's path.
+    `where_unknown` is returned if the recording does not contain the script's path.
     """
     if origin.get("script") != name_of(target, is_module=is_module):
         return False
@@ -120,8 +120,8 @@ def text_digest(script: Path) -> str | None:
 def _recordings() -> Iterator[tuple[Path, Origin]]:
     """Yield the recordings in the working directory, newest first, with the script of each.
 
-    Layers, golden recordings and files of other programs are left out. A damaged one is not:
-    otherwise an older one would silently be taken for the newest.
+    Layers, golden recordings and files of other programs are left out. Damaged recordings are
+    included: otherwise an older recording would silently be used as the newest.
     """
     for path in recordings_in(FOLDER):
         origin = origin_of(path)
@@ -131,7 +131,7 @@ def _recordings() -> Iterator[tuple[Path, Origin]]:
 
 
 def origin_of(path: Path) -> Origin | None:
-    """Return which script a recording is of, {} for a drop; None if it is no recording of ours."""
+    """Return the script of a recording, {} for a drop; None if drop did not write the file."""
     from drop_physics.recording import schema  # which take half a second to load
     from drop_physics.recording.contents import ForeignError, beginning_of
 

@@ -33,7 +33,7 @@ from drop_physics.trace.readings import Reading
 from drop_physics.trace.states import BODY_LABEL, FLOOR_LABEL, by_body
 
 OPTIONS = ("steps", "duration_s", "seed", "python")
-"""Recorded properties of a script that are command-line options of its verb."""
+"""Recorded properties of a script that are options of `drop record`."""
 REPLACED = "\ufffd"
 """Character recorded for each byte that is not UTF-8; see
 `drop_physics.stages.program.encodable`."""
@@ -46,14 +46,14 @@ class Info(Printable, reported_by="drop_physics.report.info"):
     recording: Path
     """Path of the recording."""
     recording_id: str
-    """Id of the recording, which its layer shares."""
+    """Id of the recording; its analysis layer has the same id."""
     kind: Literal["drop", "script"]
     """`drop` or `script`."""
     what: str
-    """Description of what was recorded: the dropped body, or the script and how it ended."""
+    """Description of the recorded run: the dropped body, or the script and how it ended."""
     complete: bool
-    """Whether the recording was finished; then all data that numbers and images are computed from
-    has passed its checksum."""
+    """Whether the recording was finished; all data from which numbers and images are computed have
+    then passed a checksum."""
     samples: int
     """Total number of states of the simulation."""
     duration_s: float
@@ -70,15 +70,14 @@ class Info(Printable, reported_by="drop_physics.report.info"):
     engine: str
     """Name and version of the engine."""
     command: str | None
-    """Command that repeats the recorded physics; for a script, to be run in the script's folder,
-    which is not recorded. None for a block of Python, and where a name or an argument is not
-    UTF-8."""
+    """Command that repeats the recorded run; for a script, to be run in the script's folder, which
+    is not recorded. None for a block of Python, and if a name or an argument is not UTF-8."""
     layer: Path | None
-    """Path of the analysis layer; None if there is none, or it belongs to another recording."""
+    """Path of the analysis layer; None without one, or if the file belongs to another recording."""
     notes: list[str]
-    """Sentences on gaps in the recording, and where they begin."""
+    """Sentences on missing parts of the recording, and from which step on."""
     readings: list[Reading]
-    """Call sites that read from the engine, in the order of their first use."""
+    """Script lines that read values from the engine, in the order of their first use."""
 
 
 def versions() -> str:
@@ -102,7 +101,7 @@ def info(asked: verbs.InfoArguments) -> Info:
     Raises
     ------
     RecordingError
-        If it is missing, damaged, a layer, or not one of ours.
+        If the file is missing, damaged, a layer, or was not written by drop.
     """
     held = read(Path(asked.recording))
     seen, path, ended = held.seen, held.path, held.ended or {}
@@ -183,9 +182,9 @@ def repeated(
     script: Path | None = None,
     **more: str | None,
 ) -> str | None:
-    """Return the command that runs a recorded script again, with a command of drop and options.
+    """Return the command line of drop's command `verb` for a recorded script, with its options.
 
-    None for a block of Python, and where a name or an argument is not UTF-8. The script is named by
+    None for a block of Python, and if a name or an argument is not UTF-8. The script is given by
     its path, if that is known.
     """
     name, arguments = str(origin["script"]), [*map(str, listed(origin.get("arguments")))]

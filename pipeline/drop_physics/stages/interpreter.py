@@ -1,7 +1,7 @@
-"""Finds the Python interpreter to run a script with: the user's, wherever `drop` is installed.
+"""Finds the Python interpreter for a script: the user's, even if `drop` is installed elsewhere.
 
-As with `uv run`, that is the one of an active virtual environment, else of a `.venv` in the
-script's folder or above it, else the one that runs `drop`.
+As with `uv run`, this is the interpreter of an active virtual environment; otherwise of a `.venv`
+in the script's folder or above; otherwise the one that runs `drop`.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ def interpreter_of(
     Parameters
     ----------
     target, is_module
-        The script's path, or a module's name, which is looked for from the working directory.
+        The script's path, or a module's name, which is resolved in the working directory.
     given
-        The interpreter that the user names; None to find it.
+        The interpreter given by the user; None to search for one.
     note
-        Called with a sentence if it is another one than runs `drop`.
+        A function that is called with a sentence if the interpreter is not the one that runs
+        `drop`.
     """
     if given is not None:
         return given

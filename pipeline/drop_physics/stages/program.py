@@ -15,7 +15,7 @@ from drop_physics.fields import outside, shown
 from drop_physics.messages import Message, shell_command
 
 STOPPED = ("steps", "duration", "disk", "interrupted")
-"""Endings of a script that was stopped and would have continued."""
+"""Ways in which a script ended because it was stopped, and would have continued."""
 RERUN = b"RRF"
 """The first bytes of a recording file."""
 LARGEST_INT = 2**63 - 1
@@ -32,7 +32,7 @@ def checked_limits(
     Raises
     ------
     ScenarioError
-        If one is of another type, or a limit that no script can reach.
+        If a value has another type, or a limit is one that no script can reach.
     """
     steps, seed = _integer("--steps", steps), _integer("--seed", seed)
     if duration_s is not None:
@@ -107,13 +107,13 @@ def command_of(
     Parameters
     ----------
     verb
-        Of `drop`.
+        The command of `drop`.
     target
-        The script's path; of a module `-m NAME`.
+        The script's path; `-m NAME` for a module.
     arguments
-        The script's own.
+        The script's own arguments.
     options
-        Of the verb, by name with underscores; None where one is not given.
+        Options of the command, by name with underscores; None for options that are not given.
     """
     given = (
         word
@@ -128,7 +128,7 @@ def command_of(
 
 
 def _digits(value: float) -> str:
-    """Format a number in the shortest form that reads back the same; 2, not 2.0."""
+    """Format a number in the shortest form that parses to the same value: 2, not 2.0."""
     short = f"{value:.9g}"
     return short if isinstance(value, float) and float(short) == value else str(value)
 

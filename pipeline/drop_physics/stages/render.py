@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 
 SHORT, SHORT_FPS = 32, 10.0
-"""Most frames of a short video, and its frames per second."""
+"""Largest number of frames of a short video, and its frames per second."""
 DRAW_PLOT = "drop_physics.figures.panel_plot:render"
 
 
@@ -68,20 +68,20 @@ class Rendering(Printable, reported_by="drop_physics.report.run"):
 def render(asked: verbs.RenderArguments) -> Rendering:
     """Write an animation of a recording's frames, and a plot.
 
-    A drop's plot shows heights and errors, a script's the subjects of its findings.
+    The plot of a drop shows heights and errors, the plot of a script the subjects of its findings.
 
     Returns
     -------
-    What was written; without a gif if the recording has no frames and `out` is not given.
+    The written files; no gif if the recording has no frames and `out` is not given.
 
     Raises
     ------
     RecordingError
         If the recording is missing, damaged, or has no frames although `out` is given.
     ScenarioError
-        If the frame rate or speed cannot be shown, or a file has another suffix.
+        If the frame rate or speed is not possible, or a file's suffix is not supported.
     OutputError
-        If a file cannot be written, or would replace what the same command reads or writes.
+        If a file cannot be written, or would replace a file that the same command reads or writes.
     DropError
         If PyAV is missing for an .mp4.
     """
@@ -199,7 +199,7 @@ def _of_script(
 
 
 def _hiring(running: ExitStack, assistant: Worker | None) -> Callable[[int], list[Worker]]:
-    """Return a function that starts worker processes, and first lends one that already runs."""
+    """Return a function that starts worker processes; a running one is used as the first."""
 
     def hire(count: int) -> list[Worker]:
         workers = [] if assistant is None else [assistant]
@@ -224,8 +224,8 @@ def _film(
 ) -> Film | None:
     """Return a video of the recorded images or, with a camera or without images, of the poses.
 
-    None for a drop without frames, and for videos that were not requested and that cannot be drawn
-    here.
+    None for a drop without frames, and for an unrequested video that cannot be drawn on this
+    machine.
     """
     if view is None and (taken := frames_film(held, animation, most_fps)) is not None:
         return taken
@@ -284,7 +284,7 @@ class ShortFilm:
 
     gif: bytes
     times_s: Sequence[float]
-    """Simulated time of each frame."""
+    """Simulated time of each frame [s]."""
 
 
 def film_of(recording: Path, *, dark: bool = False) -> ShortFilm:
@@ -293,7 +293,7 @@ def film_of(recording: Path, *, dark: bool = False) -> ShortFilm:
     Raises
     ------
     RecordingError
-        If the recording cannot be read, or has nothing to show.
+        If the recording cannot be read, or has no poses to show.
     """
     held, stream = read(recording), io.BytesIO()
     with ExitStack() as running:
@@ -319,11 +319,11 @@ def check_film(film: Path, *, inputs: Sequence[Path], force: bool) -> None:
     Raises
     ------
     ScenarioError
-        If no format with this suffix can be written.
+        If the suffix is that of no supported format.
     OutputError
         If the file exists, or is one of the inputs.
     DropError
-        If its format needs a library that is not installed.
+        If the format needs a library that is not installed.
     """
     check_animation(film, None)
     check_apart([film], inputs=inputs)
@@ -345,20 +345,20 @@ def film_beside(
     Parameters
     ----------
     recording, other
-        The recordings of both runs, with what is only for looking.
+        The recordings of both runs, including entities for display.
     out
         The `.gif`, `.webp`, `.apng` or `.mp4` file to write.
     titles
-        What is written over each.
+        The titles above the two images.
     dark, force, progress
-        As of `render`.
+        The same as in `render`.
 
     Raises
     ------
     RecordingError
-        If a recording cannot be read, or has nothing to show.
+        If a recording cannot be read, or has no poses to show.
     ScenarioError, OutputError, DropError
-        As of `render`.
+        For the reasons of `render`.
     """
     film = Path(out)
     check_film(film, inputs=[Path(recording), Path(other)], force=force)

@@ -32,7 +32,7 @@ class Run(Printable, reported_by="drop_physics.report.run"):
     rendering: Rendering
 
     def as_json(self) -> dict[str, Any]:
-        """Return the JSON object of `--json`: those of simulate, analyze and render."""
+        """Return the JSON object of `--json`, with those of simulate, analyze and render."""
         parts = {"simulate": self.simulation, "analyze": self.analysis, "render": self.rendering}
         return {verb: made.as_json() for verb, made in parts.items()}
 

@@ -32,7 +32,7 @@ KINDS: dict[str, tuple[Callable[[object], bool], Message]] = {
     "fail-on": (lambda value: isinstance(value, str), Message("a level")),
     "tolerance": (_is_number, Message("a number of metres")),
 }
-"""Type of each key's value, and the type's name."""
+"""Check of each key's value, and the name of the expected type."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def settings(folder: Path | None = None) -> ProjectSettings:
     Raises
     ------
     ScenarioError
-        If it cannot be read, or a value is not one that its key takes.
+        If the file cannot be read, or a value is not allowed for its key.
     """
     start = (folder or Path()).resolve()
     path = next((at / FILE for at in (start, *start.parents) if (at / FILE).is_file()), None)

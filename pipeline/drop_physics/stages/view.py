@@ -33,12 +33,12 @@ from drop_physics.trace.history import Seen
 
 @dataclass(frozen=True)
 class View(Printable, reported_by="drop_physics.report.view"):
-    """The contents of the viewer, and the command that starts it."""
+    """The files that a viewer shows, and the command that starts it."""
 
     recordings: list[Path]
     layers: list[Path]
     stale: list[Path]
-    """Layers of the same name that belong to another recording, and are not shown."""
+    """Layers with a matching name that belong to another recording, and are not shown."""
     viewer: Viewer
     golden: Path | None = None
     """Path of the golden recording, which is shown in grey."""
@@ -49,25 +49,26 @@ class View(Printable, reported_by="drop_physics.report.view"):
     settings_differ: bool = False
     """Whether the inputs of the two recordings differ."""
     not_compared: tuple[str, ...] = ()
-    """Bodies whose motion is not recorded; with any, the recordings do not count as the same."""
+    """Bodies whose motion is not recorded; if there are any, the recordings do not count as the
+    same."""
     is_foreign: bool = False
-    """Whether another program made any of the recordings; those are shown unchanged."""
+    """Whether another program made any of the recordings; such recordings are shown unchanged."""
 
 
 @takes_those_of(verbs.ViewArguments)
 @contextmanager
 def view(asked: verbs.ViewArguments) -> Iterator[View]:
-    """Yield what the viewer is to show; temporary files exist until the `with` block ends.
+    """Yield the files to view; temporary files exist until the `with` block ends.
 
-    Recordings of the same drop in different engines are shown as one, with a colour per engine; of
-    two of one script the second is shown in grey.
+    Recordings of the same drop in different engines are shown as one, with a colour per engine. Of
+    two recordings of the same script, the second is shown in grey.
 
     Raises
     ------
     RecordingError
-        If one is missing or not one of ours, or `against` is of another kind.
+        If a recording is missing or was not written by drop, or `against` is of another kind.
     ScenarioError
-        If there is more than one to show beside a golden one.
+        If several recordings are given together with a golden one.
     ViewerError
         If there is no screen.
     """
@@ -157,7 +158,7 @@ def _of_one_script(paths: Sequence[Path]) -> bool:
 
 
 def _moving(golden: Path) -> Collection[str] | None:
-    """Return the names of bodies that can move; others would cover the golden ones exactly."""
+    """Return the names of bodies that can move; immovable ones would just cover the golden ones."""
     recording = read(golden)
     if recording.drop is not None:
         return None
@@ -206,7 +207,7 @@ def show(shown: View) -> None:
     Raises
     ------
     ViewerError
-        If it does not start, or fails.
+        If the viewer does not start, or fails.
     """
     process = viewer.start(shown.viewer, stays=False)
     step = shown.first_difference
@@ -246,7 +247,7 @@ def in_notebook(
     Raises
     ------
     ViewerError
-        If it is not installed.
+        If `rerun-notebook` is not installed.
     ScenarioError
         If the result has no recording.
     """
@@ -261,7 +262,7 @@ def spawn() -> str:
     Raises
     ------
     ViewerError
-        If there is no screen, or it does not start.
+        If there is no screen, or the viewer does not start.
     """
     opened = viewer.viewer()
     viewer.start(opened, stays=True)

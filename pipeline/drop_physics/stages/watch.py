@@ -18,25 +18,24 @@ from drop_physics.stages.block import Block, record
 def watch(env: Any, out: Path | str | None = None, *, force: bool = False) -> Any:  # noqa: ANN401
     """Record a gymnasium environment from its first reset until it is closed.
 
-    If it never is, it is recorded until the program ends. The recording is that of the process:
-    environments that are watched while it is open are in it, too. In a worker of `AsyncVectorEnv`,
-    which steps in a process of its own, the worker's number is added to the file's name:
-    `run-0.rrd`.
+    An environment that is never closed is recorded until the program ends. A process has one
+    recording at a time: further environments that are watched while it is open are included. A
+    worker of `AsyncVectorEnv`, which is a process of its own, writes its own recording, with its
+    number in the file's name: `run-0.rrd`.
 
     Parameters
     ----------
     env
-        The environment, or a vector of them that are stepped in this process.
+        The environment, or a vector environment that is stepped in this process.
     out
-        The recording to write; None to watch nothing, which returns the environment itself.
+        The recording to write; None to record nothing and return the environment itself.
     force
         Whether an existing recording may be replaced.
 
     Returns
     -------
     Any
-        A wrapper around the environment, whose attribute `recorded` is the result once it is
-        closed.
+        A wrapper around the environment, whose attribute `recorded` is the result after closing.
 
     Raises
     ------

@@ -354,7 +354,7 @@ class World:
         Parameters
         ----------
         batch
-            Most samples in one batch.
+            The largest number of samples in a batch.
 
         Raises
         ------

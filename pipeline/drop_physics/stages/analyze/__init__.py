@@ -49,7 +49,7 @@ _PARTS = 3
 MOST_NAMES = 12
 """Most names listed in an error message."""
 DEFAULT_AT_S = (0.3,)
-"""Default times at which a flight's error is broken down, besides its end."""
+"""Default times [s] at which a flight's error is broken down, in addition to its end."""
 
 
 @takes_those_of(verbs.AnalyzeArguments)
@@ -59,12 +59,12 @@ def analyze(asked: verbs.AnalyzeArguments) -> Analysis:
     Raises
     ------
     RecordingError
-        If the recording is missing, damaged or not one of ours.
+        If the recording is missing, damaged, or was not written by drop.
     ScenarioError
-        If there is no such body or joint, a time is outside the recording, or a file has another
-        suffix.
+        If there is no such body or joint, a time is outside the recording, or a file's suffix is
+        not supported.
     OutputError
-        If a file cannot be written, or would replace what the same command reads or writes.
+        If a file cannot be written, or would replace a file that the same command reads or writes.
     """
     path = Path(asked.recording)
     read_only = asked.out is None and not os.access(path.parent, os.W_OK | os.X_OK)
@@ -176,7 +176,7 @@ def _check_about(about: str | None, read_back: Recording) -> None:
 
 
 def _give_memory_back() -> None:
-    """Return freed memory to the operating system before the next part needs it."""
+    """Return freed memory to the operating system before the next part of the analysis."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's
     if trim is not None:
         trim(0)
@@ -270,14 +270,14 @@ def outputs_of(
 ) -> tuple[Path | None, list[Path]]:
     """Return the paths of the layer and of the tables, after checking that they are writable.
 
-    There is no layer if the recording's folder is read-only.
+    If the recording's folder is read-only, no layer is written.
 
     Raises
     ------
     ScenarioError
-        If a file has another suffix.
+        If a file's suffix is not supported.
     OutputError
-        If a file cannot be written, or would replace what the same command reads or writes.
+        If a file cannot be written, or would replace a file that the same command reads or writes.
     """
     layer = layer_of(recording) if out is None else Path(out)
     tables = [] if table is None else [Path(table)]

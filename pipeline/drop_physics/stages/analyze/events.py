@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 WIDTH = 44
 """Longest line in the viewer's event list [characters]."""
 MOST_ROWS = 12
-"""Most rows of the account that are listed as events."""
+"""Largest number of account rows that are listed as events."""
 
 
 def events(analysis: Analysis) -> list[tuple[int, float, str]]:

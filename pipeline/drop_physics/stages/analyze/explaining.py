@@ -33,14 +33,15 @@ VERSION = "from importlib.metadata import version; print(version('mujoco'))"
 
 @dataclass(frozen=True)
 class WhatToExplain:
-    """The steps of a recording to explain, besides those already explained."""
+    """The steps of a recording to explain, in addition to those explained before."""
 
     steps: Sequence[tuple[int, int]] = ()
-    """Windows of samples, of all simulations; a step starts from each sample but the last."""
+    """Ranges of samples, for all simulations; they contain the steps between these samples."""
     at_s: Sequence[float] = ()
     """Times around which steps are explained [s]."""
     window: Window | None = None
-    """The steps that the account describes, which are explained together with those it cites."""
+    """The steps that the account describes; findings may cite only these, so they are explained
+    first."""
     whole: bool = False
     """Whether to explain all steps."""
 
@@ -50,13 +51,13 @@ BY_DEFAULT = WhatToExplain()
 
 @dataclass(frozen=True)
 class LaterExplained:
-    """A recording, with steps that were explained later."""
+    """A recording, completed by steps that were explained later."""
 
     recording: Recording
     sums: LaterSums | None
     """Sums explained after the recording was made; None if there are none."""
     note: Message | None
-    """Remark on steps that are not explained, with the command that explains them."""
+    """Remark on steps that are not explained, with the command that would explain them."""
 
 
 def explained(
@@ -69,21 +70,21 @@ def explained(
 ) -> LaterExplained:
     """Replay and explain steps of a recording whose engine can replay them.
 
-    Earlier explanations stay as they are. A run of few steps is explained whole; of a longer one
-    the windows that are asked for, or those that its states suggest (`explain.moments`).
+    Earlier explanations are kept. A short run is explained as a whole; of a longer run, only the
+    requested ranges of steps are, or ranges chosen by its states (`explain.moments`).
 
     Parameters
     ----------
     recording
         The recording.
     what
-        What to explain.
+        The steps to explain.
     layer
-        The layer that may hold what was explained before.
+        The layer in which earlier explanations may be stored.
     python
-        The interpreter to do it in; None for the script's, or ours.
+        The interpreter in which steps are replayed; None for the script's or drop's own.
     progress
-        Called with the steps that are explained, and those that are to be.
+        A function that is called with the number of explained steps, and of all steps to explain.
     """
     seen, steps = recording.seen, recording.steps
     done = any(entity.startswith(f"{schema.IMPULSES}/") for entity in recording.entities)
@@ -150,7 +151,7 @@ def _explain(
 
 
 def _windows(seen: Seen, count: Mapping[int, int], what: WhatToExplain) -> list[Window]:
-    """Return the step ranges to explain: requested ones, or those that look interesting."""
+    """Return the step ranges to explain: requested ones, or those with the largest velocities."""
     whole = [(client, 0, n) for client, n in count.items() if n]
     if what.whole or sum(count.values()) < FEW_STEPS:
         return whole
@@ -175,7 +176,7 @@ def _windows(seen: Seen, count: Mapping[int, int], what: WhatToExplain) -> list[
 def _interpreter(
     version: str, python: str | None, recorded: str | None
 ) -> tuple[str | None, Message | None]:
-    """Return an interpreter that has this version of MuJoCo, or the reason why none was found."""
+    """Return an interpreter that has this version of MuJoCo, or the reason why there is none."""
     found: list[str] = []
     candidates = [python] if python else [*([recorded] if recorded else []), sys.executable]
     for each in candidates:
@@ -193,7 +194,7 @@ def _interpreter(
 
 
 def version_in(python: str) -> str:
-    """Return the version of MuJoCo in an interpreter; empty if it has none or cannot be run."""
+    """Return the version of MuJoCo in an interpreter; empty if it lacks MuJoCo or cannot be run."""
     if python == sys.executable:
         try:
             return metadata.version("mujoco")

@@ -1,6 +1,6 @@
 """Finds the source files of a recorded script, and checks that their text has not changed.
 
-A comment `# drop: ignore[CODE]` on the first line of a call leaves a finding out.
+A comment `# drop: ignore[CODE]` on the first line of a call suppresses a finding.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class Sources:
     Parameters
     ----------
     digest
-        Of its recorded text; None where it has none, as a block of Python.
+        The digest of the script's recorded text; None without one, as for a block of Python.
     folders
-        Where its name, as a finding has it, may lead to it.
+        The folders to which file names in findings may be relative.
     """
 
     def __init__(self, digest: str | None, folders: Sequence[Path]) -> None:
@@ -61,8 +61,8 @@ class Sources:
     def _file(self, name: str) -> Path | None:
         """Return the path of an unchanged source file; None if it is not found or has changed.
 
-        A recording may name anything: no name leads out of a folder, and a pipe or a device there
-        is not opened.
+        File names in a recording are not trusted: a name that leads out of a folder is ignored, and
+        pipes and devices are not opened.
         """
         inside = not Path(name).is_absolute() and ".." not in Path(name).parts
         for folder in self._folders if self._digest is not None and inside else ():

@@ -3,9 +3,10 @@
     with record("run.rrd"):
         ...
 
-A separate process writes the recording, so that it is complete even if this one crashes, and so
-that Rerun is not imported here. Functions imported from pybullet by name before the block (`from
-pybullet import stepSimulation`) are not seen; nothing is patched outside the block.
+A separate process writes the recording, so that the recording is complete even if this process
+crashes, and Rerun need not be imported here. Calls of functions that were imported from pybullet by
+name before the block (`from pybullet import stepSimulation`) are not recorded. Outside the block,
+nothing is patched.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ NO_STEP = (
 
 
 class Block:
-    """A recorded block of Python; after its end, it prints like its recording."""
+    """A recorded block of Python; after its end, printing it prints the result of the recording."""
 
     watch: ScriptWatch
     written: dict[str, Any] | None = None
@@ -83,7 +84,7 @@ class BlockWriter(Worker):
         self._handing.close()
 
     def begin(self, reading: int, memory: int, *how: object) -> None:
-        """Start writing a stream read from a pipe; the process gets both file descriptors."""
+        """Start writing a stream from a pipe; send the process both file descriptors."""
         self.ask("drop_physics.stages.block.writer:write", self._place, *how)
         both = array("i", [reading, memory])
         self._handing.sendmsg([b"\0"], [(_socket.SOL_SOCKET, _socket.SCM_RIGHTS, both)])
@@ -109,19 +110,20 @@ def record(
     out
         The recording to write.
     steps, duration_s
-        Number of steps, and simulated time [s], after which the block is left; None for never.
+        Number of steps, and simulated time [s], after which the block ends; None for no limit.
     seed
-        The seed of `random`, `numpy.random`, and numpy's `SeedSequence`; None leaves them alone.
+        The seed of `random`, `numpy.random`, and numpy's `SeedSequence`; None to set no seed.
     keep_sleeping
-        Whether the block's sleeps take time.
+        Whether `sleep` in the block really waits.
     drawn
-        Whether it also holds what is only for looking: shapes, poses, curves.
+        Whether the recording includes entities that are only for display: shapes, poses, curves.
     verified
-        Whether it is read back at once; without, whoever reads it first finds what is damaged.
+        Whether the recording is read back and verified at once; otherwise, damage is noticed when
+        it is read later.
     force
         Whether an existing recording may be replaced.
     writer
-        The process that writes it; None for one that is started, and ended with the block.
+        The process that writes the recording; None to start one for this block.
 
     Raises
     ------

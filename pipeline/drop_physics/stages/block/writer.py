@@ -1,4 +1,4 @@
-"""A process that writes recordings of `with` blocks: of one, or of all in a pytest run."""
+"""A process that writes recordings of `with` blocks: of one block, or of all in a pytest run."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def write(
 ) -> dict[str, Any]:
     """Write the recording of one block, as its data arrive; return the fields of the result.
 
-    `place` is the file descriptor of a socket, through which come those of the pipe and of the
-    memory that both processes see; `process` is the block's.
+    `place` is the file descriptor of a socket, through which the descriptors of the pipe and of the
+    shared memory arrive; `process` is the process id of the block.
     """
     began = time.perf_counter()
     with socket.socket(fileno=os.dup(place)) as taking:

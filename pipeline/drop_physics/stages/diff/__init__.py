@@ -32,7 +32,7 @@ from drop_physics.temporary import temporary_folder
 from drop_physics.trace.history import DEFAULT_ENGINE
 
 MOST_SIMULATIONS = 32
-"""Most simulations of a script that are searched for the one that differs first."""
+"""Largest number of a script's simulations in which the first difference is searched."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Diff(Printable, reported_by="drop_physics.report.diff"):
     runs: int
     """Number of repetitions: single steps, or whole runs."""
     recordings: tuple[Path, Path] | None
-    """Paths of both recordings, if they are kept."""
+    """Paths of both recordings; None if they were temporary."""
     host: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Differences between the machines or environments of the runs, by name."""
     ended: tuple[str, str] = ("finished", "finished")
@@ -55,7 +55,8 @@ class Diff(Printable, reported_by="drop_physics.report.diff"):
     unseeded: Sequence[str] = ()
     """Lines of the scripts that draw unseeded random numbers."""
     pictures: PicturesApart | None = None
-    """Number of differing images whose states are the same, if the engine draws images itself."""
+    """Number of images that differ although the states are the same, if the engine draws images
+    itself."""
 
 
 @takes_those_of(verbs.DiffArguments)
@@ -65,9 +66,9 @@ def diff(asked: verbs.DiffArguments) -> Diff:
     Raises
     ------
     ScenarioError
-        If what is asked for makes no two sides.
+        If the arguments do not define two sides.
     DropError
-        If a side cannot be run or read, or makes no step.
+        If a side cannot be run or read, or has no step.
     """
     a, b = sides_of(
         asked.words or (),
@@ -103,7 +104,7 @@ def diff(asked: verbs.DiffArguments) -> Diff:
 def why_apart(a: Recording, b: Recording, names: tuple[str, str], tolerance: float) -> Diff | None:
     """Return why two recordings differ; None if that cannot be determined.
 
-    This needs an interpreter with the engine of each, and nothing is fetched.
+    This needs an interpreter with the engine of each recording; no package is downloaded.
     """
     try:
         sides = [side_of(each, name) for each, name in zip((a, b), names, strict=True)]
@@ -142,7 +143,7 @@ def _ending(held: Recording) -> str:
 
 
 HOST = ("hash_seed", "numpy", "blas", "blas_threads", "machine", "version")
-"""Properties of a recording, besides the script, on which its numbers may depend."""
+"""Properties of a recording, other than the script, on which its numbers may depend."""
 
 
 def _host(a: Recording, b: Recording) -> dict[str, tuple[str, str]]:
@@ -160,7 +161,7 @@ def _host(a: Recording, b: Recording) -> dict[str, tuple[str, str]]:
 def _answered(
     a: RunSide, b: RunSide, tolerance: float, tell: Callable[[int], None], *, by_time: bool
 ) -> tuple[ProvedDifference, int]:
-    """Return why the runs differ, and how many steps were repeated to find that out."""
+    """Return why the runs differ, and the number of steps repeated to find out."""
     engines = a.recording.seen.engine, b.recording.seen.engine
     for side in (a, b):
         steps_of(side)  # if there are any
@@ -187,7 +188,7 @@ def _answered(
 def _earliest(
     stack: ExitStack, a: RunSide, b: RunSide, tolerance: float, *, by_time: bool
 ) -> tuple[CrossedRuns, Sequence[Swapper]]:
-    """Return the pair of simulations that differs first, with processes to repeat steps."""
+    """Return the pair of simulations that differs first, with processes that repeat steps."""
     both = [*zip(a.recording.steps.clients, b.recording.steps.clients, strict=False)]
     firsts = []
     for number, clients in enumerate(both[:MOST_SIMULATIONS] if len(both) > 1 else ()):

@@ -1,4 +1,4 @@
-"""Compares PyBullet runs by their call logs, as its whole state cannot be read or set."""
+"""Compares PyBullet runs by their call logs, as PyBullet's full state cannot be read or set."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def answered_by_calls(
     Raises
     ------
     RecordingError
-        If one has made no step.
+        If a run has no step.
     DropError
-        If a process ends before it is through.
+        If a replaying process ends early.
     """
     with temporary_folder() as folder:
         (mine, first), (theirs, second) = (logged(side) for side in (a, b))
@@ -63,13 +63,7 @@ def answered_by_calls(
 
 
 def logged(side: RunSide) -> tuple[list[LoggedCall], LogOf]:
-    """Return the call log of a run, and where it comes from.
-
-    Raises
-    ------
-    DropError
-        If a call has arguments that are not recorded.
-    """
+    """Return the call log of a run, and its source, in which ids can be resolved."""
     log = LogOf(side.recording.seen.calls, side.files)
     try:
         return log.logged(), log
@@ -87,7 +81,7 @@ def steps_of(side: RunSide) -> int:
     Raises
     ------
     RecordingError
-        If it has made none.
+        If the run has no step.
     """
     steps = max(side.recording.seen.samples.values(), default=0) - 1
     if steps < 1:

@@ -21,7 +21,7 @@ def answered_by_samples(a: RunSide, b: RunSide, tolerance: float) -> ProvedDiffe
     Raises
     ------
     RecordingError
-        If one has made no step.
+        If a run has no step.
     """
     mine, theirs = a.recording.seen, b.recording.seen
     lengths = steps_of(a), steps_of(b)

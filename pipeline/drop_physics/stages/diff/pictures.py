@@ -1,4 +1,4 @@
-"""Compare the images of two runs that were recorded only as digests: count those that differ."""
+"""Counts the differing images of two runs that were recorded only as digests."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from drop_physics.trace.acts import PICTURE
 
 
 class PicturesApart(NamedTuple):
-    """Number of images that differ."""
+    """The differing images of two runs: their number, and the first one."""
 
     differing: int
     of: int
     first_step: int
     """Number of steps before the first image that differs."""
     site: str
-    """The script's line that drew this image."""
+    """The script line that drew the first differing image."""
 
 
 def pictures_apart(a: Recording, b: Recording, until: int | None) -> PicturesApart | None:
@@ -27,7 +27,7 @@ def pictures_apart(a: Recording, b: Recording, until: int | None) -> PicturesApa
     a, b
         The recordings.
     until
-        The first step after which states are apart; None where they never are.
+        The first step after which states differ; None if they never do.
     """
     mine, theirs = (each.seen.calls.named(PICTURE) for each in (a, b))
     both = [

@@ -14,19 +14,20 @@ from drop_physics.temporary import temporary_folder
 from drop_physics.workers import users_environment
 
 NOT_DATA = (".git", ".venv", "recordings")
-"""Parts of a repository that no script needs as data."""
+"""Folders of a repository that a script does not need as data."""
 
 
 @contextlib.contextmanager
 def exported(script: Path, revision: str | None) -> Iterator[Path]:
     """Yield the path of a script as of a Git revision; the unchanged path if `revision` is None.
 
-    All files of the repository are as they were then. Files that Git does not know are there, too.
+    All files of the repository are those of the revision. Files that Git does not track are copied,
+    too.
 
     Raises
     ------
     DropError
-        If Git has no such script or revision, or is not installed.
+        If Git is not installed, or has no such script or revision.
     """
     if revision is None:
         yield script

@@ -41,7 +41,7 @@ class Asked:
     revision: str | None = None
     """Git revision of the script to run; None for the file as it is."""
     is_second: bool = False
-    """Whether fresh memory gets other leftover contents than for the first side."""
+    """Whether uninitialised memory gets other contents than for the first side."""
 
     @property
     def is_recording(self) -> bool:
@@ -72,26 +72,26 @@ def sides_of(
 ) -> tuple[Asked, Asked]:
     """Build both sides of a comparison from the words and options of a command line.
 
-    A list of values is for both sides: what follows the first repeated name is the second's; where
-    no name is repeated, all of it is.
+    `packages` and `variables` are lists for both sides: values from the first repeated name on
+    belong to the second side. If no name is repeated, all values do.
 
     Parameters
     ----------
     words
-        Two scripts or recordings; or one script, and its arguments.
+        Two scripts or recordings; or one script and its arguments.
     packages, variables
-        `NAME==VERSION` and `NAME=VALUE`.
+        Package versions as `NAME==VERSION`, and environment variables as `NAME=VALUE`.
     arguments, pythons
-        Arguments of the script, and interpreters: one or two.
+        Arguments of the script, and interpreters, one or two of each.
     twice
         Whether the script is compared with itself.
     revision
-        The revision of Git whose text of the script is the first side.
+        The Git revision of the script that is the first side.
 
     Raises
     ------
     ScenarioError
-        If they do not make two sides.
+        If the words and options do not define two sides.
     """
     scripts = [n for n, word in enumerate(words) if word.endswith((".py", RECORDING))]
     changed = any((packages, arguments, variables, pythons, twice, revision))
@@ -136,7 +136,7 @@ def sides_of(
 
 
 def _is_one(words: Sequence[str]) -> bool:
-    """Return whether words after a script are its arguments, and not a second script."""
+    """Return whether the words after a script are arguments, not a second script."""
     return not any(Path(word).is_file() for word in words[1:] if word.endswith(".py"))
 
 
@@ -171,7 +171,8 @@ class RunSide:
 def side_of(held: Recording, name: str) -> RunSide:
     """Return a recording as a side, with an interpreter that has the engine, if there is one.
 
-    It is the script's, or ours, perhaps with a version that was fetched before.
+    The interpreter is the script's or drop's own, perhaps with an engine version that was
+    downloaded before.
     """
     recorded = str((held.ended or {}).get("interpreter") or sys.executable)
     python = recorded if os.access(recorded, os.X_OK) else sys.executable
@@ -191,18 +192,18 @@ def recorded_side(asked: Asked, path: Path, how: verbs.DiffArguments, *, name: s
     Parameters
     ----------
     asked
-        The side.
+        The requested side.
     path
         The recording to write.
     how
-        The steps after which the script is stopped, and what is told meanwhile.
+        The arguments of `diff`, such as limits and progress callbacks.
     name
-        What tells the side from the other.
+        The label that distinguishes this side from the other.
 
     Raises
     ------
     DropError
-        If it cannot be run or read.
+        If the side cannot be run or read.
     """
     note = how.note
     note_python = (lambda _: None) if asked.is_recording else note

@@ -31,7 +31,8 @@ from drop_physics.trace.history import Seen
 from drop_physics.trace.logs import KnownDifference, LoggedCall
 
 AGREES = 1e-9
-"""Largest difference without contact between engines that agree, whatever tolerance is given."""
+"""Largest difference in motion without contact up to which engines count as equal, even if a
+smaller tolerance is given."""
 
 
 def answered_by_engines(
@@ -42,7 +43,7 @@ def answered_by_engines(
     Raises
     ------
     DropError
-        If a process ends before it is through, or nothing in the runs corresponds.
+        If a process ends early, or no bodies of the runs correspond.
     """
     with ExitStack() as stack:
         folder = stack.enter_context(temporary_folder())
@@ -186,7 +187,7 @@ def _timestep_s(side: RunSide) -> float:
 
 
 def _with(found: list[KnownDifference], each: KnownDifference) -> list[KnownDifference]:
-    """Add known differences of another body, and keep one of each kind."""
+    """Add another body's known difference, unless one of the same kind is in the list."""
     same = next((other for other in found if other.name == each.name), None)
     if same is None:
         return [*found, each]

@@ -1,6 +1,7 @@
 """Downloads package versions that only one of the compared runs uses, into a cache folder.
 
-A script finds them there before its own (`PYTHONPATH`). No other module downloads.
+A script imports them from there instead of its own versions (`PYTHONPATH`). No other module of drop
+downloads anything.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from drop_physics.workers import users_environment
 
 REQUIREMENT = re.compile(r"([A-Za-z0-9][A-Za-z0-9._-]*)==([A-Za-z0-9][A-Za-z0-9.!+_-]*)")
 TAG = "import sys; print(f'{sys.implementation.cache_tag}')"
-"""Matches the wheel tags that a Python interpreter accepts."""
+"""Program that prints the tag of an interpreter, by which wheels are chosen."""
 
 
 def cache() -> Path:
@@ -37,7 +38,7 @@ def cache() -> Path:
 def kept(engine: str, python: str) -> dict[str, str]:
     """Return the environment variables that point Python at a downloaded engine version, if any.
 
-    `engine` is its name and version, as in a recording.
+    `engine` is the name and version of the engine, as in a recording.
     """
     name, _, version = engine.lower().partition(" ")
     folder = cache() / f"{name}-{version}-{_tag(python)}"
@@ -45,7 +46,7 @@ def kept(engine: str, python: str) -> dict[str, str]:
 
 
 def forget() -> int:
-    """Empty the cache folder, and return how many versions were in it."""
+    """Empty the cache folder; return the number of deleted package versions."""
     folder = cache()
     with output_errors(folder):
         count = sum(1 for _ in folder.iterdir()) if folder.is_dir() else 0
@@ -59,7 +60,7 @@ def checked(requirement: str) -> tuple[str, str]:
     Raises
     ------
     ScenarioError
-        If it is not of the form NAME==VERSION.
+        If the requirement does not have the form NAME==VERSION.
     """
     match = REQUIREMENT.fullmatch(requirement)
     if match is None:
@@ -78,18 +79,18 @@ def unpacked(
     Parameters
     ----------
     requirements
-        Packages and versions, as `mujoco==3.3.7`.
+        Packages and versions, such as `mujoco==3.3.7`.
     python
-        The interpreter.
+        The interpreter that will import the packages.
     note
-        Called with a sentence before one is downloaded.
+        A function that is called with a sentence before each download.
 
     Raises
     ------
     ScenarioError
-        If a requirement is not of that form.
+        If a requirement does not have the form NAME==VERSION.
     DropError
-        If a version cannot be had.
+        If a version is not available.
     """
     if not requirements:
         return {}

@@ -37,9 +37,10 @@ DRAWN_PER_S = 20.0
 """Frames drawn per second of simulated time."""
 DRAW = "drop_physics.engines.pybullet.scene_pictures:drawn"
 PER_WORKER = 32
-"""Frames per worker process, about as many as one draws while another process starts."""
+"""Number of frames per worker process, about as many as one draws while another process starts."""
 MOST_DRAWN = 600
-"""Most frames in an animation; a longer one keeps every second, third … of them."""
+"""Largest number of frames in an animation; of a longer one, every second, third … frame is kept.
+"""
 SHARE_OF_HEIGHT = 1 / 4
 """Share of the image's height that a body fills in a close view."""
 FAR_M = 10.0
@@ -49,10 +50,10 @@ LEAST_M = 0.1
 ROOM = 1.06
 """Factor by which the camera is farther away than necessary."""
 LEAVES, FOLLOWED = 4.5, 3.0
-"""The camera moves along if it would have to be LEAVES times farther away to see the whole path;
-then it is FOLLOWED times farther away than necessary."""
+"""The camera moves along if it would have to be LEAVES times farther away to see the whole path; it
+is then FOLLOWED times as far away as a single moment requires."""
 BETWEEN = 1.1
-"""Distance between simulations drawn side by side, as a multiple of their size."""
+"""Distance between simulations that are drawn side by side, as a multiple of their size."""
 SHARES, INNER = np.linspace(0, 1, 101), 0.9
 """Shares of the path over which the camera may move along; within INNER of the image, bodies still
 visibly move."""
@@ -75,7 +76,7 @@ class Film:
 
     pictures: Iterator[Image.Image]
     times_s: Sequence[float]
-    """Simulated time of each frame."""
+    """Simulated time of each frame [s]."""
     played: Playback
 
 
@@ -87,7 +88,7 @@ def frames_film(held: Recording, animation: Animation, most_fps: float) -> Film 
     RecordingError
         If the recording is damaged.
     ScenarioError
-        If it cannot be shown at that speed.
+        If the video cannot be played at the requested speed.
     """
     if held.drop is None:
         taken = max(frames_of_cameras(held).values(), key=len, default=[])
@@ -120,36 +121,37 @@ def poses_film(
     clock: bool,
     hire: Callable[[int], Sequence[Worker]],
 ) -> Film:
-    """Return a video of the recorded poses; worker processes begin to draw it at once.
+    """Return a video of the recorded poses, which worker processes begin to draw at once.
 
     Parameters
     ----------
     held
         The recording.
     animation, most_fps
-        How it plays; pictures per second that its format can show.
+        The playback options, and the largest number of frames per second of the format.
     view
-        The camera that looks at them: `standard` sees everything that moves, `close` where a body
-        ends up, `follow` moves along with it.
+        The camera: `standard` shows everything that moves, `close` the place where a body ends up,
+        and `follow` moves along with the body.
     body
-        The body for `close` and `follow`, by name or number; None for the one that moves farthest.
+        The body for `close` and `follow`, by name or id; None for the body that moves farthest.
     table
-        Of a drop, the fall and its theory, as for `FallScene`; None to show the body alone.
+        For a drop, the table of the fall and its theory (see `FallScene`); None to show the body
+        alone.
     most
-        How many pictures there are at most: of a longer film every second, third … of them.
+        The largest number of frames; of a longer video, every second, third … frame is drawn.
     dark
-        Whether it is for a dark page.
+        Whether colours suit a dark page.
     clock
-        Whether it shows the time.
+        Whether the time is shown.
     hire
-        Gives so many workers, or fewer.
+        A function that provides the given number of workers, or fewer.
 
     Raises
     ------
     RecordingError
-        If the recording has nothing to show.
+        If the recording has no poses to show.
     ScenarioError
-        If there is no such body, or it cannot be shown at that speed.
+        If there is no such body, or the video cannot be played at the requested speed.
     """
     parts = _parts(held)
     taken = held.camera if held.drop is not None else None
@@ -194,16 +196,16 @@ def beside_film(
     held, other
         The recordings: left and right.
     titles
-        What is written over each.
+        The titles above the two images.
     animation, most_fps, most, dark, hire
-        As of `poses_film`.
+        The same as in `poses_film`.
 
     Raises
     ------
     RecordingError
-        If a recording has nothing to show.
+        If a recording has no poses to show.
     ScenarioError
-        If they cannot be shown at that speed.
+        If the video cannot be played at the requested speed.
     """
     both = [_parts(held), _parts(other)]
     ends_s = (_end_s(each.seen, parts) for each, parts in zip((held, other), both, strict=True))
@@ -243,9 +245,9 @@ def _poses(parts: Sequence[Part], times_s: Float64) -> Float64:
 
 
 def _places(seen: Seen, parts: Sequence[Part], poses: Float64) -> dict[int, Float64]:
-    """Return by how much each body is displaced when drawn, by body id, shape (3,).
+    """Return the displacement with which each body is drawn [m], by body id, shape (3,).
 
-    Each simulation has a world of its own: several are drawn side by side, in rows.
+    Several simulations, each with a world of its own, are drawn side by side in rows.
     """
     clients = sorted({seen.bodies[part.number].client for part in parts})
     radii_m = np.array([part.radius_m for part in parts])
@@ -337,10 +339,10 @@ def _cameras(
 
 
 def _framed(parts: Sequence[Part], numbers: Int64, poses: Float64) -> tuple[Float64, float]:
-    """Return what a standard camera looks at in each image, shape (n, 3), and its distance.
+    """Return the point at which a standard camera looks in each image, (n, 3), and its distance.
 
-    The camera stands still. If bodies leave the view, it moves along, but no more than it must, so
-    that bodies are seen to move.
+    The camera stands still. If bodies leave the view, it moves along, but only as far as necessary,
+    so that the bodies' motion stays visible.
     """
     radii_m = np.array([part.radius_m for part in parts])
     moves = (np.fmax.reduce(poses) - np.fmin.reduce(poses) > 1e-4).any(axis=1)
@@ -373,8 +375,8 @@ def _framed(parts: Sequence[Part], numbers: Int64, poses: Float64) -> tuple[Floa
 def _distance_m(places_m: Float64, around_m: Float64) -> float:
     """Return the distance at which all bodies, as balls, fit into a standard camera's view.
 
-    A ball is in the picture if its centre is a radius or more from the planes that bound what the
-    camera sees: for a slope s of such a plane, and a depth z, |x| + r √(1 + s²) ≤ s (distance − z).
+    A ball is inside the image if its centre is at least a radius away from the planes that bound
+    the view: for a plane of slope s, and a depth z, |x| + r √(1 + s²) ≤ s (distance − z).
     """
     half = math.tan(math.radians(STANDARD_CAMERA.vertical_fov_deg) / 2)
     width, height = STANDARD_CAMERA.size_px
@@ -403,7 +405,7 @@ def _looking(target_m: Float64, distance_m: float, view: View) -> Camera:
 
 
 def _body_of(seen: Seen, numbers: Int64, poses: Float64, which: str | None) -> int | None:
-    """Return the id of the body to follow: the given one, or that which moves farthest."""
+    """Return the id of the body to follow: the given body, or the one that moves farthest."""
     if which is None:
         reach_m = np.fmax.reduce(poses) - np.fmin.reduce(poses)
         way_m = np.linalg.norm(reach_m[:, :3], axis=1)

@@ -22,27 +22,29 @@ if TYPE_CHECKING:
 
 
 BESIDE = 2.5
-"""Distances of the free-falling body (right) and of the ruler (left) from the body, in radii."""
+"""Distances of the free-falling body (to the right) and of the ruler (to the left) from the body,
+in radii of the body."""
 TICKS = 6
 """Approximate number of ticks of the ruler in an image."""
 TICK_PX = 6
 """Length of a tick [px]."""
 NAMES, BELOW = ("simulated", "free fall"), 1.15
-"""Captions of the body and of its free fall, and how many radii below it they are written."""
+"""Captions of the body and of its copy in free fall, and their distance below the bodies, in radii.
+"""
 
 
 class FallScene:
-    """What a drop's video shows besides the body: a copy in free fall, and a ruler.
+    """Additions to a drop's video: a copy of the body in free fall, and a ruler.
 
     Parameters
     ----------
     body
-        What is drawn of the body, of a finite size.
+        The drawn parts of the body, of finite size.
     table
         One row per sample: `time_s`, `simulated_m`, `free_fall_m`, and `timestep_m`, which is null
         where no law explains the error.
     axes
-        Where right, up and back are in the pictures, shape (3, 3).
+        World directions of right, up and back in the images, shape (3, 3).
     floor_m
         The height of the body's centre at which it touches the floor; None without one.
     """
@@ -54,7 +56,7 @@ class FallScene:
         self._top_m = float(np.nanmax(body[0].poses[:, 2]))
         self._radius_m = max(part.radius_m for part in body)
         self.in_free_fall = [*self._in_free_fall(body, table)]
-        """The same body in free fall, to its right, for as long as the theory applies."""
+        """A copy of the body in free fall, drawn to its right as long as the theory applies."""
         self._named = [body[0], *self.in_free_fall[:1]]
 
     def _in_free_fall(self, body: Sequence[Part], table: pl.DataFrame) -> Iterator[Part]:

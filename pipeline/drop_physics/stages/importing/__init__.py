@@ -1,7 +1,8 @@
 """The command `import`: records states from a file, and compares them with MuJoCo's steps.
 
-The state after MuJoCo's step is compared with the next state of the file. Within rounding, the step
-is explained; otherwise the difference is the other engine's, and is reported once for each kind.
+The state after MuJoCo's step is compared with the next state of the file. If they agree within
+rounding, the step is explained; otherwise the engines differ, which is reported once for each kind
+of difference.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ from drop_physics.stages.verbs.taken import takes_those_of
 from drop_physics.trace.events import Ending, Event
 
 LAST = 100
-"""Number of last steps that are examined for the cause if states grow without bound."""
+"""Number of last steps that are searched for the cause if states grow without bound."""
 TOLD_EVERY = 512
 """Steps between two progress reports."""
 ENGINE = f"MuJoCo {mujoco.__version__}"
@@ -56,7 +57,7 @@ DUMP, MODEL = "nan_dump_", "model_"
 
 @dataclass(frozen=True)
 class Imported(Printable, reported_by="drop_physics.report.imported"):
-    """A recording made of another program's states."""
+    """A recording created from another program's states."""
 
     recording: Path
     """Path of the recording."""
@@ -65,7 +66,7 @@ class Imported(Printable, reported_by="drop_physics.report.imported"):
     file: Path
     """The other program's file."""
     model: str
-    """Path of the model; empty if the states' own file contains the model."""
+    """Path of the model; empty if the file of the states contains the model."""
     engine: str
     """Engine and version whose steps are compared with the states."""
     world: int | None
@@ -77,7 +78,7 @@ class Imported(Printable, reported_by="drop_physics.report.imported"):
     steps: int
     """Number of steps between the states."""
     explained: int
-    """Number of steps that agree with the engine's own within rounding."""
+    """Number of steps that agree with MuJoCo's own steps within rounding."""
     step_s: float
     """Time between two states [s]."""
     timestep_s: float
@@ -85,7 +86,7 @@ class Imported(Printable, reported_by="drop_physics.report.imported"):
     rounding: float
     """Relative rounding error of the stored numbers."""
     arrays: dict[str, str]
-    """Key in the file of each quantity that was read, by the quantity's name."""
+    """Key in the file of each array that was read, by the array's name."""
     gaps: Sequence[Gap]
     """Deviations of the steps that do not agree, the most frequent first."""
     looked_at: int
@@ -95,7 +96,7 @@ class Imported(Printable, reported_by="drop_physics.report.imported"):
     said: Sequence[str]
     """Sentences on the number of explained steps, and on how the others deviate."""
     notes: Sequence[str]
-    """Sentences on missing data, and what follows from that."""
+    """Sentences on missing data and its consequences."""
     bodies: int
     """Number of bodies."""
     bytes: int
@@ -113,7 +114,7 @@ def import_states(asked: verbs.ImportArguments) -> Imported:
     ScenarioError
         If there is no such file, array or world.
     DropError
-        If the file or the model cannot be read, or they do not belong together.
+        If the file or the model cannot be read, or the states are not of this model.
     OutputError
         If the recording cannot be written.
     """
@@ -178,16 +179,16 @@ def import_states(asked: verbs.ImportArguments) -> Imported:
 
 
 class HeldAgainst:
-    """Records states of a file while comparing each with MuJoCo's step from the one before.
+    """Records states of a file, and compares each with MuJoCo's step from the previous state.
 
     Parameters
     ----------
     found
-        The states.
+        The states in the file.
     steps
-        MuJoCo's own steps from them.
+        MuJoCo's steps from these states.
     progress
-        Called with the number of steps that were taken, and that of all.
+        A function that is called with the number of steps made so far, and of all steps.
     """
 
     def __init__(
@@ -271,7 +272,7 @@ def _model_of(archive: Archive, given: Path | str | None) -> Path | None:
     Raises
     ------
     ScenarioError
-        If it is not known.
+        If the model is unknown.
     """
     if given is not None:
         path = Path(given)

@@ -10,9 +10,10 @@ from drop_physics.fields import counted
 from drop_physics.messages import Message
 
 MOST = 4
-"""Most kinds of deviation that are described."""
+"""Largest number of kinds of deviation that are described."""
 STIFF = 1.0
-"""Threshold of stiffness times h², or damping times h, over inertia: below it, nothing grows."""
+"""Value of stiffness × h², or damping × h, divided by inertia, below which an integrator is stable.
+"""
 
 
 def said_of_gaps(
@@ -23,11 +24,11 @@ def said_of_gaps(
     Parameters
     ----------
     explained, steps
-        How many steps are the engine's within rounding, and how many there are.
+        The number of steps that agree with MuJoCo's within rounding, and the number of all steps.
     gaps
-        What the others are off by.
+        The deviations of the other steps.
     engine
-        Name and version.
+        Name and version of MuJoCo.
     rounding
         Relative rounding of the stored numbers.
     """

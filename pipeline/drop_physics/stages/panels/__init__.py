@@ -1,4 +1,4 @@
-"""Chooses the curves that show a recording, the same for plot, video and viewer."""
+"""Chooses the curves that show a recording, which are the same in plot, video and viewer."""
 
 from __future__ import annotations
 
@@ -85,9 +85,9 @@ def _panels(analysis: Analysis) -> Iterator[Panel]:
 
 
 def plot_of_row(analysis: Analysis, rows: Sequence[AccountRow]) -> Plot:
-    """Return the curve for the account's first row that has one, its moment marked.
+    """Return a plot for the first account row that has a curve, with its moment marked.
 
-    The plot has no panels and no title where none has.
+    If no row has a curve, the plot has neither panels nor title.
     """
     subject = Drawable(analysis)
     for row in rows:
@@ -97,10 +97,7 @@ def plot_of_row(analysis: Analysis, rows: Sequence[AccountRow]) -> Plot:
 
 
 def viewed(analysis: Analysis, bodies: Mapping[int, Body]) -> tuple[list[Panel], list[str]]:
-    """Return the viewer's panels, and the bodies that matter, in order.
-
-    The panels show joints, friction, flights and energy.
-    """
+    """Return the viewer's panels, and the relevant bodies, in order."""
     subject = Drawable(analysis)
     panels, done = [*side_by_side(subject, bodies)], frozenset[Kind]()
     for finding in analysis.findings:

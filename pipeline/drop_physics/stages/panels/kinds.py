@@ -1,8 +1,8 @@
 """Kinds of panels (groups of curves) about bodies: one function each, listed in `KINDS`.
 
-A kind is asked with a finding, whether it shows what that says, or with None, whether it is worth a
-look in any case; it yields nothing where it has nothing to show. The plot, the film and the viewer
-have the same kinds: a new one is a function here.
+Called with a finding, a kind yields panels that illustrate the finding; called with None, it yields
+panels of general interest. It yields nothing if it has no curve to show. Plot, video and viewer use
+the same kinds; a new kind is a new function here.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ TARGETS = {"rate": "target_rate", "position": "target"}
 OF_FILES = ("no-inertial", "inertia-from-shape", "impossible-inertia", "inertia-without-mass")
 """Findings that no curve of a joint can illustrate."""
 NOISY, JUMPS, WINDOWS = 0.4, 0.05, 60
-"""A torque is smoothed if it reverses in more than the first share of its samples, and jumps by
-more than the second share of its range; the window is 1/WINDOWS of the time."""
+"""A torque is smoothed if it reverses in more than the share NOISY of its samples, and jumps by
+more than the share JUMPS of its range; the smoothing window is 1/WINDOWS of the time."""
 LEAST_SHARE = 0.02
 """Least share of the total energy at which a cause is drawn."""
 FLIES = 0.1
-"""Least share of the samples in one flight at which a body counts as flying."""
+"""Smallest share of a body's samples in a single flight at which the body counts as flying."""
 WHOLE = 0.9
 """A finding that covers more than this share of the time is not marked in the panel."""
 MOST_JOINTS = 4
 """Most joints side by side in the viewer."""
 JOINT = 24
-"""Characters of a joint's name that fit into the viewer's legend."""
+"""Number of characters of a joint's name that fit into the viewer's legend."""
 NEAR = 0.02
 """Distance from a limit, as a share of the joint's range, below which the limit is drawn."""
 FAR, REACHED = 3.0, 1.05
@@ -50,7 +50,7 @@ side."""
 
 
 class Drawable:
-    """What panels are drawn from: an analysis, its curves, and the bodies that matter."""
+    """The data from which panels are drawn: an analysis, its curves, and the relevant bodies."""
 
     def __init__(self, analysis: Analysis) -> None:
         self.analysis = analysis
@@ -109,7 +109,7 @@ Kind = Callable[[Drawable, BodyAnalysis, Finding | None], Iterator[Panel]]
 
 
 def joint(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> Iterator[Panel]:
-    """Yield the panels of a joint and its motor: the finding's, or that farthest off target."""
+    """Yield the panels of a joint and its motor: the finding's, or the one farthest off target."""
     rows = [row for row in body.joints if row.off is not None]
     if finding is not None:
         rows = [row for row in body.joints if row.name == finding.joint][:1]
@@ -237,7 +237,7 @@ def energy(subject: Drawable, body: BodyAnalysis, finding: Finding | None) -> It
 
 
 KINDS: tuple[Kind, ...] = (joint, friction, heights, energy)
-"""All kinds of panels, in order; the first one that can show a finding is used."""
+"""All kinds of panels; for a finding, the first kind that can show it is used."""
 
 
 def of_finding(
@@ -329,7 +329,7 @@ def _window(torque: Float64) -> int:
 
 
 def _limits(its: Curves, far: float = FAR) -> list[str]:
-    """Return the torque limits that a torque comes near; draw the lower one."""
+    """Add the lower torque limit as a curve; return the limits that the torque comes near."""
     torque, limit = its.columns["torque"], its.columns["limit"]
     most = float(np.nanmax(np.abs(torque), initial=0.0))
     if np.nanmin(limit, initial=np.inf) > far * most:
@@ -340,7 +340,7 @@ def _limits(its: Curves, far: float = FAR) -> list[str]:
 
 
 def _stops(its: Curves, body: Body, row: JointRow) -> list[str]:
-    """Return the joint's range limits that its position comes near; draw them."""
+    """Add a joint's range limits as curves; return the limits that its position comes near."""
     low, high = body.joints[row.index].limits
     at = its.columns["position"]
     its.columns.update(lowest=np.full(at.shape, low), highest=np.full(at.shape, high))

@@ -18,10 +18,10 @@ from drop_physics.sweeping.plan import label_of
 BEFORE, AFTER = 4, 10
 """Number of steps before and after an impact that the inset enlarges."""
 FREE = 0.55, 0.3
-"""The inset has room if from the first share of the time on, the drop stays below the second share
-of its height."""
+"""The inset covers no curve if, from the first share of the time on, the drop stays below the
+second share of its height."""
 NOTHING_MM = 1e-9
-"""Errors below this size are rounding, and get no panel [mm]."""
+"""Errors below this size [mm] are rounding, and get no panel."""
 
 
 def plot_of_drop(analysis: FallAnalysis) -> Plot:
@@ -92,7 +92,7 @@ def _dropped(analysis: FallAnalysis) -> Message:
 
 
 def _said_of_drop(analysis: FallAnalysis, timestep_s: float) -> Iterator[Message]:
-    """Yield the non-default settings, one breakdown of the error, and how the drop ends."""
+    """Yield sentences on non-default settings, one breakdown of the error, and the drop's end."""
     standard, own = asdict(Scenario()), analysis.scenario
     shown = {"linear_damping": own["linear_damping"]}
     shown |= {name: value for name, value in own.items() if value != standard[name]}

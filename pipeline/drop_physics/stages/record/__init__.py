@@ -1,7 +1,7 @@
 """The command `record`: runs a script, and records everything that happens in its simulations.
 
-The writer loads Rerun, which takes as long as a script takes to load PyBullet: it is loaded while
-the script begins.
+Loading Rerun takes as long as loading PyBullet, so both happen at the same time: here, and in the
+script.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ if TYPE_CHECKING:
     from drop_physics.recording.recorder import Recorder
 
 NAMED_AFTER_S = 60.0
-"""Run time after which a script without a limit may never end [s]; a note then says how to stop
-it."""
+"""Run time [s] after which a note says how to stop a script that has no limit, since it may never
+end."""
 CANNOT_LOAD = "pybullet.error: Cannot load"
 NOT_INSTALLED = re.compile(r"ModuleNotFoundError: No module named '(pybullet|mujoco)")
 
@@ -73,7 +73,7 @@ class ReplayedSteps:
     replayed: int
     """Number of replayed steps that led to the recorded state, bit for bit."""
     explained: int
-    """Number of replayed steps that named impulses explain completely."""
+    """Number of replayed steps whose momentum change the named impulses explain completely."""
     remainder: float
     """Largest unexplained remainder of a step, over the largest impulse."""
 
@@ -87,15 +87,15 @@ class Recorded(Printable, reported_by="drop_physics.report.record"):
     script: str
     """Path of the script, or name of the module."""
     ended: str
-    """`finished`, `steps`, `duration`, `idle` (it waited for a user), `disk` (no room left),
-    `interrupted` or `failed`."""
+    """How the run ended: `finished`, `steps`, `duration`, `idle` (it waited for a user), `disk`
+    (disk full), `interrupted` or `failed`."""
     error: str
     """The script's error in one line; empty if none occurred."""
     failure: str
-    """Sentence on the call that raised the error, and why; for other errors, what the script did
-    not print itself."""
+    """Sentence on the call that raised the error, and the reason; for other errors, text that the
+    script did not print itself."""
     samples: int
-    """Number of states: one more than the number of steps of each simulation."""
+    """Number of samples: in each simulation, one more than the number of steps."""
     bodies: int
     frames: int
     """Number of images that the script took."""
@@ -114,7 +114,7 @@ class Recorded(Printable, reported_by="drop_physics.report.record"):
     answer: tuple[Any, str] | None = None
     """Result of the expression evaluated in the run, or its error; None if none was requested."""
     reached: Reached = Reached()
-    """Resources beside the simulation that the script accessed, if that was observed."""
+    """Resources other than the simulation that the script used, if they were observed."""
     never_began: bool = False
     """Whether the script failed before it imported an engine."""
     is_elsewhere: bool = False
@@ -260,18 +260,18 @@ def recorded_beside(
     name: str,
     placed: Callable[..., contextlib.AbstractContextManager[Target]],
 ) -> Beside | None:
-    """Record the second engine of a script that uses two; return None if there is only one.
+    """Record the second engine of a script that uses two; return None if it uses only one.
 
     Parameters
     ----------
     process
-        The script, all of whose events of the first engine have been read.
+        The script's process, after all events of the first engine were read.
     recorder
-        The recorder of these events.
+        The recorder of the first engine.
     name
         The script's name.
     placed
-        Returns the recording to write, given its `engine`.
+        A function that returns the recording to write, given the engine as `engine`.
     """
     other = process.other()
     if other is None:
@@ -381,7 +381,7 @@ def written(
 ) -> Ending:
     """Write the recording of a running script or block, and return how it ended.
 
-    The recording is called `name` in Rerun's lists; by default as its file.
+    `name` is the recording's name in Rerun's viewer; by default, its file name.
     """
     from drop_physics.recording import writer
     from drop_physics.recording.layout import layout
@@ -492,10 +492,10 @@ def _again(
     note: Callable[[str], None],
     tell: Callable[[float, int], None],
 ) -> tuple[bool, int | None]:
-    """Run a program again, and return whether it was compared, and the first differing step.
+    """Run a program again; return whether the runs were compared, and the first differing step.
 
-    `last` holds the number of steps of the first run, and its end; `recorders` have its events, by
-    engine.
+    `last` contains the number of steps of the first run, and how it ended; `recorders` are the
+    first run's recorders, by engine.
     """
     made, how = last
     if not made and how in ("disk", "interrupted"):
@@ -566,7 +566,7 @@ def _again(
 def interrupts(then: Callable[[], None]) -> Iterator[None]:
     """Let Ctrl-C end the script, but not this process, which completes the recording.
 
-    If Ctrl-C is ignored, as under `nohup` and `&`, it stays ignored: the script inherits that.
+    If Ctrl-C is ignored, as with `nohup` and `&`, it stays ignored, in the script as well.
     """
     ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     if ignored or threading.current_thread() is not threading.main_thread():

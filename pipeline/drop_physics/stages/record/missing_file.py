@@ -18,14 +18,14 @@ SEARCH = Message("p.setAdditionalSearchPath(pybullet_data.getDataPath())")
 
 
 def missing_file(arguments: str, target: str) -> Message | None:
-    """Return where a file that was not found is, or what it refers to in vain; None if unknown.
+    """Return the place of a file that was not found, or its missing meshes; None if unknown.
 
     Parameters
     ----------
     arguments
-        Those of the call, as written.
+        The source text of the call's arguments.
     target
-        The script. It is taken to run in this process' folder.
+        The script, which is assumed to run in this process's working directory.
     """
     named = _FIRST.match(arguments)
     if named is None:

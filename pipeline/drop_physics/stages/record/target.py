@@ -1,7 +1,7 @@
 """Chooses the path of a script's recording, and which earlier recording it replaces.
 
-It is written under a free name, and takes the earlier one's only once it is whole: until then, and
-if it has no step, the earlier one stays.
+The recording is written under a free name, and replaces the earlier recording only when it is
+complete. A recording without a step does not replace one with steps.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Target:
     path: Path
     """Path under which the recording is written."""
     earlier: list[Earlier] = field(default_factory=list)
-    """Recordings that may be replaced, first the one whose name the new one gets."""
+    """Recordings that may be replaced; the new recording gets the name of the first."""
 
     @property
     def name(self) -> str:
@@ -52,10 +52,7 @@ class Target:
         return (self.earlier[0].path if self.earlier else self.path).stem
 
     def settled(self, *, stepped: bool) -> Path:
-        """Rename the finished recording, perhaps to that of a replaced one; return its path.
-
-        A recording without a step replaces only one without.
-        """
+        """Give the finished recording its final name, and return its path."""
         without_step = (each for each in self.earlier if not _has_step(each.path))
         for each in self.earlier[:1] if stepped else without_step:
             if each.is_unchanged():
@@ -81,19 +78,19 @@ def target_of(
     script, is_module
         The script's path, or a module's name.
     out
-        The recording's name; None for one in `recordings`, under the script's name.
+        The recording's path; None for one in the folder `recordings`, named after the script.
     keep
-        Whether an earlier recording of the script stays.
+        Whether earlier recordings of the script are kept.
     force
-        Whether what has the name is replaced, whatever it is.
+        Whether any existing file of this name is replaced.
     engine
-        The engine of a script that steps two, in the name of the second recording; empty of the
-        first. Of a name that is given it is beside that, numbered if need be.
+        For a script that uses two engines, the engine of the second recording, which is added to
+        its name, with a number if necessary; empty for the first recording.
 
     Raises
     ------
     ScenarioError
-        If `keep` is given with `out` or `force`, or the name has another suffix.
+        If `keep` is given with `out` or `force`, or the name does not end in .rrd.
     OutputError
         If the recording cannot be written.
     """
@@ -122,7 +119,7 @@ def target_of(
 def _earlier(
     stem: str, free: Path, script: str, *, is_module: bool, force: bool
 ) -> Iterator[Earlier]:
-    """Yield a script's earlier recordings: those with numbered names before the first free one."""
+    """Yield a script's earlier recordings, whose names are numbered below the first free one."""
     for path in numbered(FOLDER, stem):
         if path == free:
             return

@@ -36,7 +36,7 @@ class Simulation(Printable, reported_by="drop_physics.report.run"):
     recording: Path
     """Path of the recording."""
     recording_id: str
-    """Id of the recording, which its layer shares."""
+    """Id of the recording; its analysis layer has the same id."""
     samples: int
     """Number of samples: one more than the number of steps."""
     frames: int
@@ -49,7 +49,7 @@ class Simulation(Printable, reported_by="drop_physics.report.run"):
 
 @takes_those_of(verbs.SimulateArguments)
 def simulate(asked: verbs.SimulateArguments) -> Simulation:
-    """Drop the body of a scenario and record it, the state before each step and after the last.
+    """Drop the body of a scenario; record the states before each step and after the last.
 
     Raises
     ------

@@ -45,8 +45,9 @@ if TYPE_CHECKING:
     from drop_physics.engines.pybullet.world import World
 
 BATCH = 8192
-"""Samples in one chunk of a recording, the most that a killed run loses. Larger chunks take more
-memory while they are packed; smaller ones enlarge the index at the end of the file."""
+"""Number of samples in a chunk of a recording, which is the most that a killed run loses. Larger
+chunks take more memory while they are packed; smaller ones enlarge the index at the end of the
+file."""
 FLOOR_M = (1.5, 1.5)
 """Size of the drawn part of the floor [m]."""
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -61,7 +62,7 @@ def recorded(
 ) -> Iterator[Chunk]:
     """Simulate a drop, and yield the chunks of its recording.
 
-    `watch` is called with all samples, too.
+    `watch` is also called with all samples.
     """
     scenario, photography, gl_renderer = world.scenario, None, None
     if photographer is not None:
@@ -106,7 +107,7 @@ def recorded(
 
 
 def case_of(world: World | OtherWorld, samples: Iterable[Samples]) -> DropCase:
-    """Return what an analysis needs from a world's samples, without a recording."""
+    """Return the input of an analysis from a world's samples, without a recording."""
     engine = made_with(world)
     return DropCase(world.scenario, engine, seen_in([*bodies_of(world, engine), *samples]))
 

@@ -34,9 +34,10 @@ from drop_physics.sweeping.rows import SCHEMA, Row, kept_rows, write_rows
 from drop_physics.workers import cores
 
 SHORT_STEPS = 200_000
-"""Least total number of steps at which worker processes save time: starting one takes as long."""
+"""Smallest total number of steps at which worker processes save time: starting one takes as long.
+"""
 LEAST_BYTES = 50_000
-"""Least size of a run's recording [bytes]: one of 13 samples has 75 kB."""
+"""Smallest size of a run's recording [bytes]; one of 13 samples has 75 kB."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Sweep(Printable, reported_by="drop_physics.report.sweep"):
     plan: Plan
     at_s: float
     computed: int
-    """Number of runs computed by this call; the others existed already."""
+    """Number of runs computed by this call; the results of the others existed already."""
     rows: list[Row]
     """One row per run."""
     results: Path
@@ -88,16 +89,16 @@ class Sweep(Printable, reported_by="drop_physics.report.sweep"):
 
 @takes_those_of(verbs.SweepArguments)
 def sweep(asked: verbs.SweepArguments) -> Sweep:
-    """Run those scenarios of a plan whose results are not in the folder yet.
+    """Run the scenarios of a plan whose results are not in the folder yet.
 
     Raises
     ------
     ScenarioError
         If an option is outside its domain.
     OutputError
-        If the folder holds something else, or cannot be written.
+        If the folder contains other files, or cannot be written to.
     DropError
-        If all runs fail, workers die repeatedly, or Ray does not answer.
+        If all runs fail, workers die repeatedly, or Ray does not respond.
     """
     plan = asked.plan
     if not isinstance(plan, Plan):
@@ -201,7 +202,7 @@ def _run(
 
 @contextlib.contextmanager
 def _answering(work: RunDrop, runs: int, jobs: int | None) -> Iterator[engines.Answering[Row]]:
-    """Yield the function that computes a row: in a worker process, or here if that is as fast."""
+    """Yield the function that computes a row: in worker processes, or in this one if as fast."""
     try:
         steps = runs * Scenario(**work.plan.values(0)).steps
     except ScenarioError:

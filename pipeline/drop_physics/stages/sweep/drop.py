@@ -51,7 +51,7 @@ class RunDrop:
     recorded: bool
     camera: Camera | None
     tried: Verdicts = field(default_factory=dict)
-    """Results of loading the plan's bodies, so that each process need not try again."""
+    """Results of testing the plan's bodies, so that not every process has to test them again."""
 
     def __call__(self, run: int) -> Row:
         """Run one scenario, and return its row, even if the run fails.
@@ -59,7 +59,7 @@ class RunDrop:
         Raises
         ------
         OutputError
-            If a file cannot be written, as that concerns more than one scenario.
+            If a file cannot be written, since this concerns all scenarios.
         """
         believe(self.tried)
         values, file = self.plan.values(run), f"{name_of_run(run)}.rrd"

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from drop_physics.recording.reader import Recording
 
 MOST_RUNS = 10_000
-"""Most runs of a sweep: each takes a process and a recording."""
+"""Largest number of runs in a sweep: each takes a process and a recording."""
 GIVEN = re.compile(r"([^=/*]+)(?:[=/*](.*))?")
 """Pattern of an intervention's name and value, as typed."""
 
@@ -65,7 +65,7 @@ class RunSwept(RunKept[Row]):
     """Runs a script with one combination of changes, by number."""
 
     def has_failed(self, made: Row) -> bool:
-        """Return whether a run failed by itself, rather than being stopped by us."""
+        """Return whether a run failed by itself, and was not stopped by drop."""
         return bool(made["ended"] == "failed")
 
     def compared(self, number: int, other: Recording) -> Row:
@@ -101,9 +101,9 @@ def sweep_script(asked: verbs.SweepScriptArguments) -> ScriptSweep:
     Raises
     ------
     ScenarioError
-        If something tried is no intervention, or is named twice.
+        If a tried name is not that of an intervention, or is given twice.
     OutputError
-        If the folder holds something else, or cannot be written.
+        If the folder contains other files, or cannot be written to.
     DropError
         If the script makes no step, or all runs fail.
     """

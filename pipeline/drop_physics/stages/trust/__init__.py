@@ -46,7 +46,8 @@ USUAL = (
     *("solver=CG", "solver=Newton", "cone=pyramidal", "cone=elliptic", "impratio=10"),
     *("nudge", "seed"),
 )
-"""Default variations; not every engine supports each, and a model may have some already."""
+"""Default variations; those that the engine does not support, or that the model has already, are
+left out."""
 UNITS = {
     "m": (1.0, "m"),
     "cm": (1e-2, "m"),
@@ -71,9 +72,9 @@ class Trust(Printable, reported_by="drop_physics.report.trust"):
     """The recording of the script's own run."""
     variations: list[Varied]
     standing: list[Standing]
-    """How each relevant position depends on the variations, the most dependent first."""
+    """How much each relevant position depends on the variations, the most dependent first."""
     growth: Growth | None
-    """How the nudge grows; None if it does not grow, or was left out."""
+    """Growth of the nudge during the run; None if it does not grow, or was left out."""
     converging: list[Converging]
     """How each timestep-dependent final position converges, if three timesteps were run."""
     findings: list[Finding]
@@ -84,7 +85,7 @@ class Trust(Printable, reported_by="drop_physics.report.trust"):
         return self.made.recording
 
     def ends_within(self, lengths: Mapping[str, float]) -> bool:
-        """Return whether no variation fails and all end within the given distances, by unit."""
+        """Return whether no variation fails, and all end within the given distances, by unit."""
         if any(each.made.ended == "failed" != self.made.ended for each in self.variations):
             return False
         ends = [end for each in self.variations for end in each.apart.end]
@@ -102,7 +103,7 @@ def trust(asked: verbs.TrustArguments) -> Trust:
     ScenarioError
         If a limit or a variation is out of range.
     OutputError
-        If the folder holds something else, or cannot be written.
+        If the folder contains other files, or cannot be written to.
     DropError
         If the interpreter cannot be started, or the script makes no step.
     """
@@ -151,7 +152,7 @@ def trust(asked: verbs.TrustArguments) -> Trust:
 
 @dataclass(frozen=True)
 class OwnRun:
-    """The unchanged run of a script, and how to run it again."""
+    """The unchanged run of a script, with the data needed to run it again."""
 
     seen: Seen
     program: Program
@@ -170,18 +171,19 @@ def candidates_of(
     Parameters
     ----------
     known
-        The script's own run.
+        The script's unchanged run.
     asked
-        The interventions.
+        The requested interventions.
     option
-        The option that names them.
+        The command-line option with which they were requested, for error messages.
     usual
-        Whether to silently leave out those of other engines, and those that the model already has.
+        Whether interventions for other engines, and those that the model already has, are silently
+        left out.
 
     Raises
     ------
     ScenarioError
-        If the engine does not support one.
+        If the engine does not support an intervention.
     """
     engine, settings = known.seen.engine, known.seen.settings[-1].values
     proposals = Proposals(known.seen, [], engine_cures(engine), known.possible)
@@ -226,7 +228,7 @@ def lengths_of(text: str | float | None) -> Mapping[str, float]:
     Raises
     ------
     ScenarioError
-        If it is something else.
+        If the text has another form.
     """
     if text is None:
         return {}

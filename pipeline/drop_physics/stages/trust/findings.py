@@ -1,4 +1,4 @@
-"""Says in sentences what the variations of a script changed."""
+"""Describes in sentences what the variations of a script have changed."""
 
 from __future__ import annotations
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 COLUMNS = ("variation", "body", "joint", "unit", "moved", "end", "end_s", "most", "most_s",
            "from_s", "term")  # fmt: skip
-"""Columns of the table, a row per variation and position; distances from the script's own run [m,
-rad]."""
+"""Columns of the table, which has a row per variation and position; distances are from the script's
+own run [m, rad]."""
 TEXTS = {"variation", "body", "joint", "unit", "term"}
 """Columns that contain text."""
 COLOURS = (*colours.TERMS.values(), colours.SIMULATED, *colours.ENGINES.values())
@@ -39,7 +39,7 @@ def check_outputs(
     Raises
     ------
     ScenarioError
-        If a suffix is another.
+        If a file's suffix is not supported.
     OutputError
         If a file exists and `force` is not given, or cannot be written.
     """

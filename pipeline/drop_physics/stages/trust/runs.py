@@ -1,6 +1,7 @@
-"""Makes a script's runs in a folder, and resumes if interrupted; for `trust` and sweeps.
+"""Executes a script's runs in a folder, and resumes after an interruption.
 
-Rerun and polars are imported where they are used: the script starts while they load.
+`trust` and sweeps use it. Rerun and polars are imported inside functions, so that they load while
+the script starts.
 """
 
 from __future__ import annotations
@@ -44,12 +45,12 @@ BASE = "base"
 MOST_BYTES = 1 << 16
 """Largest file of notes that is read [bytes]."""
 MOST_EXPLAINED = 20_000
-"""Most steps before a difference that are explained to find the responsible term."""
+"""Largest number of steps before a difference that are explained to find the responsible term."""
 
 
 @dataclass(frozen=True)
 class Made:
-    """A run that was made and recorded."""
+    """A completed run, with its recording."""
 
     name: str
     recording: Path
@@ -58,7 +59,7 @@ class Made:
     steps: int
     """Number of steps that the script made."""
     engine: str
-    """The engine that steps it."""
+    """The engine that made the run's steps."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class Varied:
 
 @dataclass(frozen=True)
 class RunKept(RunChanged[T]):
-    """Makes numbered runs, except those whose recordings already exist."""
+    """Executes numbered runs, except those whose recordings already exist."""
 
     @abstractmethod
     def compared(self, number: int, other: Recording) -> T:
@@ -96,7 +97,7 @@ class RunKept(RunChanged[T]):
         )
 
     def __call__(self, number: int) -> T:
-        """Return the result for a run; make it unless its recording exists."""
+        """Return the result for a run; execute the run unless its recording exists."""
         path, name = self.path_of(number), self.name_of(number)
         if not os.path.lexists(path):
             return super().__call__(number)
@@ -113,10 +114,10 @@ class RunKept(RunChanged[T]):
 
 @dataclass(frozen=True)
 class RunVariation(RunKept[Varied]):
-    """Makes numbered variations, and compares each with the unchanged run."""
+    """Executes numbered variations, and compares each with the unchanged run."""
 
     def has_failed(self, made: Varied) -> bool:
-        """Return whether a run failed by itself, rather than being stopped by us."""
+        """Return whether a run failed by itself, and was not stopped by drop."""
         return made.made.ended == "failed"
 
     def compared(self, number: int, other: Recording) -> Varied:
@@ -155,7 +156,7 @@ def made_of(name: str, recording: Recording, *, finer: int = 1) -> Made:
 
 
 def run_kept(work: RunKept[T], *, jobs: int | None, ray: str | None, progress: Progress) -> list[T]:
-    """Make all runs, the longest first, and return their results in order."""
+    """Execute all runs, the longest first, and return their results in order."""
     numbers = range(len(work.candidates))
     order = sorted(numbers, key=lambda number: -work.finer(number))
     try:
@@ -185,15 +186,15 @@ class RunFolder:
     Parameters
     ----------
     path
-        The folder.
+        The path of the folder.
     identity
-        What determines the runs, as far as it is known before.
+        The settings that determine the runs, as far as they are known in advance.
     force
-        Whether what is there is replaced.
+        Whether existing runs are replaced.
     described
-        The file that says whose it is.
+        Name of the file that states to which runs the folder belongs.
     reads
-        Whether all runs may be there already.
+        Whether existing results may be read without executing any run.
     """
 
     path: Path
@@ -211,7 +212,7 @@ class RunFolder:
         Raises
         ------
         OutputError
-            If it holds something else, is in use, or cannot be written.
+            If the folder contains other files, is in use, or cannot be written to.
         """
         make_folder(self.path)
         with opened(self.path / ".lock") as handle:
@@ -258,17 +259,17 @@ class RunFolder:
         stdout: int,
         note: Callable[[str], None] = lambda _: None,
     ) -> tuple[Recording, Program, Again]:
-        """Make the unchanged run and record it, or read its recording if that exists.
+        """Execute and record the unchanged run, or read its recording if that exists.
 
-        Also return it limited to the steps that it made, and how it is run again, `anyway` if it
-        would not be.
+        Also returns the program limited to the steps made, and how it can be run again; `anyway`
+        even if a repetition may have side effects.
 
         Raises
         ------
         DropError
-            If it is interrupted, cannot be started, or makes no step.
+            If the run is interrupted, cannot be started, or makes no step.
         OutputError
-            If its recording is another, or damaged.
+            If the recording is damaged, or is not of this run.
         """
         path, two = self.recording(BASE), False
         if not os.path.lexists(path):
@@ -320,7 +321,7 @@ class RunFolder:
         Raises
         ------
         OutputError
-            If that was altered.
+            If the notes were modified.
         """
         try:
             return TypeAdapter(FirstRun).validate_json(self._first_run.read_bytes())
@@ -353,7 +354,7 @@ def whole(path: Path, recording_id: str) -> Recording:
     Raises
     ------
     OutputError
-        If it is another, or damaged.
+        If the recording is damaged, or has another id.
     """
     from drop_physics.recording.reader import read
 
@@ -373,7 +374,7 @@ def altered(path: Path) -> OutputError:
 
 
 def identity_of(program: Program) -> dict[str, Any]:
-    """Return all settings that determine a program's runs, as far as they are known before."""
+    """Return all settings that determine a program's runs, as far as known in advance."""
     target = program.target
     return {
         "kind": "script",

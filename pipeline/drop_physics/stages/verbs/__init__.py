@@ -1,6 +1,7 @@
 """Arguments of the verbs: options of the command line, and arguments in Python.
 
-This loads nothing heavy, as `drop --help` reads it all: heavy types stand in quotes.
+No large library is loaded here, since `drop --help` needs all of these: types of such libraries are
+given as strings.
 """
 
 from collections.abc import Callable, Mapping, Sequence

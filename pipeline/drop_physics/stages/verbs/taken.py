@@ -1,8 +1,8 @@
 """Turns the fields of a command's dataclass into Python arguments and command-line options.
 
-A field's type is annotated with its option, whose text serves both. Options of the command line
-alone, such as the form of output, are class variables; arguments of Python alone have a text and no
-option.
+A field's type is annotated with its option, whose help text serves both. Options that only the
+command line has, such as the format of output, are class variables; arguments that only Python has
+are annotated with a text instead of an option.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class TypedOption:
-    """The option or argument that a field becomes, with its type."""
+    """The option or positional argument that corresponds to a field, with its type."""
 
     help: str
     metavar: str = ""
-    """The placeholder of its value; empty of a flag."""
+    """Placeholder of the option's value in the help; empty for a flag."""
     names: tuple[str, ...] = ()
-    """Names of the option; by default that of the field without its unit."""
+    """Names of the option; by default the field's name without its unit."""
     is_argument: bool = False
     read: Callable[[Any], Any] | None = None
-    """Reads what was typed, where its type does not say how."""
+    """Function that parses the typed text, if the type does not determine how."""
     default: Any = ...
-    """The value on the command line where nothing is typed, if Python has another."""
+    """Default on the command line, if it differs from the default in Python."""
 
 
 def takes(metavar: str, text: str, *names: str, **how: Any) -> TypedOption:  # noqa: ANN401
@@ -57,15 +57,16 @@ class VerbParameter:
 
     name: str
     option: TypedOption
-    """The option; its text for an argument that only Python takes."""
+    """The option; for an argument that only Python has, its help text alone."""
     is_typed: bool
-    """Whether the command line takes it."""
+    """Whether the command line has this option."""
     in_python: bool
     kind: Any
-    """The type of its value, or of each: `bool`, `int`, `float`, `str`, `Path` or a `Literal`."""
+    """The type of the value, or of each value in a list: `bool`, `int`, `float`, `str`, `Path` or a
+    `Literal`."""
     several: bool
     default: Any
-    """`MISSING` if it has none."""
+    """Default in Python; `MISSING` without a default."""
 
     @property
     def names(self) -> tuple[str, ...]:
