@@ -1344,3 +1344,19 @@ def test_what_stands_still_is_told_with_what_holds_it(tmp_path: Path) -> None:
     assert value(pole, "motor") == pytest.approx(-value(pole, "gravity"), rel=1e-6)
     assert "its motor is off, and no force acts along it, gravity included" in cart.told
     assert "its mass is 0 since script.py:11" in the(rows, "idle", "1_cube_small").told
+
+
+def test_a_reset_by_the_engine_is_told_with_what_acted_before(told: Told) -> None:
+    """A servo in degrees: 200 N m/rad times 30 rad."""
+    arm = (
+        "<body><joint name='hinge' axis='0 1 0'/>"
+        "<geom type='capsule' fromto='0 0 0 .3 0 0' size='.03' mass='.5'/>"
+        "<body pos='.3 0 0'><joint name='elbow' axis='0 1 0'/>"
+        "<geom type='capsule' fromto='0 0 0 .3 0 0' size='.03' mass='.5'/></body></body>"
+    )
+    servos = "".join(f"<position name='{k}' joint='{k}' kp='200'/>" for k in ("hinge", "elbow"))
+    more = f"<option integrator='Euler'/><actuator>{servos}</actuator>"
+    before = "if step == 0: data.ctrl[:] = 30, 60"
+    (row,) = [row for row in told(arm, more, before) if "the engine resets" in row.told]
+    assert row.terms[0].cause == f"actuator {row.joint}"
+    assert abs(row.terms[0].value) > 0.5 * 200 * 30

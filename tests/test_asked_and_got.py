@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 
 import pytest
@@ -110,3 +111,73 @@ def test_the_joint_that_is_set_into_something_is_named(other: str, tmp_path: Pat
     assert first.joint == "joint2"
     # A base's velocity is no advice for a joint.
     assert "p.resetBaseVelocity" not in " ".join(str(each.advice) for each in its)
+
+
+@pytest.mark.pybullet
+def test_what_a_script_set_itself_is_a_note_at_most(tmp_path: Path) -> None:
+    """A slippery box on a ramp, a soft floor, a pusher without mass, and a frame without a mass."""
+    (tmp_path / "cart.urdf").write_text(
+        '<robot name="cart"><link name="cart"><inertial><mass value="9"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+        '<collision><geometry><box size="1 1 1"/></geometry></collision></link>'
+        '<link name="frame"/><joint name="joint" type="continuous"><parent link="cart"/>'
+        '<child link="frame"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    script = tmp_path / "script.py"
+    script.write_text(
+        textwrap.dedent(
+            """
+            import pybullet as p, pybullet_data
+
+            p.connect(p.DIRECT)
+            p.setAdditionalSearchPath(pybullet_data.getDataPath())
+            p.setGravity(0, 0, -9.81)
+            p.loadURDF("plane.urdf")
+            p.loadURDF("./cart.urdf", [9, 0, 0.5])
+            tilt = p.getQuaternionFromEuler([0, 0.4, 0])
+            shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[5, 1, 0.1])
+            p.createMultiBody(0, shape, -1, [0, 9, 9], tilt)
+            shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.1])
+            box = p.createMultiBody(1, shape, -1, [0.08, 9, 9.19], tilt)
+            p.changeDynamics(box, -1, lateralFriction=0.05)
+            shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[1, 1, 1])
+            floor = p.createMultiBody(0, shape, -1, [20, 0, 1])
+            p.changeDynamics(floor, -1, contactStiffness=8000, contactDamping=20)
+            shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.5)
+            p.createMultiBody(10, shape, -1, [20, 0, 3.5])
+            shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.05, 0.3, 0.2])
+            pusher = p.createMultiBody(0, shape, -1, [-9.5, 0, 0.2])
+            p.loadURDF("cube_small.urdf", [-9.4, 0, 0.025])
+            for step in range(240):
+                p.resetBasePositionAndOrientation(
+                    pusher, [-9.5 + 0.001 * step, 0, 0.2], [0, 0, 0, 1])
+                p.stepSimulation()
+            """
+        )
+    )
+    found = analyze(record_file(script, tmp_path / "script.rrd").seen).findings
+    notes = {(each.code, each.reason) for each in found if each.level == "note"}
+    ours = {("slides", None), ("overwritten", "pose-set-each-step"), ("no-inertial", None)}
+    ours.add(("deep-penetration", None))
+    assert ours <= notes
+    assert not ours & {(each.code, each.reason) for each in found if each.level != "note"}
+
+
+@pytest.mark.pybullet
+def test_a_constraint_that_pulls_a_box_into_a_hand_is_what_presses(tmp_path: Path) -> None:
+    """The motors of the arm, which are the engine's own, only hold against it."""
+    scene = """
+    p.setAdditionalSearchPath(pybullet_data.getDataPath())
+    arm = p.loadURDF("kuka_iiwa/model.urdf", useFixedBase=True)
+    part = p.loadURDF("cube_small.urdf", [0, 0, 1.45])
+    zero = [0, 0, 0]
+    p.createConstraint(arm, 6, part, -1, p.JOINT_FIXED, zero, zero, zero)
+    for _ in range(240):
+        p.stepSimulation()
+    """
+    script = tmp_path / "script.py"
+    head = "import pybullet as p, pybullet_data\np.connect(p.DIRECT)\n"
+    script.write_text(head + textwrap.dedent(scene))
+    found = analyze(record_file(script, tmp_path / "script.rrd").seen).findings
+    (deep,) = [each for each in found if each.code == "deep-penetration"]
+    assert "a constraint presses them together" in deep.message

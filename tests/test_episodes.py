@@ -22,6 +22,7 @@ from drop_physics.engines import whole_episodes
 from drop_physics.engines.watching.environments import _unhealthy
 from drop_physics.errors import ScenarioError
 from drop_physics.recording.reader import read
+from drop_physics.report.episodes import episode_lines
 from drop_physics.stages.analyze import analyze
 from drop_physics.stages.record import record_script
 from drop_physics.stages.rerun.evaluated import BranchedTrial
@@ -104,6 +105,24 @@ def test_an_environment_tells_how_each_episode_ended(told: Told) -> None:
     assert last is not None
     assert last.time_s - rows[3].start_s == pytest.approx((2 * 0.5 / 9.81) ** 0.5, abs=0.02)
     assert sorted(last.links) == ["ball", "world"]
+
+
+@pytest.mark.parametrize("most", [3, 60])
+def test_steps_after_the_end_of_an_episode_are_told(told: Told, tmp_path: Path, most: int) -> None:
+    """An environment that is stepped on after its end, without a reset."""
+    on = f"""
+env = Falling()
+env.reset()
+for _ in range({most}):
+    env.step(0)
+said.append([0, 0])
+"""
+    rows, _ = told(ENVIRONMENT + on + END)
+    samples = analyze(tmp_path / "run.rrd").samples
+    (section,) = episode_lines(rows, 1, samples, verbose=False)
+    after = samples - 1 - rows[0].last_step
+    assert (after > 0) == (rows[0].ended == "terminated") == (most == 60)
+    assert (f"{after} steps follow without a reset" in str(section)) == (after > 0)
 
 
 @pytest.mark.parametrize(

@@ -606,3 +606,30 @@ def test_rules_speak_of_the_engines_whose_words_they_have() -> None:
     general |= {"timestep-changed", "energy-gained", "wheel-slip", "collides-as-hull", "no-contact"}
     general |= {"overwritten"}
     assert general <= both <= general | {"script-failed", "not-finite"}
+
+
+CHATTERS = """
+import mujoco
+model = mujoco.MjModel.from_xml_string('''<mujoco><option timestep="0.005"/><worldbody>
+<body><joint name="spin" axis="0 1 0"/><geom type="cylinder" size="0.05 0.01" mass="0.1"/></body>
+</worldbody><actuator><motor name="m" joint="spin" ctrlrange="-2 2"/></actuator></mujoco>''')
+data = mujoco.MjData(model)
+for _ in range(100):
+    data.ctrl[0] = {control}
+    mujoco.mj_step(model, data)
+"""
+
+
+@pytest.mark.parametrize(
+    ("control", "chatters"), [("0.5 * (10.0 - data.qvel[0])", True), ("35", False)]
+)
+def test_a_control_that_overshoots_in_each_step_gets_no_greater_range(
+    tmp_path: Path, control: str, *, chatters: bool
+) -> None:
+    """Without ctrlrange, a gain of 20 inertias per timestep makes the speed diverge."""
+    script = tmp_path / "script.py"
+    script.write_text(CHATTERS.format(control=control))
+    found = analyze(record_script(str(script), out=tmp_path / "script.rrd").recording).findings
+    (clamped,) = [each for each in found if each.code == "target-clamped"]
+    assert ("changes its sign in 99 of them" in clamped.message) == chatters
+    assert (clamped.cure is None) == chatters

@@ -10,6 +10,7 @@ import numpy as np
 from drop_physics.account import asked, moved
 from drop_physics.account.carried import Carried, across_joints
 from drop_physics.account.constrained import Held
+from drop_physics.account.engine_resets import engine_reset_rows
 from drop_physics.account.feedback import GivenControls
 from drop_physics.account.idle import MadeStatic, PushedSoft, idle_actuator_rows, unforced_row
 from drop_physics.account.joints import JointTable
@@ -153,6 +154,7 @@ class Account:
             if number in self._broken:
                 yield _not_finite(subject, self._broken[number], words)
             yield from self._joint_rows(subject)
+            yield from engine_reset_rows(subject, self._seen, words)
             if number in self._tracks:
                 yield from moved.base_rows(
                     subject,

@@ -287,7 +287,7 @@ def torque_row(
     )
     if forces:
         mean = {
-            "force": quantity(given, axis.force_unit, "+"),
+            "force": quantity(given, axis.force_unit, "+" if given else ""),
             "steps": int(ledger.counts[begins : begins + lasts].sum()),
             "time": words.time(subject, ledger.first + begins * ledger.width),
         }

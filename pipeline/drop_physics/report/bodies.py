@@ -103,7 +103,8 @@ def report_of_bodies(
         analysis.sources,
         looked_at=None if screen.failed or analysis.samples < 2 else looked_at(analysis),
     )
-    episodes = [*episode_lines(analysis.episodes, analysis.episode, verbose=verbose)]
+    its = analysis.episodes, analysis.episode, analysis.samples
+    episodes = [*episode_lines(*its, verbose=verbose)]
     sections = [*episodes, Section([found], apart=False)]
     sections += account.account_of(screen.rows, screen.most_rows)
     verbose = verbose or alone

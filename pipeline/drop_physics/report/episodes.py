@@ -36,9 +36,12 @@ OF_SEVERAL = {
 
 
 def episode_lines(
-    rows: Sequence[EpisodeRow], looked_at: int | None, *, verbose: bool
+    rows: Sequence[EpisodeRow], looked_at: int | None, samples: int, *, verbose: bool
 ) -> Iterator[Section]:
-    """Yield a line for the examined episode and a summary; with `verbose` a line for each."""
+    """Yield a line for the examined episode and a summary; with `verbose` a line for each.
+
+    `samples` is the number of samples of the run.
+    """
     if len(rows) < 2 and all(row.length is None for row in rows):
         return  # a run without environments is no episode
     heading, facts = Message("episode"), list[Fact]()
@@ -49,9 +52,20 @@ def episode_lines(
         facts += [Fact(heading, line_of(row, len(rows)), "bold") for row in told]
         if len(rows) > 1:
             facts.append(Fact("", _together(rows)))
+    if over := _steps_over(rows, samples):
+        facts.append(Fact("", Message("{steps} follow without a reset", steps=over)))
     if verbose and len(rows) > 1:
         facts += [Fact("", line_of(row, len(rows))) for row in rows[:MOST] if row not in told]
     yield Section([Facts(facts, COLUMN)])
+
+
+def _steps_over(rows: Sequence[EpisodeRow], samples: int) -> Message | None:
+    """Return the number of steps after the last episode of a run's environment; None for none."""
+    ended = all(row.length is not None and row.ended in ("terminated", "truncated") for row in rows)
+    after = samples - 1 - max((row.last_step for row in rows), default=0)
+    if not rows or not ended or len({row.client for row in rows}) > 1 or after <= 0:
+        return None
+    return counted(after, "step")
 
 
 def ended_well(rows: Sequence[EpisodeRow]) -> bool:

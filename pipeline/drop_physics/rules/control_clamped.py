@@ -18,6 +18,7 @@ from drop_physics.rules.tables import ActuatorColumns
 from drop_physics.rules.thresholds import (
     AT_TARGET_RAD,
     BEYOND_RANGE,
+    CHATTERS,
     COASTS_STEPS,
     EACH_STEP,
     IN_DEGREES_RAD,
@@ -43,7 +44,8 @@ def control_clamped(actuators: ActuatorColumns) -> Match:
     beyond, sent = share > BEYOND_RANGE, np.zeros(share.shape, np.bool_)
     sent[:] = [actuator.kind in SENT for actuator in actuators.actuators]
     numbers = {"given": given, "low": low, "high": high}
-    return Match(beyond, share, numbers, lasts={"sent": sent})
+    turned = beyond & (given * actuators.before < 0)
+    return Match(beyond, share, numbers, sums={"turned": turned * 1.0}, lasts={"sent": sent})
 
 
 @control_clamped.counts
@@ -69,7 +71,7 @@ def _(
         "free": actuator.kind in RANGE_FREE,
         "unit": unit,
         "placed": placed and unit,
-        "turned": placed and unit == "rad" and is_degrees(given, low, high),
+        "in_degrees": placed and unit == "rad" and is_degrees(given, low, high),
         "beyond": size * (high - low),
         **as_degrees(given),
     }
@@ -95,9 +97,21 @@ GIVEN_BEYOND = SayingRow(
     site=Act.SET_CONTROL,
 )
 control_clamped.rows(
-    SayingRow(when=lambda turned: turned, advice=RADIANS, effect="beyond").like(SENT_BEYOND),
+    SayingRow(when=lambda in_degrees: in_degrees, advice=RADIANS, effect="beyond").like(
+        SENT_BEYOND
+    ),
     SayingRow(when=lambda placed: placed, effect="beyond").like(SENT_BEYOND),
     SayingRow(when=lambda sent: sent).like(SENT_BEYOND),
+    # A greater range would let it overshoot by more.
+    SayingRow(
+        when=lambda turned, count: turned > CHATTERS * count,
+        says=Message(
+            "{name} is given up to {given:.4g}, beyond its ctrlrange of {low:.4g} to {high:.4g} in "
+            "{steps}, and changes its sign in {turned:,.0f} of them: what computes it overshoots "
+            "within a step"
+        ),
+        advice=Message("a smaller gain, or a shorter timestep"),
+    ).like(GIVEN_BEYOND),
     SayingRow(when=lambda free: free, cure=Remedy("ctrlrange", "name")).like(GIVEN_BEYOND),
     SayingRow(advice=Message("give it a ctrl of {low:.4g} to {high:.4g}")).like(GIVEN_BEYOND),
 )

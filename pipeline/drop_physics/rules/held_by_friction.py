@@ -36,6 +36,7 @@ from drop_physics.rules.thresholds import (
     SLIPS_SHARE,
     STEEP,
     STRAIGHT,
+    USUAL_FRICTION,
 )
 from drop_physics.trace.history import Seen
 
@@ -81,6 +82,8 @@ def _(
         "went": float(np.linalg.norm(slip)),
         "available": float(_gives(available, normal, weight)) / time,
         "given": available / normal,
+        # Without a word of the model it is 1.
+        "level": "note" if available < USUAL_FRICTION * normal else None,
         "needed": needed / time,
         "wanted": needed / (weight or normal),
     }

@@ -23,6 +23,7 @@ from drop_physics.rules.rows import Case, Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule, input_rule
 from drop_physics.rules.tables import BodyColumns
 from drop_physics.rules.thresholds import (
+    LITTLE_MASS,
     OTHER_INERTIA,
     OTHER_INERTIA_MATTERS,
     TURNS_RAD_S,
@@ -87,7 +88,9 @@ def no_inertial(inputs: Inputs, asked: AskedOfBodies, seen: Seen) -> Iterator[Ca
 
 
 no_inertial.rows(
-    SayingRow(
+    SayingRow(when=lambda part: part < LITTLE_MASS, level="note"),
+    SayingRow(),
+    like=SayingRow(
         says=Message(
             "{link}{more} has no <inertial> in the file, so PyBullet gives it 1 kg: {mass:g} of "
             "the {total:.3g} kg that move"
@@ -96,7 +99,7 @@ no_inertial.rows(
         effect="mass",
         unit="kg",
         share="part",
-    )
+    ),
 )
 
 

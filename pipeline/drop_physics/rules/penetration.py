@@ -52,12 +52,13 @@ def deep_penetration(pair: PairColumns, placing: Placing, chunk: Chunk) -> Match
     # A body that came with the step before may be listed as touching only now.
     late = placing.moved(bodies, steps[:, None] - 1).any(axis=1) & (depth_m > JUMPED * came_m)
     still = ~points.began_m_s[pair.starts[rows]].any(axis=2)
+    presses = _presses(pair, rows, chunk)
     return Match(
         rows,
         depth_m,
-        {"deepest": steps, "links": pair.links[rows]},
+        {"deepest": steps, "links": pair.links[rows], "pulled": presses.pop("pulled")},
         {"came": came_m, "carried": (moved & still).any(axis=1).astype(float)},
-        {"fastest": came_m, **_presses(pair, rows, chunk)},
+        {"fastest": came_m, **presses},
         {"placed": moved.any(axis=1) | late, "began": depth_m, "at": bodies[:, 0]},
         keys=pair.keys[rows],
     )
@@ -92,17 +93,20 @@ def _(
     # What comes fast goes deeper; without a cause, only what is no physics any more is said.
     least = DEEP_LASTING if lasts else DEEP_IMPACT
     stays, ends = last >= last_samples[subject.number], took < IMPACT_STEPS
-    # What a constraint holds inside, a call asked for.
-    over = share > OVER_HALF and not constraints
-    level = "broken" if stays and over else "note" if ends and not over else None
     engine = [*inputs.of(Act.SET_ENGINE)]
     soft_n_m = [
         float(np.nan_to_num(each.reported["contact_stiffness"]).max())
         for each in seen.dynamics
         if each.body.number in numbers
     ]
+    stiffness = max([0.0, *soft_n_m])
     slops_m = [float(use.high[SLOP][0]) for use in engine if SLOP in use.high]
     given = [int(use.low[ITERATIONS][0]) for use in engine if ITERATIONS in use.low]
+    # What a constraint holds inside, a call asked for.
+    over = share > OVER_HALF and not constraints
+    level = "broken" if stays and over else "note" if ends and not over else None
+    if stiffness and not over:  # as a call made it
+        level = "note"
     return {
         "time": time_s(deepest - 1),
         "share": share,
@@ -117,7 +121,7 @@ def _(
         "grows": lasts and size > 2 * began,
         "ends": ends,
         "slop": max([0.0, *slops_m]),
-        "stiffness": max([0.0, *soft_n_m]),
+        "stiffness": stiffness,
         "ratio": strained_by(seen, both),
         "few": min(given, default=SOLVER),
         "usual": SOLVER,
@@ -135,7 +139,7 @@ deep_penetration.rows(
     ).like(CARRIED),
     SayingRow(when=lambda moves: moves).like(CARRIED),
     SayingRow(
-        when=lambda grows, constraints, motors: grows and constraints and not motors,
+        when=lambda grows, pulled: grows and pulled,
         why=Message(
             "a constraint presses them together, and the solver ends before it can "
             "tell which of both has to give"
@@ -204,17 +208,25 @@ deep_penetration.rows(
 
 
 def _presses(pair: PairColumns, rows: NDArray[np.intp], chunk: Chunk) -> dict[str, Float64]:
-    """Return how hard motors and constraints press a body against its contacts."""
-    found = {name: np.zeros(len(rows)) for name in ("constraints", "motors")}
+    """Return whether motors and constraints press a body against its contacts.
+
+    `pulled` says whether constraints do where no motor presses the same body.
+    """
+    found = {name: np.zeros(len(rows)) for name in ("constraints", "motors", "pulled")}
     for side in (0, 1):
         bodies = pair.pairs.body[rows, side]
         for steps, its, at in chunk.steps_at(bodies, pair.step[rows]):
-            for name in found if steps.terms else ():
-                contacts = steps.terms["contacts"][at]
-                against = -np.minimum(steps.terms[name][at] * contacts, 0.0).sum(axis=1)
-                found[name][its] = np.maximum(
-                    found[name][its], against > PRESSES * (contacts**2).sum(axis=1)
-                )
+            if not steps.terms:
+                continue
+            contacts = steps.terms["contacts"][at]
+            least = PRESSES * (contacts**2).sum(axis=1)
+            presses = {
+                name: -np.minimum(steps.terms[name][at] * contacts, 0.0).sum(axis=1) > least
+                for name in ("constraints", "motors")
+            }
+            presses["pulled"] = presses["constraints"] & ~presses["motors"]
+            for name, flags in presses.items():
+                found[name][its] = np.maximum(found[name][its], flags)
     return found
 
 

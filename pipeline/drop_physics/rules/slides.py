@@ -98,11 +98,13 @@ def _(
     until_against: float,
 ) -> Noted | None:
     given = asked.of["lateralFriction"].values
-    if max(given.get(each.number, 1.0) for each in (subject, partner)) < USUAL_FRICTION:
+    least, most = sorted(given.get(each.number, 1.0) for each in (subject, partner))
+    if most < USUAL_FRICTION:
         return None  # calls made both slippery
     # Of nothing no factor makes something.
     share = until_against / until_available if until_available > 0 else 0.0
     return {
+        "level": "note" if least < USUAL_FRICTION else None,
         "held": held / time,
         "turning": turning / time,
         "available": until_available / until_time,

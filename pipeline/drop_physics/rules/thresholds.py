@@ -387,3 +387,9 @@ HULL_OFF_M = 3e-3
 """Least distance of a touch from a surface. Unit: m. Needed by: margins of shapes."""
 HULL_EVERY = 8
 """One of so many steps is examined, as a touch lasts. Unit: 1. Needed by: hollow."""
+CHATTERS = 0.5
+"""Least share of the steps with a control beyond its range in which it changes its sign. Unit:
+share. Needed by: a wheel whose gain times the timestep is 20 times its inertia."""
+LITTLE_MASS = 0.25
+"""Share of the moving mass below which links without `<inertial>` are a note. Unit: share. Needed
+by: husky, whose 6 kg of 50 kg are frames."""
