@@ -105,7 +105,10 @@ def _(
     # What a constraint holds inside, a call asked for.
     over = share > OVER_HALF and not constraints
     level = "broken" if stays and over else "note" if ends and not over else None
-    if stiffness and not over:  # as a call made it
+    moves = carried > (last - first) / 2
+    # As a call made it; and what has no mass is moved by its pose alone.
+    pushes = moves and not all(each.base_moves for each in both)
+    if (stiffness or pushes) and not over:
         level = "note"
     return {
         "time": time_s(deepest - 1),
@@ -114,7 +117,7 @@ def _(
         "sinks": SINKS_M / thin_m,  # as a call made it
         "half": max(least, OVER_HALF),
         "level": level,
-        "moves": carried > (last - first) / 2,
+        "moves": moves,
         # A joint's is `overwritten`.
         "posed": any(use.body in both for use in inputs.of(Act.SET_POSE)),
         "lasts": lasts,
