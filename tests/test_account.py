@@ -1124,7 +1124,7 @@ def test_a_fall_along_a_slanted_gravity_is_told_once(told: Told) -> None:
     ball = """<body name="ball"><freejoint/><geom size="0.1" mass="2"/></body>"""
     rows = told(ball, "<option gravity='3 0 -9'/>", steps=250)
     (row,) = [row for row in rows if row.kind == "moved"]
-    assert row.told == "x +0.377 m, z -1.13 m by 0.5 s"
+    assert row.told.startswith("x +0.377 m, z -1.13 m by 0.5 s; it falls")
     assert value(row, "gravity") == pytest.approx(0.5 * 2 * (0.5**2 * (3**2 + 9**2)), rel=1e-6)
 
 
@@ -1360,3 +1360,60 @@ def test_a_reset_by_the_engine_is_told_with_what_acted_before(told: Told) -> Non
     (row,) = [row for row in told(arm, more, before) if "the engine resets" in row.told]
     assert row.terms[0].cause == f"actuator {row.joint}"
     assert abs(row.terms[0].value) > 0.5 * 200 * 30
+
+
+def test_a_joint_that_follows_another_is_told_with_the_factor(told: Told) -> None:
+    finger = (
+        "<body pos='{x} 0 0'><joint name='{name}' type='slide' axis='1 0 0' damping='5'/>"
+        "<geom size='.02' mass='.1'/></body>"
+    )
+    both = finger.format(x=0, name="left") + finger.format(x=1, name="right")
+    more = (
+        "<equality><joint name='pair' joint1='right' joint2='left' polycoef='0.01 1 0 0 0'/>"
+        "</equality><actuator><position joint='left' kp='100'/></actuator>"
+    )
+    row = the(told(both, more, "data.ctrl[0] = 0.05"), "moved", "right")
+    assert "a constraint acts on it; pair makes it follow 1 × left + 0.01" in row.told
+
+
+def test_what_falls_past_everything_is_told_with_its_height_and_size(told: Told) -> None:
+    peg = "<body pos='0 0 {z}'><freejoint/><geom type='box' size='{r} {r} {r}'/></body>"
+    floor = "<geom type='plane' size='9 9 .1'/>"
+    row = the(told(floor + peg.format(z=20, r=0.1)), "moved", "1_body1")
+    assert "it falls from a height of 20 m and touches nothing" in row.told
+    assert " long and has" not in row.told
+    row = the(told(floor + peg.format(z=60, r=20)), "moved", "1_body1")
+    assert "it is 40 m long and has 6.4e+07 kg" in row.told
+    assert (
+        "touches nothing"
+        not in the(told(floor + peg.format(z=0.9, r=0.1)), "moved", "1_body1").told
+    )
+
+
+@pytest.mark.pybullet
+def test_a_pose_that_is_set_stops_what_moves(tmp_path: Path) -> None:
+    """Each write of a pose sets the velocity to 0; and the friction of a contact is a product."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        textwrap.dedent("""
+            import pybullet as p, pybullet_data
+            p.connect(p.DIRECT)
+            p.setAdditionalSearchPath(pybullet_data.getDataPath())
+            p.setGravity(0, 0, -9.81)
+            ball = p.loadURDF("sphere_small.urdf", [0, 0, 0.5])
+            tilt = p.getQuaternionFromEuler([0, 0.4, 0])
+            shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[3, 1, 0.1])
+            ramp = p.createMultiBody(0, shape, -1, [0, 9, 9], tilt)
+            shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1, 0.1, 0.1])
+            box = p.createMultiBody(1, shape, -1, [0.08, 9, 9.19], tilt)
+            p.changeDynamics(box, -1, lateralFriction=0.6)
+            for step in range(200):
+                pose, turned = p.getBasePositionAndOrientation(ball)
+                p.resetBasePositionAndOrientation(ball, [0.002 * step, 0, pose[2]], turned)
+                p.stepSimulation()
+        """)
+    )
+    rows = [*analyze(record_script(str(script), out=tmp_path / "script.rrd").recording).account]
+    assert "199 of these writes stop it" in the(rows, "moved", "0_sphere_small").told
+    (slips,) = [row for row in rows if row.kind == "slips"]
+    assert "coefficient 0.3 as the product of 0.5 and 0.6" in slips.told

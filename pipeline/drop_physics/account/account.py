@@ -9,7 +9,7 @@ import numpy as np
 
 from drop_physics.account import asked, moved
 from drop_physics.account.carried import Carried, across_joints
-from drop_physics.account.constrained import Held
+from drop_physics.account.constrained import Held, coupling
 from drop_physics.account.engine_resets import engine_reset_rows
 from drop_physics.account.feedback import GivenControls
 from drop_physics.account.idle import MadeStatic, PushedSoft, idle_actuator_rows, unforced_row
@@ -236,7 +236,8 @@ class Account:
             elif motors or torqued[:, k].mean() > asked.SELDOM:
                 row = asked.torque_row(subject, axis, series, words, motors)
             else:
-                row = moved.joint_row(subject, axis, series, words)
+                coupled = coupling(axis, subject, self._seen)
+                row = moved.joint_row(subject, axis, series, coupled, words)
             if row is not None:
                 yield row
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from drop_physics.account.asked import Axis
 from drop_physics.account.gap import (
     EXACT,
     ConstraintFrame,
@@ -136,6 +137,22 @@ class Held:
             row = _equality_row(equality, subjects, self._seen, words)
             if row is not None:
                 yield row
+
+
+def coupling(axis: Axis, subject: MeasuredBody, seen: Seen) -> Message:
+    """Describe how a joint is to follow another one by an equality, c0 + c1 q; else nothing."""
+    for each in seen.equalities:
+        its = each.body_a == subject.body.number and each.link_a == axis.joint.link
+        alone = (each.body_a, each.link_a) == (each.body_b, each.link_b)
+        c0, c1, *higher = (*each.coefficients, 0.0, 0.0)
+        if not its or each.tendons or not each.coefficients or alone or any(higher):
+            continue
+        other = seen.bodies[each.body_b].joints[each.link_b].name
+        told = Message(
+            "; {name} makes it follow {c1} × {other}", name=each.name, c1=number(c1), other=other
+        )
+        return told + (Message(" + {c0}", c0=number(c0)) if c0 else Message(""))
+    return Message("")
 
 
 def _switched(call: Call, number: int) -> bool | None:

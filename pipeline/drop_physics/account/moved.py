@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drop_physics.account.asked import Axis, axis_at_end, turned_axis
+from drop_physics.account.asked import COMMANDED, Axis, axis_at_end, turned_axis
 from drop_physics.account.ledger import OWN, Ledger, given_and_taken
 from drop_physics.account.rows import AccountRow, RowTerm, magnitude
 from drop_physics.account.series import BaseTrack, JointSeries
@@ -41,14 +41,19 @@ ROUND = 1e-6
 """Share of that effort below which a force counts as none."""
 RESTS = 0.2
 """Salience of a joint that stays where it is."""
+LARGE_M = 10.0
+"""Size above which a body is reported with its size and mass: most models are in metres."""
 FALL = 5.0
 """A fall by less than this many body sizes, driven by gravity alone, is ordinary."""
 
 
 def joint_row(
-    subject: MeasuredBody, axis: Axis, series: JointSeries, words: RowWords
+    subject: MeasuredBody, axis: Axis, series: JointSeries, coupled: Message, words: RowWords
 ) -> AccountRow | None:
-    """Return the row for a joint that was not commanded: how it moved, and why."""
+    """Return the row for a joint that was not commanded: how it moved, and why.
+
+    `coupled` describes the equality by which it follows another joint, if there is one.
+    """
     k, ledger = axis.joint_rate, subject.ledger
     after = series.after[:, k]
     start = float(series.before[0, k])
@@ -91,7 +96,7 @@ def joint_row(
     elif APPLIED in ledger.impulse and ledger.impulse[APPLIED][:, axis.rate].any():
         why = Message("no motor commands it; the script pushes it")
     elif any(each.cause == HELD and of[:, axis.rate].any() for each, of in ledger.impulse.items()):
-        why = Message("no motor commands it; a constraint acts on it")
+        why = Message("no motor commands it; a constraint acts on it") + coupled
     elif subject.body.actuators and not ledger.seconds.any():
         why = Message("what drives it is not known, as no step is explained")
     else:
@@ -319,9 +324,33 @@ def base_rows(
         rows.append(replace(turn, told=turn.told + commanded))
     frame = words.names.base_frame(subject.body.number)
     started = turned_at_start(track.start_orientation, frame) + too_inert(subject)
+    started = started + _size(subject) + _untouched(subject, track, gravity_m_s2)
     first = max(rows, key=lambda each: each.salience, default=None)
     for each in rows:
         yield replace(each, told=each.told + started) if each is first and started else each
+
+
+def _size(subject: MeasuredBody) -> Message:
+    """Describe the size and the mass of a body that is larger than usual, or nothing."""
+    if subject.size_m <= LARGE_M:
+        return Message("")
+    size, mass = quantity(subject.size_m, "m"), quantity(subject.mass_kg, "kg")
+    return Message("; it is {size} long and has {mass}", size=size, mass=mass)
+
+
+def _untouched(subject: MeasuredBody, track: BaseTrack, gravity_m_s2: Float64) -> Message:
+    """Describe from which height a body falls that touches nothing, or nothing."""
+    ledger, pull = subject.ledger, float(np.linalg.norm(gravity_m_s2))
+    causes = {term.cause for term in ledger.impulse}
+    if not pull or causes & {CONTACT, "contacts", HELD, *COMMANDED, APPLIED.cause}:
+        return Message("")
+    up = -gravity_m_s2 / pull
+    fell_m = float((track.start_m - track.farthest_m) @ up)
+    whole = ledger.window(ledger.first, ledger.last)
+    if fell_m < FALL * subject.size_m or not ledger.covers(whole):
+        return Message("")
+    height = quantity(float(track.start_m @ up), "m")
+    return Message("; it falls from a height of {height} and touches nothing", height=height)
 
 
 def _ways(
@@ -374,6 +403,8 @@ def _way(
             "; the script wrote its state, steps move it by {stepped}",
             stepped=quantity(float(stepped_m), "m", "+"),
         )
+        if written.stopped > STEADY * written.written:
+            told = told + Message("; {count:,} of these writes stop it", count=written.stopped)
         gave, took = {}, {}
     else:
         told = told + _from_start(ledger, rates, window, written, step)

@@ -92,7 +92,8 @@ def turning_rad_s(subject: MeasuredBody, *, before: bool = False) -> float:
 def _size_m(body: Body, tree: Tree) -> float:
     shapes = [(collision.kind, collision.size_m) for collision in body.collisions]
     shapes += [(shape.kind, shape.size_m) for shape in body.shapes]
-    sizes = [max(size_m) for kind, size_m in shapes if size_m and kind not in UNBOUNDED]
+    # The size of a mesh is its scale: the box around it tells how large it is.
+    sizes = [max(size_m) for kind, size_m in shapes if size_m and kind not in (*UNBOUNDED, "mesh")]
     boxes = np.reshape(body.bounds_m, (-1, 2, 3))
     box = float(np.max(boxes[:, 1] - boxes[:, 0], initial=0.0))
     # The way from a fixed base to its first joints says nothing of the size of the moving links.

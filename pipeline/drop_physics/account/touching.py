@@ -169,7 +169,9 @@ def _origin(key: PairKey, touched: TouchedLinks, seen: Seen) -> Message:
     a, b = (_friction(seen, body, link) for body, link in (key[::2], key[1::2]))
     if a is None or b is None or not touched.friction:
         return Message("")
-    if np.isclose(touched.friction, a * b) and not np.isclose((a, b), touched.friction).any():
+    if np.isclose(touched.friction, a * b):  # of a factor 1 it says nothing new
+        if np.isclose((a, b), touched.friction).any():
+            return Message("")
         return Message(" as the product of {a} and {b}", a=number_of(a), b=number_of(b))
     if np.isclose(touched.friction, max(a, b)) and not np.isclose(a, b):
         return Message(" as the greater of {a} and {b}", a=number_of(a), b=number_of(b))

@@ -37,6 +37,8 @@ class WrittenStates:
     """Number of steps of the body."""
     written: int = 0
     """Number of steps before which the script wrote the body's state."""
+    stopped: int = 0
+    """Number of these writes that left a moving body at rest."""
     way: Float64 = field(default_factory=lambda: np.zeros(2))
     """Total path due to calls: of the base and of slides [m], and of other joints [rad]."""
     stepped: Float64 = field(default_factory=lambda: np.zeros(2))
@@ -83,6 +85,7 @@ class WrittenStates:
         self.written += 1
         self.first_step = step if self.first_step is None else self.first_step
         self.last_step = step
+        self.stopped += bool(end.velocity.any() and not begin.velocity.any())
         self.way += _path(tree, end, begin)
         changed, slides = np.abs(begin.velocity - end.velocity)[0], _slides(tree)
         self.velocity += changed[slides].sum(), changed[~slides].sum()
