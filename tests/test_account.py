@@ -168,8 +168,13 @@ def test_a_robot_whose_feet_slip_is_told_with_all_of_them(told: Told) -> None:
     (row,) = [each for each in rows if each.kind == "slips"]
     assert row.alike == 1
     # It hops a little, and so slides a little less while it touches.
-    assert row.got == pytest.approx(2 * 1 / (2 * 0.05 * G), rel=0.1)
+    assert row.got == pytest.approx(1 / (2 * 0.05 * G), rel=0.1)
     assert "friction at its limit, coefficient 0.05, in" in str(row.told)
+    both, steps = (re.search(p, row.told) for p in (r"2 links slid (\S+) m", r"in ([\d,]+) steps"))
+    assert both is not None
+    assert steps is not None
+    assert float(both[1]) == pytest.approx(2 / (2 * 0.05 * G), rel=0.1)
+    assert int(steps[1].replace(",", "")) <= 1400  # a step counts once
 
 
 def test_a_torque_is_told_as_it_begins(told: Told) -> None:

@@ -122,9 +122,9 @@ def _stands(subject: MeasuredBody) -> bool:
 def _slipping_row(
     subject: MeasuredBody, feet: Mapping[PairKey, TouchedLinks], seen: Seen, words: RowWords
 ) -> AccountRow | None:
-    """Return the row for a robot whose feet slip.
+    """Return the row for a robot whose feet slip: of the one that slides farthest.
 
-    A step counts once for each foot on the ground.
+    Its rank is that of all feet together.
     """
     slid_m = sum(each.slid_m for each in feet.values())
     steps = sum(each.steps for each in feet.values())
@@ -133,26 +133,36 @@ def _slipping_row(
         return None
     key = max(feet, key=lambda each: feet[each].slid_m)
     number = subject.body.number
-    told = Message(
-        "slid {slid} in {steps:,} steps; friction at its limit, coefficient {friction}{origin}, in "
-        "{share:.0%} of them",
-        slid=quantity(slid_m, "m"),
-        steps=steps,
-        friction=number_of(feet[key].friction),
-        origin=_origin(key, feet[key], seen),
-        share=at_limit / steps,
-    )
+    told = _slid(key, feet[key], seen)
+    if len(feet) > 1:
+        told = told + Message(
+            "; its {links} links slid {all} together", links=len(feet), all=quantity(slid_m, "m")
+        )
     return AccountRow(
         kind="slips",
         pair=words.names.pair(key),
         told=told,
-        got=slid_m,
+        got=feet[key].slid_m,
         unit="m",
         other=words.names.label(key[0] if key[0] != number else key[1]),
         step=feet[key].last_step,
         salience=at_limit / max(steps - at_limit, 1),
         alike=len(feet) - 1,
         subject=subject.body,
+    )
+
+
+def _slid(key: PairKey, touched: TouchedLinks, seen: Seen) -> Message:
+    """Describe how far two links slid on each other, and how often friction was at its limit."""
+    return Message(
+        "slid {slid} in {steps:,} steps{apart}; friction at its limit, coefficient "
+        "{friction}{origin}, in {share:.0%} of them",
+        slid=quantity(touched.slid_m, "m"),
+        steps=touched.steps,
+        apart=_apart(touched),
+        friction=number_of(touched.friction),
+        origin=_origin(key, touched, seen),
+        share=touched.at_limit / touched.steps,
     )
 
 
@@ -276,18 +286,8 @@ def _rows(
             )
             salience = 0.8
         else:
-            share = touched.at_limit / touched.steps
-            told = Message(
-                "slid {slid} in {steps:,} steps{apart}; friction at its limit, coefficient "
-                "{friction}{origin}, in {share:.0%} of them",
-                slid=quantity(touched.slid_m, "m"),
-                steps=touched.steps,
-                apart=_apart(touched),
-                friction=number_of(touched.friction),
-                origin=_origin(key, touched, seen),
-                share=share,
-            )
-            salience = 0.35 * min(slid, 1.0) * max(share, 0.3)
+            told = _slid(key, touched, seen)
+            salience = 0.35 * min(slid, 1.0) * max(touched.at_limit / touched.steps, 0.3)
         yield AccountRow(
             kind="slips",
             pair=pair,
