@@ -515,6 +515,30 @@ def test_a_control_in_degrees_is_told(tmp_path: Path) -> None:
     assert "math.radians(45) is 0.7854" in str(found.advice)
 
 
+FINGER = WRIST.replace("wrist", "knuckle").replace(
+    "</body>", WRIST.replace("hand", "tip").replace("0 0 1", "0.05 0 0") + "</body>"
+)
+TWO_STIFF = f"""
+import mujoco
+servos = "".join(f'<position joint="{{each}}" kp="20"/>' for each in ("knuckle", "wrist"))
+model = mujoco.MjModel.from_xml_string(
+    '''<mujoco><worldbody>{FINGER}</worldbody><actuator>''' + servos + "</actuator></mujoco>")
+data = mujoco.MjData(model)
+for k in range(40):
+    data.ctrl[:] = 0.1
+    mujoco.mj_step(model, data)
+"""
+
+
+def test_of_two_servos_that_are_too_stiff_no_gain_alone_is_advised(tmp_path: Path) -> None:
+    """Beside the other one no kp of one joint holds it, which is nan; a shorter timestep does."""
+    script = tmp_path / "two_stiff.py"
+    script.write_text(TWO_STIFF, encoding="utf-8")
+    found, _ = analyze(record_script(str(script), out=tmp_path / "a.rrd").recording).findings
+    assert (found.code, found.cure and found.cure.name) == ("unstable", "timestep")
+    assert "holds it: a timestep below 0.42 ms" in str(found.advice)
+
+
 def servos(
     *inertia: float, stiffness: float = 0, ends: float = 0, begins: float = 0, fourth: bool = False
 ) -> Servos:

@@ -355,7 +355,7 @@ def too_slow(joints: JointColumns, telemetry: DrivenJoints, seen: Seen) -> Match
             takes[:, k] = held.needs[k] * on
     step = np.broadcast_to(joints.step[:, None], goal.shape).astype(np.float64)
     lasts = {"weak": weak, "rate": joints.rate, "goal": goal, "takes": takes}
-    lasts |= {"limit": joints.limit}
+    lasts |= {"limit": joints.limit, "short": takes > joints.limit}
     return Match(told, step, sums={"told": told * 1}, lasts=lasts, counts=weak * 1)
 
 
@@ -374,13 +374,14 @@ def _(
     rate: float,
     goal: float,
     takes: float,
+    short: bool,
     limit: float,
     count: int,
     told: int,
 ) -> Noted:
     weak, slow = at_its_limit(quantities.effort(limit, effort), count, told), abs(goal - rate)
     found: Noted = {"weak": weak, "unit": f"{unit}/s", "slow": slow, "part": slow / abs(goal)}
-    if takes > limit:
+    if short:
         here = quantities.effort(takes, effort)
         found["weak"] = Message("{weak}; holding it here takes {here}", weak=weak, here=here)
         # Holding is the least of it: what turns takes more where it is heavier, and gets faster.

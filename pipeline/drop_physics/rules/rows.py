@@ -203,16 +203,19 @@ class Remedy:
         value = None if self.value is None else math.nan
         return Cure(self.name, None, value, form=self.form, given=dict.fromkeys(given, math.nan))
 
-    def of(self, case: Case) -> Cure:
-        """Return the suggested change for a case."""
+    def of(self, case: Case) -> Cure | None:
+        """Return the suggested change for a case; None if its number is nan: no value will do."""
 
         def number(named: float | str) -> Any:  # noqa: ANN401 - as the rule noted it
             return case[named] if isinstance(named, str) else named
 
+        value = None if self.value is None else number(self.value)
+        if isinstance(value, float) and math.isnan(value):
+            return None
         return Cure(
             self.name,
             None if self.target is None else case[self.target],
-            None if self.value is None else number(self.value),
+            value,
             form=self.form,
             given=number(self.given)
             if isinstance(self.given, str)
@@ -226,7 +229,7 @@ class SayingRow:
     """One possible message of a rule: condition, text, suggested change, and level.
 
     Sentence, advice, cure, reason, level, and whether it is only to be tried, are what the rule
-    notes under these names, where a row leaves them out.
+    notes under these names, where a row leaves them out or does not know its cure's number.
     """
 
     when: Callable[..., object] | None = None
@@ -278,7 +281,7 @@ class SayingRow:
         return Said(
             message=self.says or noted["says"],
             values={} if self.why is None else {"why": self.why},
-            cure=noted.get("cure") if self.cure is None else self.cure.of(case),
+            cure=(self.cure and self.cure.of(case)) or noted.get("cure"),
             advice=self.advice or noted.get("advice"),
             proposed=noted.get("proposed") if self.proposed is None else self.proposed,
             effect=effect,

@@ -19,6 +19,7 @@ from drop_physics.messages import Message
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.servo import Servos
+from drop_physics.rules.answer import Cure
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import actuators_on, link_of
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
@@ -262,6 +263,10 @@ def _(
         "limit": limit,
         "rotor": -_within(-armature),
         "ways": alternatives(ways) if by_law else "",
+        # Beside another joint that turns around no gain of its own holds it.
+        "cure": Cure("timestep", value=float(np.ceil(h / _within(least_timestep))))
+        if by_law
+        else None,
         "term": cause_in_words(turner),
         "often": Message("every {n:.0f} steps", n=lasts) if lasts > 1 else EACH_STEP,
         "rate": f"{fastest:.3g} {unit}/s",
