@@ -21,7 +21,8 @@ from drop_physics.trace.events import Body
 
 IN_CONTACT_M = 1e-9
 UNKNOWN_LENGTH_M = 1.0
-"""Assumed length of a link without a shape: an angle may differ by as many rad as m are allowed."""
+"""Assumed length of a link without a shape [m]: an angle may then differ by as many rad as a
+position by m."""
 
 
 @dataclass(frozen=True)

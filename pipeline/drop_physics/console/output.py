@@ -17,7 +17,7 @@ errors_as_json = False
 WIDTH = 80
 """Line width in a pipe, unless a name in the line is longer."""
 NARROWEST, WIDEST = 50, 100
-"""Least and greatest line width on a terminal."""
+"""Smallest and greatest line width on a terminal."""
 
 
 def width(stream: TextIO | None = None) -> int:

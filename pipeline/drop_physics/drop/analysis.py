@@ -32,8 +32,8 @@ class Fall:
     phases: Phases
     analysis: FallAnalysis
     mismatch_step: int | None = None
-    """The first covered sample that does not follow from the previous one by the law; None until it
-    is known, or without one."""
+    """The first covered sample that does not follow from the previous one by the law; None if there
+    is none so far."""
 
 
 class FallAnalyzer:

@@ -26,7 +26,7 @@ class Course:
         self.lowest: tuple[Motion, int] | None = None
         """The sample with the lowest centre, and its index; the first, if there are several."""
         self.tumbled_step: int | None = None
-        """The first sample in which the body touches the floor tilted; None without one."""
+        """The first sample in which the body touches the floor tilted; None if it never does."""
         self.through: tuple[Motion, int] | None = None
         """The last sample before the whole body was below the floor without contact, and the index
         of the sample after it.

@@ -76,7 +76,7 @@ class Decoder:
         that.
         """
         self.forked: dict[int, tuple[int, int]] = {}
-        """For each requested trial, its process id, 0 if it was not forked, and the number of bytes
+        """The process id of each requested trial, 0 if it was not forked, and the number of bytes
         of the stream before the fork."""
         self.statuses: dict[int, int] = {}
         """Exit status of each trial that has ended, as `os.wait` returns it."""

@@ -94,7 +94,8 @@ class ChangeRow:
     default: object = 0.0
     """The engine's default value, for the operator `=default`."""
     change: str = ""
-    """Target of the search's change, if it is not the first one in `sets`."""
+    """Name of the argument or field that the search for causes changes; empty if it is the first
+    name in `sets`."""
     is_geometry: bool = False
     """Whether the change concerns positions or sizes, which users seldom get wrong."""
 

@@ -51,8 +51,7 @@ MEASURES = re.compile(
 ENGINES = re.compile(r"^(set|change|create|load|reset|apply|calculate|enable)[A-Z]\w*$")
 """Functions of PyBullet, whose arguments are changed by interventions instead."""
 COLLECTS = re.compile(r"^(join|zip|map|dict|tuple|list|array|asarray|deg2rad|radians)$")
-"""Functions whose arguments are not edited, since they are names, or outputs, at the place of the
-call."""
+"""Functions whose arguments are named after the variable or argument that gets the result."""
 FIELDS = re.compile(
     r"^(friction|mass|damping|stiffness|armature|frictionloss|gravcomp|kp|kv|gear|solref|solimp|"
     r"condim|integrator|cone|iterations|limited|\w+limited|density|impratio|gravity|"
@@ -116,7 +115,8 @@ class TextPart:
     """The variable, argument or attribute to which the piece gives a value: `KP`,
     `changeDynamics.lateralFriction`, `geom.friction`."""
     of: str
-    """The piece's owner, such as a body; without one, the number itself."""
+    """The element to which the text belongs, such as a body; if there is none, the number itself.
+    """
     line: int
     start: int
     end: int

@@ -155,7 +155,7 @@ class _End:
     law: DampedTree
     state: States
     gravity_m_s2: Float64
-    """Shape (1, 3)."""
+    """Gravity [m/s²], shape (1, 3)."""
 
     @staticmethod
     def first(steps: BodySteps) -> _End:

@@ -46,7 +46,7 @@ class Commanded(Rowed):
     mode: Float64
     """Mode of the motor: DEFAULT, VELOCITY, POSITION."""
     target: Float64
-    """Target position [rad] or [m]; nan without one."""
+    """Target position [rad] or [m]; nan if the command has none."""
     target_velocity: Float64
     kp: Float64
     kd: Float64

@@ -30,7 +30,7 @@ class Curves:
     """Several curves over the same n samples."""
 
     steps: Int64
-    """Shape (n,)."""
+    """Step of each value, shape (n,)."""
     columns: dict[str, Float64]
     """Values by name, shape (n,), or for joints (n, joint_rates); nan where undefined."""
 

@@ -177,7 +177,7 @@ class DrivenJoints:
 
 
 def target_of(driven: JointTelemetry) -> Float64:
-    """Return the joints' position targets, shape (n, joint_rates); nan for joints without one."""
+    """Return the joints' position targets, shape (n, joint_rates); nan without a target."""
     asked = driven.asked
     motor = np.where((asked.mode == POSITION) & (asked.impulse > 0), asked.target, np.nan)
     return np.where(asked.pd == 1, asked.pd_target, motor)

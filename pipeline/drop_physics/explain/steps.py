@@ -253,7 +253,7 @@ class StepBatch:
 
 
 def columns_of(added: Summed | None, real: Flags, size: int) -> dict[str, Any]:
-    """Return the arrays of `Steps` that follow from a sum; zeros without one."""
+    """Return the arrays of `Steps` that follow from a sum; zeros if the law has no sum."""
     if added is None:
         n = np.count_nonzero(real)
         return {"terms": {}, "remainder": np.zeros((n, size)), "largest": np.zeros(n)}

@@ -24,7 +24,7 @@ MAX_FPS = {".gif": GIF_MAX_FPS, ".webp": 1000.0, ".apng": 1000.0, ".mp4": 240.0}
 """Largest number of frames per second of each format; delays in WebP and APNG are whole
 milliseconds."""
 MIN_FPS = 1e-4
-"""Least frames per second: nobody waits three hours for a frame."""
+"""Lowest frame rate [1/s]: nobody waits three hours for a frame."""
 
 
 def check_animation(path: Path, fps: float | None) -> None:

@@ -30,9 +30,9 @@ Colours = NDArray[np.uint32]
 
 MOST_COLOURS = 256
 MAX_FPS = 50.0
-"""Most frames per second, as viewers play delays below 0.02 s as 0.1 s."""
+"""Highest frame rate [1/s], since viewers play delays below 0.02 s as 0.1 s."""
 MIN_FPS = 100 / 0xFFFF
-"""Least frames per second, as a delay has 16 bits of 0.01 s."""
+"""Lowest frame rate [1/s], since a delay has 16 bits of 0.01 s."""
 
 
 def delay_cs(frame: int, *, fps: float) -> int:

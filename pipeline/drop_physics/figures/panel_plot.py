@@ -39,7 +39,7 @@ LEAST_SPAN = {"rad": 1e-3} | {unit.name: 1e-4 * unit.per_si for unit in style.ME
 SCALED = tuple({unit.name: unit for unit in units} for units in (style.METRES, style.JOULES))
 """Units that may be replaced by a larger or smaller unit of the same quantity."""
 LEAST_SHARE = 1e-5
-"""Least range of an axis, as a share of the largest value: tick labels have at most seven
+"""Smallest range of an axis, as a share of the largest value: tick labels have at most seven
 digits."""
 
 

@@ -41,7 +41,7 @@ MOST_TITLE, MOST_LINES = 2, 5
 TITLE_IN, LINE_IN = 0.29, 0.19
 """Height of a title line, and of a line below it [inch]."""
 MOST_NAME = 42
-"""Most characters shown of a curve's name."""
+"""Largest number of characters shown of a curve's name."""
 LEGEND = 0.6
 """Largest height of a legend, as a share of its panel's part of the figure."""
 DASHED = (0, (4, 3))
@@ -56,7 +56,7 @@ JAPANESE = (
 
 @functools.cache
 def japanese_font() -> str | None:
-    """Return the name of an installed Japanese font; None without one."""
+    """Return the name of an installed Japanese font; None if there is none."""
     manager = font_manager.fontManager
     return _first_japanese(manager.ttflist) or _first_japanese(_installed_since(manager))
 

@@ -120,7 +120,7 @@ def pd_effort(
 
 
 def _first(holds: Callable[[float], bool]) -> float | None:
-    """Return the smallest factor, at least 1, from which a condition holds; None without one."""
+    """Return the smallest factor ≥ 1 from which a condition holds; None if it never does."""
     low, high = 1.0, 2.0
     while not holds(high):
         low, high = high, high * high

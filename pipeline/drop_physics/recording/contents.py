@@ -16,7 +16,7 @@ from drop_physics.recording.first_look import check_file, unreadable
 from drop_physics.recording.versions import check_version
 
 MOST_VALUES = 1000
-"""Most values in a property; the engine's report has about thirty."""
+"""Largest number of values in a property; the engine's report has about thirty."""
 
 
 class ForeignError(RecordingError):

@@ -48,7 +48,7 @@ MOST_TRAILS, TRAIL_PER_S, TRAIL_M = 6, 20, 1e-3
 """Largest number of bodies whose path is drawn; points of a path per second, and smallest distance
 between them [m]."""
 DEEPEST = 64
-"""Most nested links of a chain; a deeper link is attached to the base in the scene."""
+"""Largest number of nested links of a chain; a deeper link is attached to the base in the scene."""
 LONGEST_PART = 60
 """Largest number of characters of a link's name in an entity path: a path of `DEEPEST` such names
 fits in `rrd.LONGEST_NAME`."""

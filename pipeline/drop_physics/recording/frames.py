@@ -12,8 +12,8 @@ from drop_physics.recording.digest import FrameDigest
 from drop_physics.recording.reader import Recording
 
 MOST_HELD = 4
-"""Most size of all frames, as a multiple of the file's: PNG is compressed already, and equal frames
-are stored once."""
+"""Largest total size of frames, as a multiple of the file's size: PNG is compressed already, and
+equal frames are stored once."""
 FREELY_HELD = 1 << 26
 """Total size of frames that is accepted in any file [bytes]."""
 _CAMERA = re.compile(r"camera/(\d{1,9})/image")

@@ -48,7 +48,7 @@ WIDE = 3.0
 """Line width of a total, which is the sum of the other curves [points]."""
 
 MOST_STATES = 40
-"""Most bodies whose states are shown; more would be illegible."""
+"""Largest number of bodies whose states are shown; more would be illegible."""
 
 
 class Line(NamedTuple):
@@ -225,7 +225,7 @@ def _of_panels(shown: Shown) -> Iterator[Chunk]:
 
 
 def _errors(body: ShownBody) -> Iterator[Chunk]:
-    """Yield a body's deviation from free fall, with the ends of flights, and gaps between."""
+    """Yield curves of a body's deviation from free fall, interrupted between flights."""
     entity = f"{schema.ERROR_MM}/{body.label}"
     yield writer.series_chunk(entity, [f"{body.label} {axis}" for axis in "xyz"])
     flies = ~np.isnan(body.errors_m[:, 2])

@@ -110,7 +110,7 @@ class Recorder:
         components."""
         self._short = 0
         self._held_since_s: float | None = None
-        """Time at which the first buffered batch was added [s]; None without one."""
+        """Time at which the first buffered batch was added [s]; None if no batch is buffered."""
         self._digests: dict[int, list[tuple[int, bytes]]] = {}
 
     def chunks(

@@ -39,7 +39,7 @@ chunks to a few megabytes."""
 LARGEST_HEADER = 1 << 16
 """Largest size of a chunk's schema [bytes]; drop writes up to ten thousand."""
 LONGEST_NAME = 4096
-"""Most characters of an entity's name or of an id."""
+"""Largest number of characters of an entity's name or of an id."""
 MOST_FIELDS = 64
 """Largest number of fields in a protobuf message; drop writes up to ten."""
 RECORD_BATCH = 3

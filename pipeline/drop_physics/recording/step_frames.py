@@ -32,7 +32,7 @@ SPARSE = ("before", "inputs", "posed")
 """Groups of columns that have rows only for some steps."""
 
 MOST_PART_BYTES = 1 << 24
-"""Most unpacked bytes of a part of a model."""
+"""Largest unpacked size [bytes] of a part of a model."""
 
 Series = Callable[[str, str], Float64]
 """Function that returns a series of a body's joint samples after each step, given the body's label
@@ -46,7 +46,8 @@ class PackedFrames(NamedTuple):
     """Structure of the numbers, as JSON."""
     numbers: Float64
     at: Int64
-    """Steps of sparse columns, and indices of model edits."""
+    """Indices of steps: those with an unusual clock, then those with rows of each sparse column;
+    then the indices of each model edit."""
     answers: bytes
 
 

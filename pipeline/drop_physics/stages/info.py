@@ -73,7 +73,7 @@ class Info(Printable, reported_by="drop_physics.report.info"):
     """Command that repeats the recorded run; for a script, to be run in the script's folder, which
     is not recorded. None for a block of Python, and if a name or an argument is not UTF-8."""
     layer: Path | None
-    """Path of the analysis layer; None without one, or if the file belongs to another recording."""
+    """Path of the analysis layer; None if it is missing or belongs to another recording."""
     notes: list[str]
     """Sentences on missing parts of the recording, and from which step on."""
     readings: list[Reading]

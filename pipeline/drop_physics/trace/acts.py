@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from enum import Enum
 
 PICTURE = "Renderer.render"
-"""Renders an image, of which only a digest is recorded."""
+"""Name of a function that renders an image, of which only a digest is recorded."""
 
 
 class Act(Enum):
@@ -21,11 +21,11 @@ class Act(Enum):
     """
 
     LOAD = ("loadURDF", "loadSDF", "loadMJCF", "loadBullet", "loadSoftBody")
-    """Loads bodies from a file."""
+    """Call that loads bodies from a file."""
     MAKE = ("createMultiBody",)
     REMOVE = ("removeBody",)
     CLEAR = ("resetSimulation",)
-    """Removes everything, and resets the engine."""
+    """Call that removes everything, and resets the engine."""
     SAVE = ("saveState",)
     RESTORE = ("restoreState",)
     SET_POSE = ("resetBasePositionAndOrientation",)
@@ -40,12 +40,12 @@ class Act(Enum):
         "setJointMotorControlMultiDof",
         "setJointMotorControlMultiDofArray",
     )
-    """Sets a joint's motor, or applies a torque to the joint."""
+    """Call that sets a joint's motor, or applies a torque to the joint."""
     CONSTRAIN = ("createConstraint",)
     CHANGE_CONSTRAINT = ("changeConstraint",)
     RELEASE = ("removeConstraint",)
     SET_PROPERTY = ("changeDynamics",)
-    """Sets properties of a body or a link."""
+    """Call that sets properties of a body or a link."""
     SET_GRAVITY = ("setGravity",)
     SET_TIMESTEP = ("setTimeStep", "opt.timestep")
     SET_ENGINE = ("setPhysicsEngineParameter",)
@@ -53,7 +53,8 @@ class Act(Enum):
     FILTER_PAIR = ("setCollisionFilterPair",)
     FILTER_GROUP = ("setCollisionFilterGroupMask",)
     SOLVE_IK = ("calculateInverseKinematics",)
-    """Solves inverse kinematics: returns the joint positions that bring a link to a given pose."""
+    """Call that solves inverse kinematics: it returns the joint positions that bring a link to a
+    given pose."""
     SOLVE_SEVERAL_IK = ("calculateInverseKinematics2",)
     READ_LINK = ("getLinkState", "getLinkStates")
     READ_VELOCITY = ("getBaseVelocity",)
@@ -64,15 +65,15 @@ class Act(Enum):
         "getJointStatesMultiDof",
     )
     READ_CONTACTS = ("getContactPoints", "getClosestPoints", "getOverlappingObjects")
-    """Reads the contacts of bodies."""
+    """Call that reads the contacts of bodies."""
     SET_BODY_FORCE = ("xfrc_applied",)
-    """Applies a force and a torque to a body, which act until they are set again."""
+    """Write of a force and a torque on a body, which act until they are set again."""
     SET_JOINT_FORCE = ("qfrc_applied",)
-    """Applies a force to a joint, which acts until it is set again."""
+    """Write of a force on a joint, which acts until it is set again."""
     SET_CONTROL = ("ctrl",)
-    """Sets the controls of actuators, which act until they are set again."""
+    """Write of actuator controls, which act until they are set again."""
     SET_ACTIVE = ("eq_active",)
-    """Enables or disables equality constraints, until a reset."""
+    """Write that enables or disables equality constraints, until a reset."""
     SET_STATE = ("qpos",)
     RESET_STATE = (
         "mj_resetData",
@@ -82,11 +83,11 @@ class Act(Enum):
         "mj_copyState",
         "mj_copyData",
     )
-    """Sets the whole state: positions, velocities, controls and forces."""
+    """Call that sets the whole state: positions, velocities, controls and forces."""
     SET_MASS = ("body_mass",)
-    """Edits masses of a model in place."""
+    """Write of masses in a model."""
     SET_DERIVED = ("body_invweight0", "mj_setConst")
-    """Recomputes the constants that a model derives from its masses."""
+    """Call that recomputes the constants that a model derives from its masses."""
     OTHER = ()
 
     @property
@@ -99,7 +100,7 @@ class Act(Enum):
 ACTS: Mapping[str, Act] = {function: act for act in Act for function in act.value}
 """The act of each function, by the function's name."""
 LOADS_KEYFRAME = "mj_resetDataKeyframe"
-"""Loads a keyframe, with its controls."""
+"""Function that loads a keyframe, with its controls."""
 PUSHES = Act.PUSH, Act.TWIST
 MAKES = Act.LOAD, Act.MAKE
 FILTERS = Act.FILTER_PAIR, Act.FILTER_GROUP

@@ -95,9 +95,9 @@ class Common:
     """Common steps and columns of two compared runs, and the differences between their models."""
 
     engines: tuple[str, str]
-    """Engine names and versions."""
+    """Engine name and version of each run."""
     lengths: tuple[int, int]
-    """Numbers of steps."""
+    """Number of steps of each run."""
     times_s: tuple[Float64, Float64]
     """The engine's clock after each step [s]."""
     columns: Sequence[Paired]

@@ -62,7 +62,7 @@ class FieldsApart:
         self._a, self._b, self._matched = a, b, matched
         self.swappable: list[Swappable] = []
         self.others: list[str] = []
-        """Fields that differ in form."""
+        """Names of fields that differ in shape or type."""
         structure: list[ModelEdit] = []
         for name in sorted(a.keys() & b.keys()):
             if LOOKS.fullmatch(name) or not a[name].size + b[name].size:

@@ -42,14 +42,14 @@ class FramesOfSteps:
     def __init__(self, client: int, model: int, first: int, held: Held, clock_s: float) -> None:
         self._client, self._model, self._first = client, model, first
         self._left: Held = dict(held)
-        """Remains of the last step of the piece before; its clock [s]."""
+        """The state after the last step of the previous chunk, and its clock [s]."""
         self.clock_s = clock_s
         self._written: dict[int, Held] = {}
-        """States that were written before a step, with the clock."""
+        """States that the script wrote before a step, with the clock, by step."""
         self._inputs: dict[str, dict[int, Float64]] = {name: {} for name in USER}
         self._posed: dict[str, dict[int, Float64]] = {}
         self._asleep: dict[int, Float64] = {}
-        """Sleeping trees after the previous step."""
+        """Sleep state of trees after the previous step, by step."""
         self._edits: dict[int, list[Edited]] = {}
 
     def wrote(self, written: ReceivedWrite, held: Held, piece: StepPiece) -> None:
@@ -153,7 +153,7 @@ class KeptFrames:
     def __init__(self) -> None:
         self._file: IO[bytes] | None = None
         self._places: list[tuple[int, int]] = []
-        """The simulation of each piece, and where it is in the file."""
+        """The simulation of each chunk, and the chunk's position in the file."""
         self._steps = 0
 
     @property

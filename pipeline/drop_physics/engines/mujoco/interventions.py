@@ -113,7 +113,7 @@ def _both(scope: Scope) -> dict[str, Any]:
 
 
 def _joints(scope: Scope) -> dict[str, Any]:
-    """Return the joint of a finding; without one, its bodies."""
+    """Return the joint of a finding or, if it names none, its bodies."""
     return _bodies(scope) if scope.joint is None else {"of": "joint", "names": [scope.joint]}
 
 
@@ -137,7 +137,7 @@ class FieldRow(ChangeRow):
     """A change of model or state fields that may be suggested and tried."""
 
     of: Elements = _all
-    """Returns the elements whose fields are set."""
+    """Function that returns the elements whose fields are set."""
     _: KW_ONLY
     makes: Applies | None = None
     """Further operations of the intervention."""

@@ -95,7 +95,7 @@ class StateMemory:
                 raise LookupError(f"{after} does not lie behind {before}")
         self.view = view_of(begin, self.size) if names else memoryview(b"")
         self.saved = bytearray(self.size)
-        """The memory as last read: compared as it is, and written to as `kept`."""
+        """A copy of the memory when last compared; `kept` is a writable view of it."""
         self.kept = memoryview(self.saved)
         self.parts = [
             StatePart(name, places[name] - begin, held[name].nbytes, self.view, self.saved)

@@ -208,7 +208,7 @@ class _World:
     def __post_init__(self) -> None:
         size = self.size + 8 * sum(self.widths.values())
         self.most = min(PIECE_STEPS, -(-PIECE_BYTES // max(size, 1)))
-        """Number of steps that make a piece."""
+        """Number of steps in a chunk."""
 
     @property
     def first(self) -> int:
@@ -287,8 +287,8 @@ class _World:
         """Return the first `n` waiting steps as a chunk; the others keep waiting."""
         begins, first = STEP_HEAD.itemsize, self.first
         taken, self.payloads = self.payloads[:n], self.payloads[n:]
+        # An event between two chunks belongs to the second, if there is one.
         end = first + n if self.payloads else self.step + 1
-        """What lies between two pieces is of the second, if there is one."""
         raw = np.frombuffer(b"".join(taken), np.uint8).reshape(n, begins + self.size)
         heads = np.ascontiguousarray(raw[:, :begins]).view(STEP_HEAD)[:, 0]
         raw, functions = raw[:, begins:], heads["function"]
@@ -346,16 +346,18 @@ class Received:
         self.models: dict[int, MujocoModel] = {}
         self.sites: list[ScriptLine] = []
         self.sensed: dict[int, tuple[int, int]] = {}
-        """Start of the readings of a simulation's sensors among the answers, and their number."""
+        """Index of a simulation's first sensor reading in the shared memory, and the number of
+        readings."""
         self.apart_s: dict[int, float] = {}
-        """The time between two states of a simulation that no step leads from one to the other of
-        [s]: they were imported."""
+        """The time between consecutive states of an imported simulation in which no step was made
+        [s]."""
         self.uncaught: list[dict[str, Any]] = []
+        """Functions that make steps which are not recorded: `name`, `file`, `line`."""
         self.idle: list[tuple[int, int]] = []
-        """States, each with its model, that were only computed, again and again."""
-        """What else steps models and is not recorded: `name`, `file`, `line`."""
+        """Simulations, each with its model, whose derived data were recomputed repeatedly without a
+        step."""
         self.warnings: list[str] = []
-        """Texts of MuJoCo's warnings, each once."""
+        """The distinct texts of MuJoCo's warnings."""
         self.callbacks: list[str] = []
         self.faults: list[str] = []
         self.warning_kinds = 0
@@ -363,11 +365,11 @@ class Received:
         self.viewer = False
         """Whether the script opened a passive viewer."""
         self.posed_without_steps: dict[int, int] = {}
-        """Number of times that positions were changed for `mj_forward` before the first step, by
-        simulation: a script that integrates by itself makes no visible step."""
+        """Number of times that positions were changed before `mj_forward` and the first step, by
+        simulation: a script with an integrator of its own makes no visible step."""
         self._constants: dict[str, Constants] = {}
         self._alike: dict[tuple[Any, ...], Any] = {}
-        """The places of constants, and fields, which models of one kind have in common."""
+        """Layouts of constants and fields, shared by models of the same structure."""
         self._worlds: dict[int, _World] = {}
         self._edits: dict[int, list[Edited]] = {}
         """All edits of each model so far."""

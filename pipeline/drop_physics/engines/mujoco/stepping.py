@@ -76,7 +76,8 @@ class Stepper:
         self._environment = environment or {}
         self._known: dict[int, Vocabulary] = {}
         self._next: tuple[Path, int, int] | None = None
-        """Model, simulation and step that are next, if nothing is left out."""
+        """Model, simulation and step that follow directly, so that the process need not load a
+        state."""
 
     def __enter__(self) -> Self:
         command = [self._python, str(WATCHING), self.module]

@@ -38,7 +38,7 @@ class Swapper(Stepper):
         super().__init__(python, None, environment)
         self._model = model
         self.jobs = self.steps = 0
-        """Requests, and the steps that they took."""
+        """Number of requests, and number of steps that they made."""
 
     def fields(self) -> tuple[Arrays, list[str]]:
         """Return all fields of the model, and the features that this MuJoCo version can disable."""

@@ -214,28 +214,30 @@ class MujocoDecoder:
         self._received: Received | None = None
         self._simulations: dict[tuple[int, int], MujocoSimulation] = {}
         self._latest: dict[int, MujocoSimulation] = {}
-        """The last simulation of each state of the script."""
+        """The latest simulation of each MjData."""
         self._bodies = 0
-        """Bodies of all simulations."""
+        """Number of bodies of all simulations."""
         self._described_before: dict[str, tuple[DescribedBody, ...]] = {}
-        """The bodies of each model, by its digest: many states may have the same."""
+        """The bodies of each model, by its digest, since many simulations may use the same model.
+        """
         self._models: dict[str, int] = {}
         """The numbers of models in the recording, by digest."""
         self._told: set[int] = set()
-        """The numbers of those that the recording has."""
+        """Numbers of the models that the recording already has."""
         self._edited: set[int] = set()
-        """The edits that were reported, by the identity of their values, which are kept."""
+        """The edits that were recorded, by `id` of their values, which are kept alive."""
         self._kept: list[NDArray[Any]] = []
         self._sites: dict[tuple[str, str, int, int], int] = {}
-        """The numbers of acts by what is set, in which form, and the sites of the calls around."""
+        """Numbers of call sites, by written field, form, and the lines of the detecting and of the
+        previous call."""
         self._shown: dict[tuple[str, str, str, int], int] = {}
-        """The numbers of acts, by how they are shown."""
+        """Numbers of call sites, by their displayed form."""
         self._new_sites: list[Site] = []
         self._calls = 0
         self.samples = self.replayed = self.explains = 0
-        """Samples; steps that were replayed to the bit, and of these, those whose sum closes."""
+        """Number of samples; of steps replayed to the bit; and of those whose sum closes."""
         self.remainder = 0.0
-        """The largest share of a step's largest term that its sum leaves."""
+        """Largest remainder of a step, as a share of its largest term."""
 
     @property
     def lost(self) -> int:

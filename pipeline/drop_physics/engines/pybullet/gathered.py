@@ -42,7 +42,7 @@ class Known:
     def __post_init__(self) -> None:
         widths = [joint.widths for joint in self.body.joints]
         self.widths = [sum(each) for each in zip(*widths, strict=True)] or [0, 0, 0]
-        """Number of positions, velocities and efforts of each of its joints."""
+        """Number of positions, velocities and efforts of each of the body's joints."""
 
     def joints_of(self, steps: Int64, times_s: Float64, values: Float64) -> Joints:
         """Split rows of joint numbers, one for each step, into a table of joint states."""
@@ -85,22 +85,23 @@ class GatheredWorld:
         self.timeless = False
         """Whether any timestep was not finite."""
         self._layout: list[tuple[Known, bool]] = []
-        """The bodies in a sample, and whether their bases are in it."""
+        """The bodies in a sample, and whether the sample contains their bases."""
         self._constraints: list[tuple[int, int]] = []
-        """Ids of constraints, and how many forces each has."""
+        """Ids of constraints, and the number of each one's forces."""
         self._size = pipe.HEAD.size
-        """Bytes of a sample, without contact points."""
+        """Size of a sample without contact points [bytes]."""
         self._room, self._room_bytes = BATCH, BATCH_BYTES
-        """Number of gathered samples, and their bytes."""
+        """Number of samples, and bytes, at which the collected samples are yielded."""
         self._all = self._all_bytes = 0
-        """Number of samples that were yielded."""
+        """Number and size [bytes] of the samples yielded so far."""
         self._samples: list[bytes] = []
         self._first = self._call = self._bytes = 0
-        """First step of these samples, calls before the last, and their bytes."""
+        """First step of the collected samples, number of calls before the last one, and their size
+        [bytes]."""
         self._calls: list[tuple[int, int, bytes]] = []
         """Step, number and payload of each call that is not yielded yet."""
         self._results: list[tuple[int, float]] = []
-        """The returned value of each of these."""
+        """Index and return value of each collected call with a result."""
 
     def lay_out(self, layout: list[tuple[Known, bool]], constraints: list[tuple[int, int]]) -> None:
         """Set which bodies and constraints the following samples contain, in which order."""

@@ -58,11 +58,11 @@ class Reads:
     def __init__(self) -> None:
         self._places: dict[int, dict[str, Any]] = {}
         self._targets: dict[int, dict[Subject | int, None]] = {}
-        """Subjects of each place's readings, in that order; constraints as their ids."""
+        """Subjects of each line's readings, in order of occurrence; constraints by their ids."""
         self._cut: set[int] = set()
-        """Places whose targets are not all known."""
+        """Lines whose subjects are not all known."""
         self._waiting: list[tuple[GatheredWorld, int, Ids]] = []
-        """Readings of bodies that are not described yet."""
+        """Readings of bodies that were not described yet."""
 
     def describe(self, number: int, camera: dict[str, Any] | None, **described: Any) -> None:  # noqa: ANN401
         """Note a line of the script that reads values, under its number."""

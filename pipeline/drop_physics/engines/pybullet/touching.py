@@ -91,4 +91,4 @@ def distances(
 
 
 _DISTANCE = itemgetter(8)
-"""Returns the distance in a point of `getContactPoints`."""
+"""Function that returns the distance in a point of `getContactPoints`."""

@@ -77,20 +77,20 @@ class BulletDecoder:
     def __init__(self, finer: int, faults: list[str]) -> None:
         self._finer, self._faults = finer, faults
         self._timesteps: dict[int, int] = {}
-        """Index of the timestep among each site's numbers, if it is divided, by site."""
+        """Index of the timestep among a call's numbers, by site, if timesteps are divided."""
         self.calls = 0
         self._called = self.raised = -1
-        """The sites of the latest call, and of the latest one that raised."""
+        """The call sites of the latest call, and of the latest call that raised an error."""
         self.samples = 0
         self.files: dict[str, list[tuple[str, bytes]]] = {}
-        """Paths and contents of files that calls named, each time, if they were sent."""
+        """Paths and contents of files named by calls, once for each load, if contents are sent."""
         self.real_time = False
         self._worlds: dict[int, GatheredWorld] = {}
         self._bodies: dict[int, Known] = {}
         self._numbering = Numbering()
         self._solvers: dict[tuple[int, int], SolverStop] = {}
         self._episodes: dict[int, int] = {}
-        """Steps of each simulation before its current episode."""
+        """Number of steps of each simulation before its current episode."""
         self._reads = Reads()
         self._caller: GatheredWorld | None = None
         """The simulation of the last call."""

@@ -44,13 +44,13 @@ class Clock:
     def __init__(self, *, real: bool, begins_s: float | None = None) -> None:
         self.real, self._begins_s = real, begins_s
         self.timing: Callable[[Any], None] | None = None
-        """Called with the frame that first reads the time after a step."""
+        """Function that is called with the frame that first reads the time after a step."""
         self.simulated_s = 0.0
         self.waited_s = 0.0
         self.idle_s = 0.0
         """Time slept, or spent asking for input, since the last step [s]."""
         self.passed: Callable[[], None] = lambda: None
-        """Called when time has passed."""
+        """Function that is called when time has passed."""
         self._asks = 0
         self._began = time.monotonic()
         self._theirs: dict[str, Any] = {}

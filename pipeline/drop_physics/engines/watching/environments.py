@@ -36,10 +36,11 @@ class EpisodeReturns:
         self.reward = 0.0
         """Sum of the rewards."""
         self.how = ""
-        """Ending: `terminated`, `truncated`, `reset` or `run`; empty while it goes on."""
+        """How the episode ended: `terminated`, `truncated`, `reset` or `run`; empty while it
+        continues."""
         self.engine: EngineWatch | None = None
         self.world = -1
-        """The simulation that its last step stepped, and the engine."""
+        """The simulation stepped by the episode's last step, and its engine."""
 
 
 class _Inside(threading.local):

@@ -33,7 +33,7 @@ class Evaluator(ABC):
 
 
 def evaluator_of(given: Mapping[str, Any] | None) -> Evaluator | None:
-    """Create an evaluator from a description; return None without one.
+    """Create an evaluator from a description, or return None if there is no description.
 
     Parameters
     ----------

@@ -67,11 +67,11 @@ class ExpectationEvaluator(Evaluator):
         self._frame: Any = None
         self._frames: list[Any] = []
         self._before: Any = None
-        """Evaluation made where a simulation was about to end."""
+        """Result of the evaluation made before the last simulation ended."""
         self._could: list[Any] | None = None
-        """The changes that the run could have, as they were found there."""
+        """The changes that are possible in the run, as found before a simulation ended."""
         self._assertion: Assertion | None = None
-        """The first that has failed."""
+        """The first failed `assert`."""
         reads_prints = self._expression is not None and self._expression.reads_prints
         self._printed = printed() if reads_prints else None
 
@@ -203,7 +203,7 @@ class ObservedSeries:
         self._steps, self._stride, self._seen = 0, 1, 0
         self._rows: list[list[float]] = []
         self._astray: dict[str, float] = {}
-        """The sum of squares of how far each command is from what comes."""
+        """Sum over steps of the squared distance from the target, by motor command."""
         self.is_finite = True
 
     def step(self) -> None:

@@ -53,7 +53,7 @@ class Forks:
         self._watch, self._socket, self._at = watch, _socket.socket(fileno=asks), at
         os.set_inheritable(asks, False)
         self._children: dict[int, int] = {}
-        """Numbers of trials by those of their processes."""
+        """Numbers of trials, by process id."""
         self._is_trial = False
 
     def stop(self, *, steps: bool) -> bool:

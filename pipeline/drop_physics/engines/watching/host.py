@@ -58,7 +58,7 @@ class EngineWatch(ABC):
     def __init__(self, host: ScriptWatch) -> None:
         self.host, self.pipe = host, host.pipe
         self.stepped = -1
-        """The number of the simulation that was stepped last."""
+        """Number of the simulation stepped last."""
         host.engines.append(self)
 
     def guarded(self, world: Any, do: Callable[..., object], *arguments: Any) -> None:
@@ -162,10 +162,10 @@ class ScriptWatch:
         self.lock, self.sites = Turn(), Sites(pipe)
         self.engines: list[EngineWatch] = []
         self.engine: EngineWatch | None = None
-        """The engine that has stepped last."""
+        """The engine that made the last step."""
         self.environments = Environments(self)
         self.is_parting = False
-        """Whether a trial forks: its child is watched, too."""
+        """Whether a trial run is being forked: unlike other children, it is watched, too."""
         self.forks: Forks | None = None if asks is None else Forks(self, **asks)
         self.evaluator = evaluator_of(evaluator)
         if not streams:
@@ -173,20 +173,20 @@ class ScriptWatch:
         self.stopped: str | None = None
         self.steps_made = self._beside = 0
         self._first: EngineWatch | None = None
-        """The engine that has stepped first; how many steps of others do not count."""
+        """The engine that made the first step, if only its steps count."""
         self._of_first = of_first
         self._intervened: set[int] = set()
         self._limit_steps, self._limit_s = steps, duration_s
         self._undo: list[Callable[[], None]] = []
         self.steppers: list[tuple[Any, str, Any]] = []
-        """Replacements of functions that make steps: their owners and names."""
+        """Replaced functions that make steps: their owners, names and wrappers."""
         self._is_plain = is_plain
         self._outside: Outside | None = None
         self._left: Any = None
-        """The counters that were shared, in a forked child."""
+        """In a forked child: the counters in the parent's shared memory."""
         self._process, self._thread = getpid(), get_ident()
         self._threads: set[threading.Thread] = set()
-        """Other threads that have made steps."""
+        """Threads other than the main one that have made steps."""
         clock.passed = self._time_has_passed
         clock.timing = self._tell_timing
         if hasattr(os, "register_at_fork"):

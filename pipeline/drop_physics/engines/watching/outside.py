@@ -57,7 +57,7 @@ class Outside:
         self._tell, self._ours = tell, ours
         self._told: set[tuple[str, str]] = set()
         self._own: set[str] = set()
-        """Temporary files and folders, whose names no other run has."""
+        """Temporary files and folders, whose names differ in each run."""
         self._made = 0
         self.on = True
         self._began = os.path.realpath(os.getcwd())

@@ -100,11 +100,12 @@ class Pipe:
         self._flushed_at = _now()
         self.open = True
         self.gone = False
-        """Whether the recorder is."""
+        """Whether the recorder has closed its end of the pipe."""
         self.muted = False
-        """Whether only notes are sent."""
+        """Whether only JSON messages are sent."""
         self._closed = False
-        """Whether the script has closed it: then the block takes what still fits."""
+        """Whether the script has closed the pipe: further frames go to the block as long as they
+        fit."""
         if again:
             self.memory[BLOCK_BYTES:] = bytes(SHARED_BYTES - BLOCK_BYTES)
         else:

@@ -26,7 +26,7 @@ class Turn:
         self.acquire: Callable[[], Any] = lock.acquire
         self.release: Callable[[], None] = lock.release
         self.kept: list[Callable[[], Any]] = []
-        """Handlers to call after the turn."""
+        """Signal handlers to call when the lock is released."""
         self._is_owned = lock._is_owned
         self._handlers: dict[int, Any] = {}
         self._signal, self._getsignal = signal.signal, signal.getsignal

@@ -47,7 +47,7 @@ ANALYZING = Message("analyzing")
 _PARTS = 3
 """Number of stages in the progress bar: reading the recording, explaining it, writing results."""
 MOST_NAMES = 12
-"""Most names listed in an error message."""
+"""Largest number of names listed in an error message."""
 DEFAULT_AT_S = (0.3,)
 """Default times [s] at which a flight's error is broken down, in addition to its end."""
 

@@ -27,7 +27,8 @@ class Sources:
     Parameters
     ----------
     digest
-        The digest of the script's recorded text; None without one, as for a block of Python.
+        The digest of the script's recorded text; None if no text was recorded, as for a `with`
+        block.
     folders
         The folders to which file names in findings may be relative.
     """

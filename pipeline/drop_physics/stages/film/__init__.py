@@ -46,7 +46,7 @@ SHARE_OF_HEIGHT = 1 / 4
 FAR_M = 10.0
 """Distance from the centre beyond which bodies may be out of view."""
 LEAST_M = 0.1
-"""Least distance of the camera."""
+"""Smallest distance of the camera."""
 ROOM = 1.06
 """Factor by which the camera is farther away than necessary."""
 LEAVES, FOLLOWED = 4.5, 3.0

@@ -46,7 +46,7 @@ class FallScene:
     axes
         World directions of right, up and back in the images, shape (3, 3).
     floor_m
-        The height of the body's centre at which it touches the floor; None without one.
+        The height of the body's centre at which it touches the floor [m]; None without a floor.
     """
 
     def __init__(

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from drop_physics.drop.results import FallAnalysis
 
 MOST_PANELS = 4
-"""Most panels in a plot."""
+"""Largest number of panels in a plot."""
 MOST_BODIES = 3
-"""Most bodies whose energy the viewer shows."""
+"""Largest number of bodies whose energy the viewer shows."""
 
 
 def plot_of(analysis: Analysis | FallAnalysis) -> Plot:

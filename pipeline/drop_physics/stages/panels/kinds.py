@@ -33,13 +33,13 @@ NOISY, JUMPS, WINDOWS = 0.4, 0.05, 60
 """A torque is smoothed if it reverses in more than the share NOISY of its samples, and jumps by
 more than the share JUMPS of its range; the smoothing window is 1/WINDOWS of the time."""
 LEAST_SHARE = 0.02
-"""Least share of the total energy at which a cause is drawn."""
+"""Smallest share of the total energy at which a cause is drawn."""
 FLIES = 0.1
 """Smallest share of a body's samples in a single flight at which the body counts as flying."""
 WHOLE = 0.9
 """A finding that covers more than this share of the time is not marked in the panel."""
 MOST_JOINTS = 4
-"""Most joints side by side in the viewer."""
+"""Largest number of joints side by side in the viewer."""
 JOINT = 24
 """Number of characters of a joint's name that fit into the viewer's legend."""
 NEAR = 0.02
@@ -258,9 +258,9 @@ def of_finding(
 
 
 def side_by_side(subject: Drawable, bodies: Mapping[int, Body]) -> Iterator[Panel]:
-    """Yield positions, rates and torques of joints with findings, or farthest off target.
+    """Yield panels of position, rate and torque, for at most `MOST_JOINTS` joints of all bodies.
 
-    At most `MOST_JOINTS` of all bodies.
+    Joints with findings come first, then those farthest from their targets.
     """
     named = [
         (finding.body, finding.joint)

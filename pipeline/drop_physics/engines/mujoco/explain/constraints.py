@@ -40,9 +40,9 @@ class PairTable:
     def __init__(self) -> None:
         self._known: dict[bytes, int] = {}
         self.made: list[list[float]] = []
-        """The first geom, the second, and five coefficients of friction of each."""
+        """The two geoms of each pair, and its five friction coefficients."""
         self.told = 0
-        """Number of those that were sent."""
+        """Number of pairs that were sent."""
 
     def numbers(self, geoms: Any, frictions: Any) -> Any:
         """Return the index of each pair; shapes (c, 2) and (c, 5)."""

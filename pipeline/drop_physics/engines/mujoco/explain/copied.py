@@ -67,7 +67,7 @@ class Contacts:
 
     def __init__(self) -> None:
         self.size = 0
-        """Bytes of a contact."""
+        """Size of a contact in memory [bytes]."""
         self.dtype: Any = None
         self._at = 0
 

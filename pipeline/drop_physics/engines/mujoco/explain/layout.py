@@ -93,7 +93,7 @@ class Layout:
         self.alone = np.array([m.jnt_dofadr[j] for j in alone], int)
         """The first degree of freedom of each body that moves freely and carries no other."""
         self.alone_at = np.array([m.jnt_qposadr[j] for j in alone], int)
-        """Start of its position."""
+        """Index in `qpos` of the first coordinate of each such body."""
 
     def _mass(self, m: Any) -> Symmetric:
         if self.mass_name == "M":

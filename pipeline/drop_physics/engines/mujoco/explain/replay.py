@@ -90,7 +90,8 @@ class ReplayedModel:
         self.sleeps = bool(m.opt.enableflags & SLEEP)
         integrators = [self._integrator(which) for which in range(len(STEPS))]
         self.integrators = [(integrator, self._uncovered(integrator)) for integrator in integrators]
-        """The integrator that each function uses, and why its steps have no sum."""
+        """The integrator that each step function uses, and the reason why its steps have no sum, or
+        ''."""
 
     def edit(self, name: str, indices: Any, values: Any) -> None:
         """Change elements of a field."""
@@ -150,18 +151,19 @@ class ReplayedData:
         self.number, self.model = number, model
         self.d: Any = mujoco.MjData(model.m)
         self.other: Any = None
-        """Data in which the stages of a step are evaluated."""
+        """A second MjData, in which the stages of a step are evaluated."""
         self.core, self.user = memory.core_of(self.d), memory.user_of(self.d)
         self.qpos, self.qvel = self.d.qpos, self.d.qvel
         self.warned = memory.warnings_of(self.d)
         self.batch: WaitingSteps | None = None
         self.is_applied = self.is_pushed = False
         self.reached = -1
-        """The step that data are left for by the one before it; -1: none."""
+        """The step whose start state the MjData contains, as the previous step has left it; -1 if
+        none."""
         self.step = self.first = 0
-        """The next step, and the first one since the last result."""
+        """The next step, and the first step since the last result was sent."""
         self.statuses: list[tuple[int, int]] = []
-        """Status and reason of the steps since the last result."""
+        """Status and reason of each step since the last result was sent."""
 
     def state(self) -> tuple[float, bytes, bytes]:
         """Return the current state."""
@@ -215,16 +217,16 @@ class Replay:
 
     def __init__(self) -> None:
         self._loaded = 0
-        """The number of models that were loaded."""
+        """Number of models loaded so far."""
         self._path = ""
         self._model: ReplayedModel | None = None
         self._data: ReplayedData | None = None
         self._set: frozenset[int] = frozenset()
-        """The callbacks that are set."""
+        """The callbacks that are installed."""
         self._calls: dict[int, deque[Any]] = {}
-        """Answers of callbacks that are left to replay."""
+        """Results of the script's callbacks that are still to be repeated in this step."""
         self._stages: list[bytes] | None = None
-        """The states that a step of RK4 goes through, while it is taken."""
+        """The states at RK4's stages, while a step is made."""
         self._now: ReplayedData | _Elsewhere | None = None
         mujoco.set_mju_user_warning(lambda _: None)  # they were said when the script ran
 

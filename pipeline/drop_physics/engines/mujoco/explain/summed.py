@@ -33,12 +33,12 @@ class TermTable:
     def __init__(self) -> None:
         self._known: dict[tuple[str, int, int], Named] = {}
         self.made: list[tuple[str, int, int, Any]] = []
-        """Kind, first, second and dofs of each, by number."""
+        """Kind, first and second index, and dofs of each term."""
         self.told = 0
-        """Number of those that were sent."""
+        """Number of terms that were sent."""
         self._patterns: dict[bytes, int] = {}
         self.patterns: list[Any] = []
-        """The numbers of the terms that a step has, in the order of its values."""
+        """Lists of term indices; each step has one of these lists, in the order of its values."""
         self.patterns_told = 0
 
     def of(self, kind: str, first: int, second: int, dofs: Any) -> Named:

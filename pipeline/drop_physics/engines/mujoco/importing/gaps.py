@@ -112,11 +112,12 @@ class Gaps:
         self._layout = Layout(self._m, mujoco.MjData(self._m))
         self._looked: list[_Looked] = []
         self._cleared: set[GapTerm] = set()
-        """Terms that act in a step which is not off, right before one that is."""
+        """Terms that act in a step without a gap, directly before a step with a gap: probably not
+        the cause."""
         self._before: ImportedStep | None = None
         self.steps = 0
         self.first = -1
-        """The first step that is off, by its state; -1 if there is none."""
+        """The first step with a gap, by its start state; -1 if there is none."""
 
     @property
     def looked_at(self) -> int:
@@ -250,7 +251,7 @@ def _named_by_most(left: list[_Looked], cleared: Set[GapTerm]) -> GapTerm | None
         factor, share = _factor(term, its)
         rare = len(its) < OFTEN * most
         agree = len(its) >= FEWEST and share >= AGREE
-        # Solvers differ most in what touches; and one pair is said before all that do.
+        # Solvers differ most in contacts; and a single pair is named before all pairs.
         names = -len(term.names)
         return rare, term in cleared, not agree, np.isfinite(factor), names, -len(its)
 

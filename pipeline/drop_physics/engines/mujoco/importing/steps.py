@@ -140,11 +140,12 @@ class ImportedSteps:
         least = float(m.opt.tolerance) if self.infers else 0.0
         self._rounding = max(states.rounding, least)
         self._held = np.zeros(m.nu)
-        """The controls of the last step that they are known of, where they are found."""
+        """The controls of the latest step for which they could be estimated, if they were not
+        recorded."""
         self._chain = np.zeros(m.nv)
         """Warm start of the next step's solver."""
         self.shift = 0 if self.infers or not m.nu else self._aligned()
-        """Number of rows by which the controls of a step stand later."""
+        """1 if the file stores a step's controls with its end state, else 0."""
         self._warm = "qacc_warmstart" in states.parts
         self._judged = ["qpos", "qvel", *(["act"] if "act" in states.parts else [])]
         signs = np.random.default_rng(0).integers(0, 2, (64, m.nq + 2 * m.nv + m.na + m.nu))

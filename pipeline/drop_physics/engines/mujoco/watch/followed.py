@@ -63,7 +63,7 @@ class WatchedModel:
         self.fields = memory.fields_of(m)
         stretches = memory.stretches_of(self.fields)
         self.pairs = [(saved, view) for saved, view, _ in stretches]
-        """Sent arrays, and current ones."""
+        """Pairs of the values last sent and the current ones."""
         self._begins = [begin for _, _, begin in stretches]
         self._tell(m)
 
@@ -139,10 +139,11 @@ class SensorExtremes:
         ends = np.cumsum([len(each) for each in now])[:-1]
         parts = np.split(np.frombuffer(kept).reshape(EXTREMES, -1), ends, axis=1)
         self._parts = [*zip(parts, now)]
-        """What is kept of some numbers, shape (EXTREMES, numbers), and what they are now."""
+        """Recorded extremes of some readings, shape (EXTREMES, numbers), with the current readings.
+        """
         self._is_first = True
         self.place = begin, sum(map(len, now))
-        """Where they begin among the answers, and how many numbers there are of each."""
+        """Index of the first extreme in the shared memory, and the number of readings."""
 
     def add(self) -> None:
         """Update the extremes with the readings after a step."""
@@ -184,17 +185,17 @@ class WatchedData:
         self._passive = memory.view_of(d.qfrc_passive.ctypes.data, d.qfrc_passive.nbytes)
         self._sensed = SensorExtremes.of(watch, d)
         self.lost = False
-        """Whether it could not be read, and is followed no longer."""
+        """Whether the simulation is no longer followed, because of an error."""
         self.time = self.elapsed_s = 0.0
         self.answers: list[bytes] = []
-        """Effects of callbacks within the step that is being made."""
+        """Effects of callbacks within the current step."""
         self._calling = bytearray()
         self._idle = 0
-        """Number of consecutive times that data were made current for unchanged positions and
-        rates."""
+        """Number of consecutive times that derived data were recomputed while positions and
+        velocities stayed."""
         self._posed: tuple[bytes, bytes] | None = None
-        """Core and user part of the state that positions were computed for; None if that was the
-        state before the last step."""
+        """The state (core and user part) from which positions were computed; None for the state
+        before the last step."""
         core, user, asleep = (
             [[part.name, part.begin, part.size] for part in stretch.parts]
             for stretch in self._stretches

@@ -81,34 +81,35 @@ class MujocoWatch(EngineWatch):
         self.originals: dict[str, Any] = {}
         """MuJoCo's own functions."""
         self.data: dict[int, WatchedData] = {}
-        """States by their object's `id`, which is used again: compare `ref`."""
+        """Simulations by the `id` of the MjData, which Python may reuse: compare `ref`."""
         self.models: dict[int, WatchedModel] = {}
         self.digests: set[str] = set()
-        """The digests of models whose binary form was sent."""
+        """Digests of the models whose binary form was sent."""
         self.latest: tuple[Any, Any] | None = None
-        """The model and the state that were stepped last, while something is evaluated."""
+        """The MjModel and the MjData stepped last, while an evaluator is active."""
         self._observed: ObservedData | None = None
         self._of_states: dict[int, ObservedData] = {}
         """Observed simulations, by the `id` of the MjData."""
         self.callbacks: dict[str, Any] = {}
-        """The script's own, by name."""
+        """The script's own callbacks, by name."""
         self._changes = ModelChanges(self, operations, variation or {}, host.tell_intervention)
         self._stands_before = self._changes.any or host.forks is not None
         self.depth = 3 if self._stands_before else 1
-        """Depth of calls below a hook."""
+        """Number of stack frames between a hook and the script."""
         self.uncounted: set[int] = set()
-        """Threads that make more steps than the script asks for."""
+        """Threads that are making further steps besides those that the script requests."""
         self.stepping: dict[int, WatchedData | None] = {}
-        """The state that a thread makes a step of, while there are callbacks."""
+        """The simulation in which a thread is making a step, if callbacks are installed."""
         self.sites: dict[tuple[int, int], int] = {}
-        """Sites by code and instruction, of calls that no library makes."""
+        """Call sites outside libraries, by code object and instruction."""
         self._sites: dict[tuple[int, int, int, int], int] = {}
         self._codes: list[Any] = []
-        """The code of sites, so that none is replaced by another at its address."""
+        """References to the code objects of sites, so that Python does not reuse their addresses.
+        """
         self.sensed = 0
-        """Part of the shared memory for answers taken by sensors."""
+        """Number of values in shared memory that sensors use."""
         self._models = self._worlds = 0
-        """Number of those that were sent."""
+        """Number of models and of simulations that were sent."""
         self._faults: set[tuple[int | None, str]] = set()
         self._warning: Any = None
         """The script's own handler of warnings."""

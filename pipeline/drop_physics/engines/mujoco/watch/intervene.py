@@ -91,12 +91,12 @@ class ModelChanges:
         self._operations = [
             each for each in enumerate(operations) if each[1].get("engine") == ENGINE
         ]
-        """Operations with their numbers."""
+        """The operations, each with its number."""
         self._models: dict[int, ChangedModel] = {}
-        """Changes by the `id` of the MjModel, which Python may reuse."""
+        """Changed models, by the `id` of the MjModel, which Python may reuse."""
         self._data: dict[int, ChangedData] = {}
         self.seen: dict[tuple[int, ...], SeenInputs] = {}
-        """Observations of the run, by the sizes of the model, if an operation asks for them."""
+        """Contacts and inputs of the run, by model size, if an operation requests them."""
         self._sited = any("site" in each for _, each in self._operations)
 
     @property
@@ -219,7 +219,7 @@ class ModelChanges:
         return [file, line]
 
     def _of(self, args: Any, kwargs: Any) -> tuple[Any, ChangedModel, ChangedData] | None:
-        """Return a call's MjModel, with the changes to it and its MjData; None without one."""
+        """Return a call's MjModel, and the changes to it and its MjData; None if one is missing."""
         module, given = self._watch.mujoco, (*args, *kwargs.values())
         m = next((each for each in given if isinstance(each, module.MjModel)), None)
         d = next((each for each in given if isinstance(each, module.MjData)), None)
@@ -300,7 +300,8 @@ class ChangedModel:
     def __init__(self, changes: ModelChanges, watch: MujocoWatch, m: Any) -> None:
         self._changes, self._watch, self.ref = changes, watch, weakref.ref(m)
         self._lock, self._inside = Lock(), 0
-        """Several threads may run functions of one model."""
+        """A lock, and the number of functions that are running: several threads may use the model.
+        """
         self._writes: list[tuple[int, Write]] = []
         operations = changes.on(m)
         for number, each in operations:
@@ -312,9 +313,9 @@ class ChangedModel:
         ]
         self._keeps = [each for each in changes.of("keep") if has_field(m, each[1]["field"])]
         self._known: dict[str, Any] = {}
-        """The script's own values of fields in which a write is undone."""
+        """The script's own values of fields in which writes are undone."""
         self._kept: list[tuple[str, Any, Any]] = []
-        """The values that the script sees: field, elements, and their values."""
+        """The script's own values, to be restored: field, elements, and their values."""
         self._derived: tuple[bytes, dict[str, Any]] | None = None
         """The last derivation: its inputs, and the derived arrays."""
 
@@ -400,24 +401,24 @@ class ChangedData:
         self._input: dict[int, Any] = {}
         """The first or the last value of an input, by the operation's number."""
         self._own: list[tuple[int | None, Any, Sequence[int], Any]] = []
-        """The script's own inputs within a step: part, elements, values; and the number of the
-        operation that gives them one step late, or None."""
+        """The script's own inputs during a step: part, elements, values; and the number of the
+        operation that delays them by a step, or None."""
         self._seen = changes.seen_of(m, d)
         self._clears = [*self._of("clear")]
         self._held: dict[str, Any] = {}
-        """Parts of the state as the last step has left them."""
+        """Values of state parts after the last step."""
         if self._leaves:
             fresh = watch.mujoco.MjData(m)
             self._held = {e["part"]: getattr(fresh, e["part"]).copy() for _, e in self._leaves}
         self._holds = [number for number, _ in self._of("hold")]
         self._gives = [number for number, _ in self._of("give")]
         self._last: tuple[Any, Any] | None = None
-        """Positions and controls as they were then, or before the last reset."""
+        """Positions and controls after the last step, or before the last reset."""
         self._cleared: dict[str, bool] = {}
-        """Whether a part was cleared after the last step, by part."""
+        """Whether a state part was cleared after the last step, by part."""
         self._time_s: float | None = None
         self._posed: bytes | None = None
-        """The positions that data were computed for."""
+        """The positions from which derived data were computed."""
 
     def _of(self, do: str) -> Iterator[tuple[int, Operation]]:
         return ((number, each) for number, each in self._operations if each["do"] == do)

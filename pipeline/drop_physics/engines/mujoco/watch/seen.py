@@ -21,13 +21,14 @@ class SeenInputs:
 
     def __init__(self, m: Any, d: Any) -> None:
         self.model = m
-        """The MjModel, which a script may have let go of at its end."""
+        """The MjModel, kept alive because the script may release it."""
         self.start = {part: getattr(d, part).copy() for part in ("qpos", "qvel")}
         """The state before the first step."""
         self.pairs: set[tuple[int, int]] = set()
-        """Geometries that touched each other."""
+        """Pairs of geoms that touched."""
         self.written: dict[str, set[int]] = {part: set() for part in INPUTS}
-        """Elements of parts of the state that are not what the step before has left."""
+        """Elements that the script wrote, by state part: they differed from their values after the
+        previous step."""
         self._left: dict[tuple[int, str], Any] = {}
 
     def before(self, d: Any) -> None:

@@ -67,7 +67,7 @@ def _parsed(path: str) -> dict[str, Any] | None:
 def dampings_in(path: str) -> list[list[Any]]:
     """Return the joint damping stated in an MJCF, by joint name.
 
-    Only the outermost defaults count: classes of elements are not followed.
+    Only the outermost `<default>` is read; defaults of named classes are ignored.
     """
     default, found = [""], list[list[Any]]()
 

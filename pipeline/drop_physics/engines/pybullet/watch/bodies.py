@@ -34,24 +34,25 @@ class Loaded:
 
     def __init__(self) -> None:
         self.file = ""
-        """The file that it was loaded from, without its folder: the names in it mislead."""
+        """Name of the file from which the body was loaded, without its folder."""
         self.mjcf: str | None = None
-        """The path of an MJCF file; empty where it is not known."""
+        """Path of the body's MJCF file; empty if unknown, None for other bodies."""
         self.flags = 0
-        """The flags with which it was loaded: only these tell whether it may sleep."""
+        """Load flags of the body, from which alone follows whether it may sleep."""
         self.scale = 1.0
         self.asked: dict[str, Any] | None = None
-        """Requests of the body's file."""
+        """Properties stated in the body's file (see `asked`)."""
         self.lists_shapes = False
-        """Whether `getCollisionShapeData` can be asked: it crashes on a capsule of an MJCF file
-        whose ends are given (`fromto`)."""
+        """Whether `getCollisionShapeData` can be called: it crashes for a capsule of an MJCF file
+        that is defined by its ends (`fromto`)."""
         self.hulls = False
-        """Whether all its meshes are held as convex hulls; if not, PyBullet prints when asked."""
+        """Whether all meshes of the body are convex hulls; otherwise, PyBullet prints a message
+        when their vertices are read."""
         self.meshes: dict[int, tuple[str, list[float]]] = {}
-        """File and scale of the mesh of each link that a call gave one: `getCollisionShapeData`
-        has neither then."""
+        """File and scale of each link's mesh that was created by a call, which
+        `getCollisionShapeData` does not report."""
         self.hides_links = False
-        """Whether it became a btRigidBody with several links, of which only the base is reported.
+        """Whether the body is a btRigidBody with several links, of which only the base is reported.
         """
         self.inertial: Any = None
         """The inertial frame of a btRigidBody, position and orientation."""
@@ -78,18 +79,19 @@ class WatchedBody:
         self.dynamics = self.read_dynamics()
         self.soft = self.dynamics[0][10] == SOFT
         self.base_moves = self.dynamics[0][0] != 0
-        """Whether steps may move its base: it has mass, had it, or has got a velocity."""
+        """Whether steps may move the base: it has mass, had mass, or was given a velocity."""
         self.widths = self._joint_widths()
         """Numbers of positions, velocities and efforts of each joint that moves."""
         self.jointed = sum(map(sum, self.widths))
-        """Numbers of its joints."""
+        """Number of values of all joints."""
         self.pack_joints = packing(len(self.joints))
-        """Packs the states of joints that are not spherical."""
+        """Function that packs the states of joints that are not spherical."""
         self._pack = Struct(f"<{BASE + self.jointed}d").pack
         self.last = b""
-        """The state that was last sent but for samples; empty if none was."""
+        """The last state that was sent outside a sample; empty if there was none."""
         self.base_at = self.joints_at = -1
-        """Indices of its base and its joints in the last sample; below 0 if they are not in it."""
+        """Offsets of the base and the joints in the last sample; below 0 if the sample lacks them.
+        """
 
     @property
     def moves(self) -> bool:

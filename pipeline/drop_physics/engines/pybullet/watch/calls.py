@@ -48,11 +48,12 @@ class CallWatch:
         self._pipe, self._place = host.pipe, host.sites.place
         self._plans: dict[str, dict[tuple[int, int], Plan]] = {}
         self._codes: list[Any] = []
-        """The code of places with a plan, so that none is replaced by another at its address."""
+        """References to the code objects of call sites, so that Python does not reuse their
+        addresses."""
         self._sites: dict[tuple[Any, ...], int] = {}
 
     def plans(self, name: str) -> dict[tuple[int, int], Plan]:
-        """Return how calls of a function are sent, by call site, once worked out."""
+        """Return the cached plans by which calls of a function are sent, by call site."""
         return self._plans.setdefault(name, {})
 
     def forget(self) -> None:
@@ -160,7 +161,7 @@ class Form:
         self.numbers: list[float] = []
         self.whole: list[bool] = []
         self.names: list[str] = []
-        """The argument of each number."""
+        """The argument to which each number belongs."""
         known = names_of(name, args)
         texts = []
         for at, value in enumerate(args):

@@ -142,7 +142,8 @@ class BulletWatch(EngineWatch):
         WatchedWorld.keeps_files = host.keeps_files
         self._differ(variation, interventions)
         self._calls: dict[str, Callable[..., Any]] = {}
-        """The replacement of each function of PyBullet, by name, of this run without its trials."""
+        """The wrapper of each PyBullet function, by name, without the changes of trials forked
+        later."""
         self.calls, self.readings = CallWatch(host), Readings(self)
         self.worlds: dict[int, WatchedWorld] = {}
         self.windows: dict[int, Window] = {}
@@ -156,9 +157,9 @@ class BulletWatch(EngineWatch):
         self._worlds_made = 0
         self._last_end = (0, 0.0)
         self._ended: set[int] = set()
-        """Clients whose numbers may be used again."""
+        """Ids of disconnected clients, which PyBullet may reuse."""
         self._library: object = None
-        """The file of the PyBullet that is watched."""
+        """Identity of the file of the watched PyBullet."""
         self._modules: list[tuple[ModuleType, dict[str, Any]]] = []
 
     def _differ(self, variation: Variation | None, interventions: Sequence[Operation]) -> None:

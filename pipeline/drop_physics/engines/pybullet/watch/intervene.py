@@ -89,9 +89,9 @@ class SeenCallSites:
 
     def __init__(self) -> None:
         self.calls: dict[tuple[str, int, str], SeenCalls] = {}
-        """Sightings, by file, line and function."""
+        """Observed calls, by file, line and function."""
         self.pairs: set[tuple[int, ...]] = set()
-        """Client, bodies and links of what touched."""
+        """Client, bodies and links of pairs that touched."""
         self.first_steps: dict[int, tuple[str, int]] = {}
         """File and line of the first step, by client."""
 
@@ -121,15 +121,15 @@ class SeenCalls:
 
     def __init__(self) -> None:
         self.arguments: dict[str, Any] = {}
-        """Those of the first call that gives them, by name."""
+        """Arguments by name, each from the first call that gives it."""
         self.elements: dict[Element, dict[str, Any]] = {}
-        """The arguments of the last call by client, body, and link or joint."""
+        """Arguments of the last call for each body, link or joint."""
         self.keywords: set[str] = set()
-        """The names of those that are given by name."""
+        """Names of the arguments that are given by keyword."""
         self.varies = False
-        """Whether calls for the same element differ."""
+        """Whether the arguments of calls for the same body or joint differ."""
         self.files: dict[Element, str] = {}
-        """The names, without ending, of the files that they load."""
+        """Names, without suffix, of the files that the calls load."""
 
     def note(self, element: Any, arguments: Mapping[str, Any]) -> None:
         """Note the arguments of a call for one body or joint."""
@@ -161,18 +161,19 @@ class CallInterventions:
         self.next_body: dict[int, int] = {}
         """The id that the next body gets, by client."""
         self._told: dict[tuple[Any, ...], Any] = {}
-        """The values that the script is to read, by client, body, link and argument."""
+        """Values that the script must read, by client, body, link and argument."""
         self._ours: dict[tuple[Any, ...], Any] = {}
-        """The values that were set in their place, by the same keys."""
+        """Values that trial changes have set instead, by the same keys."""
         self._steps: dict[int, int] = {}
         self._made = False
-        """Whether an operation has made a call."""
+        """Whether an operation has made a call of its own."""
         self._keywords: Mapping[str, Any] = {}
-        """The arguments that the script gives by name in its call."""
+        """The keyword arguments of the script's current call."""
         self.seen = SeenCallSites()
-        """Observations of the run, if operations ask for them."""
+        """Calls and contacts of the run, if an operation requests them."""
         self._kept: dict[Any, Any] = {}
-        """The state of an operation: the last push of a place, the last motor of a joint."""
+        """Values that operations remember, such as the last push from a line, or the last command
+        to a joint."""
 
     def of(self, name: str, calls: dict[str, Call], p: SimpleNamespace) -> Call:
         """Return the wrapper that applies the changes to one function of PyBullet."""
@@ -636,7 +637,10 @@ class CallInterventions:
 
 
 def _becoming(held: Any, how: Sequence[Any]) -> Any:
-    """Apply an operator to an argument; missing flags count as 0, a missing minimum is set."""
+    """Apply an operator to a call's argument.
+
+    A missing argument counts as 0 for operators on flags; the operator `>` (at least) sets it.
+    """
     if how[0] in ("|", "~", "^"):
         held = number(held) or 0
     elif held is None and how[0] == ">":

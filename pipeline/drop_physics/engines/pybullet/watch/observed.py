@@ -33,10 +33,10 @@ class ObservedWorld(Observed):
     def __init__(self, p: Any, client: int, time: Callable[[], float]) -> None:
         self._p, self._client, self._time = p, client, time
         self._places: dict[tuple[int, int], tuple[int, float]] = {}
-        """The place of each body and link, and its radius of gyration [m]."""
+        """Index of each body and link in the list of positions, and its radius of gyration [m]."""
         self._named: list[str] = []
         self._targets: dict[tuple[int, int], tuple[int, float]] = {}
-        """Commands to joints: whether of a velocity, and the target."""
+        """Commands to joints: whether of a velocity, and the target value."""
 
     @property
     def time_s(self) -> float:

@@ -48,27 +48,28 @@ class Readings:
     def __init__(self, watch: BulletWatch) -> None:
         self._watch, self._fails = watch, False
         self.next_turn = EXACT - TOGETHER - TOGETHER * SHARE
-        """After so many steps `turn` is due."""
+        """Number of steps after which `turn` must be called."""
         self._all = False
-        """Whether this is a step of such a group."""
+        """Whether all readings are counted in the current step."""
         self._unseen: dict[str, int] = {}
-        """The functions whose readings pass unseen, and as how many one counts that is seen."""
+        """Functions of which only some readings are counted, and the weight of each counted one."""
         self._passing: dict[str, set[int]] = {}
         self._seen: dict[str, set[int]] = {}
-        """The instructions of each function from which they do, and all that have read."""
+        """Call instructions of each function: those whose readings are not counted for now, and all
+        known ones."""
         self._read: set[str] = set()
         self._read_before: set[str] = set()
-        """The functions that have read in this group, and in the one before it."""
+        """Functions with readings in the current group of steps, and in the previous one."""
         self._plans: dict[Any, tuple[int, WatchedWorld]] = {}
-        """Number of each place where readings are counted, and its simulation, by code, instruction
-        and arguments."""
+        """Number of each reading line, and its simulation, by code, instruction and arguments."""
         self._codes: list[Any] = []
-        """The code of these, so that none is replaced by another at its address."""
+        """References to the code objects of reading lines, so that Python does not reuse their
+        addresses."""
         self._places: dict[Any, int] = {}
         self._numbers: dict[str, list[int]] = {}
-        """The numbers of the places, by function."""
+        """Numbers of the reading lines, by function."""
         self._targets: dict[int, set[Any]] = {}
-        """The readings at each place."""
+        """Subjects of the readings of each line."""
 
     def passing(self, name: str) -> set[int]:
         """Return the bytecode positions whose calls of a function are not counted for now."""

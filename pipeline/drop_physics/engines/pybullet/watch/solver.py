@@ -22,11 +22,11 @@ class Solver:
     def __init__(self, p: SimpleNamespace, client: int, *, returns: bool | None) -> None:
         self._p, self._client = p, client
         self.returns = returns
-        """Whether the script itself has steps return what the solver did; None if unknown."""
+        """Whether the script itself has enabled solver reports; None if unknown."""
         self._can = True
-        """Whether this PyBullet can return it."""
+        """Whether this PyBullet supports solver reports."""
         self._early: dict[int, dict[str, Any]] = {}
-        """Number of times that the solver was seen to reach each limit of iterations."""
+        """Observed steps in which the solver reached its iteration limit, by limit."""
 
     def ask(self, moving: int) -> bool:
         """Request a solver report from the next step; return whether there will be one.

@@ -65,13 +65,14 @@ class Variation:
         self._draw = random.Random(seed).uniform
         self._p = SimpleNamespace()
         self._lasting: dict[int, list[tuple[str, Call, Any, Any, Any]]] = {}
-        """Calls since the last step that act in one step only, by client."""
+        """Calls since the last step whose effect lasts one step, by client."""
         self._set: dict[int, dict[str, Any]] = {}
-        """The script's own values of what the engine reports, by client."""
+        """The script's own values of engine settings, by client."""
         self._links: dict[tuple[int, int | None, int], Any] = {}
-        """The values that the engine would report of each link, by client and body."""
+        """The values that the engine would report of each link without the variation, by client and
+        body."""
         self._unmoved: set[int] = set()
-        """Clients whose next step is the first."""
+        """Clients that have not made a step yet."""
 
     def of(self, p: SimpleNamespace, name: str, original: Call) -> Call:
         """Return the wrapper that applies the variation to one function of PyBullet."""

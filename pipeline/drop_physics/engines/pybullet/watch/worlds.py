@@ -69,24 +69,26 @@ class WatchedWorld:
         self.client, self.number = client, number
         self.step, self.time_s = first_step, first_time_s
         self.touched = True
-        """Whether something must be sent before the next step."""
+        """Whether changes must be sent before the next step."""
         self.given: dict[str, Any] = {}
-        """Settings of the engine that it does not report, as calls gave them."""
+        """Engine settings made by calls that the engine does not report."""
         self.fresh: set[int] = set()
-        """Bodies that a call has created: their ids may have been others' before."""
+        """Bodies that calls have created, whose ids may have belonged to others before."""
         self.loaded: dict[int, Loaded] = {}
-        """The properties that the calls that created bodies gave them."""
+        """Properties of bodies that are known only from the calls that created them."""
         self.hulls: dict[int, tuple[str, list[float]]] = {}
-        """Collision shapes that calls created and that are hulls where they are meshes, with file
-        and scale of these."""
+        """Mesh shapes that calls created as convex hulls, by id, with file and scale of the mesh.
+        """
         self.fields: set[int] = set()
-        """The bodies that are height fields: PyBullet lists none, and prints that."""
+        """Bodies that are height fields, for which PyBullet lists no shapes and prints a message
+        instead."""
         self.added: dict[int, list[Any]] = {}
-        """The reports of bodies whose mass a call changed before they were first listed."""
+        """Dynamics info of bodies whose mass a call changed before they were first listed."""
         self.moved: dict[int | None, set[Any]] = {}
-        """Bodies that calls may have moved since they were last read, and which calls."""
+        """Bodies that calls may have moved since they were last read, with the names of the calls.
+        """
         self.changed: set[int | None] = set()
-        """Bodies whose dynamics calls may have changed."""
+        """Bodies whose dynamics properties calls may have changed."""
         self.recoloured: set[int] = set()
         self.stale_bodies = self.stale_engine = self.stale_constraints = True
         self.may_sleep = False
@@ -103,7 +105,7 @@ class WatchedWorld:
         self._bases: list[tuple[int, int]] = []
         self._jointed: list[WatchedBody] = []
         self._constraints: list[tuple[int, int]] = []
-        """Ids, and how many forces they have."""
+        """Ids of constraints, and the number of each one's forces."""
         self._buffer = bytearray(SAMPLE_HEAD.size)
         """The last sample, as sent; without contact points."""
         self._before: set[int] = set()
