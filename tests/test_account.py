@@ -530,6 +530,35 @@ def test_a_small_overlap_of_a_parent_and_its_child_is_how_a_robot_is_made(
         assert row.told.endswith("one is the parent of the other")
 
 
+def test_what_presses_beside_the_centre_is_told_as_the_mean_of_named_steps(told: Told) -> None:
+    """In a bare run the forces of these steps add up to the same arm, and to the same friction."""
+    world = """<body name="peg"><geom type="box" size="0.05 0.05 0.2"/></body>
+    <body name="plate" pos="0.08 0.01 0.23"><freejoint/>
+    <geom type="box" size="0.2 0.2 0.02"/></body>"""
+    row = the(told(world, steps=100), "turned", "1_plate")
+    pattern = (
+        r"from (\S+) s to (\S+) s, peg pressed it (\S+) mm .* average and rubbed with (\S+) of"
+    )
+    found = re.search(pattern, row.told)
+    assert found is not None
+    start_s, end_s, arm_mm, share = map(float, found.groups())
+    model = mujoco.MjModel.from_xml_string(MODEL.format(world=world, more=""))
+    data, force = mujoco.MjData(model), np.zeros(6)
+    pressed, rubbed, moment = np.zeros((3, 3))
+    for step in range(1, 101):
+        mujoco.mj_step(model, data)
+        if not start_s - 1e-6 < step * 0.002 < end_s + 1e-6:
+            continue
+        for index, contact in enumerate(data.contact):
+            mujoco.mj_contactForce(model, data, index, force)
+            along = contact.frame.reshape(3, 3)
+            pressed += force[0] * along[0]
+            rubbed += force[1:3] @ along[1:]
+            moment += np.cross(contact.pos - data.xipos[2], force[0] * along[0])
+    assert arm_mm == pytest.approx(1e3 * np.linalg.norm(moment) / np.linalg.norm(pressed), rel=0.01)
+    assert share == pytest.approx(np.linalg.norm(rubbed) / np.linalg.norm(pressed), rel=0.01)
+
+
 def test_without_gravity_nothing_weighs(told: Told) -> None:
     world = """<body name="arm"><joint name="hinge" axis="0 1 0"/><site name="s"/>
     <geom size="0.05" mass="3" pos="0.5 0 0"/></body>"""

@@ -483,7 +483,8 @@ def _pressed_beside(subject: MeasuredBody, window: slice, words: RowWords) -> Me
         return Message("")
     turned = np.linalg.norm(np.cumsum(ledger.way[known, :3], axis=0), axis=1)
     begins = int(known[np.argmax(turned > BEGUN * turned.max())])
-    few = slice(max(0, begins - 2), begins + 3)
+    few = slice(max(0, begins - 2), min(begins + 3, ledger.bins))
+    first, end = (ledger.first + each * ledger.width for each in (few.start, few.stop))
     sums = {term: each[few, :6].sum(axis=0) for term, each in ledger.impulse.items()}
     pressing = [term for term in sums if term.cause == CONTACT]
     if not pressing:
@@ -495,9 +496,10 @@ def _pressed_beside(subject: MeasuredBody, window: slice, words: RowWords) -> Me
     pushed = float(np.linalg.norm(sums[term][3:]))
     rubbed = sums.get(replace(term, cause=FRICTION), np.zeros(6))
     return Message(
-        "; as it began, at {time}, {partner} pressed it {arm} beside its centre of mass and "
-        "rubbed with {share} of that force",
-        time=words.time(subject, ledger.first + begins * ledger.width),
+        "; as it began, from {start} to {end}, {partner} pressed it {arm} beside its centre of "
+        "mass on average and rubbed with {share} of that force",
+        start=words.time(subject, first),
+        end=words.time(subject, min(end - 1, ledger.last)),
         partner=words.names.partner(subject.body.number, term),
         arm=quantity(moments[term] / pushed, "m"),
         share=number(float(np.linalg.norm(rubbed[3:])) / pushed),

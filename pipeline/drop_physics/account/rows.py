@@ -79,7 +79,8 @@ class AccountRow:
     at_limit: bool = False
     """Whether the drive is at its limit at that moment."""
     terms: tuple[RowTerm, ...] = ()
-    """The terms at that moment, in descending order of size."""
+    """The terms around that moment, in descending order of size: forces as the mean of the steps
+    within 1 % of the run, at least two to either side."""
     salience: float = 0.0
     """The measure by which rows are ranked; it has no other meaning."""
     alike: int = 0
