@@ -657,3 +657,29 @@ def test_a_control_that_overshoots_in_each_step_gets_no_greater_range(
     (clamped,) = [each for each in found if each.code == "target-clamped"]
     assert ("changes its sign in 99 of them" in clamped.message) == chatters
     assert (clamped.cure is None) == chatters
+
+
+@pytest.mark.parametrize(("kv", "grows"), [(0.3, True), (0.02, False)])
+def test_a_wheel_that_its_law_drives_ever_faster_does_not_slip(
+    tmp_path: Path, kv: float, *, grows: bool
+) -> None:
+    """With kv h / I = 2.4 its speed grows with every step; with 0.16 it spins on ice."""
+    wheels = "".join(
+        f'<body pos=".12 {y} 0"><joint name="{name}" axis="0 1 0"/>'
+        '<geom type="cylinder" size=".07 .02" euler="90 0 0" mass=".1" friction=".01"/></body>'
+        for name, y in (("l", 0.13), ("r", -0.13))
+    )
+    motors = "".join(f'<velocity joint="{name}" kv="{kv}"/>' for name in "lr")
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import mujoco\nmodel = mujoco.MjModel.from_xml_string('''<mujoco><worldbody>"
+        '<geom type="plane" size="9 9 1" friction=".01"/><body pos="0 0 .07"><freejoint/>'
+        '<geom type="box" size=".2 .1 .02" mass="1"/><geom type="sphere" size=".03" '
+        f'pos="-.15 0 -.04" mass=".1" condim="1"/>{wheels}</body></worldbody><actuator>{motors}'
+        "</actuator></mujoco>''')\ndata = mujoco.MjData(model)\ndata.ctrl[:] = 50\n"
+        "for _ in range(400):\n    mujoco.mj_step(model, data)\n"
+    )
+    found = analyze(record_script(str(script), out=tmp_path / "script.rrd").recording).findings
+    codes = {each.code for each in found}
+    assert ("unstable" in codes) == grows
+    assert ("wheel-slip" in codes) != grows

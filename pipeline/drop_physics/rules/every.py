@@ -83,6 +83,8 @@ SPOILED = (
     ),
     # What rings at the clamp is not clamped.
     Spoiled("velocity-clamped", frozenset(("unstable",)), void=True),
+    # A wheel that its own law drives ever faster slips on any ground.
+    Spoiled("wheel-slip", frozenset(("unstable",)), void=True),
     # A joint that is too fast already needs no higher gains.
     Spoiled("off-target", frozenset(("beyond-urdf",)), is_note=True),
     # More force is no advice for a joint that its gains or its damping turn around.
