@@ -54,7 +54,7 @@ ENGINES_WITH: dict[str, tuple[Engine, ...]] = {
 }
 """Engines that support a field's option; options not listed here are supported by all engines."""
 WITHOUT = {"linear_damping": 0.0, "angular_damping": 0.0, "substeps": 1}
-"""Equivalent values of options for engines that lack the option."""
+"""Option values that correspond to an engine without the option."""
 
 GRAVITY_PRESETS_M_S2 = {"earth": -9.81, "moon": -1.62, "mars": -3.71, "zero": 0.0}
 BYTES_PER_SAMPLE = 480

@@ -32,7 +32,8 @@ class Course:
         of the sample after it.
         """
         self.overlapped = case.floor_height_m is None
-        """Whether the body was inside the floor before it was below, or never meets the floor."""
+        """Whether a sample before the body was entirely below the floor shows it partly inside;
+        also True if the body cannot touch the floor."""
         self.altered: list[int] = []
         """Index of the first sample that differs from the release, and the number of such samples.
         """

@@ -153,8 +153,8 @@ class RestTerms:
     solver: float
     """Error from the solver's early stop: recorded height minus the contact law's."""
     settling: float
-    """Remaining motion of the path predicted by the contact law, which has not come to rest
-    completely."""
+    """Distance that the path predicted by the contact law, which has not come to rest completely,
+    still has to move [m]: predicted minus expected height."""
 
 
 @dataclass(frozen=True)

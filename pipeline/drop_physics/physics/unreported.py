@@ -50,7 +50,11 @@ class Shared(NamedTuple):
 
 
 def shared_out(left: Float64, matrices: Float64, kin: Kinematics, may: Unreported) -> Shared:
-    """Divide the remainder among unreported causes; shapes (n, size), M (n, size, size)."""
+    """Divide the remainder `left`, shape (n, size), among the unreported causes that may act.
+
+    `matrices` are the mass matrices, shape (n, size, size); `may` states which causes may act in
+    each step.
+    """
     shared = Shared(*(np.zeros_like(left) for _ in range(4)))
     stops, touching = may.stops.copy(), _touching(may, len(left), kin.tree.links)
     # With stops alone each entry is its own.

@@ -47,8 +47,8 @@ def unfinished(
     Raises
     ------
     OutputError
-        For the reasons of `replaced`, or if another file has the name needed for the copy with the
-        layout.
+        For the reasons of `replaced`, or if another file has the temporary name under which the
+        recording is copied to add the viewer's layout.
     """
     check_target(path, force=force or ours)
     force = force or (ours and not salvage)  # what a killed run left of it is nobody's

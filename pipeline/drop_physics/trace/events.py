@@ -775,7 +775,8 @@ class Ending:
     """How a watched program ended."""
 
     how: str = ""
-    """`finished`, `steps`, `duration`, `idle`, `disk`, `interrupted` or `failed`."""
+    """Why the program ended: `finished`, `steps`, `duration`, `idle`, `disk`, `interrupted` or
+    `failed`."""
     error: str = ""
     """The error message, in one line."""
     printed: str = ""

@@ -117,12 +117,12 @@ class HeldSamples:
 
     @property
     def first(self) -> int:
-        """The first step."""
+        """Step of the first sample."""
         return int(self.bases["step"][0])
 
     @property
     def last(self) -> int:
-        """The last step."""
+        """Step of the last sample."""
         return int(self.bases["step"][-1])
 
     def piece(self, first: int, end: int) -> Piece:

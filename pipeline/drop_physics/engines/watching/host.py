@@ -183,7 +183,8 @@ class ScriptWatch:
         self._is_plain = is_plain
         self._outside: Outside | None = None
         self._left: Any = None
-        """In a forked child: the counters in the parent's shared memory."""
+        """The counters in the parent's shared memory, in a forked child; None in other processes.
+        """
         self._process, self._thread = getpid(), get_ident()
         self._threads: set[threading.Thread] = set()
         """Threads other than the main one that have made steps."""

@@ -67,7 +67,7 @@ LONGEST = 1 << 29
 FLUSH_BYTES = 1 << 16
 """Fill level above which the block is sent before more is added."""
 SHORT_BYTES = 1 << 14
-"""Upper bound for messages that are sent at every call."""
+"""Upper bound for the size of messages that are sent at every call [bytes]."""
 FLUSH_S = 0.25
 
 

@@ -197,7 +197,24 @@ def analysis_of(
     about: str | None = None,
     reports: Callable[[Finding], bool] = lambda _: True,
 ) -> Analysis:
-    """Analyze a recording that has been read, without writing files."""
+    """Analyze a recording that has been read, without writing files.
+
+    Parameters
+    ----------
+    read_back
+        The recording.
+    at_s
+        Times [s] at which errors are broken down, and whose steps are reported as sums.
+    whole
+        Whether the table has all rows even of a long recording, and columns for joints and terms.
+    episode
+        The episode whose end the account and the joint tables describe; None for the whole run.
+    about
+        Name of the body, link, joint or actuator whose rows begin the account; None for no
+        preference.
+    reports
+        A function that returns whether a finding is reported.
+    """
     seen = explained(read_back).recording.seen
     if read_back.drop is not None:
         from drop_physics.drop.story import drop_analysis_of  # of drops alone

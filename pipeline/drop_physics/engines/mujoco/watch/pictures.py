@@ -31,7 +31,7 @@ def install(watch: MujocoWatch, renderer: Any) -> None:
         The class `mujoco.Renderer`.
     """
     shown: dict[int, int] = {}
-    """The `id` of the state that each renderer shows, by its own."""
+    """The `id` of the MjData that each renderer shows, by the renderer's `id`."""
     drawn, shows = renderer.render, renderer.update_scene
     if getattr(drawn, "drop_watch", None) is watch:
         return
