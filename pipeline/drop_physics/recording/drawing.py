@@ -87,7 +87,7 @@ class Drawing:
         )
         self._trails = Gathering(pictures.trail, most=POSES_TOGETHER)
         self._ways: dict[int, tuple[int, Float64]] = {}
-        """Last point of each body's path, by body id: step and position."""
+        """Last point of each body's path, by body id: step, and position [m]."""
         self._touching = False
         self._images = Gathering(pictures.images, most=IMAGES_TOGETHER)
         self._log = Gathering(pictures.log, most=LINES_TOGETHER)

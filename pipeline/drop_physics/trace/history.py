@@ -218,7 +218,7 @@ class Seen:
         }
 
     def condim(self, bodies: Sequence[int], links: Sequence[int]) -> tuple[int, float]:
-        """Return `condim` and `rolling` for the contact between two links."""
+        """Return the dimension (`condim`) and the rolling friction of two links' contacts."""
         (a, b), (i, k) = bodies, links
         return self.condims.get((a, i, b, k), self.condims.get((b, k, a, i), (3, 0.0)))
 

@@ -1,8 +1,8 @@
 """Binary format in which a MuJoCo script's process sends its states, written and read here.
 
-Two processes use this file: the script's own (`watch`), which may run an older Python without our
-packages, and the process that reads the stream. `explain` replays the frames, and answers with
-`ARRAYS` payloads.
+Two processes use this file: the script's own (`watch`), which may run an older Python without
+drop's packages, and the process that reads the stream. `explain` replays the frames, and answers
+with `ARRAYS` payloads.
 
 Every payload begins with one letter:
 

@@ -202,8 +202,8 @@ class _World:
     left_out: int = 0
     """Number of steps that were made but not recorded."""
     held: dict[str, NDArray[Any]] = field(default_factory=dict)
-    """Current values of the state parts that only the script changes, of those written so far, and
-    of the sleep state."""
+    """Current values of the sleep state, and of those state parts that the script has written and
+    steps do not change."""
 
     def __post_init__(self) -> None:
         size = self.size + 8 * sum(self.widths.values())

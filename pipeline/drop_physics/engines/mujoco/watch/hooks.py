@@ -50,7 +50,7 @@ POSES = (
 COMPLETE = ("mj_forward", "mj_step1")
 """Functions among these that compute everything that `mj_step2` and the integrators use."""
 MANY = 64
-"""After this many new states, those that the script has released are forgotten."""
+"""Number of new simulations after which those released by the script are forgotten."""
 MOST_WARNINGS = 100
 """Largest number of different warning texts that are sent."""
 WARNS_TO_STDERR = (3, 9)

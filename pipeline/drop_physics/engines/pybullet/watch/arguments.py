@@ -19,8 +19,8 @@ CLIENT_AT = {
 """Index of the client id among each function's arguments; 1000 if it has none."""
 BODY_NAMES = ("bodyUniqueId", "objectUniqueId", "bodyIndex")
 UNNAMED = "setJointMotorControl"
-"""A motor function that takes only positional arguments, and always client 0; the control mode and
-the number of arguments determine what they mean."""
+"""A motor function that takes only positional arguments, and always client 0; the meaning of the
+arguments depends on their number and on the control mode."""
 MODE_AT = 2
 MODES = {
     0: ("targetVelocity", "velocityGain"),
@@ -31,7 +31,7 @@ MODES = {
 
 
 def names_of(name: str, args: tuple[Any, ...]) -> Sequence[str]:
-    """Return the names of a call's positional arguments; those that PyBullet ignores have none."""
+    """Return the names of a call's positional arguments; '' for arguments that PyBullet ignores."""
     if name != UNNAMED:
         return ARGUMENTS.get(name, ())
     mode = number(args[MODE_AT]) if len(args) > MODE_AT else None
