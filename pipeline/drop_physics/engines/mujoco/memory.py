@@ -7,6 +7,7 @@ state a microsecond. The addresses are those of the arrays that MuJoCo's Python 
 from __future__ import annotations
 
 import ctypes
+import functools
 import re
 from typing import Any
 
@@ -171,6 +172,23 @@ def _is_large_hfield(name: str, array: Any) -> bool:
     return name == "hfield_data" and array.nbytes > MOST_HFIELD
 
 
+@functools.cache
+def layout_of_options() -> list[tuple[str, int, Any, tuple[int, ...]]]:
+    """Return name, offset in bytes, type and shape of the members of MuJoCo's struct of options."""
+    from mujoco.introspect import ast_nodes, structs
+
+    at, members = 0, []
+    for field in structs.STRUCTS["mjOption"].fields:
+        kind, shape = field.type, ()
+        if isinstance(kind, ast_nodes.ArrayType):
+            kind, shape = kind.inner_type, tuple(kind.extents)
+        dtype = np.dtype({"mjtNum": np.float64, "int": np.int32}[kind.name])
+        at = -(-at // dtype.itemsize) * dtype.itemsize
+        members.append((field.name, at, dtype, shape))
+        at += dtype.itemsize * int(np.prod(shape, dtype=np.int64))
+    return members
+
+
 def options_of(m: Any) -> list[Field]:
     """Return the fields of a model's options, in the layout of the C struct.
 
@@ -179,21 +197,11 @@ def options_of(m: Any) -> list[Field]:
     LookupError
         If the struct in memory does not match MuJoCo's own description.
     """
-    from mujoco.introspect import ast_nodes, structs
-
-    at, fields = 0, []
-    for field in structs.STRUCTS["mjOption"].fields:
-        kind, shape = field.type, ()
-        if isinstance(kind, ast_nodes.ArrayType):
-            kind, shape = kind.inner_type, tuple(kind.extents)
-        dtype = np.dtype({"mjtNum": np.float64, "int": np.int32}[kind.name])
-        at = -(-at // dtype.itemsize) * dtype.itemsize
-        fields.append(Field(f"opt.{field.name}", at, dtype, shape))
-        at += fields[-1].size
-    (gravity,) = [field.address for field in fields if field.name == "opt.gravity"]
+    layout = layout_of_options()
+    (gravity,) = [at for name, at, _, _ in layout if name == "gravity"]
     begin = m.opt.gravity.ctypes.data - gravity
+    fields = [Field(f"opt.{name}", begin + at, dtype, shape) for name, at, dtype, shape in layout]
     for field in fields:
-        field.address += begin
         held = np.frombuffer(view_of(field.address, field.size), field.dtype).reshape(field.shape)
         if not np.array_equal(held, getattr(m.opt, field.name[4:]), equal_nan=True):
             raise LookupError(f"{field.name} is not where it should be")

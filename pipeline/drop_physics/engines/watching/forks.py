@@ -54,7 +54,9 @@ class Forks:
         os.set_inheritable(asks, False)
         self._children: dict[int, int] = {}
         """Numbers of trials, by process id."""
-        self._is_trial = False
+        self._is_trial = self._is_flushed = False
+        self._prevented = ""
+        """The resources that trials would share with the paused run, so that none can be forked."""
 
     def stop(self, *, steps: bool) -> bool:
         """Pause if this engine call is the one to pause at; return True in a trial that continues.
@@ -79,7 +81,9 @@ class Forks:
         self._stop()
 
     def _stop(self) -> bool:
-        self._tell("serving", shared=self._shared())
+        # The script writes, opens and starts nothing as long as it pauses.
+        self._is_flushed, self._prevented = False, self._shared()
+        self._tell("serving", shared=self._prevented)
         while True:
             request, *files = self._next()
             if "at" in request:
@@ -129,9 +133,8 @@ class Forks:
         """Fork a trial from the paused run; return whether this process is the trial."""
         watch, files = self._watch, (pipe, block, printed)
         begun, child = b"", -1
-        if not self._shared(*files) and watch.can_become(trial):
-            gc.unfreeze()
-            descriptors.flush()
+        if not self._prevented and watch.can_become(trial):
+            self._flush()
             with watch.lock:
                 watch.pipe.flush()
             drawn = random.getstate()  # which Python seeds anew after a fork
@@ -161,6 +164,13 @@ class Forks:
             self._tell("forked", trial=number, process=0, after=0)
         return False
 
+    def _flush(self) -> None:
+        """Flush the script's files, once in a pause."""
+        if not self._is_flushed:
+            gc.unfreeze()  # what is frozen is not listed
+            descriptors.flush()
+            self._is_flushed = True
+
     def _begin(self, trial: dict[str, Any], files: tuple[int, int, int], ready: int) -> None:
         """Give a new trial process its own files and streams, while the paused run waits."""
         limits.lead_a_group()
@@ -177,9 +187,9 @@ class Forks:
         os.write(ready, b"1")
         os.close(ready)
 
-    def _shared(self, *files: int) -> str:
+    def _shared(self) -> str:
         """Return the resources that a trial would share with the paused run."""
-        ours = {self._watch.pipe.descriptor, self._socket.fileno(), *files}
+        ours = {self._watch.pipe.descriptor, self._socket.fileno()}
         return descriptors.shared(ours, self._watch.pipe.inode_of_block)
 
 

@@ -10,6 +10,7 @@ import operator
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from sys import _getframe
 from threading import active_count, get_ident
@@ -22,6 +23,7 @@ from ...watching.pipe import MUJOCO, frame
 from ...watching.single_changes import Change
 from ...watching.sites import caller
 from ..frames import CALLBACKS, CAUSES, READS, STEPS, note_bytes
+from ..memory import layout_of_options
 from . import pictures, uncaught, unfilled
 from .followed import WatchedData, WatchedModel
 from .intervene import ModelChanges
@@ -163,6 +165,9 @@ class MujocoWatch(EngineWatch):
             pictures.install(self, module.Renderer)
         if again:
             return
+        if self.host.forks is not None:
+            with suppress(ImportError, LookupError):
+                layout_of_options()  # here once, and not in each trial that forks
         unfilled.install(module, self.host.on_removal)
         self.tell("mujoco", version=module.__version__, python=sys.version.split()[0])
         self.host.on_import("mujoco.viewer", self._on_viewer)
