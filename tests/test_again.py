@@ -144,9 +144,15 @@ QUICK = ("a file opened before", "a state log", "a database at the end", "a fold
 """Cases that run without `-m long`."""
 
 
-def by_why(script: str) -> set[str]:
-    found = why.why(script, tries=["damping", "timestep/2"], out="../out", stdout=2)
+def by_why(script: str, *tries: str) -> set[str]:
+    """Fork two runs that follow each other: the script's own once more, and one trial."""
+    found = why.why(script, tries=["damping", *tries], out="../out", stdout=2)
     return {"finished"} if found.noise is not None else set()
+
+
+def by_why_in_rounds(script: str) -> set[str]:
+    """Fork trials, and from a second run of the script those that tell their shares."""
+    return by_why(script, "timestep/2")
 
 
 def by_trust(script: str) -> set[str]:
@@ -169,7 +175,7 @@ def by_record(script: str) -> set[str]:
 
 
 VERBS = (by_why, by_trust, by_sweep, by_record)
-FEW = [*((by_why, way) for way in QUICK), *((verb, QUICK[0]) for verb in VERBS[1:])]
+FEW = [*((by_why_in_rounds, way) for way in QUICK), *((verb, QUICK[0]) for verb in VERBS[1:])]
 EACH = [
     *((by_why, way) for way in WAYS if way not in QUICK),  # forks
     *(
