@@ -177,7 +177,8 @@ def layout_of_options() -> list[tuple[str, int, Any, tuple[int, ...]]]:
     """Return name, offset in bytes, type and shape of the members of MuJoCo's struct of options."""
     from mujoco.introspect import ast_nodes, structs
 
-    at, members = 0, []
+    at = 0
+    members: list[tuple[str, int, Any, tuple[int, ...]]] = []
     for field in structs.STRUCTS["mjOption"].fields:
         kind, shape = field.type, ()
         if isinstance(kind, ast_nodes.ArrayType):
