@@ -164,11 +164,16 @@ def test_another_text_that_throws_things_out_of_the_scene_takes_it_apart() -> No
 
 def test_a_timestep_with_which_the_run_simulates_another_time_does_not_count() -> None:
     """The run makes five steps of 0.01 s; with a tenth of the step it simulates as long, or not."""
-    for steps, holds in ((50, True), (5, False), (500, False)):
+    for steps, own_s, holds in (
+        (50, 0.01, True),
+        (5, 0.01, False),
+        (500, 0.01, False),
+        (5, 0, True),
+    ):
         moved = replace(motion(0.5), steps=steps, step_s=0.001)
         runs = Runs(lambda _: 0.5)
         search = Search(
-            ChangeOutcome(False, -0.2, 0.1, [motion(0.1)]),
+            ChangeOutcome(False, -0.2, 0.1, [replace(motion(0.1), step_s=own_s)]),
             lambda all_, moved=moved: (
                 (each, ChangeOutcome(True, 0.2, 0.5, [moved])) for each in all_
             ),

@@ -229,11 +229,11 @@ class Search:
         return sorted(near, key=lambda each: -each.outcome.margin)
 
     def _lasts_as_long(self, outcome: ChangeOutcome) -> bool:
-        """Return whether a run simulates as much time as the unchanged one."""
+        """Return whether a run simulates as much time as the unchanged one, if that is known."""
         own_s, its_s = (
             sum(each.duration_s for each in motion) for motion in (self.base.motion, outcome.motion)
         )
-        return math.isclose(its_s, own_s, rel_tol=LASTS)
+        return not own_s or math.isclose(its_s, own_s, rel_tol=LASTS)
 
     @property
     def _size_m(self) -> float:
