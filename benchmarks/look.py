@@ -40,7 +40,7 @@ def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
         "arm.py": "720 steps",
         "hop.py": f"a humanoid of Gymnasium, {5 * hops:,} steps of MuJoCo",
     }
-    for command, goal_s in [*GOALS_S.items()][2 if quick else 0 :]:
+    for command, goal_s in [*GOALS_S.items()][3 if quick else 0 :]:
         *_, script = command
         ran = [
             (

@@ -130,7 +130,7 @@ MOST_BYTES = 3.0
 def measure(folder: Path, *, quick: bool) -> Iterator[Measured]:
     """Compare watched and bare steps within a process, and time their explanation."""
     pairs, share = (1, 100) if quick else (5, 1)
-    for name, scene in [*SCENES.items()][: 2 if quick else None]:
+    for name, scene in [*SCENES.items()][: 1 if quick else None]:
         steps = scene.steps // share
         path = folder / "scene.py"
         path.write_text(SCRIPT.format(model=scene.model, warm=steps // 10, steps=steps))
