@@ -18,7 +18,7 @@ from drop_physics.fields import counted
 from drop_physics.messages import Message, joined
 from drop_physics.rules.body_properties import AskedOfBodies
 from drop_physics.rules.by_name import parameters
-from drop_physics.rules.chunk import Chunk, LastStates
+from drop_physics.rules.chunk import LastStates, StepChunk
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.placing import Placing
 from drop_physics.rules.target_columns import StandingTargets
@@ -183,7 +183,7 @@ class Scene:
     asked: AskedOfBodies = field(init=False)
     placing: Placing = field(init=False)
     inputs: Inputs = field(init=False)
-    chunk: Chunk = field(init=False)
+    chunk: StepChunk = field(init=False)
     """The latest chunk, until it is forgotten."""
     records: Mapping[int, Record] = field(init=False, default_factory=dict)
     """The record of each rigid body, by body id."""
@@ -202,7 +202,7 @@ class Scene:
         """Add a chunk of explained steps, before any rule is applied to it."""
         self.telemetry.add(explained)
         driven = [each for found in self.telemetry.latest.values() for each in found]
-        self.chunk = chunk = Chunk(explained, self.seen, driven, self._last_states)
+        self.chunk = chunk = StepChunk(explained, self.seen, driven, self._last_states)
         self.records, self.constraints = explained.records, explained.constraints
         ends = {number: int(each.steps[-1]) for number, each in chunk.judged.items()}
         self.last_samples = {**self.last_samples, **ends}

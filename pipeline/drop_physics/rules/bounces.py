@@ -13,7 +13,7 @@ from drop_physics.explain.changes import energy_of
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import distinct_rows
 from drop_physics.rules.body_properties import AskedOfBodies
-from drop_physics.rules.chunk import Chunk
+from drop_physics.rules.chunk import StepChunk
 from drop_physics.rules.engines import ANY, MUJOCO
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.placing import Placing
@@ -176,7 +176,7 @@ FINER = 4.0
 
 
 @pair_rule("energy-gained", "broken", consecutive=True, argument="restitution", engines=ANY)
-def energy_gained(pair: PairColumns, placing: Placing, seen: Seen, chunk: Chunk) -> Match:
+def energy_gained(pair: PairColumns, placing: Placing, seen: Seen, chunk: StepChunk) -> Match:
     """Two bodies leave a contact with more energy than they had, without calls or joints."""
     rows = np.flatnonzero((pair.pairs.normal_n > 0) & (pair.body != pair.other))
     bodies, steps = pair.pairs.body[rows], pair.step[rows]
@@ -271,7 +271,7 @@ def _solref(pair: PairColumns, rows: NDArray[np.intp], seen: Seen) -> Float64:
     return np.reshape(held, (-1, 2))[which]
 
 
-def _kinetic_j(pair: PairColumns, rows: NDArray[np.intp], chunk: Chunk) -> Float64:
+def _kinetic_j(pair: PairColumns, rows: NDArray[np.intp], chunk: StepChunk) -> Float64:
     """Return the kinetic energy of both bodies before the steps in which they first touch.
 
     0 for bodies at rest, nan for bodies with joints; shape (rows,).

@@ -27,7 +27,7 @@ LastStates = Mapping[int, Mapping[int, tuple[int, States]]]
 life, since ids are reused."""
 
 
-class Chunk:
+class StepChunk:
     """The steps of a chunk, with the calls before them, and the contacts and commands in them."""
 
     def __init__(

@@ -14,7 +14,7 @@ from drop_physics.physics.rotations import rotate_inverse
 from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import distinct_bytes, lengths
 from drop_physics.rules.body_properties import AskedOfBodies
-from drop_physics.rules.chunk import Chunk
+from drop_physics.rules.chunk import StepChunk
 from drop_physics.rules.engines import ANY
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, side_rule
@@ -30,7 +30,7 @@ SAME_M = 1e-3
 
 @side_rule("collides-as-hull", "asked", subject=1, engines=ANY)
 def collides_as_hull(
-    pair: PairColumns, seen: Seen, chunk: Chunk, records: Mapping[int, Record]
+    pair: PairColumns, seen: Seen, chunk: StepChunk, records: Mapping[int, Record]
 ) -> Match:
     """Bodies touch away from the surface of the mesh in its file."""
     points, side = pair.pairs.points, pair.side
@@ -98,7 +98,12 @@ def _link(seen: Seen, surface: Surface) -> tuple[int, int]:
 
 
 def _local_m(
-    chunk: Chunk, records: Mapping[int, Record], number: int, link: int, at_m: Float64, ends: Int64
+    chunk: StepChunk,
+    records: Mapping[int, Record],
+    number: int,
+    link: int,
+    at_m: Float64,
+    ends: Int64,
 ) -> Float64:
     """Transform points into a link's axes before steps; nan where its pose is unknown."""
     local_m = np.full((len(at_m), 3), np.nan)

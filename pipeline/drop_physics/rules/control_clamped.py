@@ -9,7 +9,7 @@ import numpy as np
 
 from drop_physics.arrays import Flags, Float64, Int64
 from drop_physics.messages import Message
-from drop_physics.rules.chunk import Chunk
+from drop_physics.rules.chunk import StepChunk
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import RADIANS, as_degrees, is_degrees, units
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
@@ -222,7 +222,7 @@ switched_off.rows(
     consecutive=True,
     engines=MUJOCOS,
 )
-def reset_clears(actuators: ActuatorColumns, chunk: Chunk) -> Match:
+def reset_clears(actuators: ActuatorColumns, chunk: StepChunk) -> Match:
     """A reset of the state sets controls to zero, and nothing sets them again.
 
     An episode that begins with zeros as the one before did may be given them: what is written

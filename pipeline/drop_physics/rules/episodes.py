@@ -9,7 +9,7 @@ import numpy as np
 
 from drop_physics.arrays import Float64
 from drop_physics.rules.arguments import given
-from drop_physics.rules.chunk import Chunk
+from drop_physics.rules.chunk import StepChunk
 from drop_physics.trace.acts import FILTERS, MAKES, PUSHES, Act
 from drop_physics.trace.calls import Call
 from drop_physics.trace.history import Seen
@@ -101,7 +101,7 @@ class Episodes:
             if same and first.begin.at.call <= each.begin.at.call < second.begin.at.call:
                 yield each
 
-    def see(self, chunk: Chunk, seen: Seen) -> None:
+    def see(self, chunk: StepChunk, seen: Seen) -> None:
         """Add the calls and states of a chunk."""
         calls = chunk.piece.calls
         if not any(site.act in (*STATES, *BY_HAND) for site in calls.sites.values()):
@@ -119,7 +119,7 @@ class Episodes:
                 samples = seen.samples.get(client, chunk.piece.end)
                 self._until(chunk, self._now[client], min(samples, chunk.piece.end) - 1)
 
-    def _begin(self, chunk: Chunk, client: int, call: Call) -> None:
+    def _begin(self, chunk: StepChunk, client: int, call: Call) -> None:
         if (before := self._now.pop(client, None)) is not None:
             self._until(chunk, before, call.at.step)
             self.ended.append(before)
@@ -142,7 +142,7 @@ class Episodes:
         if not pushes:
             self._set[what] = call.numbers
 
-    def _until(self, chunk: Chunk, episode: AfterRestore, end: int) -> None:
+    def _until(self, chunk: StepChunk, episode: AfterRestore, end: int) -> None:
         """Note that an episode lasts up to a sample; keep the states that its bodies start from."""
         episode.end, start = end, episode.begin.at.step
         # A force that no step has used yet waits for the next episode's; used, it is gone.

@@ -14,7 +14,7 @@ from drop_physics.explain.contact_points import COMMON
 from drop_physics.messages import Message
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.by_name import called
-from drop_physics.rules.chunk import Chunk
+from drop_physics.rules.chunk import StepChunk
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule
@@ -45,7 +45,7 @@ IMPRATIO = 10.0
 
 
 @body_rule("slides", "asked", consecutive=True, subject=1, engines=MUJOCOS)
-def slides_off(bodies: BodyColumns, chunk: Chunk) -> Match | None:
+def slides_off(bodies: BodyColumns, chunk: StepChunk) -> Match | None:
     """The weight of a body held by friction needs more than friction can give."""
     return _held(bodies, steady=False, chunk=chunk)
 
@@ -117,7 +117,7 @@ slides_off.rows(
     engines=MUJOCOS,
     proposes=True,
 )
-def gives_way(bodies: BodyColumns, chunk: Chunk) -> Match | None:
+def gives_way(bodies: BodyColumns, chunk: StepChunk) -> Match | None:
     """Friction below its limit is a damper: a body held by it creeps, whatever the coefficient."""
     return _held(bodies, steady=True, chunk=chunk)
 
@@ -188,7 +188,7 @@ def _beyond(needed: Float64, available: Float64, normal: Float64, weight: Float6
     return np.asarray((needed > gives) & (gives > LOADED * needed))
 
 
-def _held(bodies: BodyColumns, *, steady: bool, chunk: Chunk) -> Match | None:
+def _held(bodies: BodyColumns, *, steady: bool, chunk: StepChunk) -> Match | None:
     """Return the steps in which a free body lies on something, or is gripped from two sides.
 
     Steps in which a grip closes are left out, since it presses with more than it holds with; with

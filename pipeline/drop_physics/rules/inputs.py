@@ -15,7 +15,7 @@ from drop_physics.physics.kinematics import kinematics, motion
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.physics.tree import States, Tree
 from drop_physics.rules.arguments import number as number_of
-from drop_physics.rules.chunk import Chunk
+from drop_physics.rules.chunk import StepChunk
 from drop_physics.rules.episodes import Episodes
 from drop_physics.rules.ik_answers import SentAnswers
 from drop_physics.rules.lasting import Lasting
@@ -224,7 +224,7 @@ class Inputs:
     ik: SentAnswers = field(default_factory=SentAnswers)
     episodes: Episodes = field(default_factory=Episodes)
 
-    def see(self, chunk: Chunk) -> None:
+    def see(self, chunk: StepChunk) -> None:
         """Add the calls and states of a chunk."""
         calls = chunk.piece.calls
         bases = by_body(chunk.piece.bases)
@@ -316,7 +316,7 @@ class Inputs:
             key = came[which].body.number, joint, int(two[7])
             self.overridden.setdefault(key, (*sites, set()))[2].add(step)
 
-    def _links(self, chunk: Chunk) -> None:
+    def _links(self, chunk: StepChunk) -> None:
         """Note how far the links whose poses the script reads move per step."""
         read = [
             (reading, subject.body, subject.link)
@@ -343,7 +343,7 @@ class Inputs:
                     key = each.number, number, link
                     self.link_way_m[key] = max(way_m, self.link_way_m.get(key, 0.0))
 
-    def _torques(self, chunk: Chunk) -> None:
+    def _torques(self, chunk: StepChunk) -> None:
         """Note the joints that are driven by torque control only."""
         for driven in chunk.driven:
             acts = (driven.steps.reported.commanded != 0).any(axis=0)
@@ -355,7 +355,7 @@ class Inputs:
                 elif motor[place].any():
                     self.torque_alone.discard(key)
 
-    def _drive(self, call: Call, bases: Mapping[int, Rows], chunk: Chunk) -> None:
+    def _drive(self, call: Call, bases: Mapping[int, Rows], chunk: StepChunk) -> None:
         """Note a constraint with the world, or a new target of one."""
         if call.act is Act.CONSTRAIN and call.values["childBodyUniqueId"][0] < 0:
             came = chunk.piece.calls.body_at(call, int(call.values["parentBodyUniqueId"][0]))
@@ -374,7 +374,7 @@ class Inputs:
             drive.targets_m.append(target)
             drive.places_m.append(here[0].copy())
 
-    def _pair(self, call: Call, chunk: Chunk) -> None:
+    def _pair(self, call: Call, chunk: StepChunk) -> None:
         """Note which links calls join, exclude from contact, or assign to a collision group."""
         bodies, sides = _NAMES.get(call.act, ((), ()))
         came = [
@@ -392,7 +392,7 @@ class Inputs:
             self.filtered.add(call.client)
             self.passes.pop(frozenset(pair), None)
 
-    def _use(self, call: Call, chunk: Chunk) -> None:
+    def _use(self, call: Call, chunk: StepChunk) -> None:
         came = chunk.body_of(call)
         joint = number_of(call, "jointIndex", -1.0) if call.act is Act.SET_JOINT else -1.0
         key = call.site.number, call.client, None if came is None else came.number, joint

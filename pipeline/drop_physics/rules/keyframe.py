@@ -7,7 +7,7 @@ import numpy as np
 from drop_physics.arrays import Float64, Int64
 from drop_physics.explain.driving import control_of
 from drop_physics.messages import Message
-from drop_physics.rules.chunk import Chunk
+from drop_physics.rules.chunk import StepChunk
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.joint import name_of
 from drop_physics.rules.rows import Remedy, SayingRow
@@ -18,7 +18,7 @@ from drop_physics.trace.acts import LOADS_KEYFRAME, Act
 
 
 @joint_rule("reset-leaves", "asked", engines=MUJOCOS)
-def keyframe_without_control(joints: JointColumns, chunk: Chunk) -> Match | None:
+def keyframe_without_control(joints: JointColumns, chunk: StepChunk) -> Match | None:
     """Writing a keyframe's `qpos` sets its pose, but not its `ctrl`."""
     body, steps = joints.driven.body, joints.driven.steps
     if steps.steps[0] != 1 or len(steps) < WATCHED or not (body.keyframes and body.actuators):
@@ -72,7 +72,7 @@ keyframe_without_control.rows(
 
 
 @joint_rule("reset-leaves", "note", reason="keyframe", engines=MUJOCOS)
-def never_loaded(joints: JointColumns, chunk: Chunk) -> Match | None:
+def never_loaded(joints: JointColumns, chunk: StepChunk) -> Match | None:
     """A keyframe has controls, but the run starts from another pose, with controls of 0."""
     body, steps = joints.driven.body, joints.driven.steps
     keys = [keyframe for keyframe in body.keyframes if any(keyframe.given)]

@@ -7,7 +7,7 @@ import numpy as np
 from drop_physics.arrays import Flags, Float64
 from drop_physics.messages import Message
 from drop_physics.rules.arguments import site_of
-from drop_physics.rules.chunk import Chunk
+from drop_physics.rules.chunk import StepChunk
 from drop_physics.rules.engines import ANY
 from drop_physics.rules.rows import Noted, SayingRow
 from drop_physics.rules.rule import Match, body_rule
@@ -22,7 +22,7 @@ OVERFLOWS = float(np.sqrt(np.finfo(np.float64).max))
 
 
 @body_rule("not-finite", "broken", engines=ANY)
-def not_finite(bodies: BodyColumns, seen: Seen, chunk: Chunk) -> Match | None:
+def not_finite(bodies: BodyColumns, seen: Seen, chunk: StepChunk) -> Match | None:
     """The state after a step, or an impulse in it, is infinite or not a number."""
     names = ("velocity", "position_m", "orientation", "joints")
     states = np.hstack([getattr(bodies.after, name) for name in names])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drop_physics.arrays import Float64
 from drop_physics.messages import Message
 from drop_physics.rules.body_properties import part_named, size_m, strained_by, thickness_m
-from drop_physics.rules.chunk import Chunk
+from drop_physics.rules.chunk import StepChunk
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.placing import Placing
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
@@ -42,7 +42,7 @@ SLOP, ITERATIONS = "contactSlop", "numSolverIterations"
 
 
 @pair_rule("deep-penetration", "model", consecutive=True)
-def deep_penetration(pair: PairColumns, placing: Placing, chunk: Chunk) -> Match:
+def deep_penetration(pair: PairColumns, placing: Placing, chunk: StepChunk) -> Match:
     """Bodies overlap by a good part of the thinner one, though not placed so."""
     rows = np.flatnonzero((pair.pairs.depth_m > DEEP_M) & (pair.body != pair.other))
     points, placing = pair.points, placing
@@ -210,7 +210,7 @@ deep_penetration.rows(
 )
 
 
-def _presses(pair: PairColumns, rows: NDArray[np.intp], chunk: Chunk) -> dict[str, Float64]:
+def _presses(pair: PairColumns, rows: NDArray[np.intp], chunk: StepChunk) -> dict[str, Float64]:
     """Return whether motors and constraints press a body against its contacts.
 
     `pulled` says whether constraints do where no motor presses the same body.
@@ -238,7 +238,7 @@ def _presses(pair: PairColumns, rows: NDArray[np.intp], chunk: Chunk) -> dict[st
 
 @pair_rule("starts-in-contact", "asked")
 def starts_in_contact(
-    pair: PairColumns, placing: Placing, seen: Seen, chunk: Chunk
+    pair: PairColumns, placing: Placing, seen: Seen, chunk: StepChunk
 ) -> Match | None:
     """The engine pushes overlapping bodies apart, faster with depth and with shorter timesteps."""
     points, placing, both = pair.points, placing, pair.pairs.body
@@ -289,7 +289,7 @@ def starts_in_contact(
     )
 
 
-def _substeps(pair: PairColumns, chunk: Chunk, seen: Seen) -> Float64:
+def _substeps(pair: PairColumns, chunk: StepChunk, seen: Seen) -> Float64:
     """Return the number of substeps of each step, shape (n,)."""
     bodies, which = np.unique(pair.body, return_inverse=True)
     settings = [chunk.settings(seen.bodies[each].client) for each in bodies.tolist()]

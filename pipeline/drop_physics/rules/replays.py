@@ -8,7 +8,7 @@ import numpy as np
 
 from drop_physics.explain.step_status import WHYS
 from drop_physics.messages import Message
-from drop_physics.rules.chunk import Chunk
+from drop_physics.rules.chunk import StepChunk
 from drop_physics.rules.engines import MUJOCOS
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, body_rule
@@ -20,7 +20,7 @@ from drop_physics.trace.history import Seen
 from drop_physics.trace.switches import NO_GRAVITY, is_off
 
 
-def _of_steps(bodies: BodyColumns, why: str, chunk: Chunk) -> Match:
+def _of_steps(bodies: BodyColumns, why: str, chunk: StepChunk) -> Match:
     """Return the replayed steps that are unexplained for a given reason."""
     piece = chunk.piece
     client = bodies.of_each(lambda each: each.body.client)
@@ -35,7 +35,7 @@ def _of_steps(bodies: BodyColumns, why: str, chunk: Chunk) -> Match:
 
 
 @body_rule("not-replayed", "asked", reason="stale", subject=0, engines=MUJOCOS)
-def stale_step(bodies: BodyColumns, chunk: Chunk) -> Match:
+def stale_step(bodies: BodyColumns, chunk: StepChunk) -> Match:
     """A step used data computed from an older state, and leads elsewhere than its own would."""
     return _of_steps(bodies, "stale", chunk)
 
@@ -57,7 +57,7 @@ stale_step.rows(
 
 
 @body_rule("not-replayed", "note", subject=0, engines=MUJOCOS)
-def not_replayed(bodies: BodyColumns, chunk: Chunk) -> Match:
+def not_replayed(bodies: BodyColumns, chunk: StepChunk) -> Match:
     """Repeated steps lead to other states than the recorded ones."""
     return _of_steps(bodies, "not replayed", chunk)
 

@@ -11,7 +11,7 @@ from drop_physics.messages import Message
 from drop_physics.physics.rotations import rotate, rotate_inverse
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.body_properties import AskedOfBodies
-from drop_physics.rules.chunk import Chunk
+from drop_physics.rules.chunk import StepChunk
 from drop_physics.rules.engines import ANY, MUJOCO
 from drop_physics.rules.placing import NEAR, Placing
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
@@ -57,7 +57,7 @@ Rows = NDArray[np.intp]
     least_count=SLIPS_STEPS,
     proposes=True,
 )
-def slides(pair: PairColumns, placing: Placing, chunk: Chunk) -> Match:
+def slides(pair: PairColumns, placing: Placing, chunk: StepChunk) -> Match:
     """Gravity and the support's acceleration need more friction than there is, without a push."""
     return _slips(pair, pair.pairs.slip_m_s > SLIPS_M_S, placing, chunk)
 
@@ -154,7 +154,7 @@ slides.rows(
 @side_rule(
     "creeps", "model", consecutive=True, argument="lateralFriction", least_count=CREEPS_STEPS
 )
-def creeps(pair: PairColumns, placing: Placing, chunk: Chunk) -> Match:
+def creeps(pair: PairColumns, placing: Placing, chunk: StepChunk) -> Match:
     """The solver stops before contacts rest: its changes are small, or iterations run out."""
     return _slips(
         pair,
@@ -207,7 +207,7 @@ creeps.rows(
 )
 
 
-def _slips(pair: PairColumns, slips: Flags, placing: Placing, chunk: Chunk) -> Match:
+def _slips(pair: PairColumns, slips: Flags, placing: Placing, chunk: StepChunk) -> Match:
     """Return the steps in which a body slips on its support, and nothing else pushes it.
 
     Sums: of slip [m], with its direction and without, and way of the centre [m], time [s]; normal,
@@ -268,7 +268,7 @@ def _is_free(steps: Steps) -> bool:
     return steps.law.tree.size == 6 and bool(steps.terms)
 
 
-def _free_bodies(chunk: Chunk) -> list[BodySteps]:
+def _free_bodies(chunk: StepChunk) -> list[BodySteps]:
     """Return the steps of single bodies in the latest chunk."""
     free = (batch.bodies for batch, _ in chunk.batches if _is_free(batch.whole))
     return [body for bodies in free for body in bodies]

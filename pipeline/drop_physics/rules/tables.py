@@ -18,7 +18,7 @@ from drop_physics.explain.steps import BodySteps, StepBatch, Steps
 from drop_physics.physics.dynamics import mass_matrix
 from drop_physics.physics.kinematics import kinematics
 from drop_physics.rules.answer import Scene
-from drop_physics.rules.chunk import Chunk, Column
+from drop_physics.rules.chunk import Column, StepChunk
 from drop_physics.rules.earlier import EarlierRows
 from drop_physics.rules.joint import AT_TARGET, units_of
 from drop_physics.trace.events import Joint
@@ -94,7 +94,7 @@ class JointColumns:
     They are those of `driven`, the requests of calls, `asked`, and some that rules share.
     """
 
-    def __init__(self, chunk: Chunk, driven: JointTelemetry, earlier: EarlierRows) -> None:
+    def __init__(self, chunk: StepChunk, driven: JointTelemetry, earlier: EarlierRows) -> None:
         self._chunk, self.driven, self.asked, self.earlier = chunk, driven, driven.asked, earlier
         self._settings = chunk.settings(driven.body.client)
         self.body, self.steps = driven.body, driven.steps
@@ -165,7 +165,7 @@ class JointColumns:
 class ActuatorColumns:
     """The actuators of a body over n steps; columns (n, actuators)."""
 
-    def __init__(self, chunk: Chunk, steps: BodySteps, earlier: EarlierRows) -> None:
+    def __init__(self, chunk: StepChunk, steps: BodySteps, earlier: EarlierRows) -> None:
         self.earlier, self.client, self.number = earlier, steps.body.client, steps.body.number
         self.body, self.actuators, self.step = steps.body, steps.body.actuators, steps.steps
         self.noted: dict[str, Float64] = {}
@@ -190,7 +190,7 @@ class ActuatorColumns:
 class PairColumns:
     """The contacts of pairs over steps, seen from one of the two bodies."""
 
-    def __init__(self, chunk: Chunk, side: int) -> None:
+    def __init__(self, chunk: StepChunk, side: int) -> None:
         self._chunk, self.side, self.pairs = chunk, side, chunk.pairs
         self.step, self.timestep_s = self.pairs.step, self.pairs.timestep_s
         self.points, self.starts = self.pairs.points, self.pairs.starts
@@ -233,7 +233,7 @@ class BodyColumns:
 
     def __init__(
         self,
-        chunk: Chunk,
+        chunk: StepChunk,
         batch: StepBatch,
         verdict: StepVerdicts,
         records: Mapping[int, Record],

@@ -20,7 +20,7 @@ from drop_physics.physics.tree import BASE
 from drop_physics.physics.vectors import lengths
 from drop_physics.rules.answer import Cure
 from drop_physics.rules.arguments import site_of
-from drop_physics.rules.chunk import Chunk
+from drop_physics.rules.chunk import StepChunk
 from drop_physics.rules.engines import ANY, MUJOCO, MUJOCOS
 from drop_physics.rules.inputs import Inputs
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
@@ -34,7 +34,7 @@ from drop_physics.trace.history import Seen
 
 @body_rule("tunnelled", "asked", engines=ANY)
 def tunnelled(
-    bodies: BodyColumns, records: Mapping[int, Record], seen: Seen, inputs: Inputs, chunk: Chunk
+    bodies: BodyColumns, records: Mapping[int, Record], seen: Seen, inputs: Inputs, chunk: StepChunk
 ) -> Match | None:
     """A body is on opposite sides of a box before and after a step, without a contact."""
     tree = bodies.law.tree
@@ -82,7 +82,7 @@ def tunnelled(
 
 @body_rule("tunnelled", "broken", engines=MUJOCOS)
 def pushed_through(
-    bodies: BodyColumns, records: Mapping[int, Record], seen: Seen, chunk: Chunk
+    bodies: BodyColumns, records: Mapping[int, Record], seen: Seen, chunk: StepChunk
 ) -> Match | None:
     """A body enters a box despite contacts, and leaves on the other side."""
     tree, body = bodies.law.tree, bodies.batch.bodies[0].body
@@ -247,7 +247,7 @@ def _may_meet(body: Body, other: Body, box: Collision) -> bool:
     return not bits or any(a & affinity or kind & b for a, b in bits)
 
 
-def _touching(bodies: BodyColumns, rows: Int64, others: Int64, chunk: Chunk) -> Flags:
+def _touching(bodies: BodyColumns, rows: Int64, others: Int64, chunk: StepChunk) -> Flags:
     """Return whether a body touches another in a step, or in an adjacent step."""
     pairs, found = chunk.pairs, np.zeros(len(rows), np.bool_)
     for k, (number, other) in enumerate(zip(bodies.body[rows], others, strict=True)):
@@ -297,7 +297,7 @@ FINER = 4.0
 
 
 @body_rule("timestep-too-long", "model", engines=ANY)
-def far(bodies: BodyColumns, chunk: Chunk) -> Match | None:
+def far(bodies: BodyColumns, chunk: StepChunk) -> Match | None:
     """Before or after a contact, a body moves farther in a step than it is thick."""
     if bodies.law.tree.size != 6:
         return None

@@ -13,7 +13,7 @@ from drop_physics.physics.kinematics import kinematics
 from drop_physics.physics.tree import BASE, Tree
 from drop_physics.physics.vectors import lengths, summed
 from drop_physics.rules.body_properties import AskedOfBodies
-from drop_physics.rules.chunk import Chunk
+from drop_physics.rules.chunk import StepChunk
 from drop_physics.rules.engines import ANY, MUJOCO
 from drop_physics.rules.rows import Noted, Remedy, SayingRow
 from drop_physics.rules.rule import Match, Sized, joint_rule
@@ -42,7 +42,7 @@ OF_BOTH = {PYBULLET: Message("the product of both"), MUJOCO: Message("the larger
 
 
 @joint_rule("wheel-slip", "asked", engines=ANY, commanded=False)
-def wheel_slip(joints: JointColumns, chunk: Chunk) -> Match | None:
+def wheel_slip(joints: JointColumns, chunk: StepChunk) -> Match | None:
     """A wheel slips: its contact point moves otherwise than its joint turns."""
     steps, number = joints.steps, joints.body.number
     drives = (joints.mode == VELOCITY) & (joints.asked.impulse > 0)
