@@ -28,25 +28,26 @@ from drop_physics.trace.history import DEFAULT_ENGINE as PYBULLET
 from drop_physics.trace.history import Seen
 
 INTEGRATOR, SET = "integrator", "set"
-"""Causes besides the terms of the sum: how a step integrates the velocity, and calls of the
-script."""
+"""Causes besides the terms of the sum: the position update of a step beyond velocity times
+timestep, and the script's calls that set a state."""
 CLEARLY = 0.5
 """Least share of all terms' effect that the first term must have to be named."""
 LEAST, MOST = 256, 4096
-"""Least and most steps that are explained at a time."""
+"""Least and most steps that are explained in one pass."""
 
 
 @dataclass
 class _Way:
-    """What moved one coordinate since a call last set it, term by term."""
+    """The motion of one coordinate since a call last set its value, term by term."""
 
     began: int = -1
-    """The script's own last step before that."""
+    """The script's last step before that call, counted in script steps."""
     start: tuple[Float64, Float64] | None = None
-    """Position and velocity after that step."""
+    """Position and velocity with which the next step begins."""
     end: Float64 | None = None
     given: dict[str, Float64] = field(default_factory=dict)
-    """Contribution of each term: velocity times the time since."""
+    """Displacement due to each term: the velocity that the term's impulse gave, times the time
+    since then."""
     known: bool = True
 
 
@@ -93,7 +94,7 @@ def first_term(base: Seen, other: Seen, found: Apart, *, finer: int = 1) -> str 
 
 
 def _way(seen: Seen, number: int, track: Track, end: int, times: StepTimes, *, finer: int) -> _Way:
-    """Return how far each term of the sum has displaced a body by a step of the script."""
+    """Return the displacement of a body due to each term, up to a given step of the script."""
     part, way = _TermPart(seen.bodies[number], track.joint, track.unit), _Way()
     whole = Explanation(seen) if seen.engine == PYBULLET else Replayed(seen)
     for explained in whole.pieces(min(MOST, max(LEAST, end + 2))):

@@ -1,6 +1,7 @@
 """A change to try, with its target, as one value.
 
-The table (`engines/…/interventions`) says how it is written, and how a run with it is made.
+The table (`engines/…/interventions`) has the code that a user would write for a change, and the
+operations that make a run with the change.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from dataclasses import dataclass, field
 from drop_physics.trace.cures import Cure
 
 WITHIN = re.compile(r"[\w.]+\(…, (.*)\)")
-"""Pattern of a given argument in a call whose other arguments are left open."""
+"""Pattern of the given argument in a call such as `setGravity(…, gravZ=0)`, in which `…` stands for
+all other arguments."""
 
 
 @dataclass(frozen=True)
@@ -20,13 +22,13 @@ class Intervention:
 
     cure: Cure
     bodies: tuple[int, ...] | None = None
-    """Ids of the bodies that it applies to; None for the whole run."""
+    """Ids of the bodies that the change applies to; None for the whole run."""
     joint: str | None = None
     site: str | None = field(default=None, compare=False)
-    """File and line of the call that it changes."""
+    """File and line of the call that is changed."""
     decides: bool = field(default=False, compare=False)
-    """Whether it switches its cause off completely, so that a trial without effect refutes the
-    cause."""
+    """Whether the change switches a cause off completely, so that a trial without effect refutes
+    the cause."""
 
     @property
     def name(self) -> str:

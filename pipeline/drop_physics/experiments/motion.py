@@ -26,12 +26,12 @@ class RunMotion:
     steps: int
     bodies: tuple[str, ...]
     astray: Mapping[str, float]
-    """RMS deviations from the commands, by command, each in its unit."""
+    """RMS deviations from the commands, by command, in the command's unit [m, rad, m/s, rad/s]."""
     positions_m: Float64
     """Positions of three points of each body [m], shape (states, bodies, 9); nan where a body does
     not exist."""
     step_s: float
-    """Mean timestep [s]; 0 if the clock never went on, or began again."""
+    """Mean timestep [s]; 0 if the clock never advanced, or was reset."""
 
     @property
     def duration_s(self) -> float:
@@ -45,7 +45,7 @@ class RunMotion:
 
 
 def motion_of(told: Mapping[str, Any]) -> RunMotion:
-    """Build a motion from the positions that a run's process reports."""
+    """Build a motion from the JSON message in which a run's process reports positions."""
     bodies = tuple(told["bodies"])
     flat = np.frombuffer(base64.b64decode(told["positions"]))
     size = len(bodies) * 3 * POINTS  # none where a run was stopped before it had a body
@@ -74,7 +74,7 @@ def _at_same_times(one: RunMotion, other: RunMotion) -> tuple[Float64, Float64]:
 def apart_m(one: Sequence[RunMotion], other: Sequence[RunMotion]) -> dict[str, float]:
     """Return the RMS distance of each body between two runs [m], over their common time.
 
-    Infinite for a body that is in only one of them.
+    Infinite for a body that exists in only one of the runs.
     """
     far: dict[str, float] = {}
     for first, second in zip(one, other, strict=False):
@@ -132,14 +132,15 @@ def fastest(motions: Sequence[RunMotion]) -> tuple[str, float]:
 def thrown(one: Sequence[RunMotion], other: Sequence[RunMotion]) -> tuple[str, float] | None:
     """Return the fastest body of the second run, and its speed [m/s]; None if it is not thrown.
 
-    It is, by the measure for the trials of findings, if it is much faster than all in the first.
+    A body counts as thrown by the thresholds of `verdicts`: if it is faster than 1 m/s, and at
+    least twice as fast as the fastest body of the first run.
     """
     body, speed = fastest(other)
     return (body, speed) if speed > max(THROWN["m"], WILDER * fastest(one)[1]) else None
 
 
 def is_still(far: Mapping[str, float]) -> bool:
-    """Return whether everything moves as in the reference run."""
+    """Return whether no body's motion differs from that in the reference run."""
     return all(value <= SAME_M for value in far.values())
 
 
@@ -151,7 +152,8 @@ def same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
 
 
 WORSE, NEXT_TO_NOTHING = 2.0, 1e-3
-"""A command counts as followed worse if its deviation grows by this factor, and exceeds this size
-[rad, m; rad/s, m/s]: a servo that lifts what was left on the table droops a little more."""
+"""A command counts as followed worse if its deviation grows by this factor, plus this constant
+[rad, m; rad/s, m/s]: a servo that now lifts an object, instead of leaving it on the table, droops a
+little more."""
 SAME, SAME_M = 0.01, 1e-7
 """Largest relative and absolute difference of equal outcomes [1, m]."""

@@ -2,8 +2,8 @@
 
 Measured on 75 questions: changes that remove nothing come first, then those that change other
 motion least; in between, changes that follow commands as before precede those that follow one much
-worse. Changes with the same result and as much motion of all else are one outcome, reported once;
-so are those of one field of the same elements.
+worse. Changes with the same result and equal side effects are one outcome, reported once; so are
+changes to one field of the same elements.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ SIZES = {"default": 0.5, "=default": 0.5, "left-out": 0.6, "*-1": 1.5}
 OF_TEXT = 2.0
 """Weight factor for the side effects of changes to the script's text."""
 ADDED = 0.8
-"""Assumed size of an added call; the sizes by operator are above, a factor has 1, any other 1.2."""
+"""Assumed size of an added call; the sizes by operator are above, a factor has size 1, any other
+operator 1.2."""
 
 
 @dataclass(frozen=True)
@@ -33,16 +34,16 @@ class SaidChange:
 
     tried: TriedChange
     alike: Sequence[TriedChange]
-    """Other changes with the same result, and as much motion of all else."""
+    """Other changes with the same result and equal motion of all other bodies."""
     side_m: float
-    """RMS change of all motion besides that of the expectation's bodies [m]."""
+    """RMS change of the motion of all bodies that the expectation does not name [m]."""
     also: Sequence[TriedChange] = ()
-    """Other operators on the same elements, which result in another motion."""
+    """Changes of the same elements with other operators, which result in a different motion."""
     row: str | None = None
     """The row of the account that names the element that the change acts on."""
     is_alone: bool = False
-    """Whether no slightly different factor meets the expectation, so that this one is a
-    coincidence."""
+    """Whether no slightly different factor meets the expectation, so that the result of this factor
+    is a coincidence."""
 
 
 def ranked(
@@ -93,15 +94,16 @@ def _takes(said: SaidChange) -> bool:
 def _order(said: SaidChange, farthest_m: float) -> tuple[Any, ...]:
     """Return a sort key: changes that remove nothing, follow all commands, have few side effects.
 
-    Any number of a text may do much. So it has to do so with less than half of the side effects,
-    or else stands among the changes that follow a command worse.
+    A number in the source text may affect many things. So such a change must have less than half
+    the side effects of other changes; otherwise it is sorted with the changes that follow a command
+    worse.
 
     Parameters
     ----------
     said
-        An outcome.
+        A change that meets the expectation.
     farthest_m
-        The largest side effects of those that are no text, and take nothing away [m].
+        The largest side effects among changes that neither edit the text nor remove anything [m].
     """
     change, is_text = said.tried.change, _is_text(said)
     side_m = (OF_TEXT if is_text else 1.0) * said.side_m
@@ -123,7 +125,7 @@ def _by_field(said: Sequence[SaidChange]) -> Iterator[SaidChange]:
 
 
 def _has_smaller(each: TriedChange, true: Sequence[TriedChange]) -> bool:
-    """Return whether a change of fewer elements helps, too."""
+    """Return whether a change of fewer elements meets the expectation, too."""
     mine = {*map(str, each.change.ids)}
     return any(
         other.family == each.family and {*map(str, other.change.ids)} < mine

@@ -19,8 +19,8 @@ def solution_order(timesteps_s: Sequence[float], solutions: Sequence[float]) -> 
     """Return the order p at which three solutions, coarse to fine, converge.
 
     For f = f0 + c h^p it is the root of (f3 - f2)/(f2 - f1) = r21^p (r32^p - 1)/(r21^p - 1), whose
-    right side grows with p; with one ratio r it is ln[(f3 - f2)/(f2 - f1)] / ln r. None where they
-    do not approach a limit from one side.
+    right side grows with p; with one ratio r it is ln[(f3 - f2)/(f2 - f1)] / ln r. None if the
+    solutions do not approach a limit from one side.
 
     Source: I. B. Celik et al., "Procedure for estimation and reporting of uncertainty due to
     discretization in CFD applications", *J. Fluids Eng.* 130, 078001 (2008), step 3, whose

@@ -16,7 +16,8 @@ from drop_physics.experiments.run_distance import APART, Apart, Track
 LOST = 1e-3
 """Distance from which the outcome is unpredictable [m, rad]."""
 LEAST_GROWTH = 100.0
-"""Least factor of growth for which a rate is fitted, since a displacement also drifts."""
+"""Least factor of growth for which an exponential rate is fitted: a displacement also grows by mere
+drift."""
 LEAST_ORDER, MOST_ORDER = 0.5, 2.5
 """Range of plausible observed orders: the engines' methods have order 1 or 2."""
 ROUNDED = 1e-12
@@ -46,8 +47,9 @@ class Growth:
 def growth(nudged: Apart, nudge: float) -> Growth | None:
     """Return the growth of a displacement; None if it grows less than a hundredfold.
 
-    The rate is that of ln d = c + rate t by least squares, between ten times the displacement and
-    `LOST`; if ln d = c + n ln t fits as well, it drifts instead.
+    The rate is that of ln d = c + rate t by least squares, for d between ten times the initial
+    displacement and `LOST`; if ln d = c + n ln t fits as well, the displacement only drifts, and
+    there is no rate.
     """
     t, d = nudged.furthest
     if not len(d) or d.max() < LEAST_GROWTH * nudge:
@@ -99,8 +101,8 @@ class Converging:
     extrapolated: float | None
     """Final position extrapolated to a timestep of 0 [m, rad]."""
     uncertainty: float | None
-    """Uncertainty of the extrapolation: Roache's safety factor times the distance from the finest
-    [m, rad]."""
+    """Uncertainty of the extrapolation: Roache's safety factor times the distance between the
+    extrapolated position and that of the finest timestep [m, rad]."""
 
 
 def converging(timesteps_s: Sequence[float], runs: Sequence[Apart | None]) -> list[Converging]:
@@ -109,9 +111,10 @@ def converging(timesteps_s: Sequence[float], runs: Sequence[Apart | None]) -> li
     Parameters
     ----------
     timesteps_s
-        Three, the coarsest first, of one ratio.
+        Three timesteps in geometric progression, the coarsest first [s].
     runs
-        How far the runs with each are from the script's own; None for that itself.
+        Distances of the run with each timestep from the script's own run; None for the own run
+        itself.
     """
     found: list[tuple[float, Converging]] = []
     held = [
@@ -164,15 +167,15 @@ class Standing:
     """`m` for a base's position or a prismatic joint, `rad` for an orientation or a revolute
     joint."""
     moved: float
-    """The largest distance from the start [m, rad], whose digits are counted."""
+    """The largest distance from the start [m, rad], whose reliable digits are counted."""
     end: float
-    """The largest final distance between a variation and the script's own run."""
+    """The largest final distance between a variation and the script's own run [m, rad]."""
     end_digits: int | None
     """Number of digits of the final position equal in all variations; None if equal bit for bit."""
     end_by: str | None
     """The variation whose final position is farthest."""
     most: float
-    """The largest distance of a variation at any time."""
+    """The largest distance of a variation from the script's own run at any time [m, rad]."""
     most_digits: int | None
     """Number of digits equal in all variations at all times."""
     most_by: str | None
@@ -180,8 +183,8 @@ class Standing:
 
 
 MATTERS = 1e-3
-"""A position is ignored if it moves less than this share of what moves most, or less than `APART`,
-unless a variation moves it as much."""
+"""A position is ignored if it moves by less than this share of the largest motion with the same
+unit, or by less than `APART`, unless a variation moves the position as much."""
 
 
 def standing(runs: Mapping[str, Apart]) -> list[Standing]:
@@ -221,7 +224,7 @@ def standing(runs: Mapping[str, Apart]) -> list[Standing]:
 
 
 def _digits(moved: float, off: float) -> int | None:
-    """Return how many digits of a distance an error of `off` leaves intact."""
+    """Return the number of digits of a distance that are reliable if the error is `off`."""
     if not off:
         return None
     if not math.isfinite(off) or not moved:

@@ -31,7 +31,7 @@ class Distance:
     """A distance between two runs."""
 
     value: float
-    """The distance; infinite if a run has no finite state."""
+    """The distance [m, rad]; infinite if a run has no finite state."""
     unit: str
     """`m` for positions; `rad` for orientations and revolute joints."""
     body: str
@@ -39,7 +39,7 @@ class Distance:
     joint: str | None
     """Name of the joint; null for a base."""
     time_s: float
-    """Time in the script's own run."""
+    """Simulated time in the script's own run [s]."""
 
 
 @dataclass
@@ -57,9 +57,9 @@ class Track:
     last: Float64
     """Final position in the script's own run, within the time that both runs cover."""
     theirs: Float64
-    """Final position in the other run."""
+    """Final position in the other run, at the same time."""
     moved: float = 0.0
-    """Largest distance of the script's own run from its start."""
+    """Largest distance of the script's own run from its start [m, rad]."""
     most: float = 0.0
     most_s: float = 0.0
     end: float = 0.0
@@ -68,7 +68,7 @@ class Track:
     """The script's own first step at which the runs are more than `APART` apart."""
     from_s: float = math.inf
     first: float = 0.0
-    """Distance between the runs at that step."""
+    """Distance between the runs at that step [m, rad]."""
     fastest: float = 0.0
     """Largest rate in the script's own run, in units of the position per second."""
     their_fastest: float = 0.0
@@ -76,7 +76,7 @@ class Track:
     same: bool = True
 
     def add(self, steps: Int64, times_s: Float64, mine: Float64, theirs: Float64) -> Float64:
-        """Add the positions at further steps, and return the distances there."""
+        """Add positions at further steps; return the distances of the runs there, shape (n,)."""
         off = distances(mine, theirs)
         self.moved = max(self.moved, float(distances(mine, self.start[None]).max()))
         self.last, self.theirs = mine[-1], theirs[-1]
@@ -121,7 +121,7 @@ class Apart:
 
     @property
     def first(self) -> Track | None:
-        """The position that is first more than `APART` apart, the largest of several; else None."""
+        """The first position to be more than `APART` apart, of several the farthest."""
         apart = [track for track in self.tracks if track.from_step is not None]
         return min(apart, key=lambda each: (each.from_s, -each.first), default=None)
 
@@ -147,7 +147,7 @@ class Apart:
 def apart(base: Seen, other: Seen, *, finer: int = 1) -> Apart:
     """Return the distances between two runs; the other makes `finer` steps for each base step.
 
-    Both are read in pieces.
+    Both runs are read in chunks.
     """
     numbers = paired(base, other)
     times = {client: StepTimes(base, client) for client in {b.client for b in base.bodies.values()}}

@@ -1,8 +1,9 @@
 """Searches for single changes with which a run would meet an expectation.
 
-A kind of change is tried on all elements at once, then on each of them, then with the least factor
-that suffices; where none makes it true, factors are tried by their roots, too, and on both sides of
-a root that is nearer than its factor. A change of which a part makes it true is not reported.
+A kind of change is tried on all elements at once, then on each element, then with the least factor
+that suffices. If no change meets the expectation, the square root of each factor is tried, too, and
+both sides of a root that comes nearer than its factor. A change is not reported if a part of it
+suffices.
 """
 
 from __future__ import annotations
@@ -28,20 +29,20 @@ from drop_physics.experiments.verdicts import BEYOND
 ONE_BY_ONE = 8
 """Most elements that are tried one by one; larger sets are split into halves."""
 HALVINGS = 4
-"""Number of bisection steps for a least factor; they narrow its logarithm to a sixteenth of that of
-the factor tried."""
+"""Number of bisection steps for a least factor: its logarithm is found to a sixteenth of the
+logarithm of the factor tried."""
 ROUNDING = 1e-9
-"""Relative error of sums of numbers that count as equal."""
+"""Relative difference up to which two sums count as equal."""
 NEARBY = 1.05
 """Ratio between a factor and its neighbours, one of which must also meet the expectation."""
 NARROWED = 3
 """Number of changes that are bisected and tested further: the first ones reported."""
 THROWN = 5.0
-"""A change of the text that moves a body farther off than this many times the size of the scene
-counts as throwing it away, which destroys the scene."""
+"""A change of the text that moves a body by more than this multiple of the scene's size counts as
+throwing the body away, which destroys the scene."""
 LASTS = 0.01
-"""Largest relative difference of the simulated time if a change sets the timestep; beyond it, the
-change is one of what is measured."""
+"""Largest relative difference of the simulated time if a change sets the timestep; a change beyond
+it alters the question instead of the answer."""
 MOST_MOVERS = 12
 """Most kinds of changes that only move the quantity, and are tried element by element."""
 MOST_PEAKS = 4
@@ -72,7 +73,8 @@ class ChangeOutcome:
     def off(self, other: ChangeOutcome) -> float:
         """Return how far the quantity of another run is from this one's, if finite.
 
-        The margin of `==` is the same on both sides of the number that is expected.
+        With `==`, quantities on both sides of the expected number can have the same margin, so that
+        the quantities are compared, too.
         """
         far = abs(other.margin - self.margin), abs(other.value - self.value)
         return max(filter(math.isfinite, far), default=0.0)
@@ -91,7 +93,7 @@ class TriedChange:
     worse: Sequence[str] = ()
     """The commands followed less well than in the script's own run."""
     thrown: tuple[str, float] | None = None
-    """The fastest body and its speed [m/s], if that is far above all in the script's own run."""
+    """The fastest body and its speed [m/s], if far above all speeds in the script's own run."""
 
     @property
     def family(self) -> tuple[Any, ...]:
@@ -101,7 +103,8 @@ class TriedChange:
 
 Run = Callable[[Iterator[Change]], Iterable[tuple[Change, ChangeOutcome | None]]]
 """Function that runs a script with changes, and yields their outcomes as they arrive: None if no
-time is left. It takes another change whenever it has room, even after there was none."""
+time is left. The function takes the next change whenever a run can start, even if the iterator was
+exhausted before."""
 
 
 @dataclass
@@ -113,11 +116,11 @@ class Search:
     base
         The outcome of the script's own run.
     run
-        Makes runs.
+        Function that runs the script with changes.
     noise
-        How far nudges have moved the margin.
+        Largest change of the margin by a nudge.
     told
-        Called with the numbers of changes that were tried, and of those that make it true.
+        Called with the number of changes tried so far, and the number that meet the expectation.
     """
 
     base: ChangeOutcome
@@ -161,7 +164,7 @@ class Search:
     def _powers(
         self, factors: Sequence[TriedChange], *powers: float
     ) -> list[tuple[TriedChange, TriedChange]]:
-        """Try powers of factors; yield each result with that of the factor itself."""
+        """Try powers of factors; return each result with that of the factor itself."""
         of: dict[Any, TriedChange] = {}
         for each in factors:
             for power in powers:
@@ -180,7 +183,7 @@ class Search:
     def least_of(self, each: TriedChange) -> float | None:
         """Return the smallest factor that still meets the expectation; None for other changes.
 
-        The factors that are tried have three digits, as they are written.
+        Factors are rounded to three digits before they are tried, as they are printed.
         """
         operator, factor = each.change.how
         if operator != "*" or factor <= 0:
@@ -199,7 +202,7 @@ class Search:
         return least
 
     def is_alone(self, each: TriedChange) -> bool:
-        """Return whether slightly larger and smaller factors both fail, so that one is chance."""
+        """Return whether slightly larger and smaller factors both fail, so success is chance."""
         operator, factor = each.change.how
         if operator != "*":
             return False

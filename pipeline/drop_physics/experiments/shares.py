@@ -18,7 +18,8 @@ from drop_physics.experiments.robustness import LEAST_ORDER, MOST_ORDER
 from drop_physics.experiments.run_distance import Apart, Track
 
 FINER = (1, 2, 4)
-"""Numbers of engine steps per script step, by which a timestep of zero is extrapolated."""
+"""Numbers of engine steps per script step, from which results are extrapolated to a timestep of
+zero."""
 SMALL = 1e-2
 """Parts below this share of the largest part are left out."""
 INTERACT = 0.1
@@ -42,7 +43,7 @@ class Coordinate:
         return self.joint or f"{self.body} {'xyz'[self.axis]}"
 
     def of(self, run: Apart) -> tuple[float, float, float] | None:
-        """Return final values in a run and in the unchanged one, with the time."""
+        """Return the number's final value in a run and in the unchanged run, and the time [s]."""
         track = next((each for each in run.tracks if self._is_of(each)), None)
         if track is None:
             return None
@@ -74,9 +75,9 @@ def coordinate_of(trials: Mapping[str, Apart], noise: Mapping[str, float]) -> Co
     Parameters
     ----------
     trials
-        By cause, the run without it.
+        Distances of the run without a cause, by cause.
     noise
-        By unit, how far a nudge moves the outcome.
+        Distance by which a nudge moves the outcome, by unit.
     """
     found: dict[Coordinate, float] = {}
     for run in trials.values():
@@ -104,13 +105,14 @@ def shares_of(
     Parameters
     ----------
     coordinate
-        The number that is shared.
+        The number to attribute to causes.
     alone
-        By cause, the run without it alone.
+        Distances of the run with only one cause switched off, by cause.
     together
-        By steps of the engine for one of the script's, the run without all of them.
+        Distances of the run with all causes switched off, by number of engine steps per script
+        step.
     finer
-        Likewise with nothing else switched off; without the script's own run.
+        Distances of the run with only a finer timestep, by number of engine steps per script step.
     """
     ends = {name: coordinate.of(run) for name, run in alone.items()}
     whole = {by: coordinate.of(run) for by, run in together.items()}

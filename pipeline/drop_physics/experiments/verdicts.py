@@ -24,8 +24,8 @@ CURED = 0.2
 REFUTED = 0.8
 """Remaining share of a symptom from which a trial counts as without effect."""
 BEYOND = 10.0
-"""An outcome, or an expected quantity, counts as moved from this many times the effect of nudges
-on."""
+"""An outcome, or an expected quantity, counts as moved if it changes by at least this multiple of
+the effect of a nudge."""
 TRIFLE = 1e-3
 """Least motion of an outcome that counts, as a share of the largest motion."""
 GRAVE = LEVELS.index("model")
@@ -40,8 +40,8 @@ THROWN = {"m": 1.0, "rad": 10.0}
 """Least rates of a body that counts as thrown [m/s, rad/s]."""
 
 GROWS = "unstable"
-"""Code of the symptom that a nudge grows: a trial that removes it proves something, even if the
-nudge moves the outcome as far."""
+"""Code of the symptom that even a nudge grows. A trial that removes this symptom is a proof, even
+if the nudge moves the outcome as far."""
 
 CAUSES = frozenset(
     (
@@ -85,7 +85,7 @@ class Outcome:
     """The result of a trial run."""
 
     fired: bool
-    """Whether the intervention changed any call."""
+    """Whether the intervention took effect in the run."""
     ended: str
     error: str
     steps: int
@@ -93,7 +93,7 @@ class Outcome:
     apart: Apart
     """Distance from the script's own run."""
     began: Distance | None = None
-    """Motion of a body that rests in the script's own run, which then has no states of the body."""
+    """Motion of a body that rests in the script's own run, where its states are not recorded."""
 
     @property
     def is_same(self) -> bool:
@@ -120,9 +120,10 @@ class TrialVerdict:
 def moved(trial: Apart, nudge: Apart | None, about: Finding | None = None) -> Distance | None:
     """Return how far a trial moves the result; None if a slight displacement does the same.
 
-    The final distance, if it exceeds `APART` and ten times the nudge's change; else on the way,
-    while it does, and if the nudge never moves as much. For the joint or body of a finding, if that
-    has moved.
+    The result is the final distance, if it exceeds `APART` and ten times the nudge's effect;
+    otherwise the largest distance at any time that exceeds ten times the nudge's effect until then,
+    and the nudge's effect at all times. With a finding, the distance is that of its joint or body,
+    if that has moved.
     """
     noise = {} if nudge is None else {each.unit: each.value for each in nudge.end}
     ends = [
@@ -165,8 +166,8 @@ def _matters(far: Distance | None, trial: Apart) -> bool:
 def same_finding(finding: Finding, among: Sequence[Finding]) -> Finding | None:
     """Return the same finding in another run, or the one that replaces it; None if it is gone.
 
-    The same code, body and joint; else one of that body, since a finding names the worst joint, or
-    the worst of several bodies.
+    The same finding has the same code, body and joint. Otherwise the one replacing it has the same
+    code, since a finding names only the worst joint, or the worst of several bodies.
     """
     of_code = [each for each in among if each.code == finding.code]
     exact = [each for each in of_code if (each.body, each.joint) == (finding.body, finding.joint)]
@@ -224,8 +225,8 @@ def judged(
 def _goes(finding: Finding, trial: Outcome) -> bool:
     """Return whether a trial moves the body or joint that a finding is about.
 
-    If the finding states a distance, by a share of this distance: a subject that stays in place is
-    off as before, whether or not it is found so.
+    If the finding states a distance, the subject must move by a share of this distance: a subject
+    that stays in place has not improved, even if the finding is gone.
     """
     mine = [
         track
@@ -277,8 +278,8 @@ def _left(finding: Finding, other: Finding | None) -> float:
 def _as_long(trial: Outcome, base: Outcome) -> bool:
     """Return whether two runs ended the same way, after the same number of steps.
 
-    A run that ends at a time may make one step more or less, since finer timesteps are added with
-    rounding.
+    A run that ends at a given time may make one step more or less, since finer timesteps are summed
+    with rounding.
     """
     return trial.ended == base.ended and abs(trial.steps - base.steps) <= 1
 

@@ -1,1 +1,1 @@
-"""Finds why two runs differ: swaps one thing between them, and repeats a single step."""
+"""Finds why two runs differ: swaps one input or model field, and repeats a single step."""

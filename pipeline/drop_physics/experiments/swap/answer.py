@@ -20,12 +20,13 @@ class DifferenceCause:
     """One cause of a difference between runs, and the bodies or elements that it is about."""
 
     what: What
-    """Kind of cause: `state`, `input`: a number that was given before a step; `field`: of the
-    compiled model, or an option; `element`: only one run has it; `order`: the same elements in
-    another order; `step`: the engine makes another step from the same state; `call`: a call of the
-    script; `known`: a known difference between two engines."""
+    """Kind of cause. `state`: a start state or a state set by the script; `input`: a number set
+    before a step, such as a control; `field`: a field of the compiled model, or an option;
+    `element`: an element that only one run has; `order`: the same elements in another order;
+    `step`: the engine makes another step from the same state; `call`: a call of the script;
+    `known`: a known difference between two engines."""
     field: str | None = None
-    """Name as the engine has it; for a call, the function and an argument."""
+    """The engine's name of the input or field; for a call, the function and an argument."""
     element: str | None = None
     """Name of the element, such as a joint or geom, that the value belongs to."""
     a: Value = None
@@ -33,11 +34,11 @@ class DifferenceCause:
     b: Value = None
     """Value in the second run."""
     site_a: str | None = None
-    """File and line that set it in the first run."""
+    """File and line that set the value in the first run."""
     site_b: str | None = None
-    """File and line that set it in the second run."""
+    """File and line that set the value in the second run."""
     step: int | None = None
-    """First step in which it acts."""
+    """First step in which the cause acts."""
     stage: str | None = None
     """Stage of the step: `kinematics`, `collision`, `constraint`, `passive`, `actuator`, `bias`,
     `solver` or `integrator`."""
@@ -52,9 +53,9 @@ class DifferenceCause:
     others: int = dataclasses.field(default=0, metadata={"json": False})
     """Number of further elements whose same field differs."""
     steps: int | None = dataclasses.field(default=None, metadata={"json": False})
-    """Number of steps in which it acts, for a second cause."""
+    """Number of steps in which the cause acts; only for a second cause."""
     follows: tuple[str, ...] = dataclasses.field(default=(), metadata={"json": False})
-    """Fields that the engine derives from it, and that also act."""
+    """Fields that the engine derives from this one, and that also act."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class First:
     bodies: list[str]
     """Bodies and joints that differ."""
     size: float
-    """Largest difference of a single number."""
+    """Largest difference of a single number, in `unit`."""
     unit: str
     """Unit of that difference: `m`, `rad`, `m/s` or `rad/s`."""
 

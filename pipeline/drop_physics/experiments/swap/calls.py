@@ -1,8 +1,8 @@
 """Finds why two PyBullet runs differ by swapping calls, as its hidden state cannot be read.
 
-The log of the first run's calls is repeated, unwatched, with some of the second's calls in place of
-its own. Calls that turn it into the second run to the bit, until both are apart and beyond, are the
-cause.
+The log of the first run's calls is replayed, with some calls replaced by those of the second run.
+Calls that make the replay equal the second run bit for bit, up to and beyond the first difference,
+are the cause.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MOST_UNITS = 2000
 LONGEST = 40
 """Longest value shown [characters]."""
 SHOWN = 3
-"""Most arguments shown of a call."""
+"""Most arguments of a call that are shown."""
 
 States = Callable[[Sequence[LoggedCall], int], dict[int, Float64] | None]
 """Function that replays calls, and returns the states of bodies after each step, by body id."""
@@ -60,7 +60,7 @@ class CallUnit:
 
     @property
     def sets(self) -> set[Sets]:
-        """Names of what the differing calls set."""
+        """Names of the states and settings that the differing calls set."""
         return {each.sets for each in (*self.removed, *self.added)}
 
     @property
@@ -77,15 +77,15 @@ class WhyCalls:
     Parameters
     ----------
     a, b
-        The logs.
+        The call logs of both runs.
     bodies
-        Each body of both runs, with its number in the logs.
+        The bodies that both runs have, with their ids in the logs.
     lengths, times_s
-        Numbers of steps, and the clock after each step of the first run [s].
+        Number of steps of each run, and the clock after each step of the first run [s].
     states
-        Makes calls again.
+        Function that replays calls.
     tolerance
-        The largest difference that counts as none; 0 for the same bits.
+        The largest difference that counts as none; 0 if only equal bits count.
     """
 
     a: Sequence[LoggedCall]
@@ -138,7 +138,7 @@ class WhyCalls:
         )
 
     def _with_later(self, least: Sequence[CallUnit], count: int) -> tuple[list[CallUnit], int]:
-        """Extend a cause by later differences of its calls; also return the steps it explains."""
+        """Extend a cause by later differences of the same calls; also return steps explained."""
         kinds = {each.kind for each in least}
         swapped = [unit for unit in self._units if unit.kind in kinds]
         until = self._same_until(self.states(with_units(self.a, swapped), count), count)
@@ -217,7 +217,7 @@ def units_of(a: Sequence[LoggedCall], b: Sequence[LoggedCall]) -> Iterator[CallU
 
 
 def _split(at: int, mine: Sequence[LoggedCall], theirs: Sequence[LoggedCall]) -> Iterator[CallUnit]:
-    """Yield the differences of a step one by one; by argument for corresponding calls."""
+    """Yield the single differences before a step; for corresponding calls, argument by argument."""
     functions = [[each.function for each in calls] for calls in (mine, theirs)]
     if functions[0] == functions[1]:
         for number, (x, y) in enumerate(zip(mine, theirs, strict=True)):
@@ -236,7 +236,7 @@ def _split(at: int, mine: Sequence[LoggedCall], theirs: Sequence[LoggedCall]) ->
 
 
 def _added(at: int, call: LoggedCall) -> Iterator[CallUnit]:
-    """Yield a call that only the second log has; several engine options become one part each."""
+    """Yield a call that only the second log has; each engine option becomes its own unit."""
     if call.sets != "setting" or len(call.given) < 2 or not call.function.endswith("Parameter"):
         yield CallUnit(at, (), [call])
         return
@@ -265,7 +265,7 @@ def with_units(log: Sequence[LoggedCall], units: Sequence[CallUnit]) -> list[Log
 
 
 def _with_argument(call: LoggedCall, other: LoggedCall, name: str) -> LoggedCall:
-    """Return a call with an argument taken from another call, or removed if that lacks it."""
+    """Return a call with an argument taken from another call, or removed if absent there."""
     given = {each: value for each, value in call.given.items() if each != name}
     if name in other.given:
         given[name] = other.given[name]

@@ -1,8 +1,9 @@
 """Finds why two runs differ by swapping values and repeating single steps.
 
-In one step there is no chaos: its result is the first run's to the bit, or not. Tried in order are
-inputs before the first difference, the compiled models, and the engine's step. Steps that the first
-run's own engine does not repeat say nothing, and are left out.
+A single step cannot be chaotic: repeated with a swapped value, its result equals the first run's
+bit for bit, or it does not. Inputs before the first difference are swapped first, then fields of
+the compiled models, then the engine's step. Steps that the first run's own engine does not
+reproduce prove nothing, and are left out.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ Site = Callable[[str, int], tuple[str | None, str | None]]
 
 @dataclass(frozen=True)
 class Alike:
-    """What two runs have in common besides recorded steps, such as script and engine."""
+    """Flags for what two runs have in common besides recorded steps: script and engine."""
 
     script: bool
     """Whether both have the same script text and arguments."""
@@ -75,15 +76,15 @@ class CauseSearch:
     Parameters
     ----------
     one
-        What takes single steps.
+        Repeats single steps.
     alike
-        What the runs have in common.
+        Flags for a common script and engine.
     tolerance
         The largest difference that counts as none; 0 for the same bits.
     site
-        Finds lines of the scripts.
+        Function that finds the lines of the scripts that set a value.
     halts
-        Returns whether the user wants to know what is known so far.
+        Returns whether to stop the search, and answer with the results so far.
     """
 
     def __init__(
@@ -147,7 +148,7 @@ class CauseSearch:
             return replace(answer, is_halted=True)
 
     def _idle(self) -> list[str]:
-        """Return the names of what differs although the motion is the same."""
+        """Return the names of inputs and fields that differ although the motion is the same."""
         given = [column for column in self._common.columns if column.kind in ("input", "edit")]
         differ = [each.name for each in given if first_given([each], self._common.steps - 1)]
         return [*dict.fromkeys([*self._others(()), *differ, *self._common.other_fields])]
@@ -184,7 +185,8 @@ class CauseSearch:
     def _judged(self, first: int) -> Flags:
         """Flag the steps that can be tested: those that the first run's engine reproduces.
 
-        Where something falls asleep or wakes, only the first difference itself is judged.
+        Of the steps in which a body falls asleep or wakes, only the step of the first difference is
+        flagged.
         """
         settled = self._one.settled()
         settled[first] = True
@@ -196,7 +198,7 @@ class CauseSearch:
     def _by_given(
         self, answer: ProvedDifference, given: FirstInput, step: int, crossed: Flags, redone: Flags
     ) -> ProvedDifference:
-        """Return the cause if states and inputs explain the step, else None."""
+        """Return the result for a first difference that states and inputs explain."""
         cause = [self._told(each) for each in self._needed(given, step)]
         wrong = np.flatnonzero(~crossed & redone)
         by = {"input": "inputs", "edit": "written"}.get(given.paired.kind, "state")
@@ -228,7 +230,7 @@ class CauseSearch:
         return "input"
 
     def _needed(self, given: FirstInput, step: int) -> list[FirstInput]:
-        """Return those of the numbers that differ before a step which change the step."""
+        """Return the differing states or inputs before a step that suffice to explain the step."""
         units = [*given_at(self._common.columns, step)]
         of_first = [unit for unit in units if unit.paired is given.paired]
         if len(units) < 2 or not of_first:
@@ -270,7 +272,7 @@ class CauseSearch:
         )
 
     def _second(self, wrong: Int64) -> list[DifferenceCause]:
-        """Return further causes: of steps that swapped states and inputs do not explain."""
+        """Return further causes, for the steps that swapped states and inputs do not explain."""
         if not len(wrong):
             return []
         sample = _sample(wrong)
@@ -288,7 +290,7 @@ class CauseSearch:
         return self._one.crossed(steps, fields, whole=self._whole)
 
     def _least(self, holds: Callable[[list[int]], bool]) -> list[int]:
-        """Return the fewest fields that, taken from the other run, make its step.
+        """Return a minimal set of fields whose swap reproduces the other run's step.
 
         Fields that the engine derives from others are left out first.
         """
@@ -364,7 +366,7 @@ class CauseSearch:
     def _by_step(
         self, answer: ProvedDifference, crossed: Flags, fixed: Flags, redone: Flags
     ) -> ProvedDifference:
-        """Return the cause if neither inputs nor the model explain the step: the engine."""
+        """Return the result for a step that neither inputs nor the model explain."""
         every = [*range(len(self._fields))]
         differ = np.flatnonzero(redone & ~fixed)
         sizes = self._one.sizes(differ, every)
@@ -416,7 +418,7 @@ class CauseSearch:
     def _by_structure(
         self, answer: ProvedDifference, differ: Int64, sizes: object, of: int
     ) -> ProvedDifference:
-        """Return the cause if one engine made both runs: differently built models."""
+        """Return the result if one engine made both runs: differently built models."""
         only = self._common.only
         beyond = int((np.asarray(sizes) > REAL).sum())
         told = alone(only)

@@ -1,9 +1,9 @@
 """Finds why runs of two engines differ, by removing known differences of their defaults.
 
-Nothing is the same to the bit there, but without contact both agree to rounding if nothing in the
-table differs. Known differences are removed alone, then all together and as few as possible; those
-that make both the same well beyond the first difference are the cause. Beyond a contact, the only
-claim is that both touch.
+Runs of two engines are never equal bit for bit, but without contact they agree to rounding if no
+known difference applies. Known differences are removed one at a time, then all together, then as
+few as possible; those whose removal makes both runs agree well beyond the first difference are the
+cause. After a contact, the only claim is that bodies touch.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from drop_physics.trace.logs import KnownDifference
 from drop_physics.trace.swaps import EndApart
 
 BEYOND = 40
-"""Number of steps after the first difference in which both runs must be equal, too."""
+"""Number of steps after the first difference in which both runs must agree, too."""
 
 Trails = Callable[[Sequence[int], int], tuple[Float64, Float64] | None]
 """Function that returns both runs' numbers after each step, in corresponding columns, shapes (n,
@@ -40,21 +40,21 @@ class WhyEngines:
     Parameters
     ----------
     known
-        The known differences.
+        The known differences of the engines' defaults.
     trails
-        Makes both runs again.
+        Function that repeats both runs with some known differences removed.
     labels, units
-        What each number is of, and its unit.
+        Name of the body or joint that each compared number belongs to, and its unit.
     lengths
-        Numbers of steps.
+        Number of steps of each run.
     times_s
         The first run's clock after each step [s].
     tolerance
         The largest difference that counts as none.
     touches
-        Returns whether anything touches by a step, in either run.
+        Returns whether any bodies have touched by a given step, in either run.
     apart
-        Returns where both are the farthest apart in the last step that both make.
+        Returns the largest distance between the runs, at the last step that both make.
     """
 
     known: Sequence[KnownDifference]

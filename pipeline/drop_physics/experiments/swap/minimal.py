@@ -1,7 +1,7 @@
 """Finds a minimal set of differences that still has an effect, by delta debugging.
 
 A. Zeller and R. Hildebrandt, Simplifying and Isolating Failure-Inducing Input, IEEE Transactions on
-Software Engineering 28 (2002): halves are left out first, then ever smaller parts.
+Software Engineering 28 (2002): halves are removed first, then ever smaller parts.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ MOST_TRIALS = 300
 def minimal(units: Sequence[T], holds: Callable[[list[T]], bool]) -> list[T]:
     """Return a minimal set for which `holds` is true, given that it is for all units together.
 
-    Units that come first are left out first.
+    Units are removed in their order, so that the last ones tend to remain.
     """
     left, parts, trials = list(units), 2, 0
     while len(left) > 1 and trials < MOST_TRIALS:

@@ -1,1 +1,1 @@
-"""Runs a script again with changes: which are possible, and how the runs are made."""
+"""Runs a script again with changes: lists the possible changes, and makes the runs."""

@@ -53,20 +53,21 @@ class Again:
     Parameters
     ----------
     folders
-        Folders in which each run may write, in a layer of its own; without any, runs see the
-        machine's own files.
+        Folders in which a run may write; the writes go to a file-system layer of the run. If empty,
+        runs write to the real files.
     made
-        What its first run made, which others do not see there.
+        Files and folders that the script's first run created, hidden from later runs.
     network
-        Whether a run with layers of its own may use the network.
+        Whether a run with its own file-system layers may use the network.
     copied
-        Files of the working directory that it writes, where each run works in a copy of that.
+        Files that the script writes in its working directory; if any, each run works in a copy of
+        that directory.
     parts
-        Whether runs may part from one another.
+        Whether runs may be forked from a shared process.
     alone
-        Whether runs would write the same files, so that one is made after another.
+        Whether runs would write the same files, so that they must run one after another.
     took_s, processor_s
-        Duration and processor time of its first run [s]; infinite if they are not known.
+        Duration and processor time of the script's first run [s]; infinite if unknown.
     """
 
     folders: tuple[str, ...] = ()
@@ -85,9 +86,9 @@ class Again:
         Parameters
         ----------
         program
-            What is run.
+            The script to run, with its settings.
         finer
-            The most steps of the engine per step of the script, of it and of what parts from it.
+            Largest number of engine steps per script step, in this run and in runs forked from it.
         """
         limited = replace(program, limits=self.limits(finer))
         if self.folders:
@@ -128,16 +129,16 @@ def again_of(
     target, is_module
         The script's path, or a module's name.
     reached
-        What its first run reached.
+        Files, devices and networks that the script's first run used.
     took_s
-        Duration of that [s].
+        Duration of the first run [s].
     anyway
-        Whether it is run again even if that is not without consequences.
+        Whether to run the script again even if that has side effects.
 
     Raises
     ------
     DropError
-        If it would not be, and `anyway` is not given.
+        If a repeated run would have side effects, and `anyway` is false.
     """
     folders = folders_of(None if is_module else Path(target), reached)
     private = is_offered(folders)

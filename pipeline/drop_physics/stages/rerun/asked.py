@@ -25,22 +25,22 @@ UNNAMED = ("without", "parameter")
 def cures_of(texts: Sequence[str], option: str, *, whole: bool) -> list[Cure]:
     """Parse changes, one for each value; each keeps its text.
 
-    A single change is one named `SINGLE`, whatever it changes.
+    All single changes get the name `SINGLE`; their text says what they change.
 
     Parameters
     ----------
     texts
-        Such as `timestep/8`, `nudge`, `force=35,70` or `contactERP=0.1`.
+        Texts such as `timestep/8`, `nudge`, `force=35,70` or `contactERP=0.1`.
     option
-        The option that they are of.
+        Name of the command-line option that the texts belong to, for error messages.
     whole
-        Whether they are made on the whole run, where an engine's parameter comes before an
-        intervention of its name.
+        Whether the changes apply to the whole run; then an engine parameter takes precedence over
+        an intervention of the same name.
 
     Raises
     ------
     ScenarioError
-        If a text is something else.
+        If a text names no change.
     """
     return [cure for text in texts for cure in _named(text, option, whole=whole)]
 

@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 def plain(name: str) -> str:
-    """Return the name of a run, with only the characters that are safe in file names."""
+    """Return a run's name with each character that is unsafe in file names replaced by `_`."""
     return "".join(each if each.isalnum() or each in "=.-+" else "_" for each in name)
 
 
@@ -38,11 +38,11 @@ class RunChanged(ABC, Generic[T]):
     recording: Path
     """Path of the script's own recording."""
     base: Recording | None
-    """The same recording, read; None before it is read."""
+    """The content of that recording; None before it is read."""
     again: Again = Again()
-    """How the script is run again."""
+    """The way to run the script again without side effects."""
     drawn: bool = False
-    """Whether to record also what only the viewer needs."""
+    """Whether to record also the data that only the viewer needs."""
     runs: RunsUnderWay = field(default_factory=RunsUnderWay)
     reruns: Reruns | None = None
     """The shared run from which others may be forked; None if each run starts anew."""
@@ -65,7 +65,7 @@ class RunChanged(ABC, Generic[T]):
 
     @abstractmethod
     def has_failed(self, made: T) -> bool:
-        """Return whether a run failed by itself, rather than being stopped by us."""
+        """Return whether a run failed by itself, rather than being stopped by `drop`."""
 
     def __call__(self, number: int) -> T:
         """Make a numbered run, record it, and compare it with the unchanged run."""
@@ -84,7 +84,7 @@ class RunChanged(ABC, Generic[T]):
 
     @property
     def ends_by(self) -> float | None:
-        """Time of day at which each run is stopped [s]; None for no limit."""
+        """Time at which each run is stopped, in Unix time [s]; None for no limit."""
         return None
 
     def is_late(self, number: int) -> bool:
@@ -138,11 +138,11 @@ def run_changed(
     Parameters
     ----------
     work, numbers
-        What runs a candidate, and which.
+        The function object that makes a numbered run, and the numbers to run.
     jobs, ray
-        How many run at once on this machine; or a Ray cluster's address.
+        Number of simultaneous runs on this machine; or a Ray cluster's address.
     progress
-        Called while they run.
+        Called with the numbers of finished, failed and all runs.
     entered
         Called with each result, as it arrives.
     """

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from drop_physics.recording.reader import Recording
 
 NUDGES = 5
-"""Number of control runs whose bodies are moved by 1e-9 before the first step: if one of them meets
-the expectation, the outcome is chance."""
+"""Number of control runs whose bodies are moved by 1e-9 m before the first step: if one of them
+meets the expectation, the outcome is chance."""
 CONFIRMS = 2
 """Number of nudged runs in which a change must meet the expectation, if chance matters."""
 FINISHED = "finished"
@@ -60,7 +60,7 @@ def evaluator_of(text: str | None, **how: object) -> dict[str, Any]:
 
 
 def outcome_of(answer: Answer, *, ended_well: bool) -> ChangeOutcome:
-    """Return whether a run met the expectation, from what its process replied."""
+    """Return whether a run met the expectation, from the evaluation in the script's process."""
     margin, value = answer["margin"], answer["value"]
     return ChangeOutcome(
         holds=bool(answer["holds"] and answer["finite"] and ended_well),
@@ -84,15 +84,15 @@ def _may_begin_later(change: Change) -> bool:
 
 @dataclass(frozen=True)
 class BranchedTrial:
-    """Whether a change meets the expectation if it is made a second before a failure."""
+    """Results of a change that is made only a second before a failure."""
 
     open_loop: bool | None = None
-    """Result with the recorded commands. None if unknown: for a change that has to begin with the
-    run or has no effect that late, and for all changes if an unchanged run with the recorded
-    commands is not bitwise equal to the recorded run."""
+    """Whether the expectation is met with the recorded commands. None if unknown: for a change that
+    has to begin with the run or has no effect that late, and for all changes if an unchanged run
+    with the recorded commands is not bitwise equal to the recorded run."""
     closed_loop: bool | None = None
-    """Result with the script's controller; None for a change that has to begin with the run or has
-    no effect that late."""
+    """Whether the expectation is met with the script's controller; None for a change that has to
+    begin with the run or has no effect that late."""
 
 
 NOT_MADE = ChangeOutcome(holds=False, margin=-math.inf, value=math.nan)
@@ -106,17 +106,17 @@ class EvaluatedRuns:
     Parameters
     ----------
     program
-        The script, as it is run again.
+        The script with the settings for repeated runs.
     reruns
-        What makes the runs.
+        Makes the runs of the unedited script.
     of_text
-        What makes those of another text of the script.
+        Makes the runs with edited source text.
     ends
-        How a run may end whose outcome counts.
+        Endings of a run for which its outcome counts.
     until
-        When no run begins any more, by the time of day [s].
+        Time after which no further run is started, in Unix time [s].
     jobs
-        How many are made at once.
+        Number of simultaneous runs.
     """
 
     program: Program
@@ -185,13 +185,13 @@ class EvaluatedRuns:
         Parameters
         ----------
         change
-            What is changed.
+            The change to make.
         path, name
             The recording to write, and the name of the run in it.
         own
             The recording of the script's own run.
         drawn
-            Whether what is only for looking is recorded, too.
+            Whether to record also the data that only the viewer needs.
         """
         program = self.program.changed_by(trial_of(change))
         program = replace(program, streams=True, evaluator=None)
@@ -203,16 +203,16 @@ class EvaluatedRuns:
     ) -> list[int | None]:
         """Return for each change how late in the run it may begin and still help.
 
-        None where it has to be there from the beginning, or no run can begin with it later.
+        The latest step is None if the change must begin with the run, or cannot begin later.
 
         Parameters
         ----------
         changes
-            Changes that make it true from the beginning.
+            Changes that meet the expectation if they begin with the run.
         steps
-            Steps of the script's own run, whose quarters are tried.
+            Number of steps of the script's own run; changes are tried from each quarter on.
         besides
-            Further steps that are tried.
+            Further steps at which changes are tried.
         """
         latest: list[int | None] = [None for _ in changes]
         going = [n for n, each in enumerate(changes) if _may_begin_later(each)]
@@ -236,15 +236,15 @@ class EvaluatedRuns:
     ) -> list[BranchedTrial]:
         """Try changes on the last steps of a failed episode, in an open and in a closed loop.
 
-        The runs part from the script's own after `first` steps. In an open loop, the recorded
-        commands replace those of the script from there on, so that no controller answers to what is
-        changed; in a closed loop it does. Of the environments' episodes only the failed one counts.
-        The runs are short, and are made even if the time is up.
+        The runs branch off from the script's own run after `first` steps. In an open loop, the
+        recorded commands replace those of the script from there on, so that no controller reacts to
+        the change; in a closed loop the script's controller does. Of the environments' episodes
+        only the failed one counts. The runs are short, and are made even if the time is up.
 
         Parameters
         ----------
         changes
-            Changes that make it true from the beginning.
+            Changes that meet the expectation if they begin with the run.
         first, last
             The steps after which the recorded commands begin and end.
         played

@@ -46,13 +46,13 @@ class Proposals:
     Parameters
     ----------
     seen
-        The script's own run.
+        The recorded data of the script's own run.
     findings
-        What is found in it.
+        The findings about that run.
     cures
-        What is known of cures for its engine.
+        The table of cures for the run's engine.
     possible
-        Returns the single changes that it could have; called where one is asked for.
+        Returns the single changes that are possible in the run; called only if the user names one.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class Proposals:
         Raises
         ------
         ScenarioError
-            If the engine does not have it.
+            If the engine does not support the change.
         """
         run = self.whole(cure).run
         if run is None:
@@ -146,7 +146,7 @@ class Proposals:
         return run
 
     def whole(self, cure: Cure) -> Candidate:
-        """Return a change applied to the whole run, with factors for some values."""
+        """Return the candidate for a change to the whole run; some values are factors."""
         if cure.name == SINGLE:
             return self._single(cure, [], words=False)
         is_factor = f"{cure.name}:{FACTOR}" in self._cures.rows

@@ -1,9 +1,10 @@
 """Runs a script again with changes, several runs at once; shared by several commands.
 
-Where a process can be forked without sharing anything, a run is a fork of one that stands before
-the script first uses its engine, or after some steps: imports, and what else comes before, are made
-once. Else it is a run from the start. Either way it is read while it runs: recorded, or taken in as
-events (`process.events()`), or heard only for what an evaluator in its process answers.
+If a process can be forked without sharing any open file, a run is a fork of a process that waits
+just before the script first uses its engine, or after some steps: imports and the code before that
+point run only once. Otherwise the script runs from the start. Either way, the run's stream is read
+while it runs: it is recorded, or read as events (`process.events()`), or only the result of an
+evaluator in its process is read.
 
     with Reruns(program, again) as reruns:
         with reruns.begun(changed, until=until) as process:
@@ -28,7 +29,7 @@ from drop_physics.engines.watching.forks import FIRST_LINE, FIRST_USE
 from drop_physics.stages.rerun.again import Again
 
 FORKS = sys.platform.startswith("linux")
-"""Whether a process can be forked that shares nothing: only Linux lists a process's open files."""
+"""Whether runs can be forked: a fork must not share open files, and only Linux lists these."""
 
 
 class Reruns:
@@ -39,12 +40,12 @@ class Reruns:
     Parameters
     ----------
     program
-        The script as it was run first, with the limits that hold for all runs.
+        The script as in its first run, with the limits for all runs.
     again
-        How it is run again.
+        The way to run the script again without side effects.
     at
-        After how many steps runs part from one another, if they are forks, or `FIRST_LINE`; by
-        default before the first use of the engine.
+        Number of steps after which runs are forked, or `FIRST_LINE`; by default, runs are forked
+        before the first use of the engine.
     """
 
     def __init__(self, program: Program, again: Again, *, at: int = FIRST_USE) -> None:
@@ -70,12 +71,12 @@ class Reruns:
         self._stack.__exit__(kind, error, trace)
 
     def go_on(self, steps: int) -> bool:
-        """Advance the process that runs are forked from; return whether it got to that step.
+        """Advance the process that runs are forked from; return whether it reached the step.
 
         Parameters
         ----------
         steps
-            Number of steps after which they part from now on.
+            Number of steps after which later runs are forked.
         """
         if self._server is None:
             return False
@@ -96,12 +97,12 @@ class Reruns:
         Parameters
         ----------
         changed
-            The script with what is changed in it.
+            The script with the changes to make.
         until
-            By the time of day [s], when it is stopped at the latest; it is stopped as well where it
-            takes many times as long as the first run.
+            Time at which the run is stopped, in Unix time [s]; a run that takes many times as long
+            as the first run is stopped earlier.
         printed
-            The descriptor of what it prints into; None for nowhere.
+            File descriptor for the script's output; None to discard the output.
         """
         finer = int((changed.variation or {}).get("finer", 1))
         stops = min(until or float("inf"), time.time() + self.again.patience_s(finer))

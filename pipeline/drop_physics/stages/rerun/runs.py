@@ -40,7 +40,7 @@ class Ended:
     """The end of a run: how, and after how many steps."""
 
     how: str
-    """Ending as in a recording; `interrupted` if we stopped it."""
+    """Ending as in a recording; `interrupted` if `drop` stopped it."""
     steps: int
     """Total number of steps of the run's simulations."""
     intervened: frozenset[int]
@@ -77,22 +77,22 @@ class RunsUnderWay:
         Parameters
         ----------
         program
-            What runs.
+            The script to run, with its settings.
         path
             The recording to write, or to replace.
         origin
-            What it says of the script.
+            Content of the recording's origin property, which describes the script.
         recording_id
-            Its id.
+            The recording's id.
         stdout
             File descriptor of the script's standard output.
         drawn
-            Whether what is only for looking is recorded, too.
+            Whether to record also the data that only the viewer needs.
 
         Raises
         ------
         DropError
-            If it cannot be started.
+            If the script cannot be started.
         """
         with running.Script(program, stdout=stdout) as process:
             return self.recorded(
@@ -165,24 +165,25 @@ def run_all(
 ) -> dict[int, T]:
     """Do numbered jobs, several at once, and return the results by number.
 
-    On this machine each runs in a process of its own, which a thread of this one records.
+    On this machine each job is a process, recorded by a thread of the calling process.
 
     Parameters
     ----------
     work
-        Called with a number.
+        Called with the number of a job.
     numbers
-        Which.
+        The numbers of the jobs.
     stop
-        Called to end what runs.
+        Called to end the jobs in progress.
     has_failed
         Whether a result counts as a failure.
     jobs
-        How many run at once.
+        Number of jobs that run at once.
     progress
-        Called while they run.
+        Called with the numbers of finished, failed and all jobs.
     ray
-        The same work, picklable, and the address of a cluster that is to do it instead.
+        The same work as a picklable function, and the address of a Ray cluster to run it on
+        instead.
     entered
         Called with each result, as it arrives.
     """

@@ -1,7 +1,7 @@
 """Copy a working directory for a repeated run, if the script writes files there.
 
-Folders are created, files are links to the script's own; written files are copies. So runs may go
-on beside each other, and their writes are discarded.
+Folders are created; files are links to the originals, except files that the script writes, which
+are copied. So several runs can go on at once, and their writes are discarded.
 """
 
 from __future__ import annotations

@@ -53,11 +53,11 @@ class SeenChanges:
     """The single changes that are possible in a run."""
 
     answer: Answer
-    """What is evaluated in the run."""
+    """The evaluator's answer: the outcome of the expectation, and the possible changes."""
     of_engine: list[Change]
-    """Changes of what the engine has."""
+    """Changes to engine data, such as model fields and calls."""
     of_text: list[Change]
-    """Changes of the user's texts."""
+    """Changes to the source text of the script, its modules and models."""
     texts: list[SourceText]
 
 
@@ -67,7 +67,7 @@ def seen_changes(trials: EvaluatedRuns, engine: str) -> SeenChanges:
     Raises
     ------
     DropError
-        If it cannot be run again.
+        If the script cannot be run again.
     """
     program = trials.program
     evaluator: dict[str, Any] = {**(program.evaluator or evaluator_of(None))}
@@ -101,7 +101,7 @@ def possible(program: Program, again: Again, engine: str) -> list[Change]:
     Raises
     ------
     DropError
-        If it cannot be run again.
+        If the script cannot be run again.
     """
     silent = replace(program, streams=False, explain=False)
     reruns = Reruns(silent, again)
@@ -116,7 +116,7 @@ def named(text: str, changes: Sequence[Change]) -> Change:
     Raises
     ------
     ScenarioError
-        If the run could not have it.
+        If the change is not possible in the run.
     """
     found = TEXT.fullmatch(text.strip())
     alike: list[Change] = []

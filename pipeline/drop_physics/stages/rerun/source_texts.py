@@ -13,7 +13,7 @@ from drop_physics.stages.rerun.scratch import LEFT_OUT
 MOST_BYTES = 1 << 24
 """Largest file that is read [bytes]."""
 MOST_BELOW = 2000
-"""Most files below a text's folder among which a model is looked for."""
+"""Most files below a source file's folder that are searched for a model."""
 NAMED = re.compile(rb"""["']([^"'\n]+\.(?:xml|mjcf|urdf|sdf))["']""")
 """Pattern of a model's path in a text."""
 
@@ -23,7 +23,7 @@ class SourceText:
     """A file that the user may edit, with its text."""
 
     path: str
-    """The file; empty for the script, whose text is replaced as it is run."""
+    """The file; empty for the script, whose text is replaced when it runs."""
     shown: str
     """The name of the file, as it is shown."""
     text: bytes
@@ -32,14 +32,15 @@ class SourceText:
 def source_texts(script: Path | None, modules: Iterable[Path]) -> list[SourceText]:
     """Return a script's own files: the script, modules near it, and models that they name.
 
-    A model is where a text's path leads from the text or the working directory, or else below.
+    A model's path is resolved from the file that names it or from the working directory; failing
+    that, a file with that name is searched below those folders.
 
     Parameters
     ----------
     script
-        The script; None if a module is run, which is one of the others.
+        Path of the script; None if a module is run, which is then in `modules`.
     modules
-        Files of modules, the script among them.
+        Files of the imported modules, and of the script.
     """
     own = None if script is None else script.resolve()
     folders = [Path.cwd(), *([] if own is None else [own.parent])]

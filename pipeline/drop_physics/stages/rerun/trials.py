@@ -13,7 +13,7 @@ from drop_physics.recording.layer_file import VERDICTS, trials_of
 from drop_physics.rules.answer import Finding
 
 MOST_BYTES = 1 << 24
-"""Largest file of verdicts that is read [bytes]; a larger one is not ours."""
+"""Largest file of verdicts that is read [bytes]; `drop` writes no larger one."""
 
 
 PROVEN = "cured", "part"

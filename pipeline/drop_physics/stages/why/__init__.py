@@ -52,10 +52,10 @@ if TYPE_CHECKING:
 MOST = 8
 """Most results reported for a script."""
 MOST_KEPT = 12
-"""Number of trials whose recordings are kept, the best ones: each is as large as the script's
-own."""
+"""Number of trials, the best ones, whose recordings are kept: a trial's recording is as large as
+that of the script's own run."""
 LARGE_BYTES = 10_000_000
-"""Total size of trials from which a note mentions it [bytes]."""
+"""Total size of trial recordings above which a note states the size [bytes]."""
 TAKES = 2.0
 """Time limit of a trial and its comparison, as a multiple of the duration of the script's own
 run."""
@@ -70,7 +70,8 @@ class Tried:
     """Effect on the finding; None for a trial without a finding, or one that was not run."""
     verdict: Verdict
     moved: Distance | None
-    """How far the trial moves the outcome; None if a nudge moves it as much, or nothing moved."""
+    """How far the trial moves the outcome; None if a nudge moves the outcome as much, or nothing
+    moved."""
     same: bool
     """Whether all positions are the same, bit for bit."""
     recording: Path | None
@@ -116,8 +117,8 @@ class Why(Printable, reported_by="drop_physics.report.why"):
     def filmed(self) -> tuple[Path, str] | None:
         """Return the recording to show beside the unchanged run, with a caption.
 
-        It shows the cure that moves the outcome most, otherwise the trial that moves it most; None
-        without any.
+        The recording shows the cure that moves the outcome most, otherwise the trial that moves the
+        outcome most; None without trials.
         """
         if self.expected is not None and self.expected.filmed is not None:
             return self.expected.filmed
@@ -138,11 +139,11 @@ def why(asked: verbs.WhyArguments) -> Why:
     Raises
     ------
     ScenarioError
-        If a limit is out of range, or `about` or `tries` name nothing.
+        If a limit is out of range, or `about` or `tries` match no finding or change.
     OutputError
         If a recording cannot be written.
     DropError
-        If the interpreter cannot be started, the script makes no step, or is not run again.
+        If the interpreter cannot be started, or the script makes no step or cannot be run again.
     """
     began = time.monotonic()
     checked_bounds(asked)
@@ -405,7 +406,7 @@ def _about(findings: Sequence[Finding], about: str | None) -> list[int]:
     Raises
     ------
     ScenarioError
-        If there is none.
+        If no finding matches.
     """
     places = [
         place
@@ -563,7 +564,7 @@ def _tried(
 
 
 def _keep(folder: Path, result: Why, recording_id: str) -> None:
-    """Store the results beside the recording, and delete trial recordings that none refers to."""
+    """Store the results beside the recording, and delete trial recordings that no result names."""
     named = {each.recording for proved in result.findings for each in proved.tried}
     named |= set() if result.expected is None else {*result.expected.recordings}
     for path in folder.glob("*.rrd"):

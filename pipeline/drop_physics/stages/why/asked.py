@@ -17,7 +17,7 @@ def checked_bounds(asked: verbs.WhyArguments) -> None:
     Raises
     ------
     ScenarioError
-        If one is out of range.
+        If an argument is out of range.
     """
     if not 0 < asked.budget_s < float("inf"):
         raise outside("--budget", Message("finite and above {low:g}", low=0), asked.budget_s)
@@ -28,7 +28,7 @@ def checked_bounds(asked: verbs.WhyArguments) -> None:
 def place_of(asked: verbs.WhyArguments) -> tuple[Path | None, bool]:
     """Return where to write the recording (None: the default), and whether to overwrite it.
 
-    A recording of the same script may be.
+    A recording of the same script may be overwritten.
     """
     if asked.out is None:
         return None, asked.force

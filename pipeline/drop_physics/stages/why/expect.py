@@ -55,18 +55,19 @@ if TYPE_CHECKING:
 SOON_S = 1.0
 """Changes that meet the expectation are also tried from this long before a failure on [s]."""
 CHANCE = 1e-3
-"""Share of the gap: if nudges move the quantity by more than that, a change must meet the
-expectation in nudged runs, too."""
+"""Threshold, as a share of the gap: if nudges move the quantity by more than this, a change must
+meet the expectation in nudged runs, too."""
 MOST_STEPS = 2
 """Most steps of a run, as a multiple of those of the script's own run."""
 MANY_TIMES, MANY_STEPS = 10, 5000
-"""The same of a short run of episodes, and up to how many steps: what only puts a failure off does
-not prevent it."""
+"""The same limit if the expectation reads episodes: a multiple of the steps of the script's own
+run, and an upper bound [steps]. The longer run shows whether a change prevents a failure or only
+delays it."""
 AT_MOST_STEPS = "steps"
 """Ending of a run that was stopped by this limit."""
 PARTS = {"MuJoCo": 0}
-"""Number of steps after which forked runs branch off, by engine: a model of MuJoCo is loaded once,
-and is changed before its first step. In PyBullet each run loads its own bodies."""
+"""Number of steps after which forked runs branch off, by engine: a MuJoCo model is loaded once, and
+changed before its first step. In PyBullet each run loads its own bodies."""
 MOST_MOVERS = 5
 """Most changes listed if none meets the expectation."""
 
@@ -74,14 +75,14 @@ Source = Literal["option", "assert", "row"]
 """Origin of an expectation: `--expect`, a failed `assert` of the script, or the account: the
 command to a joint, or a failed episode."""
 MOST_ROWS = 6
-"""Number of rows of the account that changes are related to: those that are shown first."""
+"""Number of rows of the account, the first ones shown, that changes are related to."""
 SAME_GAP = 0.05
 """Largest relative difference of a row's gap in a repeated run at which the search goes on."""
 
 
 @dataclass(frozen=True)
 class Expected:
-    """An expectation, whether the run met it, and changes with which a run does."""
+    """An expectation, whether the run met it, and changes that make a run meet it."""
 
     text: str
     """The expectation as an expression."""
@@ -121,7 +122,7 @@ class Expected:
     """Outcomes of the first changes if they are made a second before the end of a failed
     episode."""
     second_before: int | None = None
-    """The step after which these are made; None without a failed episode."""
+    """The step after which the changes in `branched` are made; None without a failed episode."""
     steps: int = 0
     """Number of steps of the script's own run."""
     moves: Sequence[TriedChange] = ()
@@ -165,7 +166,7 @@ def parsed(text: str) -> Expression:
     Raises
     ------
     ScenarioError
-        If it is none.
+        If the text is not a valid expectation.
     """
     try:
         return Expression(text)
@@ -184,14 +185,14 @@ def own_of(answer: Answer, asked: verbs.WhyArguments) -> Expected | None:
     Parameters
     ----------
     answer
-        The answer of the script's own run.
+        The expectation as evaluated in the script's own run.
     asked
-        What `drop why` is asked.
+        The arguments of `drop why`.
 
     Raises
     ------
     ScenarioError
-        If the expectation cannot be evaluated at its end.
+        If the expectation cannot be evaluated at the end of the run.
     """
     assertion = answer["assertion"]
     base = replace(outcome_of(answer, ended_well=True), holds=bool(answer["holds"]))
@@ -240,27 +241,27 @@ def searched(
     account: Callable[[], Sequence[AccountRow]],
     cures: Sequence[Cure] = (),
 ) -> Expected:
-    """Search for changes that make a failed expectation pass, and return it with them.
+    """Search for changes that make a failed expectation pass; return the expectation with them.
 
     Parameters
     ----------
     own
-        What was expected, and what came.
+        The expectation, and its outcome in the script's own run.
     asked
-        What `drop why` is asked.
+        The arguments of `drop why`.
     recorded, again
-        The script's own run, and how it is run again.
+        The script's own run, and the way to repeat it.
     python
-        The interpreter that runs it.
+        Path of the Python interpreter that runs the script.
     until
-        When no run begins any more, by the time of day [s].
+        Time after which no further run is started, in Unix time [s].
     base
-        The recording of the script's own run, beside which those of the first that make it true
-        are written.
+        The recording of the script's own run. Runs with the first changes that meet the expectation
+        are recorded beside it.
     account
         Returns the account of the script's own run.
     cures
-        The changes that are tried; without any, all that there are.
+        The changes to try; if empty, all possible changes.
 
     Raises
     ------
@@ -307,8 +308,8 @@ def searched(
 def _failure_of(seen: Seen) -> tuple[int, int, list[Operation]] | None:
     """Return the last second of a failed episode, and operations that repeat its commands.
 
-    The second is from one step to another. Steps are counted over all simulations: where there are
-    several, none is known.
+    The second is given by its first and last step. The result is None without a failed episode, and
+    for a script with several simulations, whose steps are counted together.
     """
     episode = looked_at(episodes_of(seen), None)
     if episode is None or len(seen.samples) > 1:
@@ -321,7 +322,7 @@ def _failure_of(seen: Seen) -> tuple[int, int, list[Operation]] | None:
 
 
 def _most_steps(own: Expected, made: int) -> int:
-    """Return after how many steps a changed run is stopped, given the unchanged run's steps."""
+    """Return the step at which changed runs are stopped; the unchanged run made `made` steps."""
     many = min(MANY_TIMES * made, MANY_STEPS) if Expression(own.text).reads_episodes else 0
     return max(MOST_STEPS * made, many)
 
@@ -393,7 +394,7 @@ def _asked_for(cures: Sequence[Cure], base: Recording, changes: Sequence[Change]
     Raises
     ------
     ScenarioError
-        If there is none such.
+        If a name matches no change.
     """
     proposals = Proposals(base.seen, [], cures_of(base.seen.engine))
     return [
@@ -405,7 +406,7 @@ def _asked_for(cures: Sequence[Cure], base: Recording, changes: Sequence[Change]
 
 
 def _row_of(row: RowExpectation | None, rows: Sequence[AccountRow], change: Change) -> str | None:
-    """Describe the account's row that a change acts on: the expected one if it does."""
+    """Describe the account's row that a change acts on; the expectation's row if it is that one."""
     if row is not None and row.names(change):
         return row.words
     found = row_of(change, rows[:MOST_ROWS])
@@ -438,7 +439,7 @@ def _recorded(
 
 
 def _standing(trials: EvaluatedRuns, said: Sequence[SaidChange]) -> list[SaidChange]:
-    """Drop those of the first changes that fail from slightly displaced positions."""
+    """Remove those of the first changes that fail if the start is slightly displaced."""
     standing: list[SaidChange] = []
     for number, each in enumerate(said):
         if len(standing) == NARROWED:
@@ -449,7 +450,7 @@ def _standing(trials: EvaluatedRuns, said: Sequence[SaidChange]) -> list[SaidCha
 
 
 def _coincidences_last(search: Search, said: Sequence[SaidChange]) -> list[SaidChange]:
-    """Move those of the first changes to the end that fail with a slightly different factor."""
+    """Move those of the first changes that fail with a slightly different factor to the end."""
     standing: list[SaidChange] = []
     alone: list[SaidChange] = []
     for number, each in enumerate(said):
@@ -463,7 +464,7 @@ def _coincidences_last(search: Search, said: Sequence[SaidChange]) -> list[SaidC
 
 
 def likely(change: Change) -> int:
-    """Return a sort key for changes: first those of values that are most often to blame."""
+    """Return a sort key for changes: values that are most often the cause come first."""
     op = change.op
     if isinstance(change.how[1], Mapping):  # a call that is added, because it is often left out
         return 0

@@ -19,7 +19,7 @@ def write_film(why: Why, film: Path, *, force: bool, progress: Progress) -> None
     Raises
     ------
     DropError
-        If nothing was tried.
+        If no trial was run.
     OutputError
         If the file cannot be written.
     """

@@ -9,20 +9,20 @@ from collections.abc import Iterator, Mapping, Sequence
 def line_of(
     texts: Mapping[str, str], names: Sequence[str], attribute: str, tags: str
 ) -> tuple[str, str] | None:
-    """Return file and line of the first tag with one of the names, and the attribute's text.
+    """Return file and line of the first XML tag with one of the names, and the attribute's text.
 
-    The attribute is empty where the tag has none; None where there is no such tag.
+    The text is empty if the tag does not have the attribute. None if no tag matches.
 
     Parameters
     ----------
     texts
-        Texts by the name of the file that they are of.
+        Texts of the model files, by file name.
     names
-        The names of elements, in order.
+        Names of model elements, in order of preference.
     attribute
-        What is looked for in their tags.
+        Name of the XML attribute to look for.
     tags
-        A pattern of the tags that there are of such elements.
+        Regular expression of the tag names that such elements can have.
     """
     for name in names:
         for path, at, tag in _tags(texts, name, tags):

@@ -52,7 +52,7 @@ class RowExpectation:
     """An expectation derived from the account's row, or from a failed episode."""
 
     text: str
-    """An expression of the quantities that the engine knows by name."""
+    """The expectation as an expression, such as `abs(at(joint('elbow'), 1.5) - 0.8) < 0.02`."""
     words: str
     """The row as a sentence."""
     gap: float | None = None
@@ -106,7 +106,8 @@ def row_expectation(
 ) -> RowExpectation | None:
     """Return the first failed request in the account: an episode, or a joint's target.
 
-    None where no joint is far from its target, or has moved though told to stand.
+    None if no episode failed, and no joint is far from its target or moved without a command.
+    Joints are considered only in a run of one episode.
     """
     failed = [each for each in episodes if each.failed and each.ended == "terminated"]
     if failed:

@@ -33,11 +33,11 @@ def shares(
     Parameters
     ----------
     work, done
-        The trials, and what they came to.
+        The trials, and their results by trial number.
     run
-        Runs some of other trials, by their numbers.
+        Function that makes runs, given trials and the numbers of those to run.
     own
-        What the script's own run came to.
+        Outcome of the script's own run.
     """
     nudge = done[work.nudge].outcome
     if nudge is None:

@@ -40,7 +40,7 @@ class RunTrial(RunChanged[TrialRun]):
     """
 
     until: float = np.inf
-    """Time of day at which the time budget ends [s]."""
+    """End of the time budget, in Unix time [s]."""
     took_s: list[float] = field(default_factory=list)
     """Durations of the trials made so far [s]."""
 
@@ -64,7 +64,7 @@ class RunTrial(RunChanged[TrialRun]):
 
     @property
     def ends_by(self) -> float:
-        """Time of day at which the time budget ends [s]."""
+        """End of the time budget, in Unix time [s]."""
         return self.until
 
     def is_late(self, number: int) -> bool:
@@ -83,7 +83,7 @@ class RunTrial(RunChanged[TrialRun]):
         return TrialRun(None, None)
 
     def has_failed(self, made: TrialRun) -> bool:
-        """Return whether a trial failed by itself, rather than being stopped by us."""
+        """Return whether a trial's run failed by itself, rather than being stopped by `drop`."""
         return made.outcome is not None and made.outcome.ended == "failed"
 
     def name_of(self, number: int) -> str:
@@ -146,7 +146,7 @@ class RunTrial(RunChanged[TrialRun]):
 def _began(base: Recording, other: Recording) -> Distance | None:
     """Return how far a body moves in a trial, if it rests in the unchanged run; else None.
 
-    A body that calls set between steps does not stand still, though no step moves it.
+    A body whose state calls set between steps does not count as at rest.
     """
     from drop_physics.experiments.run_distance import apart
 
