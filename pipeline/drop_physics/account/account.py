@@ -51,11 +51,12 @@ class Account:
     Parameters
     ----------
     seen
-        What was recorded.
+        The recorded data of the run.
     times
         Times of steps by client.
     joints, touches, actuators
-        The tables of joints, touching pairs and actuators, which are filled with the same chunks.
+        The tables of joints, touching pairs and actuators; the caller fills them with the same
+        chunks.
     """
 
     def __init__(
@@ -84,7 +85,7 @@ class Account:
         self._gravity: dict[int, Float64] = {}
         """The strongest gravity that acted on each body, shape (3,)."""
         self._broken: dict[int, int] = {}
-        """The first non-finite sample of each body."""
+        """The first sample of each body with a nan or infinite state."""
         self._held, self._overlaps = Held(seen, times), Overlaps(seen)
         self._sensed, self._pushed, self._static = Sensed(seen), PushedSoft(), MadeStatic()
         self._filtered: dict[frozenset[int], str] = {}
@@ -185,7 +186,7 @@ class Account:
         yield from self._overlaps.rows(subjects, links, words)
 
     def _carrying(self, subject: MeasuredBody) -> Iterator[AccountRow]:
-        """Yield the rows for what a fixed base carries, and for what joints carry."""
+        """Yield the rows for the loads on a fixed base and on joints."""
         body, row = subject.body, None
         if body.number in self._carried:
             lines = self._made.get((body.client, body.engine_id), set())

@@ -32,8 +32,8 @@ from drop_physics.trace.events import Actuator, Joint
 DRIVES = ("motors", GIVEN, GAP, RATE)
 """Causes that apply a joint's command; they come first among a row's terms."""
 COMMANDED = (GIVEN, GAP, RATE)
-"""Causes whose size is set by a torque or a control; the engine's default motor acts
-beside them."""
+"""Causes whose size a commanded torque or control sets, unlike that of the engine's default
+motor."""
 FEEBLE = 0.5
 """A torque that starts below this share of its maximum is reported with its maximum."""
 FEW = 0.2
@@ -41,8 +41,8 @@ FEW = 0.2
 SELDOM = 0.02
 """A joint commanded in less than this share of the steps does not count as commanded."""
 HOLD_STEPS, LATE = 5, 0.85
-"""After a jump, a target held for HOLD_STEPS counts where the gap grows, and in the last part of
-the hold (LATE)."""
+"""After a jump of the target, the gap counts in steps in which it is larger than at the jump, and
+from the share LATE of the hold on, if the target stays the same for at least HOLD_STEPS."""
 ROUND = 1e-9
 
 
@@ -53,11 +53,11 @@ class Axis:
     joint: Joint
     name: str
     joint_rate: int
-    """Index of the rate among those of the joints."""
+    """Index of the joint's rate among the rates of all joints."""
     rate: int
-    """Index of the rate in the generalised velocity."""
+    """Index of the joint's rate in the generalised velocity u."""
     scale: float
-    """Length scale of a path: the size of the body for a slide, 1 rad for a rotation."""
+    """Scale of a path: the size of the body [m] for a sliding joint, 1 rad for a revolute one."""
 
     @property
     def unit(self) -> str:
@@ -89,9 +89,9 @@ def position_row(
 ) -> AccountRow | None:
     """Return the row for a joint with position targets: target, position reached, and causes.
 
-    `needs` is the effort that holding its last target takes [N] or [N m], None if not known;
-    `stiffness` that by which the script itself drives it there [N/m] or [N m/rad], None if the
-    engine does.
+    `needs` is the force or torque required to hold the last target [N] or [N m], None if unknown.
+    `stiffness` is that of a controller in the script [N/m] or [N m/rad]; None if the engine's own
+    motor or actuator controls the position.
     """
     k, steps = axis.joint_rate, series.steps
     target, after = series.target[:, k], series.after[:, k]
@@ -245,7 +245,7 @@ def torque_row(
 ) -> AccountRow | None:
     """Return the row for a joint with a commanded torque: what the torque worked against.
 
-    `actuators` has the motors on the joint with their controls, shape (n,) each.
+    `actuators` maps the actuators on the joint to their controls, shape (n,) each.
     """
     ledger, k, steps = subject.ledger, axis.joint_rate, series.steps
     drive = sum(
@@ -330,7 +330,7 @@ def given_j(subject: MeasuredBody, axis: Axis, words: RowWords) -> float:
 
 
 def _controls(actuators: Mapping[Actuator, Float64], width: int) -> Message:
-    """Describe the script's controls for a joint, and what range and gear make of them."""
+    """Describe the script's controls for a joint, and the force after clamping and gear."""
     told = Message("")
     for actuator, given in actuators.items():
         if not np.isfinite(given).any():
@@ -385,11 +385,11 @@ def clamped_rows(
 
 
 def _counting(before: Float64, target: Float64, gap: Float64) -> Flags:
-    """Flag the steps in which a gap counts: not those on the way to a new target.
+    """Flag the steps in which a gap counts as an error, not as the way to a new target, shape (n,).
 
     After a jump of the target, steps count while the gap is larger than at the jump, and in the
-    last part of the hold; with a target that moves all the time, all count from the first step on
-    in which the gap is no larger than in the median.
+    last part of the time until the next jump. If the target moves in more than 30 % of the steps,
+    steps count from the first one whose gap is at most the median gap.
     """
     counts = np.ones(len(target), np.bool_)
     jumped = np.ones(len(target), np.bool_)

@@ -16,7 +16,8 @@ from drop_physics.explain.joints import REST_STEPS
 from drop_physics.explain.targets import SETTLED, SETTLED_STEPS
 
 DRIVE, CONTACTS = "drive", "contacts"
-"""Names in a balance: of the forces of the joint's command, and of those of all contacts."""
+"""Keys in a balance: the sum of forces from the joint's command, and the sum of all contact
+forces."""
 
 
 @dataclass(frozen=True)
@@ -24,12 +25,12 @@ class JointBalance:
     """A joint off its position target; forces [N] or [N m] act towards the target if positive."""
 
     joint_rate: int
-    """Index of the rate among those of the joints."""
+    """Index of the joint's rate among the rates of all joints."""
     goal: float
     gap: float
     """Position minus target [rad] or [m]."""
     ends: bool
-    """Whether this is the last step that has a target."""
+    """Whether the balance is that of the last step with a target."""
     rests: bool
     """Whether the joint is at rest, or nearly so."""
     at_limit: bool
@@ -37,15 +38,15 @@ class JointBalance:
     """Share of the steps of the target in which the drive is at its limit."""
     limit: float
     needs: float | None
-    """The effort that holding the last target takes; None where it is not known."""
+    """The force or torque required to hold the last target [N] or [N m]; None if unknown."""
     forces: Mapping[str, float]
-    """The mean forces by cause; empty where steps are not explained."""
+    """The mean forces by cause [N] or [N m]; empty if steps are not explained."""
     fixed: bool
     """Whether the base of the body is fixed."""
     holder: int | None
     """Id of the body whose contacts oppose most; None if no contact does."""
     held: float
-    """The force of these contacts."""
+    """The force of these contacts [N] or [N m]."""
 
     def force(self, cause: str) -> float:
         """Return the force of a cause, 0 if there is none."""
@@ -53,17 +54,17 @@ class JointBalance:
 
     @property
     def too_weak(self) -> bool:
-        """Whether holding the target is known to take more than the drive's limit."""
+        """Whether holding the target is known to require more than the drive's limit."""
         return self.needs is not None and abs(self.needs) > self.limit
 
     @property
     def left(self) -> float:
-        """The sum of all forces, which accelerates the joint."""
+        """The sum of all forces, which accelerates the joint [N] or [N m]."""
         return sum(self.forces.values())
 
 
 def forces_by_cause(forces: Mapping[Term, float], drives: Mapping[Term, bool]) -> dict[str, float]:
-    """Sum forces by cause, without inertia; `drives` flags those of the joint's command."""
+    """Sum forces by cause, without inertia; `drives` flags the terms from the joint's command."""
     found = defaultdict[str, float](float)
     for term, force in forces.items():
         if term != OWN and term.cause != DRAG:

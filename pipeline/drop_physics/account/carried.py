@@ -1,4 +1,4 @@
-"""Rows for what carries a body: its fixed base or contacts, and the load on each joint."""
+"""Rows for the supports of a body: the load on a fixed base and on each joint."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from drop_physics.physics.tree import BASE, States, Tree
 from drop_physics.quantities import quantity
 
 LEAST = 0.03
-"""Salience of what carries a body that stands still."""
+"""Salience of rows about supports: they have no gap, so the value is constant."""
 SETTLED = 0.1
 """Share of the weight below which the change of momentum must be for a mean force to be
 meaningful."""
@@ -36,13 +36,14 @@ class Carried:
     """Contact impulses on a fixed-base body, with its first and last momentum."""
 
     impulse_n_s: Float64 = field(default_factory=lambda: np.zeros(3))
-    """Impulse of all contacts, world axes [N s]."""
+    """Impulse of all contacts in world axes, shape (3,) [N s]."""
     first_n_s: Float64 | None = None
-    """The momentum before the first step."""
+    """The linear momentum before the first step, shape (3,)."""
     last_n_s: Float64 = field(default_factory=lambda: np.zeros(3))
-    """The momentum after the last one."""
+    """The linear momentum after the last step, shape (3,)."""
     put: bool = False
-    """Whether the script wrote the state in between, which changes the momentum without a force."""
+    """Whether the script wrote the state between two steps, which changes the momentum without a
+    force."""
 
     def add(self, steps: BodySteps) -> None:
         """Add explained steps of the body."""
@@ -62,9 +63,9 @@ class Carried:
     ) -> AccountRow | None:
         """Return the row for the force on the fixed base; None if the force is unknown.
 
-        `line` is that of the call which made the body, None where it is not known.
-        The mean force of the base is the change of momentum without gravity's and contacts'; where
-        other forces act from outside, or that change counts, there is no row.
+        `line` is the script line of the call that created the body; None if unknown. The mean force
+        of the base is the mean change of momentum minus the forces of gravity and contacts. There
+        is no row if other external forces act, or if the momentum changes noticeably.
         """
         body, ledger = subject.body, subject.ledger
         seconds = float(ledger.seconds.sum())
@@ -125,7 +126,7 @@ def across_joints(
 ) -> Iterator[AccountRow]:
     """Yield a row for each joint with the force that it transmits in the last step.
 
-    `of_base` says whether a row of the base tells what the joints on it carry.
+    With `of_base`, a row of the base already reports the load, so joints on the base have no row.
     """
     body, ledger = subject.body, subject.ledger
     sizes_n = np.linalg.norm(across.force_n, axis=1)

@@ -42,9 +42,10 @@ class HeldEquality:
 
     equality: Equality
     gap: ConstraintGap = field(default_factory=ConstraintGap)
-    """The distance between its anchors [m], or of a joint from what the other demands."""
+    """The distance between the anchors [m], or between a joint's position and the one that the
+    coupled joint demands [rad] or [m]."""
     turned: ConstraintGap = field(default_factory=ConstraintGap)
-    """The angle between the orientations that a weld brings together [rad]."""
+    """The angle between the two frames of a weld [rad]."""
     active: int = 0
     """Number of steps in which the equality is active."""
     steps: int = 0
@@ -111,7 +112,7 @@ class Held:
             held.turned.add(off_rad, samples, active)
 
     def _active(self, equality: Equality, explained: ExplainedPiece, samples: Int64) -> Flags:
-        """Flag the given steps in which an equality is active, as the script may switch it."""
+        """Flag the samples at which an equality is active; the script may switch equalities off."""
         key = equality.client, equality.at.call
         active = np.full(len(samples), self._on[key])
         for call in explained.piece.calls.of(Act.SET_ACTIVE, Act.RESET_STATE):
@@ -140,7 +141,7 @@ class Held:
 
 
 def coupling(axis: Axis, subject: MeasuredBody, seen: Seen) -> Message:
-    """Describe how a joint is to follow another one by an equality, c0 + c1 q; else nothing."""
+    """Describe the equality c0 + c1 q by which a joint should follow another one; else nothing."""
     for each in seen.equalities:
         its = each.body_a == subject.body.number and each.link_a == axis.joint.link
         alone = (each.body_a, each.link_a) == (each.body_b, each.link_b)
@@ -173,7 +174,7 @@ def _of_equality(equality: Equality, side: int) -> ConstraintFrame:
 
 
 def _off_joints(equality: Equality, explained: ExplainedPiece, samples: Int64) -> Float64:
-    """Return how far a coupled joint is from the position that the other one gives, (n,)."""
+    """Return the difference between a coupled joint's position and the demanded one, shape (n,)."""
     at = [
         _joint_at(explained, body, link, samples)
         for body, link in ((equality.body_a, equality.link_a), (equality.body_b, equality.link_b))
@@ -268,8 +269,9 @@ def _tendons_row(
 ) -> AccountRow | None:
     """Return the row for coupled tendons' lengths; None if the lengths are not recorded.
 
-    The first, last, least and greatest length of each is recorded: of one tendon alone its largest
-    gap follows, of two the gap at the end; while the equality is not active neither counts.
+    Only the first, last, least and greatest length of each tendon are recorded. These give the
+    largest gap of a tendon coupled to a constant, but only the final gap of two coupled tendons.
+    There is no row if the equality is not active at the end.
     """
     equality, lasts = held.equality, subject.lasts(seen)
     lengths = seen.measured(TENDON, equality.client)

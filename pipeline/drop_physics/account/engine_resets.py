@@ -21,7 +21,7 @@ BASE_RATES = 6
 BEFORE = 3
 """Number of the ledger's bins before a reset whose mean forces are reported."""
 INERTIAL = DRAG, "bias", OWN.cause
-"""Causes that are no forces: the inertia of a rate, and of others that accelerate it."""
+"""Causes that are not forces: the inertia of a rate, and its coupling to other rates."""
 
 
 def engine_reset_rows(subject: MeasuredBody, seen: Seen, words: RowWords) -> Iterator[AccountRow]:
@@ -66,8 +66,8 @@ def engine_reset_rows(subject: MeasuredBody, seen: Seen, words: RowWords) -> Ite
 def _rate_of(subject: MeasuredBody, seen: Seen, index: int) -> int | None:
     """Return the index in a body's generalised velocity of an engine's degree of freedom.
 
-    None if that is one of another body. In the engine, a base has three velocities and then three
-    spins.
+    None if the degree of freedom belongs to another body. In the engine, a free base has three
+    linear velocities first and then three angular ones; in u the angular ones come first.
     """
     for body in seen.bodies.values():
         if body.client != subject.body.client:

@@ -22,8 +22,8 @@ from drop_physics.trace.history import Seen
 SLIPS_M_S = 0.01
 """Minimum slip speed of a contact whose friction is at its limit."""
 LASTING, MOSTLY = 0.05, 0.9
-"""A joint at its limit at the end is reported if that held for the share LASTING of the episode, in
-the share MOSTLY of those steps."""
+"""A joint at its limit at the end is reported if it was there for at least the share LASTING of the
+episode, in at least the share MOSTLY of those steps."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class AtEnd:
     unit: str
     """The unit of the limit."""
     since_s: float
-    """Simulated time since which the joint is there, in nine of ten steps."""
+    """Simulated time from which the joint is at the limit in nine of ten steps."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +120,7 @@ class _Counts:
 
 @dataclass(eq=False)
 class _Held:
-    """Whether a joint's drive is at its limit, and the joint at its stop, in each step."""
+    """Flags for each step: whether a joint's drive is at its limit, or the joint at its stop."""
 
     steps: list[Int64] = field(default_factory=list)
     at_limit: list[Flags] = field(default_factory=list)
@@ -134,13 +134,13 @@ class EpisodeTable:
     Parameters
     ----------
     seen
-        What was recorded.
+        The recorded data of the run.
     times
         Times of steps by client.
     episodes
-        The episodes.
+        All episodes of the run.
     looked_at
-        The episode whose joints are told one by one; None for none.
+        The episode that the account covers, whose joints at limits are listed; None for none.
     """
 
     def __init__(

@@ -1,9 +1,9 @@
 """Finds the feedback by which a script computes its controls: joint, delay and target.
 
-A controller of a joint gives u = -K q(t - l) - D v(t - l) + s(t), where s is smooth: its aim. The
-joint of q and v, and the delay (l), are found by least squares: a controller is exact, so the right
-ones leave no residual, and all others do. A policy that is not of this form leaves a residual in
-any case, and nothing is said of it.
+A controller of a joint gives u = -K q(t - l) - D v(t - l) + s(t), where s is smooth: the term of
+its target. The joint of q and v, and the delay (l), are found by least squares: a controller is
+exact, so the right ones leave no residual, and all others do. A policy that is not of this form
+leaves a residual in any case, and has no row.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ LEAST, MOST, LATEST = 8, 240, (16, 4, 0)
 end; and maximum delay of a state, so that enough controls remain."""
 MOST_LATE = LATEST[0]
 DEGREES = 0.0, 1 / 3, 2 / 3
-"""Chebyshev polynomials that model a target, by control: only a constant, or enough to follow a
-sine with five controls per period."""
+"""Numbers of Chebyshev polynomials that model a moving target, as shares of the number of controls:
+0 stands for a constant target, the largest can follow a sine with five controls per period."""
 LEFT, APART = 1e-3, 30.0
 """Maximum share of a control that the right joint leaves unexplained, and factor by which all other
 joints leave more."""
 NEAR = 10.0
-"""Maximum factor of that residual, over the controls that have a state at every delay."""
+"""Factor on LEFT for a first test, which uses only controls with a state at every delay."""
 SAME = 0.01
 """Maximum relative difference between the gains fitted to each half of the controls."""
 FLAT, LEVELS = 0.2, 8
-"""Share of controls that must be exactly at their maximum or minimum to be reported, and minimum
-number of distinct controls for that."""
+"""Share of controls exactly at their maximum or minimum from which the bounds are reported, and
+minimum number of distinct controls for such a report."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Feedback:
     """The joint whose state a control was computed from, with gains, delay and fit."""
 
     joint: int
-    """Index of the joint among those compared."""
+    """Index of the joint in the columns of `position` and `rate`."""
     late: int
     """Delay of the state, in controls."""
     stiffness: float
@@ -61,8 +61,8 @@ class Feedback:
 def feedback_of(control: Float64, position: Float64, rate: Float64) -> Feedback | None:
     """Find the joint from whose state a control was computed; None if none explains it.
 
-    `control` has the shape (n,), `position` and `rate` the shape (n, joints): the states with which
-    the steps of n equally spaced controls begin.
+    `control` has n equally spaced controls, shape (n,). `position` and `rate` are the states at the
+    start of the steps in which these controls act, shape (n, joints).
     """
     kept = ~_extreme(control)
     found = (_fitted(control, position, rate, kept, share) for share in DEGREES)
@@ -117,7 +117,7 @@ def _of_whole_state(
 ) -> Feedback | None:
     """Find feedback from the states of all joints, where one joint explains too little.
 
-    Its gains are not told: those of the joint itself alone say little.
+    The gains are set to 0: those of one joint alone would not describe the controller.
     """
     law = state_law_of(control, position, rate, ~_extreme(control), MOST_LATE)
     return None if law is None else Feedback(law.follows(own), law.late, 0.0, 0.0)
@@ -126,7 +126,8 @@ def _of_whole_state(
 def _aim(kept: Flags, latest: int, share: float) -> tuple[Float64, Int64]:
     """Return an orthonormal basis for smoothly varying targets, one row for each control.
 
-    These are those from `latest` on, so that they have a state with any delay.
+    The rows are the controls from index `latest` on, which have a state at any delay up to
+    `latest`; `kept` flags usable controls.
     """
     rows = np.flatnonzero(kept[latest:]) + latest
     degree = int(share * len(rows))
@@ -178,13 +179,13 @@ class GivenControls:
     Parameters
     ----------
     subject
-        The body.
+        The body with its size and weight.
     series
-        Its joints in n steps.
+        The body's joints in n steps.
     controls
         The control of each actuator in these steps, shape (n,).
     words
-        How times and joints are told.
+        Formats times and names for rows.
     """
 
     def __init__(
@@ -199,11 +200,11 @@ class GivenControls:
         """Target positions of the joints from whose current states controls are computed,
         by rate."""
         self.rows = [*self._rows(controls)]
-        """Rows for controls that follow another joint, are delayed, drive away, or stay
-        at bounds."""
+        """Rows for controls that follow another joint, are delayed, have the wrong sign, or stay at
+        bounds."""
 
     def stiffness(self, rate: int) -> float | None:
-        """Return the stiffness with which the script's controller holds a joint, or None."""
+        """Return the stiffness of the script's controller of a joint [N m/rad, N/m]; else None."""
         return self.aims[rate].stiffness if rate in self.aims else None
 
     def _rows(self, controls: Mapping[Actuator, Float64]) -> Iterator[AccountRow]:
@@ -238,7 +239,7 @@ class GivenControls:
                 self.aims[own] = self._aim(actuator, own, control, found, at)
 
     def _limit(self, controls: Mapping[Actuator, Float64]) -> None:
-        """Note the motors whose control is at an end of its range, so that force is limited."""
+        """Note the force limit of motors whose control is at an end of its range."""
         series = self._series
         for own, at_limit, most in limited_motors(self._subject.body, controls):
             series.at_limit[:, own] |= at_limit
@@ -284,7 +285,7 @@ class GivenControls:
         at: Int64,
         period: int,
     ) -> AccountRow | None:
-        """Return the row for a controller that uses another joint, is late, or drives away."""
+        """Return the row for a controller with another joint's state, a delay, or a wrong sign."""
         names, body = self._words.names, self._subject.body
         steps = self._series.steps[at[:1]]
         late_s = found.late * period * float(self._words.timesteps_s(self._subject, steps)[0])

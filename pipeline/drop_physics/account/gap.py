@@ -27,12 +27,12 @@ class ConstraintGap:
 
     most: float = 0.0
     step: int = -1
-    """The sample at which it is largest."""
+    """The sample at which the error is largest."""
     end: float = 0.0
     """The gap after the last step in which the constraint is active."""
 
     def add(self, off: Float64, samples: Int64, active: Flags) -> None:
-        """Add errors after the steps to given samples, shape (n,)."""
+        """Add errors at the given samples; all arrays have the shape (n,)."""
         off = np.where(active & np.isfinite(off), np.abs(off), 0.0)
         at = int(np.argmax(off))
         if off[at] > self.most:
@@ -64,7 +64,7 @@ def frames(
 ) -> tuple[Float64, Float64]:
     """Return the origins [m] and axes of two frames at samples, (n, 2, 3) and (n, 2, 3, 3).
 
-    Without `after`, at the start of the steps that lead to the samples.
+    Without `after`, the poses are those before the steps that lead to the samples.
     """
     places_m = np.full((len(samples), 2, 3), np.nan)
     axes = np.full((len(samples), 2, 3, 3), np.nan)
@@ -118,7 +118,7 @@ def with_gap(row: AccountRow, gap: ConstraintGap, unit: str, size: float) -> Acc
 def with_gaps(
     row: AccountRow, gap: ConstraintGap, turned: ConstraintGap, size_m: float
 ) -> AccountRow:
-    """Return a row with the more important of a distance and an angle, and the other in words."""
+    """Return a row with the larger of a distance (in sizes) and an angle; the other is added."""
     if turned.most > gap.most / size_m:
         return replace(with_gap(row, turned, "rad", 1.0), besides=((gap.most, "m"),))
     return replace(with_gap(row, gap, "m", size_m), besides=((turned.most, "rad"),))

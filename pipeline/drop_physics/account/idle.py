@@ -1,4 +1,4 @@
-"""Rows for what had no effect: pushes on soft bodies, bodies and actuators without a force."""
+"""Rows for pushes on soft bodies without effect, and for bodies and actuators without a force."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def idle_actuator_rows(
 ) -> Iterator[AccountRow]:
     """Yield a row for each actuator that was commanded but never exerted a force.
 
-    A servo that stands at its target has none to give.
+    A servo that stays at its target exerts no force, so it has no row.
     """
     for actuator, given in controls.items():
         if actuator.kind == "position" or not np.isfinite(given).any():

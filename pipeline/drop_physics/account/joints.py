@@ -108,7 +108,7 @@ class JointTable:
 def _row_of(
     series: JointSeries, efforts: PoseEfforts, joint: Joint, k: int, place: slice
 ) -> JointRow:
-    """Return the table row for one rate of a joint; `place` are all of the joint's rates."""
+    """Return the table row for joint rate `k`; `place` is the slice of all rates of its joint."""
     its = efforts.reactions
     control = CONTROLS[int(series.control[-1, k])]
     position, turns = control in ("position", "pd"), control == "velocity"

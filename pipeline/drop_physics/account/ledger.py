@@ -46,7 +46,7 @@ class Ledger:
 
     tree: Tree
     first: int
-    """The sample after the first step."""
+    """The sample after the body's first step."""
     bins: int
     """Maximum number of bins; an even number."""
     width: int = 1
@@ -58,7 +58,7 @@ class Ledger:
     seconds: Float64 = field(init=False)
     """Total time of these steps [s], shape (bins,)."""
     way: Float64 = field(init=False)
-    """Sum over the steps of mean velocity times timestep, shape (bins, size)."""
+    """Path: sum over the steps of mean generalised velocity times timestep, shape (bins, size)."""
     gained: Float64 = field(init=False)
     """Sum over the steps of the change of the generalised velocity, shape (bins, size)."""
     ends: States = field(init=False)
@@ -82,7 +82,7 @@ class Ledger:
     def add(self, steps: BodySteps, impulses: Impulses) -> None:
         """Add steps and the impulses of each term; unexplained steps are skipped.
 
-        `impulses` are those of all by term, shape (n, size) each.
+        `impulses` are the impulses of each term in all n steps, shape (n, size) each.
         """
         while (int(steps.steps[-1]) - self.first) // self.width >= self.bins:
             self._widen()

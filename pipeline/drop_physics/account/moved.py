@@ -33,18 +33,19 @@ explain the motion."""
 BEGUN = 0.01
 """Share of a turn above which the turn counts as begun."""
 STEADY = 0.5
-"""A push that acts in less than this share of the steps, or alternates, has no meaningful mean."""
+"""A push that acts in less than this share of the steps, or alternates, has no meaningful mean
+force."""
 STRAINED = 1e-3
 """Share of the body's weight, times its size for a torque, above which the engine's motor counts as
 holding a joint."""
 ROUND = 1e-6
-"""Share of that effort below which a force counts as none."""
+"""Share of the `STRAINED` threshold below which a force counts as zero."""
 RESTS = 0.2
 """Salience of a joint that stays where it is."""
 LARGE_M = 10.0
 """Size above which a body is reported with its size and mass: most models are in metres."""
 FALL = 5.0
-"""A fall by less than this many body sizes, driven by gravity alone, is ordinary."""
+"""Number of body sizes below which a fall driven by gravity alone is ordinary."""
 
 
 def joint_row(
@@ -136,8 +137,8 @@ def _resting(
 ) -> AccountRow | None:
     """Return the row for a joint that no call commands and that stays where it is.
 
-    It has one if the engine's own motor holds it (`held`) against other forces, or if a call has
-    switched its motor off and yet no force acts along it.
+    A joint has a row if the engine's own motor holds it (`held`) against other forces, or if a call
+    has switched the motor off and no force acts along the joint nevertheless.
     """
     k, ledger = axis.joint_rate, subject.ledger
     forces = ledger.forces(axis.rate, ledger.window(ledger.first, ledger.last))
@@ -177,7 +178,7 @@ def _resting(
 
 
 def _elastic(subject: MeasuredBody, timestep_s: float) -> Message:
-    """Describe the elasticity that moves a node, and the timestep that it allows.
+    """Describe the natural frequencies of an elastic body, and the timestep's stability limit.
 
     An explicit step of duration h, which takes v from the forces at its start and x from the new
     v, is stable up to the frequency ω with ω² h (h + 2 β) = 4, where β is the damping.
@@ -200,7 +201,7 @@ def _elastic(subject: MeasuredBody, timestep_s: float) -> Message:
 
 
 def _mimicked(subject: MeasuredBody, axis: Axis) -> Message:
-    """Describe which joint a joint should follow by its file (`mimic`), or nothing."""
+    """Describe which joint a joint should follow according to its file (`mimic`), or nothing."""
     for each in subject.body.asked.mimics:
         if each.joint == axis.joint.name:
             return Message(
@@ -306,8 +307,8 @@ def base_rows(
 ) -> Iterator[AccountRow]:
     """Yield rows for the path and the rotation of a floating base, with the terms behind them.
 
-    `written` are its states that the script wrote; `commanded` is what its joints were told that
-    turns it.
+    `written` are the states that the script wrote; `commanded` describes joint commands that turn
+    the base.
     """
     way = track.farthest_m - track.start_m
     distance = float(np.linalg.norm(way))
@@ -339,7 +340,7 @@ def _size(subject: MeasuredBody) -> Message:
 
 
 def _untouched(subject: MeasuredBody, track: BaseTrack, gravity_m_s2: Float64) -> Message:
-    """Describe from which height a body falls that touches nothing, or nothing."""
+    """Describe the height from which a body without contacts falls, or nothing."""
     ledger, pull = subject.ledger, float(np.linalg.norm(gravity_m_s2))
     causes = {term.cause for term in ledger.impulse}
     if not pull or causes & {CONTACT, "contacts", HELD, *COMMANDED, APPLIED.cause}:
@@ -473,9 +474,10 @@ def _turn(
 
 
 def _pressed_beside(subject: MeasuredBody, window: slice, words: RowWords) -> Message:
-    """Describe how far off centre a contact force was as a body began to rotate, or nothing.
+    """Describe the lever arm of a contact force when a body began to rotate, or nothing.
 
-    The arm of a force F about the centre of mass is T / F, with T the moment that it has about it.
+    The lever arm of a force F about the centre of mass is T / F, with T its moment about that
+    point.
     """
     ledger = subject.ledger
     known = np.flatnonzero(ledger.counts[window]) + window.start

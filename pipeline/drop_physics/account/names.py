@@ -1,4 +1,4 @@
-"""Names of bodies, links and terms, as the account's rows say them."""
+"""Names of bodies, links and terms in the text of the account's rows."""
 
 from __future__ import annotations
 
@@ -75,8 +75,8 @@ class Names:
     def rate(self, body: Body, joint_rate: int) -> str:
         """Return the name of a joint's degree of freedom: the joint, with an axis if it has three.
 
-        Its rates are about the principal axes of the link's inertia; the name has that of the
-        link's own axes which is nearest.
+        A spherical joint's rates are about the principal axes of the link's inertia; the name has
+        the nearest of the link's own axes.
         """
         for joint, place in zip(body.joints, body.rates, strict=True):
             if place.start <= joint_rate < place.stop:
@@ -90,9 +90,9 @@ class Names:
         return self.body(body.number)
 
     def base_frame(self, number: int) -> Float64 | None:
-        """Return the orientation of a base's inertia in the base, by body id, shape (4,).
+        """Return the orientation of a base's inertia relative to the base, by body id, shape (4,).
 
-        None if it is not recorded.
+        None if the orientation is not recorded.
         """
         frames = self._reported.get(number, {}).get("inertial_orientation")
         return None if frames is None else np.asarray(frames[0])

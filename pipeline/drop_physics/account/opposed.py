@@ -1,4 +1,4 @@
-"""Describes joints of a free robot that are commanded to turn opposite ways in the world."""
+"""Describes joints of a free robot whose commanded velocities are opposite in the world."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from drop_physics.quantities import quantity
 ALONG = 0.99
 """Cosine above which two axes count as parallel."""
 AS_FAST = 0.5
-"""Share of the fastest command from which another one counts."""
+"""Share of the fastest commanded velocity from which another command counts."""
 
 
 def opposed(subject: MeasuredBody, series: JointSeries | None, words: RowWords) -> Message:
     """Describe wheels whose commanded velocities are opposite in the world, or nothing.
 
-    The same command turns joints with opposite axes opposite ways, and so do commands of opposite
-    signs for joints with the same axis.
+    Equal commands turn joints with opposite axes in opposite directions, and so do commands of
+    opposite signs for joints with parallel axes.
     """
     if series is None or series.after.shape[1] != subject.tree.joint_rates or subject.tree.fixed:
         return Message("")

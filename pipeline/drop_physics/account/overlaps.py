@@ -30,8 +30,8 @@ LOOKS, POSES = (16, 200), 6400
 """Minimum and maximum number of evenly spaced samples of a chunk that are checked, and the number
 of samples of all pairs together."""
 MOST_SHAPES, MOST_PAIRS = 200, 400
-"""Maximum numbers of shapes and of pairs that are checked: in a larger world, filters are
-intentional."""
+"""Maximum numbers of shapes and of pairs that are checked: in a larger world, disabled contacts are
+taken as intended."""
 MOST_CORNERS = 1000
 """Maximum number of corners of a hull that is checked, because larger hulls take too long."""
 LEAST_M, DEEP = 1e-3, 0.05
@@ -72,7 +72,7 @@ class HeldShape:
     is_seen: bool
     """Whether the shape is only seen, and cannot collide."""
     moves: bool
-    """Whether steps or calls move the shape."""
+    """Whether steps or calls change the shape's pose."""
 
     @property
     def place(self) -> Place:
@@ -127,7 +127,8 @@ class Overlap:
     def is_pressed(self, touched: Mapping[PairKey, TouchedLinks]) -> bool:
         """Return whether the same links or bodies were in contact elsewhere.
 
-        Anywhere if shapes have groups of their own: others of the same bodies may touch.
+        For shapes of two bodies with collision groups of their own, contact between any shapes of
+        these bodies counts; otherwise only contact between the same links.
         """
         bodies = frozenset(shape.body.number for shape in self.shapes)
         whole = len(bodies) > 1 and self.shapes[0].solid.collision.bits is not None
@@ -302,7 +303,7 @@ def _may_meet(one: HeldShape, other: HeldShape) -> bool:
 def _cause(one: HeldShape, other: HeldShape, *, excluded: bool, no_contacts: bool) -> str | None:
     """Return why two shapes make no contact, as a key of `WHY`; None if they can.
 
-    One that is only seen is the first.
+    If only one of the shapes is visual, it must be `one`.
     """
     a, b, bits = one.body, other.body, other.solid.collision.bits
     if one.is_seen:

@@ -33,7 +33,7 @@ from drop_physics.trace.events import Body
 FULL = 1 - 1e-6
 """Share of its limit above which a constraint is at its limit."""
 SOON = 10
-"""Number of steps at the start of a constraint, and at its end, that are kept."""
+"""Number of first and of last steps of a constraint for which data is kept."""
 
 
 @dataclass(eq=False)
@@ -43,17 +43,17 @@ class HeldConstraint:
     last: ConstraintVersion
     """The constraint as defined in its last step."""
     first_gap_m: float | None = None
-    """Distance of its ends before its first step, the least of its definitions until then; None if
-    the recording does not have that step."""
+    """Distance between the constraint's ends before its first step [m], the smallest one if calls
+    redefined the constraint before; None if that step is not recorded."""
     first_angle_rad: float = 0.0
-    """Angle between its frames before its first step; 0 for one that leaves them free."""
+    """Angle between the constraint's frames before its first step; 0 if orientations are free."""
     least_gap_m: float = np.inf
     """The smallest distance after one of the first `SOON` steps."""
     least_angle_rad: float = np.inf
     gap: ConstraintGap = field(default_factory=ConstraintGap)
     """The distance between the constraint's ends after a step [m]."""
     turned: ConstraintGap = field(default_factory=ConstraintGap)
-    """The angle between their orientations [rad], if it holds these, too."""
+    """The angle between the ends' frames [rad], if the constraint fixes orientations, too."""
     pull_n: float = 0.0
     """Force of the constraint at the largest distance."""
     limit_n: float = np.inf
@@ -63,12 +63,15 @@ class HeldConstraint:
     first_step: int = -1
     last_step: int = -1
     full: int = 0
-    """Number of steps in which a component of the force is at its limit, as it is since then."""
+    """Number of steps in which a component of the force is at its limit, since that limit was
+    set."""
     last_limit_n: float = np.inf
     weight_n: float = 0.0
-    """Weight of the only moving body along its main axis; 0 if other supports share it."""
+    """Weight of the only moving body, as its largest component along a world axis; 0 if several
+    bodies move, or the body has other constraints."""
     across_m_s: float = 0.0
-    """The largest speed of a body across gravity, which adds load."""
+    """The largest component of a body's velocity perpendicular to gravity, since such motion adds
+    load."""
     turns_rad_s: float = 0.0
     """The largest rate of a body or its joints."""
     ends_m: Float64 = field(default_factory=lambda: np.empty((0, 2, 3)))
@@ -76,7 +79,8 @@ class HeldConstraint:
     strained: Flags = field(default_factory=lambda: np.empty(0, np.bool_))
     """Whether the constraint is at its limit in the last `SOON` steps, shape (n,)."""
     leans: Flags = field(default_factory=lambda: np.empty(0, np.bool_))
-    """Whether a body of the constraint touches anything in the last `SOON` + 1 steps."""
+    """Whether a body of the constraint touches anything in the last `SOON` + 1 steps, shape
+    (n,)."""
 
     @property
     def began(self) -> int:
@@ -172,7 +176,7 @@ class HeldConstraint:
                 self.turns_rad_s = max(self.turns_rad_s, float(turns_rad_s))
 
     def row(self, its: list[MeasuredBody], child: Body, words: RowWords) -> AccountRow:
-        """Return the row for the constraint; `its` are those of its bodies that can move."""
+        """Return the row for the constraint; `its` are the movable bodies of the constraint."""
         lighter = min(its, key=lambda each: each.weight_n)
         size_m = min(each.size_m for each in its)
         names = [

@@ -14,9 +14,10 @@ MOST = 2.5
 READ = 1.3
 """Factor for the rows of a body that the script reads, if it does not read all bodies."""
 REPEATED = 0.05
-"""Factor for the row of a body's energy whose causes stand in a row of its motion already."""
+"""Factor for a body's energy row if a row about its motion already lists the same causes."""
 RAISED = 0.9
-"""Share of a body's salience that its only driving joint inherits."""
+"""Share of a moving body's salience that the joints driving it inherit, in proportion to their
+energy."""
 
 
 def ranked(
@@ -24,7 +25,7 @@ def ranked(
 ) -> list[AccountRow]:
     """Sort rows by salience; merge similar rows into one, with the number of rows merged.
 
-    `read` has the numbers of the bodies that the script reads, empty if it reads all or none.
+    `read` has the ids of the bodies whose state the script reads; empty if it reads all or none.
     `about` names a body or a joint whose rows come first.
     """
     weighed = [replace(row, salience=_salience(row, read)) for row in rows]
@@ -58,7 +59,7 @@ def is_about(row: AccountRow, about: str | None) -> bool:
 
 
 def _raised(rows: Sequence[AccountRow]) -> Iterator[AccountRow]:
-    """Yield rows; joints that drive a moving robot gain salience by their share."""
+    """Yield rows; joints that drive a moving robot gain salience by their share of the energy."""
     moves: dict[str | None, float] = {}
     gave_j: dict[str | None, float] = {}
     for row in rows:
@@ -72,7 +73,7 @@ def _raised(rows: Sequence[AccountRow]) -> Iterator[AccountRow]:
 
 
 def _repeating(rows: Iterable[AccountRow]) -> Iterator[AccountRow]:
-    """Yield rows; one of a body's energy counts less if a row of its motion has the same causes."""
+    """Yield rows; energy rows that repeat the causes of a row about motion lose salience."""
     every = [*rows]
     told: dict[str | None, set[tuple[str, str | None]]] = {}
     for row in every:

@@ -46,7 +46,7 @@ def reading_rows(
 ) -> Iterator[AccountRow]:
     """Yield a row for each script line that reads contacts or a joint's reaction force.
 
-    `filtered` has the line that filters the contacts of bodies, by their numbers.
+    `filtered` has the script line that disables contacts between bodies, by their ids.
     """
     for reading in seen.readings:
         answers = {answer.name: answer for answer in reading.answers}
@@ -248,9 +248,10 @@ def _reaction(answers: Mapping[str, Answer]) -> Message:
 
 
 def _balance(reading: Reading, subject: MeasuredBody, words: RowWords) -> Message | None:
-    """Describe by how much an inverse-dynamics result misses gravity's share; None without one.
+    """Describe an inverse-dynamics result beside the effort of gravity; None without a result.
 
-    Without velocities and accelerations it is the opposite of what gravity gives the joint.
+    With velocities and accelerations of zero, the result is the opposite of gravity's effort on the
+    joint.
     """
     efforts = [answer.first for answer in reading.answers if answer.name.startswith(EFFORT)]
     tree, ledger = subject.tree, subject.ledger

@@ -17,7 +17,7 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 """The kinds of rows: what a script requested of a joint or a constraint; what it applied, as a
 torque or a control; what moved or turned without a command; what was pushed and did not move;
 states that the script wrote; links that press each other, and that slip; energy given and taken;
-readings; and what could have acted and did not."""
+readings; and bodies, forces or actuators that had no effect."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +32,7 @@ class RowTerm:
     """Label of the partner's body, for a contact or a constraint."""
     link: str | None = None
     """Name of the partner's link, for a contact or a constraint, or of the joint whose acceleration
-    drags."""
+    couples to this one through the mass matrix."""
     value: float
     """Mean force [N] or torque [N m] over the row's moment, or work [J] up to that moment."""
     unit: str

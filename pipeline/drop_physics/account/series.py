@@ -31,11 +31,11 @@ class JointSeries:
     """Positions before each step [rad] or [m]; nan for a spherical joint."""
     after: Float64
     rate: Float64
-    """Joint rates after each step."""
+    """Joint rates after each step [rad/s] or [m/s]."""
     target: Float64
-    """Commanded position; nan if there is none."""
+    """Commanded position [rad] or [m]; nan if there is none."""
     asked_rate: Float64
-    """Commanded rate of an enabled velocity motor; nan if there is none."""
+    """Commanded rate of an enabled velocity motor [rad/s] or [m/s]; nan if there is none."""
     control: Int64
     """What controls the joint, as an index in CONTROLS."""
     switched_off: Flags
@@ -43,7 +43,7 @@ class JointSeries:
     torque: Float64
     """Efforts of motors [N m] or [N]."""
     limit: Float64
-    """Maximum torque of the motor."""
+    """Maximum torque or force of the motor [N m] or [N]."""
     at_limit: Flags
     at_stop: Flags
     resting: Flags
@@ -117,10 +117,10 @@ class BaseTrack:
     most_turned_rad: float = 0.0
     most_turned_step: int = -1
     spun_rad: Float64 = field(default_factory=lambda: np.zeros(3))
-    """Sum of the rotations from state to state, in world axes: an orientation alone tells no more
-    than half a turn. Shape (3,)."""
+    """Sum of the rotation vectors from state to state, in world axes [rad], shape (3,); unlike an
+    orientation, the sum counts full turns."""
     most_spun_rad: Float64 = field(default_factory=lambda: np.zeros(3))
-    """The largest such sum, shape (3,)."""
+    """The sum with the largest norm so far, shape (3,)."""
     most_spun_step: int = -1
     end_rad_s: float = 0.0
     """Size of the angular velocity after the latest step."""

@@ -1,4 +1,4 @@
-"""Finds shapes that do not fit a body's motion: wheels off their axles, masses outside."""
+"""Finds shapes that do not fit a body's motion: wheels off their axles, masses outside shapes."""
 
 from __future__ import annotations
 

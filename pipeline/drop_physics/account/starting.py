@@ -13,7 +13,7 @@ from drop_physics.trace.events import Joint
 
 UPRIGHT = np.array([[0.0, 0.0, 0.0, 1.0]])
 LEAST_RAD = 0.02
-"""Angle below which an orientation counts as that of the model."""
+"""Angle below which a start orientation counts as that of the model file [rad]."""
 ALONG = 0.999
 """Cosine above which a rotation counts as about one of the world's axes."""
 ROUND = 1e-6
@@ -24,7 +24,7 @@ def turned_at_start(orientation: Float64, frame: Float64 | None) -> Message:
     """Describe the rotation with which a floating base starts; nothing if that is negligible.
 
     `orientation` is that of the base's inertia in the world, and `frame` that of the inertia in the
-    base: unit quaternions x, y, z, w, shape (4,); `frame` is None where it is not known.
+    base: unit quaternions x, y, z, w, shape (4,); `frame` is None if unknown.
     """
     if frame is None or not frame.any() or not np.isfinite(frame).all():
         return Message("")

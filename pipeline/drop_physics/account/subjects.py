@@ -34,7 +34,7 @@ class MeasuredBody:
     mass_kg: float
     """The mass of the movable links."""
     weight_n: float
-    """What those links weigh, without gravity at the standard one."""
+    """The weight of those links; in a scene without gravity, at standard gravity."""
     is_weightless: bool
 
     def lasts(self, seen: Seen) -> bool:
@@ -77,7 +77,7 @@ def in_weights(force_n: float, subject: MeasuredBody, name: str) -> Message:
 def turning_rad_s(subject: MeasuredBody, *, before: bool = False) -> float:
     """Return a floating base's mean rotation rate in the last tenth of its steps [rad/s].
 
-    With `before`, in the tenth before that one.
+    With `before`, the rate is that in the preceding tenth.
     """
     ledger = subject.ledger
     known = np.flatnonzero(ledger.counts)

@@ -25,9 +25,9 @@ separately."""
 ROUNDED = 1e-9
 """A component of a term below this share of the term is rounding."""
 SINGLE = 1e-6
-"""The same threshold for contacts, which an engine may report in single precision."""
+"""The same threshold for contact forces, which an engine may report in single precision."""
 MOST_PARTNERS = 24
-"""Maximum number of link pairs whose contacts are kept apart in one chunk; the weakest others are
+"""Maximum number of link pairs whose contacts are kept apart in one chunk; all weaker ones are
 summed."""
 
 
@@ -57,9 +57,9 @@ def impulses_by_term(
 ) -> Impulses:
     """Return impulses by term: contacts by partner, servos by stiffness and damping.
 
-    `normals` are those of the contact points of the chunk, shape (points, 3). `servos` has, for
-    each actuator that is a position servo, the rate that it drives and its damping
-    [N m s/rad] or [N s/m] there.
+    `normals` are the normals of the chunk's contact points, shape (points, 3). `servos` maps the
+    name of each position servo to the index of the joint rate that it drives, and its damping [N m
+    s/rad] or [N s/m].
     """
     found: Impulses = {}
     for cause, impulse in steps.terms.items():

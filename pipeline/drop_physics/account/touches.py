@@ -38,7 +38,7 @@ class Touch:
     """Friction coefficient: the product of both, in MuJoCo the larger; None if several parts with
     different coefficients touched."""
     used: float | None
-    """Largest share of Σ μN that the pair used."""
+    """Largest ratio of the pair's friction to the possible friction Σ μN."""
     available_n: float | None
     """Maximum possible friction Σ μN at the step that requires most friction."""
     needed_n: float | None
@@ -66,12 +66,12 @@ class _PairSums:
     steps: Int64
     """Number of steps in which a normal force acts."""
     pressed_step: Int64
-    """The last of these."""
+    """The last step in which a normal force acts."""
     lowest: Float64
-    """The lowest friction coefficient of a point with a force."""
+    """The lowest friction coefficient of a contact point with a force."""
     highest: Float64
     used: Float64
-    """Largest share of Σ μN that the pair used; negative if no friction is possible."""
+    """Largest ratio of friction to the possible friction Σ μN; negative if none is possible."""
     at_limit: Int64
     """Number of steps in which the friction of all points together is at its limit."""
     rubs: Flags
@@ -116,11 +116,11 @@ class Touched:
     steps: int = 0
     """Number of steps in which a normal force acts."""
     pressed_step: int = -1
-    """The last of these."""
+    """The last step in which a normal force acts."""
     coefficients: tuple[float, float] = (np.inf, -np.inf)
     """The lowest and the highest friction coefficient where a force acts."""
     used: float = -1.0
-    """Largest share of Σ μN that the pair used; negative if no friction is possible."""
+    """Largest ratio of friction to the possible friction Σ μN; negative if none is possible."""
     at_limit: int = 0
     """Number of steps in which the friction of all points together is at its limit."""
     rubs: bool = False
@@ -131,7 +131,7 @@ class Touched:
 
     @property
     def friction(self) -> float:
-        """The highest friction coefficient; 0 where it is not known."""
+        """The highest friction coefficient; 0 if unknown."""
         return max(self.coefficients[1], 0.0)
 
     def add(self, sums: _PairSums, row: int) -> None:
@@ -177,9 +177,9 @@ class _TouchedBodies(Touched):
     """Two bodies that touched, or two links of one."""
 
     impulse_n_s: Float64 = field(default_factory=lambda: np.zeros(3))
-    """Impulse on the body with the lower id."""
+    """Impulse on the body with the lower id, world axes [N s], shape (3,)."""
     energy_j: Float64 = field(default_factory=lambda: np.zeros(2))
-    """Energy given to each body."""
+    """Energy given to each body [J], shape (2,)."""
     needs: list[_Need | None] = field(default_factory=lambda: [None, None])
     """The step that requires most friction, for each body; None if unknown."""
     whole: bool = True
@@ -289,7 +289,7 @@ class _Needs:
     """
 
     needed_n: Float64
-    """Friction required; negative if unknown."""
+    """Friction required [N]; negative if unknown."""
     available_n: Float64
     normal_n: Float64
 

@@ -112,7 +112,7 @@ def _feet_of(
 
 
 def _stands(subject: MeasuredBody) -> bool:
-    """Return whether a robot rests on contacts alone, with nothing else that holds it."""
+    """Return whether contacts alone support a robot."""
     body, driven = subject.body, {each.target for each in subject.body.actuators}
     first = next(iter(body.joints), None)
     slides = first is not None and first.kind == "prismatic" and first.name not in driven
@@ -122,9 +122,9 @@ def _stands(subject: MeasuredBody) -> bool:
 def _slipping_row(
     subject: MeasuredBody, feet: Mapping[PairKey, TouchedLinks], seen: Seen, words: RowWords
 ) -> AccountRow | None:
-    """Return the row for a robot whose feet slip: of the one that slides farthest.
+    """Return the row for a robot whose feet slip, about the foot that slides farthest.
 
-    Its rank is that of all feet together.
+    The row's salience is that of all feet together.
     """
     slid_m = sum(each.slid_m for each in feet.values())
     steps = sum(each.steps for each in feet.values())
@@ -175,7 +175,7 @@ def _apart(touched: TouchedLinks) -> Message:
 
 
 def _origin(key: PairKey, touched: TouchedLinks, seen: Seen) -> Message:
-    """Describe how two coefficients of friction give that of a contact; nothing if it is plain."""
+    """Describe how two friction coefficients make a contact's; nothing if that is obvious."""
     a, b = (_friction(seen, body, link) for body, link in (key[::2], key[1::2]))
     if a is None or b is None or not touched.friction:
         return Message("")
@@ -199,7 +199,7 @@ def _friction(seen: Seen, body: int, link: int) -> float | None:
 
 
 def _unlike(its: list[MeasuredBody], words: RowWords) -> Message:
-    """Describe how much heavier one of two bodies is, if that is a great deal; else nothing."""
+    """Describe the mass ratio of two bodies if it is extreme; else nothing."""
     if len(its) < 2:
         return Message("")
     light, heavy = sorted(its, key=lambda subject: subject.mass_kg)

@@ -22,7 +22,7 @@ def transmission_rows(
 ) -> Iterator[AccountRow]:
     """Yield a row for each actuator that does not drive just one degree of freedom.
 
-    `actuators` are the rows of the body's actuators, in their order.
+    `actuators` are the table rows of the body's actuators, in the order of `body.actuators`.
     """
     if not subject.lasts(seen):
         return

@@ -74,7 +74,7 @@ def _row(
 def _limit(series: JointSeries, axis: Axis) -> float | None:
     """Return the largest force limit of a joint's drive; None if it has none.
 
-    That of the engine's own motor, which no call has set, says nothing.
+    The limit of the engine's own motor is left out, since no call has set it.
     """
     limit = series.limit[:, axis.joint_rate]
     own = series.controlled("default", "unknown", "off")[:, axis.joint_rate]

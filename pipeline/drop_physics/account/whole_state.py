@@ -2,7 +2,8 @@
 
 A linear controller gives u = K x(t - l) + c, where x is the state of all joints. Its delay (l) is
 found by least squares: the right one leaves nothing but rounding, all others leave much more. Where
-all delays fit, as in a motion that is linear itself, or none, as of a network, nothing is known.
+all delays fit, as in a motion that is linear itself, or none fits, as for a neural network, the
+delay is unknown.
 """
 
 from __future__ import annotations
@@ -14,13 +15,13 @@ import numpy as np
 from drop_physics.arrays import Flags, Float64
 
 SPARE, ENOUGH = 2, 8
-"""Minimum number of different controls beyond the number of gains, and number of them to fit: by
-chance already two are not fitted exactly."""
+"""Minimum number of distinct controls beyond the number of gains, and preferred number: even two
+extra controls are not fitted exactly by chance."""
 EXACT, APART = 1e-9, 1e3
 """Maximum share of a control that the right state leaves unexplained, and factor by which all other
 delays leave more."""
 ENTERS = 1e-3
-"""Minimum share of a control that a joint contributes whose state enters."""
+"""Minimum share of a control that a joint must contribute for its state to count as an input."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class StateLaw:
     """Contribution of each joint to the control, as a share of its size, shape (joints,)."""
 
     def follows(self, own: int) -> int:
-        """Return the joint that a control mainly follows: its own if that enters the law."""
+        """Return the joint that a control mainly follows: its own joint if that is an input."""
         return own if self.shares[own] > ENTERS else int(np.argmax(self.shares))
 
 
@@ -47,9 +48,9 @@ def state_law_of(
     control
         n equally spaced controls, shape (n,).
     position, rate
-        The states with which their steps begin, shape (n, joints).
+        The states at the start of the steps in which the controls act, shape (n, joints).
     kept
-        The controls that are not cut off, shape (n,).
+        Flags of the controls that are not clamped, shape (n,).
     latest
         The largest delay, in controls.
     """

@@ -25,7 +25,7 @@ LEAST_SHARE = 0.05
 
 
 class RowWords:
-    """What the wording of rows needs to know of a recording: names, times, script lines."""
+    """Data for the wording of rows: names, times and script lines of a recording."""
 
     def __init__(self, names: Names, times: Mapping[int, StepTimes]) -> None:
         self.names, self._times = names, times
@@ -35,11 +35,11 @@ class RowWords:
         return self._times[body.client].of(step)
 
     def time(self, subject: MeasuredBody, step: int) -> Message:
-        """Format the time of a sample for a reader."""
+        """Format the simulated time of a sample for a reader."""
         return Message("{time} s", time=number(self.seconds(subject.body, step)))
 
     def timesteps_s(self, subject: MeasuredBody, steps: Int64) -> Float64:
-        """Return the timestep of the steps to some samples [s]."""
+        """Return the timestep of the steps that lead to the given samples [s], shape (n,)."""
         return self._times[subject.body.client].of_steps(steps)[0]
 
     def around(self, subject: MeasuredBody, step: int, steps: int) -> slice:
@@ -69,7 +69,7 @@ class RowWords:
     ) -> tuple[RowTerm, ...]:
         """Return the terms that a row lists: drives first, then the largest others.
 
-        Terms that are small beside the largest, or beside a value that they stand next to, are left
+        Terms that are small compared with the largest one, or with the value `beside`, are left
         out.
         """
         told = {term: value for term, value in values.items() if term != OWN and value}

@@ -22,9 +22,9 @@ from drop_physics.quantities import quantity
 ODD = ("integrator", "solver", "clamp", "remainder")
 """Non-physical causes, which give energy only if a step is wrong."""
 UNKNOWN = 0.05
-"""Unexplained share of the turnover above which no terms are reported."""
+"""Unexplained share of a body's energy turnover above which no terms are reported."""
 ROUNDING = 1e-9
-"""Share of the turnover below which an energy is rounding error."""
+"""Share of the energy turnover below which an energy is rounding error."""
 TURNOVER = 0.02
 """Share of a body's energy turnover above which the energy from a non-physical cause counts."""
 
@@ -42,7 +42,7 @@ class WrittenStates:
     way: Float64 = field(default_factory=lambda: np.zeros(2))
     """Total path due to calls: of the base and of slides [m], and of other joints [rad]."""
     stepped: Float64 = field(default_factory=lambda: np.zeros(2))
-    """Total path due to steps, likewise."""
+    """Total path due to steps: of the base and of slides [m], and of other joints [rad]."""
     velocity: Float64 = field(default_factory=lambda: np.zeros(2))
     """Total change of velocities due to calls [m/s] and [rad/s]."""
     first_step: int | None = None
@@ -158,7 +158,7 @@ def _path(tree: Tree, start: States, end: States) -> Float64:
 
 
 def _with_units(values: Float64, units: tuple[str, str]) -> Message:
-    """Format a length and an angle, or their rates; of two the one that is not 0."""
+    """Format a length and an angle, or their rates; zeros beside a nonzero value are left out."""
     told = [quantity(float(each), unit) for each, unit in zip(values, units, strict=True) if each]
     return joined(" and ", told or [quantity(0.0, units[0])])
 

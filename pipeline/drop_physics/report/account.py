@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from drop_physics.rules.answer import Finding
 
 FEW, MANY = 6, 12
-"""Number of rows shown if findings are shown, too, and if none are."""
+"""Number of rows shown beside findings, and without findings."""
 NEGLIGIBLE = 0.01
 """Rows below this salience appear only in the JSON, for example drives on their targets."""
 SHOWN_TERMS = 2
@@ -38,7 +38,7 @@ WORDS = {
 
 
 def rows_beside(rows: Sequence[AccountRow], findings: Sequence[Finding]) -> list[AccountRow]:
-    """Return the account's rows worth reading, without those that a finding shown covers."""
+    """Return the account's rows worth reading, without those that a displayed finding covers."""
     told = [finding.row for finding in findings if finding.row is not None]
     return [
         row for row in rows if row.salience >= NEGLIGIBLE and not any(row is each for each in told)
@@ -67,14 +67,14 @@ def facts_of(row: AccountRow) -> list[Fact]:
 
 
 def who_of(row: AccountRow) -> str:
-    """Return what a row is about, and how many similar ones it stands for."""
+    """Return the name of a row's subject, with the number of similar ones it represents."""
     if row.alike and (row.subject is None or not row.subject.node_of):
         return Message("{who} and {alike} more", who=row.who, alike=row.alike)
     return row.who
 
 
 def sides_of(terms: Sequence[RowTerm]) -> Message:
-    """Describe a row's terms in one line: those that push towards the target, and those against."""
+    """Describe a row's terms in one line: towards the target, and against it."""
     towards = _terms([term for term in terms if term.towards])
     against = _terms([term for term in terms if not term.towards])
     gave = terms[0].unit == "J"

@@ -49,9 +49,10 @@ def report_of(
     choice: Choice = EVERY,
     at_the_end: bool = False,
 ) -> Report:
-    """Report what happened: on one screen, or everything with `verbose`.
+    """Report an analysis on one screen, or completely with `verbose`.
 
-    With `at_the_end`, only the findings and the final state, as in a golden recording's page.
+    With `at_the_end`, the report has only the findings and the final state, as in a golden
+    recording's page.
     """
     if at_the_end:
         return report_of_end(analysis)
@@ -90,7 +91,7 @@ def _row_drawn(analysis: Analysis) -> Iterator[Graphs]:
 
 
 def _not_said(analysis: Analysis) -> Iterator[Section]:
-    """Yield notes on missing data, because of which the analysis leaves something out."""
+    """Yield notes on missing data that make the analysis incomplete."""
     if analysis.notes:
         titles = [Message("not said"), *[""] * (len(analysis.notes) - 1)]
         rows = map(Fact, titles, analysis.notes)
@@ -98,7 +99,7 @@ def _not_said(analysis: Analysis) -> Iterator[Section]:
 
 
 def next_commands(analysis: Analysis) -> Iterator[str]:
-    """Yield commands to run next: trials of the script, if it is found, and the viewer."""
+    """Yield commands to run next: trials of the script, if its file exists, and the viewer."""
     if analysis.recording is None or not analysis.samples:
         return
     origin = analysis.origin

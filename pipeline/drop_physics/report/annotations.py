@@ -1,6 +1,6 @@
 """Findings for code review, as GitHub Actions annotations and as SARIF.
 
-Both are read by machines, and so always in English.
+Both formats are for machines, and so always in English.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SCHEMA = (
 def github_of(analysis: Analysis) -> str:
     """Return the findings as GitHub Actions workflow commands, one per line.
 
-    The form is that of "Workflow commands for GitHub Actions" in GitHub's documentation.
+    The format is documented in GitHub's "Workflow commands for GitHub Actions".
     """
     return "".join(f"{_command(finding, analysis)}\n" for finding in analysis.findings)
 

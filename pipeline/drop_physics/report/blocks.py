@@ -1,8 +1,8 @@
 """The data of a report: paragraphs, tables and curves, as any renderer can show them.
 
-A report is made by the builder of its verb, a pure function of the verb's result. It contains text
-in English (`Message`), numbers already written with their units, and the order in which a reader
-wants them. The width of lines, the colours of words and the language are the renderer's.
+The builder of a verb's report is a pure function of the verb's result. A report contains English
+text (`Message`), numbers formatted with their units, and the order in which to read them. The
+renderer chooses line width, colours and language.
 """
 
 from __future__ import annotations
@@ -63,7 +63,8 @@ class Facts:
 
     rows: Sequence[Fact | File]
     column: int = 0
-    """Width of the column of titles in characters; 0 for that of the longest title plus a gap."""
+    """Width of the column of titles in characters; 0 for the width of the longest title plus a
+    gap."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,8 @@ class Column:
     shrinks_to: int = 0
     """Width to which cells may be truncated if room is short; 0 for none."""
     drop: int = 0
-    """Order of removal if room is short: columns with the largest number go first, 0 stays."""
+    """Order of removal if room is short: the column with the largest number is removed first,
+    columns with 0 never."""
     gap: int = 2
     """Gap before the column in characters, unless it is the first."""
     style: Style = ""
@@ -89,7 +91,7 @@ class Column:
     wraps: bool = False
     """Whether long cells are wrapped onto further lines; only allowed for the last column."""
     fits: bool = False
-    """Whether a cell is left out if there is no room for it; only allowed for the last columns."""
+    """Whether cells without room are left out one by one; only allowed for the last columns."""
 
 
 def numbers(head: str, cells: Sequence[str], *, drop: int = 0) -> Column:
@@ -118,19 +120,20 @@ class DataTable:
 
 @dataclass(frozen=True)
 class FindingList:
-    """Findings, most severe first, with their call sites and the calls that would change them."""
+    """Findings, most severe first, with their call sites and suggested calls."""
 
     findings: Sequence[Finding]
     most: int
     """Maximum number of findings to show."""
     left_out: int = 0
-    """Number of findings hidden by the user's choice."""
+    """Number of findings suppressed by options, comments or settings."""
     sources: Mapping[str, Path] = field(default_factory=dict)
     """Paths of the source files that findings cite, where they are found."""
     first: int = 1
     """Number given to the first finding."""
     looked_at: Message | None = None
-    """Remark on what was examined, shown if there are no findings: their absence is no verdict."""
+    """Note on what was examined, shown if there are no findings, since their absence proves
+    nothing."""
 
 
 def lines_of(finding: Finding, sources: Mapping[str, Path], around: int = 0) -> dict[int, str]:
@@ -179,14 +182,14 @@ class Report:
     """The report of a command: title, verdict, sections, and commands to run next."""
 
     title: str = ""
-    """What the report is about, if it is listed among others: a command."""
+    """Heading of the report among several ones: the command that it belongs to."""
     error: Failure | None = None
     """The error that ended the script, shown before everything else."""
     verdict: Words | Fact | None = None
     """The opening sentence: the main result."""
     sections: Sequence[Section] = ()
     notes: Sequence[str] = ()
-    """Remarks on the whole result, for example that it is incomplete."""
+    """Notes on the whole result, for example that the result is incomplete."""
     remarks: Sequence[str] = ()
     """Reasons why the result is not a success, shown at the end."""
     next: Sequence[str] = ()

@@ -61,7 +61,7 @@ class OneScreen:
     most_findings: int
     """Number of findings shown."""
     rows: list[AccountRow]
-    """Rows of the account that no shown finding already covers."""
+    """Rows of the account that no displayed finding covers."""
     most_rows: int
     """Number of rows shown."""
 
@@ -127,7 +127,7 @@ def report_of_bodies(
 
 
 def looked_at(analysis: Analysis) -> Message:
-    """Say what was examined, for an analysis that finds nothing."""
+    """Describe what was examined, for an analysis without findings."""
     joints = sum(len(body.joints) for body in analysis.bodies)
     return Message(
         "no finding in {bodies}, {joints}, {steps}; the rules know common mistakes only",
@@ -274,8 +274,8 @@ def joint_table(
 ) -> DataTable:
     """Return the table of a body's joints and actuators; each row has units of its own.
 
-    Actuators on a single joint rate are in its row; those on tendons, sites or several rates, of
-    `actuators`, are rows of their own.
+    An actuator on a single joint rate is shown in the row of that rate; an actuator on a tendon, a
+    site or several rates has its own row.
     """
     single = {joint.name for joint in joints if joint.axis is None}
     rows = [
@@ -342,7 +342,7 @@ TORQUES: Cells = {
 
 
 def _numbers(cells: Cells, rows: Sequence[DriveRow], least: int, *, drop: int) -> Iterator[Column]:
-    """Yield columns; if room is short, the last with `drop` above 0 are removed first."""
+    """Yield columns whose order of removal counts up from `drop`; those up to 0 stay."""
     for place, (head, text) in enumerate(cells.items(), drop):
         yield Column(
             head, [*map(text, rows)], right=True, least=least - 1, gap=1, drop=max(0, place)
@@ -363,7 +363,7 @@ def _bodies(analysis: Analysis, moving: Sequence[BodyAnalysis]) -> Iterator[Bloc
 
 
 def _not_said(moving: Sequence[BodyAnalysis], *, verbose: bool) -> Iterator[Block]:
-    """Yield notes on what is not explained, and on what only an option shows."""
+    """Yield notes on unexplained samples, and on options that show more."""
     lacks = [
         Message(
             "{body}: {samples} from step {step} on: {reason}",
@@ -408,7 +408,7 @@ def _facts(body: BodyAnalysis) -> Message:
 
 
 def sum_of(body: BodyAnalysis, each: StepSum) -> Section:
-    """Return a step's sum as a table: a row per degree of freedom, a column per term."""
+    """Return a step's sum of impulses: a line per degree of freedom, which lists the terms."""
     title = Message(
         "{body} at {time:.4g} s, step {step}: {segment}",
         body=body.label,

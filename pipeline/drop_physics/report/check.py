@@ -50,7 +50,7 @@ def append_summary(check: Check, file: Path) -> None:
     Raises
     ------
     OutputError
-        If it cannot be written.
+        If the file cannot be written.
     """
     with output_errors(file), file.open("a", encoding="utf-8") as stream:
         stream.write(summary_of(check))
@@ -124,7 +124,7 @@ def _call_json(call: Call | None) -> dict[str, Any] | None:
 
 
 def report_of(check: Check) -> Report:
-    """Report whether both recordings are the same, or where and by how much they differ."""
+    """Report whether two recordings are equal, or where and by how much they differ."""
     verdict, *others = _facts(check)
     code = 0 if check.same or check.updated else DIFFERS
     return Report(
@@ -231,7 +231,7 @@ def _first(check: Check, compared: Comparison) -> Iterator[Fact]:
 
 
 def _left_out(compared: Comparison) -> Message | None:
-    """Name the bodies that were not compared, with the reason; None if all were."""
+    """Name the bodies that were not compared, with the reason; None if all were compared."""
     unseen = [each for each in compared.not_compared if each not in compared.unpaired]
     words = [
         Message(template, bodies=", ".join(bodies[:MOST]) + (" …" if len(bodies) > MOST else ""))

@@ -24,7 +24,7 @@ APART = 3
 COLUMN = 12
 """Width of a title in characters."""
 LINES, WIDTH = 12, 80
-"""Most lines of the report, in a terminal of this width."""
+"""Most lines of the report, in a terminal of this width [characters]."""
 MOST = 6
 """Most names listed; the JSON contains all."""
 HIDDEN = ("detail", "bodies", "others", "steps", "follows")

@@ -264,7 +264,7 @@ def _bounce(analysis: DropAnalysis, bounce: Bounce) -> Message:
 
 
 def _positive_mm(length_m: float) -> str:
-    """Format a length in millimetres; one that rounds to zero has no sign."""
+    """Format a length in millimetres; a length that rounds to zero has no sign."""
     return decimals(round(length_m * 1e3, 1) + 0.0, 1)
 
 
@@ -284,7 +284,7 @@ def _rest(analysis: DropAnalysis) -> list[Fact]:
 
 
 def _off(rest: Rest) -> Message:
-    """Describe how far a body rests from its expected position, and why."""
+    """Describe the distance of a body's rest position from the expected one, with the reason."""
     if rest.expected_m is None or rest.error_m is None:
         return Message("no theory gives the height at rest in this orientation")
     error = Message(

@@ -32,13 +32,13 @@ OF_SEVERAL = {
     "reset": Message("ended by a reset"),
     "run": Message("ended with the run"),
 }
-"""The same after a number of episodes."""
+"""Descriptions of endings after a number of episodes, as in "3 terminated"."""
 
 
 def episode_lines(
     rows: Sequence[EpisodeRow], looked_at: int | None, samples: int, *, verbose: bool
 ) -> Iterator[Section]:
-    """Yield a line for the examined episode and a summary; with `verbose` a line for each.
+    """Yield a line for the examined episode and a summary; with `verbose` a line per episode.
 
     `samples` is the number of samples of the run.
     """

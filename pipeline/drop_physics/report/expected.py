@@ -28,9 +28,9 @@ SHOWN = 3
 ROUNDING = 1e-6
 """A quantity is shown as 0 if it is below this share of the reached value."""
 MOST_DIGITS = 12
-"""Most digits of a quantity that is close to what it is compared with."""
+"""Most digits of a quantity that is close to the number that it is compared with."""
 MOST_COMMANDS = 2
-"""Most commands listed that are followed worse with a change."""
+"""Most commands listed that the run with a change follows worse."""
 
 
 # -- as JSON --------------------------------------------------------------------------------------
@@ -190,8 +190,8 @@ def sections_of(found: Expected, *, every: bool) -> Iterator[Section]:
 def _value(found: Expected, outcome: ChangeOutcome) -> str:
     """Format the quantity that an expectation is about, with its unit if known.
 
-    Rounding, compared with the quantity in the script's own run, is 0. There are as many digits as
-    it takes to tell the quantity from what it is compared with.
+    A quantity that is rounding error, compared with that of the script's own run, is shown as 0.
+    The number of digits suffices to distinguish the quantity from the expected number.
     """
     is_none = abs(outcome.value) < ROUNDING * abs(found.base.value)
     value, digits = 0.0 if is_none else outcome.value, DIGITS

@@ -14,8 +14,8 @@ def failure(
 ) -> str:
     """Compare a recording with the golden one, or replace it; return the failure, or "".
 
-    The first line, which pytest repeats in its summary, is the first difference. The verdict of
-    `drop check` is appended to the file `summary`, too.
+    The first line of the failure, which pytest repeats in its summary, states the first difference.
+    The verdict of `drop check` is also appended to the file `summary`.
     """
     if update:
         golden.parent.mkdir(parents=True, exist_ok=True)

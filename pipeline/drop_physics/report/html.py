@@ -154,5 +154,5 @@ def _source(finding: Finding, sources: Mapping[str, Path]) -> Iterator[str]:
 
 @block_html.register
 def _(_: Graphs, moment: Moment) -> Iterator[str]:  # noqa: ARG001
-    """Yield placeholders for curves, and the files that the page will load for them."""
+    """Yield a placeholder for curves."""
     yield CURVES

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def report_of(imported: Imported) -> Report:
-    """Report the contents of a file of states, and whether MuJoCo's steps agree with them."""
+    """Report the contents of a file of states, and whether MuJoCo reproduces its steps."""
     facts = Message(
         "{states}, {bodies}, {megabytes:.2f} MB, {wall_s:.1f} s",
         states=counted(imported.states, "state"),

@@ -72,7 +72,7 @@ def _(facts: Facts, say: Say) -> Iterator[str]:
 
 
 def _moment(row: Fact, say: Say) -> str:
-    """Return a table row as a list item, or as lines below one; no cells, as the viewer wraps."""
+    """Return a fact as a list item, or as a line below one; the viewer cannot wrap table cells."""
     words = _escaped(say(row.words)).strip()
     if not row.title:
         return f"  {words}"

@@ -35,14 +35,14 @@ const seen = setInterval(() => {{
 }}, 500)
 setTimeout(() => clearInterval(seen), 60000)
 }}</script>"""
-"""HTML of a video that hides once a viewer is shown, but stays in a page without scripts or
+"""HTML of a video that disappears when the viewer is shown, but stays in a page without scripts or
 widgets."""
 HEADING = "h4"
 """CSS style of a result's first line."""
 
 
 MORE = re.compile(r": (?:see )?--(?:verbose|json|account)\b[^\n<]*")
-"""Pattern of a hint that the command line shows more, which is removed in Python."""
+"""Pattern of a hint to a command-line option that shows more; the hint is removed in Python."""
 
 
 def text_of(result: Printable) -> str:
@@ -88,7 +88,7 @@ def html_of(result: Printable) -> str:
 
 
 def _tables(result: Any) -> Iterator[str]:  # noqa: ANN401 - of any kind
-    """Yield the table of all rows and columns of a sweep, of which the text shows only a part."""
+    """Yield the table of all rows and columns of a sweep; the text shows only a part of these."""
     from drop_physics.stages.sweep import Sweep
 
     if isinstance(result, Sweep):

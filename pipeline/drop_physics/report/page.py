@@ -1,6 +1,7 @@
 """Writes a report as an HTML page in one file, with curves and video; makes no web requests.
 
-A user attaches it to an issue or to a CI run. Its policy forbids every request.
+A user can attach the page to an issue or a CI run. The page's content security policy forbids all
+web requests.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ img { max-width: 100% } .strip { display: none }
 }
 """
 MOMENTS = 4
-"""Number of video frames that are printed."""
+"""Number of video frames that replace the video in print."""
 LANGUAGE = Message("en")
 """HTML language code of the page."""
 
@@ -77,9 +78,9 @@ def check_page(page: Path, *, inputs: Sequence[Path], force: bool) -> None:
     Raises
     ------
     ScenarioError
-        If its name does not end in .html.
+        If the page's name does not end in .html.
     OutputError
-        If it exists and `force` is not given, or is what the same command reads or writes.
+        If the file exists and `force` is false, or the same command reads or writes the file.
     """
     check_suffix("--html", page, (".html",))
     check_apart([page], inputs=inputs)
@@ -96,7 +97,7 @@ def write_page(
 ) -> None:
     """Write a result's report as an HTML page with curves.
 
-    The recording `film_of` is filmed, where it has anything to show.
+    The page shows a video of the recording `film_of`, if anything in that recording can be drawn.
 
     Raises
     ------
@@ -142,7 +143,7 @@ class FilmFrames:
     Parameters
     ----------
     films
-        The film for a light page and that for a dark one, or none.
+        The videos for a light and for a dark page; empty without a video.
     """
 
     def __init__(self, films: Sequence[ShortFilm]) -> None:

@@ -31,7 +31,7 @@ def json_of(recorded: Recorded) -> dict[str, Any]:
 def report_of(recorded: Recorded, *, analyzed: bool = False) -> Report:
     """Report how the script ended, and what its recording contains.
 
-    A following analysis says the script's error itself, and then there is no command to type.
+    If an analysis follows, that analysis reports the script's error and the commands to run next.
     """
     failed = recorded.ended == "failed"
     rows: list[Fact | File] = [Fact(SCRIPT, ENDED[recorded.ended], "dim"), *_written(recorded)]

@@ -22,7 +22,7 @@ COLUMN = 17
 
 
 def report_of(made: Simulation | Rendering | Run, *, recording: Path | None = None) -> Report:
-    """Report the files made from a recording, after what happened in a whole run."""
+    """Report the files made from a recording; for a run, below the report of its analysis."""
     notes = []
     if recording is not None and recording.suffix == ".part":
         notes.append(

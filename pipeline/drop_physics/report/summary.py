@@ -28,12 +28,12 @@ class ShortFinding:
     level: str
     """Level: `broken`, `asked`, `model`, `repeat` or `note`."""
     message: str
-    """Sentence on what was observed, with numbers, and why."""
+    """Sentence on the observation, with numbers, and the reason."""
     advice: str | None
-    """The call that would change it."""
+    """The suggested call."""
     proof: str
-    """How the finding is proved: `sum`, `call` or `trial`; `none` if the advice is yet to be tried:
-    `drop why`."""
+    """How the finding is proved: `sum`, `call` or `trial`; `none` if the advice still needs a trial
+    by `drop why`."""
     site: str | None
     """File and line of the call that the finding concerns."""
     terms: str | None
@@ -49,7 +49,7 @@ class ShortRow:
     who: str
     """The joint, body, pair or reading that the row describes."""
     told: str
-    """Sentence on the commanded and the reached value, and when."""
+    """Sentence on the commanded value, the reached value, and the time."""
     terms: str | None
     """Terms that act for and against the command."""
 
@@ -71,7 +71,7 @@ class Summary:
     steps: int
     """Number of steps of the longest simulation."""
     explained: float
-    """Share of the samples whose sum is complete; nothing is said about the others."""
+    """Share of the samples whose sum of impulses is complete; findings do not cover the others."""
     episodes: int
     """Number of episodes."""
     episode: int | None
@@ -87,7 +87,7 @@ class Summary:
     left_out: int
     """Number of findings suppressed by options, by comments in the script or by the project."""
     not_said: list[str]
-    """Sentences on gaps in the recording, about which nothing is said."""
+    """Sentences on gaps in the recording, which the analysis leaves out."""
     next: list[str]
     """Suggested next commands."""
 

@@ -100,7 +100,7 @@ def json_of(sweep: Sweep) -> dict[str, Any]:
 def _rows(sweep: Sweep) -> Iterator[Block]:
     """Yield a table of the runs: the values that vary between them, and the errors.
 
-    Columns that do not fit in a line are left out, from the right, but never the total.
+    Columns that do not fit in a line are left out from right to left, except the total.
     """
     shown, results = sweep.rows[:MOST_ROWS], str(sweep.results)
     labels = [
@@ -131,7 +131,7 @@ def _cut(text: str) -> str:
 
 
 def _spread(sweep: Sweep, rows: Sequence[Row]) -> Iterator[Block]:
-    """Yield the spread of each scenario's errors, over samples in the air if possible."""
+    """Yield the spread of each scenario's errors; if possible, over samples in the air."""
     if label := sweep.label(rows[0]):
         yield Words(label, "bold")
     in_the_air = [row for row in rows if row["rounding_m"] is not None]

@@ -50,7 +50,7 @@ ERROR = 7
 NUMBER = 3
 """Width of the number of a finding."""
 GAP = 3
-"""Least gap before a finding's code, which is put at the end of its last line if it fits."""
+"""Least gap before a finding's code, which is appended to the finding's last line if it fits."""
 NARROW = 24
 """Width below which a wrapping cell is put below its row."""
 
@@ -65,8 +65,7 @@ def show(
 ) -> int:
     """Print a result's report, and return the exit code.
 
-    `text` is printed in place of the report, if another renderer has made it; nothing if it is
-    empty.
+    `text` is the output of another renderer, printed instead; if empty, nothing is printed.
     """
     report: Report = result.report(**how)
     for each in report.notes:
@@ -278,7 +277,8 @@ def _longest(column: Column) -> int:
 def _fitted(table: DataTable) -> tuple[list[Column], list[str]]:
     """Return the columns that fit, and the headings of those removed.
 
-    Columns that may be left out go first; then those that may be cut are cut.
+    Columns with an order of removal are removed first; then cells that may be truncated are
+    truncated.
     """
     columns, left_out = [*table.columns], list[Column]()
     room = width() - len(table.margin)

@@ -11,18 +11,18 @@ from drop_physics.report.blocks import Column, DataTable
 
 @dataclass(frozen=True)
 class TriedRow:
-    """A change that was tried, and what came of it."""
+    """A change that was tried, and its result."""
 
     mark: str
-    """Its rank, or its verdict."""
+    """The change's rank, or the trial's verdict."""
     becomes: str
-    """What becomes of the quantity; empty if there is none."""
+    """The quantity or effect after the change; empty if there is none."""
     told: str
-    """The change, with remarks."""
+    """The change, with notes."""
 
 
 def table_of(rows: Sequence[TriedRow], margin: str = "") -> DataTable:
-    """Return the table of changes that were tried, without a column that is empty."""
+    """Return the table of changes that were tried; an empty column is left out."""
     becomes = Column(Message("becomes"), [each.becomes for each in rows], right=True)
     columns = [
         Column("", [each.mark for each in rows]),

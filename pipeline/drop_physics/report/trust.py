@@ -199,7 +199,7 @@ def _distances(each: Varied, trust: Trust, part: Part) -> list[str]:
 
 
 def _farthest(found: Sequence[Distance], part: Part) -> tuple[str, str]:
-    """Return the largest distance, with the position that it is of."""
+    """Return the largest distance and the name of its position, both as text."""
     if not any(each.value for each in found):
         return "0", ""
     worst = max(found, key=lambda each: (each.unit == "m" and each.value > LEAST, each.value))
@@ -228,7 +228,7 @@ def _digits(digits: int | None, off: float, unit: str) -> str:
 def _table(
     heads: Sequence[str], rows: Sequence[Sequence[str]], drop: Mapping[int, int]
 ) -> DataTable:
-    """Return a table without the columns for which there is no room."""
+    """Return a table; `drop` maps column indices to their order of removal if room is short."""
     cells = zip(*rows, strict=True)
     return DataTable(
         [

@@ -1,7 +1,7 @@
 """The report of `drop why`: the trial runs of a script, and what they show.
 
-Trials of a finding are rows of the same table as those of an expectation: a mark, what becomes of
-the quantity, and the change with what it moves.
+Trials of a finding have the same columns as trials of an expectation: a mark, the resulting
+quantity, and the change with its effect on motion.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 MARGIN = "   "
 LONGEST = 52
-"""Longest call [characters], if there is no room for more."""
+"""Length to which a call may be truncated if room is short [characters]."""
 LISTED = 4
 """Most lines about changes that an outcome depends on, without `--all`."""
 MARKS = {
@@ -62,7 +62,7 @@ REASONS = {
 }
 HANGS = Message("the outcome hangs on it")
 FREE = ("name", "target", "value", "call", "site", "moved")
-"""Fields of a trial that is not about a finding."""
+"""JSON fields of a trial that is not about a finding."""
 
 
 # -- as JSON --------------------------------------------------------------------------------------
@@ -202,7 +202,7 @@ def _proved(number: int, proved: Proved, sources: Mapping[str, Path]) -> Iterato
 
 
 def _is_hinge(tried: Tried, finding: Finding) -> bool:
-    """Return whether a trial shows that the outcome hangs on a cause that a finding names."""
+    """Return whether a trial shows that the outcome depends on a cause that a finding names."""
     return finding.code in CAUSES and tried.verdict in ("cured", "part")
 
 
@@ -211,7 +211,7 @@ def _mark(tried: Tried, finding: Finding) -> str:
 
 
 def _becomes(tried: Tried) -> str:
-    """Describe what is left of a finding's effect; empty if it has none."""
+    """Describe the remaining part of a finding's effect; empty if the finding has no effect."""
     shown = tried.shown
     if shown is None or shown.left is None or shown.before is None or tried.verdict == "void":
         return ""
@@ -226,9 +226,9 @@ def _becomes(tried: Tried) -> str:
 
 
 def _told(tried: Tried, finding: Finding) -> str:
-    """Describe a trial of a finding: its change, and what moves.
+    """Describe a trial of a finding: the change, and the largest motion of a body or joint.
 
-    A finding that names a cause itself is never cured: the outcome hangs on that cause, or does
+    A finding whose code is itself a cause is never cured: the outcome depends on that cause, or
     not.
     """
     parts: list[str] = [tried.intervention.short]

@@ -18,7 +18,7 @@ NEXT = Message("next")
 """Title of the commands to run next."""
 NONE, PLOT = Message("none"), Message("plot")
 MISSING = "–"
-"""Shown in place of a number that does not exist."""
+"""Text shown in place of a missing number."""
 RECORDING, SCRIPT = Message("recording"), Message("script")
 TERMS = {
     "total": Message("total"),
